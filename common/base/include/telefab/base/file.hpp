@@ -1,0 +1,21 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string_view>
+#include <telefab/base/result.hpp>
+#include <vector>
+
+namespace telefab {
+
+/// Reads a whole regular file. The messages name the path and say what to do.
+/// Fails: NotFound, NotPermitted, InvalidInput (a directory, a device), TooLarge (above limit), StorageFailed.
+[[nodiscard]] Result<std::vector<std::byte>> read_file(const std::filesystem::path& path, std::uint64_t limit_bytes);
+
+/// The file holds the old bytes or all of the new ones, never a part: temporary file beside it, fsync, rename,
+/// fsync of the folder. Fails: NotPermitted, NotFound (the folder), StorageFailed (disk full); leaves nothing behind.
+[[nodiscard]] Result<void> write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes);
+[[nodiscard]] Result<void> write_file_atomically(const std::filesystem::path& path, std::string_view text);
+
+}  // namespace telefab

@@ -1,0 +1,110 @@
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <telefab/base/file.hpp>
+#include <utility>
+
+namespace telefab {
+namespace {
+
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_{fd} {}
+  ~Descriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  [[nodiscard]] int get() const { return fd_; }
+  /// Closes now, so that a failure to write back is seen.
+  [[nodiscard]] bool close() { return ::close(std::exchange(fd_, -1)) == 0; }
+
+ private:
+  int fd_;
+};
+
+tl::unexpected<Error> fail_errno(std::string_view action, const std::filesystem::path& path, int error) {
+  switch (error) {
+    case ENOENT:
+    case ENOTDIR:
+      return fail(ErrorCode::NotFound,
+                  fmt::format("cannot {} {}: no such file or folder; check the path", action, path.string()));
+    case EACCES:
+    case EPERM:
+    case EROFS:
+      return fail(
+          ErrorCode::NotPermitted,
+          fmt::format("cannot {} {}: permission denied; change its mode or run as its owner", action, path.string()));
+    case ENOSPC:
+    case EDQUOT:
+      return fail(ErrorCode::StorageFailed,
+                  fmt::format("cannot {} {}: the disk is full; make room and try again", action, path.string()));
+    default:
+      return fail(ErrorCode::StorageFailed,
+                  fmt::format("cannot {} {}: {}", action, path.string(), std::strerror(error)));
+  }
+}
+
+}  // namespace
+
+Result<std::vector<std::byte>> read_file(const std::filesystem::path& path, std::uint64_t limit_bytes) {
+  Descriptor file{::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
+  if (file.get() < 0) return fail_errno("read", path, errno);
+  struct stat status {};
+  if (::fstat(file.get(), &status) != 0) return fail_errno("read", path, errno);
+  if (S_ISDIR(status.st_mode))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("cannot read {}: it is a folder; name a file in it", path.string()));
+  if (!S_ISREG(status.st_mode))
+    return fail(ErrorCode::InvalidInput, fmt::format("cannot read {}: it is not a regular file", path.string()));
+  const auto size = static_cast<std::uint64_t>(status.st_size);
+  if (size > limit_bytes)
+    return fail(ErrorCode::TooLarge, fmt::format("{} has {} bytes; the limit is {}", path.string(), size, limit_bytes));
+  std::vector<std::byte> bytes(size);
+  std::size_t done = 0;
+  while (done < bytes.size()) {
+    const ssize_t got = ::read(file.get(), bytes.data() + done, bytes.size() - done);
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return fail_errno("read", path, errno);
+    if (got == 0)
+      return fail(ErrorCode::StorageFailed,
+                  fmt::format("{} became shorter while it was read; try again", path.string()));
+    done += static_cast<std::size_t>(got);
+  }
+  return bytes;
+}
+
+Result<void> write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes) {
+  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path{"."};
+  std::string temporary = path.string() + ".XXXXXX";
+  Descriptor file{::mkostemp(temporary.data(), O_CLOEXEC)};
+  if (file.get() < 0) return fail_errno("write", path, errno);
+  const auto give_up = [&](int error) {
+    ::unlink(temporary.c_str());
+    return fail_errno("write", path, error);
+  };
+  std::size_t done = 0;
+  while (done < bytes.size()) {
+    const ssize_t put = ::write(file.get(), bytes.data() + done, bytes.size() - done);
+    if (put < 0 && errno == EINTR) continue;
+    if (put < 0) return give_up(errno);
+    done += static_cast<std::size_t>(put);
+  }
+  if (::fchmod(file.get(), 0644) != 0) return give_up(errno);  // mkostemp made it 0600
+  if (::fsync(file.get()) != 0) return give_up(errno);
+  if (!file.close()) return give_up(errno);
+  if (::rename(temporary.c_str(), path.c_str()) != 0) return give_up(errno);
+  Descriptor parent{::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)};
+  if (parent.get() < 0 || ::fsync(parent.get()) != 0) return fail_errno("write", path, errno);
+  return {};
+}
+
+Result<void> write_file_atomically(const std::filesystem::path& path, std::string_view text) {
+  return write_file_atomically(path, std::as_bytes(std::span{text}));
+}
+
+}  // namespace telefab

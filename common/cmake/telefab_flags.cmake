@@ -1,0 +1,18 @@
+# One INTERFACE target carries every compiler flag of ours.
+#   -ffp-contract=off  same input, same bytes on machines with and without fused multiply-add
+#   -fno-math-errno    lets the compiler vectorise sqrt; nobody here reads errno after mathematics
+add_library(telefab_flags INTERFACE)
+target_compile_options(telefab_flags INTERFACE
+  -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wno-sign-conversion -Wnon-virtual-dtor -Woverloaded-virtual
+  -ffp-contract=off -fno-math-errno
+  $<$<BOOL:${TELEFAB_WERROR}>:-Werror>)
+
+set(CMAKE_CXX_FLAGS_RELEASE "-O2 -DNDEBUG")
+
+if(TELEFAB_SANITIZE)
+  string(REPLACE "fuzzer" "fuzzer-no-link" sanitize_objects "${TELEFAB_SANITIZE}")
+  string(REPLACE "fuzzer," "" sanitize_link "${TELEFAB_SANITIZE}")
+  # The whole program must agree, so these are directory-wide on purpose.
+  add_compile_options(-fsanitize=${sanitize_objects} -fno-omit-frame-pointer -fno-sanitize-recover=undefined)
+  add_link_options(-fsanitize=${sanitize_link})
+endif()

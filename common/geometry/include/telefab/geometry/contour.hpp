@@ -1,0 +1,49 @@
+#pragma once
+#include <span>
+#include <telefab/base/result.hpp>
+#include <vector>
+
+namespace telefab {
+
+/// A point of a layer, build frame: x to the right, y to the back, origin at the platform's front left corner.
+struct Point2 {
+  double x_mm = 0;
+  double y_mm = 0;
+  friend bool operator==(const Point2&, const Point2&) = default;
+};
+
+struct Bounds2 {
+  Point2 min;
+  Point2 max;
+  friend bool operator==(const Bounds2&, const Bounds2&) = default;
+};
+
+/// One closed ring in a layer. The last vertex joins the first and is not repeated. Outer rings run
+/// counter-clockwise (positive area), holes clockwise (negative area), seen from above.
+/// Invariant: at least three vertices, all finite, no two neighbours equal, signed area not zero.
+/// That rings do not cross is the layer's promise (LayerCertificate), not checked here.
+class Contour {
+ public:
+  /// Fails with InvalidInput if the invariant does not hold. Never repairs.
+  [[nodiscard]] static Result<Contour> from_vertices(std::vector<Point2> vertices);
+
+  [[nodiscard]] std::span<const Point2> vertices() const { return vertices_; }
+  [[nodiscard]] double signed_area_mm2() const { return signed_area_mm2_; }
+  [[nodiscard]] bool is_hole() const { return signed_area_mm2_ < 0; }
+  [[nodiscard]] double length_mm() const;
+  [[nodiscard]] Bounds2 bounds() const;
+  friend bool operator==(const Contour& a, const Contour& b) { return a.vertices_ == b.vertices_; }
+
+ private:
+  Contour(std::vector<Point2> vertices, double area) : vertices_{std::move(vertices)}, signed_area_mm2_{area} {}
+  std::vector<Point2> vertices_;
+  double signed_area_mm2_ = 0;
+};
+
+/// The shoelace sum; exact sign is not promised for slivers. Any number of vertices.
+[[nodiscard]] double signed_area_mm2(std::span<const Point2> ring);
+
+/// Even-odd test against the ring; points on the boundary may fall to either side.
+[[nodiscard]] bool contains(const Contour& ring, Point2 point);
+
+}  // namespace telefab

@@ -1,0 +1,112 @@
+#pragma once
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <telefab/base/result.hpp>
+#include <vector>
+
+namespace telefab {
+
+struct PixelSize {
+  std::uint32_t width_px = 0;
+  std::uint32_t height_px = 0;
+  friend bool operator==(const PixelSize&, const PixelSize&) = default;
+};
+
+/// A printer as both sites see it. Read from TOML; every key carries its unit, has a range, and an unknown key is an
+/// error. The table in machine_profile.cpp owns names, ranges and reasons; `describe_keys()` prints it.
+struct MachineProfile {
+  std::string name;         ///< e.g. "machine-a"; [a-z0-9-]+
+  std::string description;  ///< one line for people
+
+  struct Platform {
+    double width_mm = 0;     ///< along x, the mask's columns
+    double depth_mm = 0;     ///< along y, the mask's rows
+    double z_travel_mm = 0;  ///< tallest part with its base
+    friend bool operator==(const Platform&, const Platform&) = default;
+  } platform;
+
+  struct Projection {
+    double pixel_pitch_mm = 0;           ///< on the vat; pixels = floor(platform / pitch)
+    std::string orientation = "normal";  ///< normal | mirror-x | mirror-y | rotate-180: what the optics do to a mask
+    double spread_px = 0.5;              ///< sigma of one pixel's Gaussian light spot
+    double gamma = 1.0;                  ///< relative irradiance = (grey / 255)^gamma
+    double leak = 0.0;                   ///< share of full irradiance that a black pixel leaks
+    double irradiance_mw_per_cm2 = 0;    ///< of a white area on the vat
+    friend bool operator==(const Projection&, const Projection&) = default;
+  } projection;
+
+  struct Layers {
+    double thickness_mm = 0;
+    double exposure_s = 0;           ///< of a normal layer
+    std::uint32_t bottom_count = 4;  ///< layers on the platform with the longer exposure
+    double bottom_exposure_s = 0;
+    friend bool operator==(const Layers&, const Layers&) = default;
+  } layers;
+
+  struct Resin {
+    std::string name = "assumed";
+    double critical_dose_mj_per_cm2 = 10;  ///< Ec
+    double penetration_mm = 0.1;           ///< Dp
+    friend bool operator==(const Resin&, const Resin&) = default;
+  } resin;
+
+  struct Supports {
+    double self_support_mm = 0.15;  ///< overhang per layer that holds itself, for a small attached region
+    double self_support_growth =
+        0.0;                          ///< added per sqrt(attached area / mm2): self_support_mm * (1 + growth * sqrt(A))
+    double anchor_distance_mm = 3.0;  ///< every point to be supported lies within this of an anchor
+    double tip_radius_mm = 0.2;
+    double pin_radius_mm = 0.5;
+    double foot_radius_mm = 1.0;
+    double clearance_mm = 0.4;    ///< between supports and part except at tips and feet
+    double brace_pitch_mm = 8.0;  ///< vertical distance of slanted struts
+    double slenderness = 25.0;    ///< free pin length over diameter at most
+    double base_thickness_mm = 0.6;
+    double lift_off_mm = 2.0;  ///< the part starts this far above the platform when it needs a base
+    friend bool operator==(const Supports&, const Supports&) = default;
+  } supports;
+
+  struct Motion {
+    double lift_mm = 5.0;  ///< peel: up by this after each exposure, then down again
+    double lift_speed_mm_per_s = 2.0;
+    double lower_speed_mm_per_s = 3.0;
+    double settle_s = 0.5;  ///< resin comes to rest
+    friend bool operator==(const Motion&, const Motion&) = default;
+  } motion;
+
+  struct Devices {
+    std::string projector = "virtual";  ///< virtual | dlpc900
+    std::string stage = "virtual";      ///< virtual | grbl | marlin
+    double speed_up = 1.0;              ///< virtual devices only: simulated seconds per real second
+    std::uint32_t led_current = 0;      ///< dlpc900: 0..255, never sent above
+    std::string led_colour = "blue";    ///< dlpc900: red | green | blue
+    std::string stage_serial;           ///< USB serial number of the stage's tty; empty: the only one found
+    friend bool operator==(const Devices&, const Devices&) = default;
+  } devices;
+
+  friend bool operator==(const MachineProfile&, const MachineProfile&) = default;
+
+  /// floor(platform / pitch), at least one pixel either way.
+  [[nodiscard]] PixelSize mask_size() const;
+  /// Chord tolerance of the slicer: a tenth of the pixel pitch (paper 3.2.4).
+  [[nodiscard]] double chord_tolerance_mm() const { return projection.pixel_pitch_mm / 10; }
+};
+
+/// Fails with InvalidInput: `origin` (a path, for the message), line, key, what is wrong and the legal range.
+[[nodiscard]] Result<MachineProfile> machine_profile_from_toml(std::string_view text, std::string_view origin);
+
+/// The same profile as TOML with every key; from_toml(to_toml(p)) == p.
+[[nodiscard]] std::string to_toml(const MachineProfile& profile);
+
+/// One line a key: name, range, reason. For documentation and `--help`.
+[[nodiscard]] std::string describe_keys();
+
+/// Reads every *.toml of a folder, sorted by name. Fails on the first bad file, on two profiles of one name, and
+/// where there is none.
+[[nodiscard]] Result<std::vector<MachineProfile>> load_machine_profiles(const std::string& folder);
+
+/// The profile of that name; NotFound lists the names there are.
+[[nodiscard]] Result<MachineProfile> find_machine(const std::vector<MachineProfile>& machines, std::string_view name);
+
+}  // namespace telefab

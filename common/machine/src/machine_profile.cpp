@@ -1,0 +1,287 @@
+#include <fmt/format.h>
+#include <toml++/toml.h>
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <set>
+#include <telefab/base/file.hpp>
+#include <telefab/machine/machine_profile.hpp>
+#include <variant>
+
+namespace telefab {
+namespace {
+
+struct NumberKey {
+  std::function<double&(MachineProfile&)> field;
+  double least;
+  double most;
+};
+struct CountKey {
+  std::function<std::uint32_t&(MachineProfile&)> field;
+  std::uint32_t least;
+  std::uint32_t most;
+};
+struct TextKey {
+  std::function<std::string&(MachineProfile&)> field;
+  std::vector<std::string_view> choices;  ///< empty: any text
+};
+
+struct Key {
+  std::string_view section;
+  std::string_view name;
+  bool required;
+  std::string_view reason;
+  std::variant<NumberKey, CountKey, TextKey> kind;
+};
+
+using P = MachineProfile;
+
+template <class Section, class Value>
+std::function<Value&(P&)> at(Section P::*section, Value Section::*value) {
+  return [=](P& profile) -> Value& { return profile.*section.*value; };
+}
+
+const std::vector<Key>& keys() {
+  static const std::vector<Key> table{
+      {"platform", "width_mm", true, "along x, the mask's columns",
+       NumberKey{at(&P::platform, &P::Platform::width_mm), 0.1, 2000}},
+      {"platform", "depth_mm", true, "along y, the mask's rows",
+       NumberKey{at(&P::platform, &P::Platform::depth_mm), 0.1, 2000}},
+      {"platform", "z_travel_mm", true, "tallest part with its base",
+       NumberKey{at(&P::platform, &P::Platform::z_travel_mm), 0.1, 2000}},
+      {"projection", "pixel_pitch_mm", true, "one pixel on the vat",
+       NumberKey{at(&P::projection, &P::Projection::pixel_pitch_mm), 0.001, 1}},
+      {"projection", "orientation", false, "what the optics do to a mask",
+       TextKey{at(&P::projection, &P::Projection::orientation), {"normal", "mirror-x", "mirror-y", "rotate-180"}}},
+      {"projection", "spread_px", false, "sigma of one pixel's Gaussian light spot",
+       NumberKey{at(&P::projection, &P::Projection::spread_px), 0.05, 5}},
+      {"projection", "gamma", false, "relative irradiance = (grey/255)^gamma",
+       NumberKey{at(&P::projection, &P::Projection::gamma), 0.3, 4}},
+      {"projection", "leak", false, "share of full irradiance that black leaks",
+       NumberKey{at(&P::projection, &P::Projection::leak), 0, 0.1}},
+      {"projection", "irradiance_mw_per_cm2", true, "of a white area on the vat",
+       NumberKey{at(&P::projection, &P::Projection::irradiance_mw_per_cm2), 0.01, 1000}},
+      {"layers", "thickness_mm", true, "height of one layer",
+       NumberKey{at(&P::layers, &P::Layers::thickness_mm), 0.001, 1}},
+      {"layers", "exposure_s", true, "of a normal layer",
+       NumberKey{at(&P::layers, &P::Layers::exposure_s), 0.001, 300}},
+      {"layers", "bottom_count", false, "layers with the longer exposure",
+       CountKey{at(&P::layers, &P::Layers::bottom_count), 0, 100}},
+      {"layers", "bottom_exposure_s", true, "of a bottom layer",
+       NumberKey{at(&P::layers, &P::Layers::bottom_exposure_s), 0.001, 600}},
+      {"resin", "name", false, "for people", TextKey{at(&P::resin, &P::Resin::name), {}}},
+      {"resin", "critical_dose_mj_per_cm2", false, "Ec",
+       NumberKey{at(&P::resin, &P::Resin::critical_dose_mj_per_cm2), 0.01, 10000}},
+      {"resin", "penetration_mm", false, "Dp", NumberKey{at(&P::resin, &P::Resin::penetration_mm), 0.001, 10}},
+      {"supports", "self_support_mm", false, "overhang per layer that holds itself",
+       NumberKey{at(&P::supports, &P::Supports::self_support_mm), 0, 10}},
+      {"supports", "self_support_growth", false, "growth of that with sqrt of the attached area in mm",
+       NumberKey{at(&P::supports, &P::Supports::self_support_growth), 0, 10}},
+      {"supports", "anchor_distance_mm", false, "every point to be supported lies this near an anchor",
+       NumberKey{at(&P::supports, &P::Supports::anchor_distance_mm), 0.05, 50}},
+      {"supports", "tip_radius_mm", false, "contact disc",
+       NumberKey{at(&P::supports, &P::Supports::tip_radius_mm), 0.005, 5}},
+      {"supports", "pin_radius_mm", false, "shaft of a pin",
+       NumberKey{at(&P::supports, &P::Supports::pin_radius_mm), 0.01, 10}},
+      {"supports", "foot_radius_mm", false, "footing of a pin",
+       NumberKey{at(&P::supports, &P::Supports::foot_radius_mm), 0.01, 20}},
+      {"supports", "clearance_mm", false, "between supports and part except at tips and feet",
+       NumberKey{at(&P::supports, &P::Supports::clearance_mm), 0, 10}},
+      {"supports", "brace_pitch_mm", false, "vertical distance of slanted struts",
+       NumberKey{at(&P::supports, &P::Supports::brace_pitch_mm), 0.1, 200}},
+      {"supports", "slenderness", false, "free pin length over diameter at most",
+       NumberKey{at(&P::supports, &P::Supports::slenderness), 2, 500}},
+      {"supports", "base_thickness_mm", false, "plate under the pins",
+       NumberKey{at(&P::supports, &P::Supports::base_thickness_mm), 0, 10}},
+      {"supports", "lift_off_mm", false, "height of a supported part above the platform",
+       NumberKey{at(&P::supports, &P::Supports::lift_off_mm), 0, 50}},
+      {"motion", "lift_mm", false, "peel: up by this after each exposure",
+       NumberKey{at(&P::motion, &P::Motion::lift_mm), 0, 100}},
+      {"motion", "lift_speed_mm_per_s", false, "while peeling",
+       NumberKey{at(&P::motion, &P::Motion::lift_speed_mm_per_s), 0.01, 100}},
+      {"motion", "lower_speed_mm_per_s", false, "back to the vat",
+       NumberKey{at(&P::motion, &P::Motion::lower_speed_mm_per_s), 0.01, 100}},
+      {"motion", "settle_s", false, "resin comes to rest", NumberKey{at(&P::motion, &P::Motion::settle_s), 0, 120}},
+      {"devices", "projector", false, "light engine",
+       TextKey{at(&P::devices, &P::Devices::projector), {"virtual", "dlpc900"}}},
+      {"devices", "stage", false, "Z stage",
+       TextKey{at(&P::devices, &P::Devices::stage), {"virtual", "grbl", "marlin"}}},
+      {"devices", "speed_up", false, "virtual devices: simulated seconds per real second",
+       NumberKey{at(&P::devices, &P::Devices::speed_up), 1, 1e6}},
+      {"devices", "led_current", false, "dlpc900: never sent above",
+       CountKey{at(&P::devices, &P::Devices::led_current), 0, 255}},
+      {"devices", "led_colour", false, "dlpc900",
+       TextKey{at(&P::devices, &P::Devices::led_colour), {"red", "green", "blue"}}},
+      {"devices", "stage_serial", false, "USB serial number of the stage's tty",
+       TextKey{at(&P::devices, &P::Devices::stage_serial), {}}},
+  };
+  return table;
+}
+
+std::string range_of(const Key& key) {
+  if (const auto* n = std::get_if<NumberKey>(&key.kind)) return fmt::format("{} to {}", n->least, n->most);
+  if (const auto* c = std::get_if<CountKey>(&key.kind)) return fmt::format("{} to {}, whole", c->least, c->most);
+  const auto& choices = std::get<TextKey>(key.kind).choices;
+  return choices.empty() ? std::string{"text"} : fmt::format("{}", fmt::join(choices, " | "));
+}
+
+tl::unexpected<Error> refuse(std::string_view origin, const toml::source_region& at, std::string what) {
+  return fail(ErrorCode::InvalidInput, fmt::format("machine profile {}, line {}: {}", origin, at.begin.line, what));
+}
+
+Result<void> read_value(const Key& key, const toml::node& node, MachineProfile& profile, std::string_view origin) {
+  const std::string label = fmt::format("{}.{}", key.section, key.name);
+  const auto out_of_range = [&] {
+    return refuse(origin, node.source(), fmt::format("{} must be {}", label, range_of(key)));
+  };
+  if (const auto* number = std::get_if<NumberKey>(&key.kind)) {
+    const auto value = node.value<double>();
+    if (!node.is_number() || !value || !std::isfinite(*value) || *value < number->least || *value > number->most)
+      return out_of_range();
+    number->field(profile) = *value;
+  } else if (const auto* count = std::get_if<CountKey>(&key.kind)) {
+    const auto value = node.value_exact<std::int64_t>();
+    if (!value || *value < count->least || *value > count->most) return out_of_range();
+    count->field(profile) = static_cast<std::uint32_t>(*value);
+  } else {
+    const auto& text = std::get<TextKey>(key.kind);
+    const auto value = node.value_exact<std::string>();
+    if (!value || value->size() > 256) return out_of_range();
+    if (!text.choices.empty() && std::find(text.choices.begin(), text.choices.end(), *value) == text.choices.end())
+      return out_of_range();
+    text.field(profile) = *value;
+  }
+  return {};
+}
+
+bool is_name(std::string_view text) {
+  return !text.empty() && text.size() <= 64 && std::all_of(text.begin(), text.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';
+  });
+}
+
+Result<MachineProfile> read_table(const toml::table& root, std::string_view origin) {
+  MachineProfile profile;
+  std::set<std::string> seen;
+  for (const auto& [section_key, section_node] : root) {
+    const std::string_view section = section_key.str();
+    if (section == "name" || section == "description") {
+      const auto text = section_node.value_exact<std::string>();
+      if (!text || text->size() > 256)
+        return refuse(origin, section_node.source(), fmt::format("{} must be text", section));
+      (section == "name" ? profile.name : profile.description) = *text;
+      continue;
+    }
+    const bool known = std::any_of(keys().begin(), keys().end(), [&](const Key& k) { return k.section == section; });
+    if (!known || !section_node.is_table())
+      return refuse(origin, section_node.source(), fmt::format("unknown key \"{}\"", section));
+    for (const auto& [name, node] : *section_node.as_table()) {
+      const auto key = std::find_if(keys().begin(), keys().end(),
+                                    [&, n = name.str()](const Key& k) { return k.section == section && k.name == n; });
+      if (key == keys().end())
+        return refuse(origin, node.source(), fmt::format("unknown key \"{}.{}\"", section, name.str()));
+      if (auto ok = read_value(*key, node, profile, origin); !ok) return tl::unexpected{ok.error()};
+      seen.insert(fmt::format("{}.{}", section, name.str()));
+    }
+  }
+  if (!is_name(profile.name)) return refuse(origin, root.source(), "name must be 1 to 64 of a-z, 0-9 and -");
+  for (const Key& key : keys())
+    if (key.required && !seen.count(fmt::format("{}.{}", key.section, key.name)))
+      return refuse(origin, root.source(),
+                    fmt::format("{}.{} is missing ({}; {})", key.section, key.name, key.reason, range_of(key)));
+  const PixelSize size = profile.mask_size();
+  if (size.width_px > 65535 || size.height_px > 65535)
+    return refuse(origin, root.source(), "more than 65535 pixels a side");
+  return profile;
+}
+
+}  // namespace
+
+PixelSize MachineProfile::mask_size() const {
+  // 260 / 0.14 is 1857.14; a ratio that is whole but for rounding counts as whole.
+  const auto pixels = [&](double side) {
+    return static_cast<std::uint32_t>(std::max(1.0, std::floor(side / projection.pixel_pitch_mm + 1e-9)));
+  };
+  return {pixels(platform.width_mm), pixels(platform.depth_mm)};
+}
+
+Result<MachineProfile> machine_profile_from_toml(std::string_view text, std::string_view origin) {
+  try {
+    return read_table(toml::parse(text, origin), origin);
+  } catch (const toml::parse_error& error) {
+    return refuse(origin, error.source(), std::string{error.description()});
+  }
+}
+
+std::string to_toml(const MachineProfile& profile) {
+  MachineProfile copy = profile;
+  const auto quoted = [](const std::string& text) {
+    std::string out = "\"";
+    for (const char c : text) {
+      if (c == '"' || c == '\\') out += '\\';
+      if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f)
+        out += fmt::format("\\u{:04x}", static_cast<unsigned char>(c));
+      else
+        out += c;
+    }
+    return out + '"';
+  };
+  const auto number = [](double value) {
+    std::string out = fmt::format("{}", value);
+    return out.find_first_of(".e") == std::string::npos ? out + ".0" : out;
+  };
+  std::string text = fmt::format("name = {}\ndescription = {}\n", quoted(copy.name), quoted(copy.description));
+  std::string_view section;
+  for (const Key& key : keys()) {
+    if (key.section != section) text += fmt::format("\n[{}]\n", section = key.section);
+    if (const auto* n = std::get_if<NumberKey>(&key.kind))
+      text += fmt::format("{} = {}\n", key.name, number(n->field(copy)));
+    if (const auto* c = std::get_if<CountKey>(&key.kind)) text += fmt::format("{} = {}\n", key.name, c->field(copy));
+    if (const auto* t = std::get_if<TextKey>(&key.kind))
+      text += fmt::format("{} = {}\n", key.name, quoted(t->field(copy)));
+  }
+  return text;
+}
+
+std::string describe_keys() {
+  std::string text;
+  for (const Key& key : keys())
+    text += fmt::format("{}.{}{}: {} ({})\n", key.section, key.name, key.required ? " (required)" : "", key.reason,
+                        range_of(key));
+  return text;
+}
+
+Result<std::vector<MachineProfile>> load_machine_profiles(const std::string& folder) {
+  std::error_code error;
+  std::vector<std::filesystem::path> paths;
+  for (const auto& entry : std::filesystem::directory_iterator{folder, error})
+    if (entry.path().extension() == ".toml") paths.push_back(entry.path());
+  if (error)
+    return fail(ErrorCode::NotFound, fmt::format("cannot list machine profiles in {}: {}", folder, error.message()));
+  std::sort(paths.begin(), paths.end());
+  std::vector<MachineProfile> machines;
+  for (const auto& path : paths) {
+    auto bytes = read_file(path, 1U << 20U);
+    if (!bytes) return tl::unexpected{bytes.error()};
+    auto profile =
+        machine_profile_from_toml({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, path.string());
+    if (!profile) return tl::unexpected{profile.error()};
+    if (std::any_of(machines.begin(), machines.end(), [&](const auto& m) { return m.name == profile->name; }))
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("machine profile {}: a second machine is named {}", path.string(), profile->name));
+    machines.push_back(std::move(*profile));
+  }
+  if (machines.empty()) return fail(ErrorCode::NotFound, fmt::format("no machine profile (*.toml) in {}", folder));
+  return machines;
+}
+
+Result<MachineProfile> find_machine(const std::vector<MachineProfile>& machines, std::string_view name) {
+  const auto found = std::find_if(machines.begin(), machines.end(), [&](const auto& m) { return m.name == name; });
+  if (found != machines.end()) return *found;
+  std::vector<std::string_view> names;
+  for (const auto& machine : machines) names.push_back(machine.name);
+  return fail(ErrorCode::NotFound, fmt::format("no machine named {}; there are: {}", name, fmt::join(names, ", ")));
+}
+
+}  // namespace telefab

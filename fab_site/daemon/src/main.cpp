@@ -1,0 +1,13 @@
+#include "verbs.hpp"
+
+int main(int argc, char** argv) {
+  using namespace telefab::fab;
+  static constexpr telefab::ProgramText text{
+      "telefab-fab",
+      "The fab site of Telefab: plans supports, masks and exposures from layer contours, and prints them.",
+      "Example: telefab-fab plan statue.tfc --machine machine-a --out statue-plan\n"};
+  static constexpr telefab::Verb verbs[] = {
+      {"machines", "list the machine profiles", declare_machines},
+  };
+  return telefab::run_program(text, verbs, argc, argv);
+}

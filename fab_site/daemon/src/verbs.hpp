@@ -1,0 +1,7 @@
+#pragma once
+#include <telefab/program/program.hpp>
+
+// One function a verb, each in its own verb_NAME.cpp; main.cpp holds the table.
+namespace telefab::fab {
+[[nodiscard]] VerbBody declare_machines(CLI::App& options);
+}  // namespace telefab::fab

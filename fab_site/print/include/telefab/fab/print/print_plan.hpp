@@ -1,0 +1,34 @@
+#pragma once
+#include <chrono>
+#include <cstdint>
+#include <string>
+#include <telefab/base/digest.hpp>
+#include <telefab/base/quantity.hpp>
+#include <telefab/machine/machine_profile.hpp>
+#include <vector>
+
+namespace telefab::fab {
+
+/// One exposure of the print: which mask, how long, with the platform at which height.
+struct PlannedLayer {
+  LayerIndex index;                       ///< of the print: 0 lies on the platform, supports' base included
+  double z_mm = 0;                        ///< gap between platform and vat during the exposure: (index + 1) * thickness
+  std::chrono::microseconds exposure{0};  ///< finite and positive, or zero: an empty layer is passed without light
+  Digest mask;                            ///< SHA-256 of the mask's grey bytes, row-major
+  friend bool operator==(const PlannedLayer&, const PlannedLayer&) = default;
+};
+
+/// Everything the print machine needs to know about a job before it starts.
+struct PrintPlan {
+  std::string job;
+  std::string machine;
+  PixelSize mask_size;
+  MachineProfile::Motion motion;
+  double z_travel_mm = 0;
+  std::vector<PlannedLayer> layers;
+  friend bool operator==(const PrintPlan&, const PrintPlan&) = default;
+  /// Layers in order, z rising and within travel, exposures finite. InvalidInput names the layer.
+  [[nodiscard]] Result<void> validate() const;
+};
+
+}  // namespace telefab::fab

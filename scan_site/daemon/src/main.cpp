@@ -1,0 +1,13 @@
+#include "verbs.hpp"
+
+int main(int argc, char** argv) {
+  using namespace telefab::scan;
+  static constexpr telefab::ProgramText text{
+      "telefab-scan", "The scan site of Telefab: turns scans into layer contours and sends them to the fab site.",
+      "Example: telefab-scan slice statue.ply --machine machine-a --height-mm 75 --out statue.tfc --preview "
+      "statue.png\n"};
+  static constexpr telefab::Verb verbs[] = {
+      {"machines", "list the machine profiles", declare_machines},
+  };
+  return telefab::run_program(text, verbs, argc, argv);
+}

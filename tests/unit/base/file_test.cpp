@@ -1,0 +1,46 @@
+#include <gtest/gtest.h>
+#include <stdlib.h>
+
+#include <filesystem>
+#include <telefab/base/file.hpp>
+
+namespace telefab {
+namespace {
+
+class FileTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (std::filesystem::temp_directory_path() / "telefab-file-XXXXXX").string();
+    ASSERT_NE(mkdtemp(name.data()), nullptr);
+    folder = name;
+  }
+  void TearDown() override { std::filesystem::remove_all(folder); }
+  std::filesystem::path folder;
+};
+using ReadFile = FileTest;
+using WriteFileAtomically = FileTest;
+
+TEST_F(WriteFileAtomically, LeavesOnlyTheFileAndItsBytes) {
+  ASSERT_TRUE(write_file_atomically(folder / "a", "first"));
+  ASSERT_TRUE(write_file_atomically(folder / "a", "second"));
+  const auto bytes = read_file(folder / "a", 100);
+  ASSERT_TRUE(bytes);
+  EXPECT_EQ(std::string(reinterpret_cast<const char*>(bytes->data()), bytes->size()), "second");
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator{folder}, {}), 1);
+}
+
+TEST_F(WriteFileAtomically, NamesTheFolderThatIsNotThere) {
+  const auto done = write_file_atomically(folder / "no" / "a", "text");
+  ASSERT_FALSE(done);
+  EXPECT_EQ(done.error().code, ErrorCode::NotFound);
+}
+
+TEST_F(ReadFile, RefusesAFolderAMissingFileAndAFileAboveTheLimit) {
+  EXPECT_EQ(read_file(folder, 100).error().code, ErrorCode::InvalidInput);
+  EXPECT_EQ(read_file(folder / "none", 100).error().code, ErrorCode::NotFound);
+  ASSERT_TRUE(write_file_atomically(folder / "a", "12345"));
+  EXPECT_EQ(read_file(folder / "a", 4).error().code, ErrorCode::TooLarge);
+}
+
+}  // namespace
+}  // namespace telefab

@@ -1,0 +1,36 @@
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <telefab/geometry/contour.hpp>
+
+namespace telefab {
+
+TEST(Contour, RefusesTwoVertices) {
+  EXPECT_EQ(Contour::from_vertices({{0, 0}, {1, 0}}).error().code, ErrorCode::InvalidInput);
+}
+
+TEST(Contour, RefusesVerticesThatAreNotFiniteOrRepeat) {
+  EXPECT_FALSE(Contour::from_vertices({{0, 0}, {1, 0}, {1, std::numeric_limits<double>::quiet_NaN()}}));
+  EXPECT_FALSE(Contour::from_vertices({{0, 0}, {1, 0}, {1, 1}, {0, 0}}));
+}
+
+TEST(Contour, RefusesARingWithoutArea) { EXPECT_FALSE(Contour::from_vertices({{0, 0}, {1, 0}, {2, 0}})); }
+
+TEST(Contour, TellsHolesFromOuterRingsByTheirTurn) {
+  const auto outer = Contour::from_vertices({{0, 0}, {2, 0}, {2, 3}, {0, 3}}).value();
+  const auto hole = Contour::from_vertices({{0, 0}, {0, 3}, {2, 3}, {2, 0}}).value();
+  EXPECT_DOUBLE_EQ(outer.signed_area_mm2(), 6);
+  EXPECT_FALSE(outer.is_hole());
+  EXPECT_DOUBLE_EQ(hole.signed_area_mm2(), -6);
+  EXPECT_TRUE(hole.is_hole());
+  EXPECT_DOUBLE_EQ(outer.length_mm(), 10);
+}
+
+TEST(Contour, ContainsItsInsideOnly) {
+  const auto ring = Contour::from_vertices({{0, 0}, {2, 0}, {2, 2}, {1, 1}, {0, 2}}).value();
+  EXPECT_TRUE(contains(ring, {1, 0.5}));
+  EXPECT_FALSE(contains(ring, {1, 1.5}));
+  EXPECT_FALSE(contains(ring, {3, 1}));
+}
+
+}  // namespace telefab
