@@ -1,0 +1,65 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <telefab/base/result.hpp>
+#include <vector>
+
+namespace telefab::fab {
+
+/// What the page shows of one job. Plain values; the daemon fills them from its store.
+struct JobView {
+  std::string id;
+  std::string name;  ///< file name of the scan
+  std::string machine;
+  std::string state;                  ///< name of the job state: queued, slicing, ..., done, failed, cancelled
+  std::string message;                ///< why it failed, what it waits for; may be empty
+  std::uint32_t layers = 0;           ///< of the print, supports included; 0: not known yet
+  std::uint32_t layers_received = 0;  ///< of the part
+  std::uint32_t layers_printed = 0;
+  std::uint64_t bytes_received = 0;
+  double progress = 0;       ///< 0 to 1 of the present state
+  double seconds_left = -1;  ///< of the print; below 0: not known
+  std::int64_t created_unix_s = 0;
+};
+
+/// One line of a job's log.
+struct JobEventView {
+  std::int64_t unix_ms = 0;
+  std::string text;
+};
+
+enum class JobAction : std::uint8_t { Approve, Pause, Resume, Cancel };
+
+/// The daemon as the web page sees it. Calls come from the web thread one at a time; each returns at once.
+class JobDesk {
+ public:
+  virtual ~JobDesk() = default;
+  JobDesk(const JobDesk&) = delete;
+  JobDesk& operator=(const JobDesk&) = delete;
+
+  /// Newest first.
+  [[nodiscard]] virtual Result<std::vector<JobView>> jobs() = 0;
+  [[nodiscard]] virtual Result<JobView> job(std::string_view id) = 0;
+  [[nodiscard]] virtual Result<std::vector<JobEventView>> events(std::string_view id) = 0;
+  /// The JSON report of the plan and, once printed, of the print. NotFound until there is one.
+  [[nodiscard]] virtual Result<std::string> report(std::string_view id) = 0;
+  /// PNG of the mask of a print layer; NotFound until planned.
+  [[nodiscard]] virtual Result<std::vector<std::byte>> mask_png(std::string_view id, std::uint32_t layer) = 0;
+  /// PNG contact sheet of the plan.
+  [[nodiscard]] virtual Result<std::vector<std::byte>> preview_png(std::string_view id) = 0;
+  /// JSON of one print layer: {"layer":n,"part":[rings],"supports":[rings],"certificate":"..."}.
+  [[nodiscard]] virtual Result<std::string> layer_json(std::string_view id, std::uint32_t layer) = 0;
+  /// Conflict where the state does not allow it. `who` goes into the audit log.
+  [[nodiscard]] virtual Result<void> act(std::string_view id, JobAction action, std::string_view who) = 0;
+  /// JSON of projector and stage: names, light, Z, temperature if there is one.
+  [[nodiscard]] virtual std::string devices_json() = 0;
+  /// Grows with every change of any job; the event stream sends when it does.
+  [[nodiscard]] virtual std::uint64_t revision() = 0;
+
+ protected:
+  JobDesk() = default;
+};
+
+}  // namespace telefab::fab

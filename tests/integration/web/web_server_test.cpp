@@ -1,0 +1,140 @@
+#include <arpa/inet.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+#include <unistd.h>
+
+#include <random>
+#include <telefab/fab/web/web_server.hpp>
+#include <telefab/test/recording_desk.hpp>
+
+namespace telefab::fab {
+namespace {
+
+using testing::HasSubstr;
+using testing::StartsWith;
+
+class Client {
+ public:
+  explicit Client(std::uint16_t port) : fd_{::socket(AF_INET, SOCK_STREAM, 0)} {
+    const timeval limit{10, 0};
+    ::setsockopt(fd_, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(port);
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    connected_ = ::connect(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0;
+  }
+  ~Client() { ::close(fd_); }
+  Client(const Client&) = delete;
+  Client& operator=(const Client&) = delete;
+  [[nodiscard]] bool connected() const { return connected_; }
+  void send(std::string_view text) const { (void)::send(fd_, text.data(), text.size(), MSG_NOSIGNAL); }
+  /// Reads until `mark` was seen, the server closed, or ten seconds passed.
+  [[nodiscard]] std::string read_until(std::string_view mark) const {
+    std::string text;
+    char buffer[4096];
+    while (mark.empty() || text.find(mark) == std::string::npos) {
+      const ssize_t got = ::recv(fd_, buffer, sizeof buffer, 0);
+      if (got <= 0) break;
+      text.append(buffer, static_cast<std::size_t>(got));
+    }
+    return text;
+  }
+
+ private:
+  int fd_;
+  bool connected_ = false;
+};
+
+class WebServerTest : public testing::Test {
+ protected:
+  RecordingDesk desk;
+  std::unique_ptr<WebServer> server = WebServer::listen("127.0.0.1", 0, desk, {"secret", "0.1.0"}).value();
+
+  std::string ask(const std::string& request) {
+    const Client client{server->port()};
+    client.send(request);
+    return client.read_until("");
+  }
+};
+
+TEST_F(WebServerTest, ServesThePageWithAPolicyThatForbidsOutsideRequests) {
+  const std::string text = ask("GET / HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
+  EXPECT_THAT(text, StartsWith("HTTP/1.1 200"));
+  EXPECT_THAT(text, HasSubstr("default-src 'self'"));
+  EXPECT_THAT(text, HasSubstr("Telefab"));
+}
+
+TEST_F(WebServerTest, KeepsTheConnectionForTheNextRequest) {
+  const Client client{server->port()};
+  client.send("GET /v1/version HTTP/1.1\r\nHost: x\r\n\r\n");
+  EXPECT_THAT(client.read_until("\"v1\""), HasSubstr("200 OK"));
+  client.send("GET /v1/devices HTTP/1.1\r\nHost: x\r\n\r\n");
+  EXPECT_THAT(client.read_until("\"light\""), HasSubstr("200 OK"));
+}
+
+TEST_F(WebServerTest, StreamsTheJobList) {
+  const Client client{server->port()};
+  client.send("GET /v1/stream HTTP/1.1\r\nHost: x\r\n\r\n");
+  const std::string text = client.read_until("job-1");
+  EXPECT_THAT(text, HasSubstr("text/event-stream"));
+  EXPECT_THAT(text, HasSubstr("data: {\"jobs\""));
+}
+
+TEST_F(WebServerTest, TakesTheOperatorsTokenAsApiKeyToo) {
+  EXPECT_THAT(ask("POST /v1/jobs/job-1/pause HTTP/1.1\r\nHost: x\r\nX-Api-Key: secret\r\nConnection: close\r\n\r\n"),
+              HasSubstr("200 OK"));
+  EXPECT_THAT(ask("POST /v1/jobs/job-1/pause HTTP/1.1\r\nHost: x\r\nX-Api-Key: wrong\r\nConnection: close\r\n\r\n"),
+              HasSubstr("401"));
+  EXPECT_EQ(desk.actions.size(), 1U);
+}
+
+TEST_F(WebServerTest, AnswersHeadWithTheLengthAndNoBody) {
+  const std::string text = ask("HEAD /v1/version HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
+  EXPECT_THAT(text, HasSubstr("Content-Length: "));
+  EXPECT_EQ(text.substr(text.find("\r\n\r\n")), "\r\n\r\n");
+}
+
+TEST_F(WebServerTest, RefusesAnOversizedBodyAndOversizedHeaders) {
+  EXPECT_THAT(
+      ask("POST /v1/jobs/job-1/pause HTTP/1.1\r\nHost: x\r\nContent-Length: 9999999\r\n\r\n" + std::string(1000, 'x')),
+      HasSubstr(" 413 "));
+  EXPECT_THAT(ask("GET / HTTP/1.1\r\nHost: x\r\nX-Long: " + std::string(40'000, 'x') + "\r\n\r\n"), HasSubstr(" 413 "));
+}
+
+TEST_F(WebServerTest, OutlivesNoiseAndStillAnswers) {
+  std::mt19937_64 rng{3};
+  for (int i = 0; i < 300; ++i) {
+    std::string noise(rng() % 200, '\0');
+    for (char& c : noise) c = static_cast<char>(rng());
+    Client client{server->port()};
+    client.send(noise + "\r\n\r\n");
+  }
+  EXPECT_THAT(ask("GET /v1/version HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n"), HasSubstr("200 OK"));
+  EXPECT_TRUE(desk.actions.empty());
+}
+
+TEST_F(WebServerTest, LeavesRoomForAnOperatorBesideManyWatchers) {
+  std::vector<std::unique_ptr<Client>> watchers;
+  for (int i = 0; i < 60; ++i) {
+    watchers.push_back(std::make_unique<Client>(server->port()));
+    watchers.back()->send("GET /v1/stream HTTP/1.1\r\nHost: x\r\n\r\n");
+    (void)watchers.back()->read_until("\n");
+  }
+  EXPECT_THAT(ask("POST /v1/jobs/job-1/cancel HTTP/1.1\r\nHost: x\r\nX-Api-Key: secret\r\nConnection: close\r\n\r\n"),
+              HasSubstr("200 OK"));
+}
+
+TEST(WebServer, SaysWhichPortIsTaken) {
+  RecordingDesk desk;
+  const auto first = WebServer::listen("127.0.0.1", 0, desk, {});
+  ASSERT_TRUE(first);
+  const auto second = WebServer::listen("127.0.0.1", (*first)->port(), desk, {});
+  ASSERT_FALSE(second);
+  EXPECT_THAT(second.error().what, HasSubstr(std::to_string((*first)->port())));
+}
+
+}  // namespace
+}  // namespace telefab::fab

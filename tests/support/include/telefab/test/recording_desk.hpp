@@ -1,0 +1,54 @@
+#pragma once
+#include <string>
+#include <telefab/fab/web/job_desk.hpp>
+#include <vector>
+
+namespace telefab::fab {
+
+/// A desk with one planned job "job-1" of three layers; remembers every action.
+class RecordingDesk : public JobDesk {
+ public:
+  [[nodiscard]] Result<std::vector<JobView>> jobs() override { return std::vector<JobView>{view()}; }
+  [[nodiscard]] Result<JobView> job(std::string_view id) override {
+    if (id != "job-1") return fail(ErrorCode::NotFound, "no job " + std::string{id});
+    return view();
+  }
+  [[nodiscard]] Result<std::vector<JobEventView>> events(std::string_view) override {
+    return std::vector<JobEventView>{{1000, "queued"}};
+  }
+  [[nodiscard]] Result<std::string> report(std::string_view) override { return std::string{R"({"layers":3})"}; }
+  [[nodiscard]] Result<std::vector<std::byte>> mask_png(std::string_view, std::uint32_t layer) override {
+    if (layer >= 3) return fail(ErrorCode::NotFound, "no such layer");
+    return std::vector<std::byte>{std::byte{0x89}};
+  }
+  [[nodiscard]] Result<std::vector<std::byte>> preview_png(std::string_view) override {
+    return std::vector<std::byte>{std::byte{0x89}};
+  }
+  [[nodiscard]] Result<std::string> layer_json(std::string_view, std::uint32_t layer) override {
+    return R"({"layer":)" + std::to_string(layer) +
+           R"(,"bounds":[0,0,1,1],"part":[],"supports":[],"certificate":"certified"})";
+  }
+  [[nodiscard]] Result<void> act(std::string_view id, JobAction action, std::string_view) override {
+    actions.emplace_back(std::string{id}, action);
+    if (action == JobAction::Approve) return fail(ErrorCode::Conflict, "the job does not wait for approval");
+    return {};
+  }
+  [[nodiscard]] std::string devices_json() override { return R"({"projector":"virtual","light":"off"})"; }
+  [[nodiscard]] std::uint64_t revision() override { return 1; }
+
+  std::vector<std::pair<std::string, JobAction>> actions;
+
+ private:
+  static JobView view() {
+    JobView job;
+    job.id = "job-1";
+    job.name = "a \"statue\" <b>.ply";
+    job.machine = "machine-a";
+    job.state = "printing";
+    job.layers = 3;
+    job.layers_printed = 1;
+    return job;
+  }
+};
+
+}  // namespace telefab::fab

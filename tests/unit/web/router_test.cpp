@@ -1,0 +1,141 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <random>
+#include <set>
+#include <telefab/fab/web/router.hpp>
+#include <telefab/test/recording_desk.hpp>
+
+namespace telefab::fab {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::SizeIs;
+
+const WebOptions kOptions{"secret", "0.1.0"};
+
+std::string concrete(std::string_view pattern) {
+  std::string path{pattern};
+  if (const auto at = path.find("{id}"); at != std::string::npos) path.replace(at, 4, "job-1");
+  if (const auto at = path.find("{layer}"); at != std::string::npos) path.replace(at, 7, "2");
+  return path;
+}
+
+TEST(WebRouter, AnswersEveryRouteOfItsTable) {
+  RecordingDesk desk;
+  for (const WebRoute& route : web_routes()) {
+    if (route.path == "/v1/stream") continue;  // the server's own, see integration.web
+    const WebResponse response =
+        answer({std::string{route.method}, concrete(route.path), "Bearer secret"}, desk, kOptions);
+    EXPECT_THAT(response.status, testing::AnyOf(200U, 409U)) << route.path;
+    EXPECT_FALSE(response.body.empty()) << route.path;
+  }
+}
+
+TEST(WebRouter, NeverChangesStateOnGetOrHead) {
+  RecordingDesk desk;
+  for (const WebRoute& route : web_routes())
+    for (const char* method : {"GET", "HEAD"})
+      (void)answer({method, concrete(route.path), "Bearer secret"}, desk, kOptions);
+  EXPECT_THAT(desk.actions, IsEmpty());
+}
+
+TEST(WebRouter, WantsTheTokenForWhateverChangesState) {
+  RecordingDesk desk;
+  for (const WebRoute& route : web_routes()) {
+    if (!route.changes_state) continue;
+    for (const char* shown :
+         {"", "Bearer ", "Bearer secre", "Bearer secrets", "Bearer SECRET", "Basic secret", "secret"})
+      EXPECT_EQ(answer({"POST", concrete(route.path), shown}, desk, kOptions).status, 401U)
+          << route.path << ' ' << shown;
+  }
+  EXPECT_THAT(desk.actions, IsEmpty());
+}
+
+TEST(WebRouter, ChangesNothingAtAllWhereNoTokenIsSet) {
+  RecordingDesk desk;
+  EXPECT_EQ(answer({"POST", "/v1/jobs/job-1/pause", "Bearer "}, desk, {"", "0"}).status, 401U);
+  EXPECT_THAT(desk.actions, IsEmpty());
+}
+
+TEST(WebRouter, PausesWithTheToken) {
+  RecordingDesk desk;
+  EXPECT_EQ(answer({"POST", "/v1/jobs/job-1/pause", "Bearer secret"}, desk, kOptions).status, 200U);
+  ASSERT_THAT(desk.actions, SizeIs(1));
+  EXPECT_EQ(desk.actions[0].second, JobAction::Pause);
+}
+
+TEST(WebRouter, SaysConflictWithTheReasonOfTheDesk) {
+  RecordingDesk desk;
+  const WebResponse response = answer({"POST", "/v1/jobs/job-1/approve", "Bearer secret"}, desk, kOptions);
+  EXPECT_EQ(response.status, 409U);
+  EXPECT_THAT(response.body, HasSubstr("does not wait for approval"));
+}
+
+TEST(WebRouter, RefusesPathTricksAndUnknownPaths) {
+  RecordingDesk desk;
+  for (const char* target : {"/../etc/passwd", "/v1/jobs/../../etc/passwd", "/v1/jobs/%2e%2e", "/v1/jobs//events",
+                             "/v1/jobs/a b", "/v1/jobs/job-1/layers/-1", "/v1/jobs/job-1/layers/99999999999",
+                             "/v1/jobs/job-1/layers/1e3", "//", "", "*", "/v1/jobs/", "/V1/jobs"})
+    EXPECT_EQ(answer({"GET", target, ""}, desk, kOptions).status, 404U) << target;
+  EXPECT_EQ(answer({"DELETE", "/v1/jobs/job-1", "Bearer secret"}, desk, kOptions).status, 405U);
+}
+
+TEST(WebRouter, ChangesNothingUnderTenThousandMalformedRequests) {
+  RecordingDesk desk;
+  std::mt19937_64 rng{7};
+  const std::vector<std::string> parts{"/",   "v1",     "jobs",     "job-1", "pause", "cancel", "..",
+                                       "%00", "layers", "\xff\xfe", "?",     "{id}",  "0",      std::string(300, 'a')};
+  const std::vector<std::string> methods{"GET", "POST", "PUT", "DELETE", "HEAD", "OPTIONS", "\r\n", ""};
+  for (int i = 0; i < 10'000; ++i) {
+    WebRequest request{methods[rng() % methods.size()], "", rng() % 2 ? "Bearer wrong" : ""};
+    for (auto n = rng() % 8; n > 0; --n) request.target += (rng() % 3 ? "/" : "") + parts[rng() % parts.size()];
+    const WebResponse response = answer(request, desk, kOptions);
+    EXPECT_TRUE(response.status == 200 || response.status == 401 || response.status == 404 || response.status == 405)
+        << response.status;
+  }
+  EXPECT_THAT(desk.actions, IsEmpty());
+}
+
+TEST(WebRouter, EscapesNamesInJson) {
+  RecordingDesk desk;
+  const json jobs = json::parse(answer({"GET", "/v1/jobs", ""}, desk, kOptions).body);
+  EXPECT_EQ(jobs["jobs"][0]["name"], "a \"statue\" <b>.ply");
+  EXPECT_EQ(event_data(desk).find('\n'), std::string::npos);
+}
+
+TEST(WebRouter, ServesThePageAndItsPartsWithoutOutsideRequests) {
+  RecordingDesk desk;
+  for (const char* path : {"/", "/page.css", "/page.js", "/icon.svg"}) {
+    const WebResponse response = answer({"GET", path, ""}, desk, kOptions);
+    EXPECT_EQ(response.status, 200U) << path;
+    std::string body = response.body;
+    const std::string name_space = "http://www.w3.org/2000/svg";
+    if (const auto at = body.find(name_space); at != std::string::npos) body.erase(at, name_space.size());
+    EXPECT_THAT(body, testing::Not(HasSubstr("://"))) << path;
+  }
+}
+
+TEST(OpenApi, ListsExactlyTheRoutesOfTheCode) {
+  std::ifstream file{std::string{std::getenv("TELEFAB_SOURCE")} + "/fab_site/web/page/openapi.json"};
+  const json api = json::parse(file);
+  std::set<std::string> documented;
+  for (const auto& [path, methods] : api["paths"].items())
+    for (const auto& [method, operation] : methods.items()) {
+      std::string upper = method;
+      for (char& c : upper) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+      documented.insert(upper + " " + path + ": " + operation["summary"].get<std::string>());
+    }
+  std::set<std::string> coded;
+  for (const WebRoute& route : web_routes())
+    coded.insert(std::string{route.method} + " " + std::string{route.path} + ": " + std::string{route.summary});
+  EXPECT_EQ(documented, coded);
+}
+
+}  // namespace
+}  // namespace telefab::fab
