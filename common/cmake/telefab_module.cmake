@@ -23,13 +23,14 @@ function(telefab_module name)
   add_library(telefab::${name} ALIAS telefab_${name})
 endfunction()
 
-# telefab_program(NAME SOURCES .. HIDES ..): an executable NAME in bin/.
+# telefab_program(NAME COMPONENT package SOURCES .. HIDES ..): an executable NAME in bin/, installed with its package.
 function(telefab_program name)
-  cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;HIDES")
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "COMPONENT" "SOURCES;HIDES")
   string(REPLACE "-" "_" target "program_${name}")
   add_executable(${target} ${arg_SOURCES})
   set_target_properties(${target} PROPERTIES OUTPUT_NAME ${name})
   target_link_libraries(${target} PRIVATE telefab_flags ${arg_HIDES})
+  install(TARGETS ${target} RUNTIME DESTINATION bin COMPONENT ${arg_COMPONENT})
 endfunction()
 
 # telefab_test(KIND NAME SOURCES .. USES ..): one test program a module and kind; KIND becomes the CTest label.

@@ -276,6 +276,12 @@ Result<std::vector<MachineProfile>> load_machine_profiles(const std::string& fol
   return machines;
 }
 
+std::string default_machine_folder() {
+  std::error_code ignored;  // an unreadable folder is as good as none; loading the other one will say what is wrong
+  constexpr const char* checkout = "deploy/config/machines";
+  return std::filesystem::is_directory(checkout, ignored) ? checkout : "/etc/telefab/machines";
+}
+
 Result<MachineProfile> find_machine(const std::vector<MachineProfile>& machines, std::string_view name) {
   const auto found = std::find_if(machines.begin(), machines.end(), [&](const auto& m) { return m.name == name; });
   if (found != machines.end()) return *found;

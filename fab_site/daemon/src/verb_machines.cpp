@@ -9,7 +9,7 @@ namespace telefab::fab {
 
 VerbBody declare_machines(CLI::App& options) {
   struct Options {
-    std::string folder = "deploy/config/machines";
+    std::string folder = default_machine_folder();
     bool keys = false;
   };
   auto o = std::make_shared<Options>();

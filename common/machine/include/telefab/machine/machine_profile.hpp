@@ -106,6 +106,10 @@ struct MachineProfile {
 /// where there is none.
 [[nodiscard]] Result<std::vector<MachineProfile>> load_machine_profiles(const std::string& folder);
 
+/// Where programs look for profiles unless told otherwise: deploy/config/machines below the working folder where there
+/// is one (a checkout), else /etc/telefab/machines (an installed package).
+[[nodiscard]] std::string default_machine_folder();
+
 /// The profile of that name; NotFound lists the names there are.
 [[nodiscard]] Result<MachineProfile> find_machine(const std::vector<MachineProfile>& machines, std::string_view name);
 
