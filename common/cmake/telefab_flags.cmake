@@ -3,7 +3,7 @@
 #   -fno-math-errno    lets the compiler vectorise sqrt; nobody here reads errno after mathematics
 add_library(telefab_flags INTERFACE)
 target_compile_options(telefab_flags INTERFACE
-  -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wno-sign-conversion -Wnon-virtual-dtor -Woverloaded-virtual
+  -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wno-sign-conversion -Wnon-virtual-dtor -Woverloaded-virtual -Wno-missing-field-initializers
   -ffp-contract=off -fno-math-errno
   $<$<BOOL:${TELEFAB_WERROR}>:-Werror>)
 

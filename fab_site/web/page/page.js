@@ -133,6 +133,7 @@ async function showDevices() {
 
 function choose(id) {
   state.chosen = id;
+  document.dispatchEvent(new CustomEvent("job-chosen"));
   state.layer = -1;
   byId("preview").src = `/v1/jobs/${id}/preview.png`;
   showJobs();

@@ -181,7 +181,9 @@ WebResponse metrics(const Call& call) {
   return {200, "text/plain; version=0.0.4; charset=utf-8", text};
 }
 
-WebResponse asset(std::string_view path) {
+WebResponse asset(std::string_view path, const WebOptions& options) {
+  if (path == "/three.js" && !options.three_js.empty())
+    return {200, "text/javascript; charset=utf-8", options.three_js, true};
   const auto found = find_asset(path);
   if (!found) return problem(404, "not-found", "no such page; the API begins at /v1/jobs");
   return {200, std::string{found->content_type}, std::string{found->body}, path != "/"};
@@ -252,7 +254,7 @@ WebResponse answer(const WebRequest& request, JobDesk& desk, const WebOptions& o
   }
   if (path_known) return problem(405, "not-permitted", "this address does not take the method " + request.method);
   if (method != "GET") return problem(404, "not-found", "no such address");
-  return asset(path);
+  return asset(path, options);
 }
 
 std::string event_data(JobDesk& desk) {

@@ -17,7 +17,7 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::SizeIs;
 
-const WebOptions kOptions{"secret", "0.1.0"};
+const WebOptions kOptions{"secret", "0.1.0", ""};
 
 std::string concrete(std::string_view pattern) {
   std::string path{pattern};
@@ -111,7 +111,7 @@ TEST(WebRouter, EscapesNamesInJson) {
 
 TEST(WebRouter, ServesThePageAndItsPartsWithoutOutsideRequests) {
   RecordingDesk desk;
-  for (const char* path : {"/", "/page.css", "/page.js", "/icon.svg"}) {
+  for (const char* path : {"/", "/page.css", "/page.js", "/solid.js", "/icon.svg"}) {
     const WebResponse response = answer({"GET", path, ""}, desk, kOptions);
     EXPECT_EQ(response.status, 200U) << path;
     std::string body = response.body;
@@ -119,6 +119,14 @@ TEST(WebRouter, ServesThePageAndItsPartsWithoutOutsideRequests) {
     if (const auto at = body.find(name_space); at != std::string::npos) body.erase(at, name_space.size());
     EXPECT_THAT(body, testing::Not(HasSubstr("://"))) << path;
   }
+}
+
+TEST(WebRouter, ServesTheThreeDimensionalLibraryOnlyWhereItIsInstalled) {
+  RecordingDesk desk;
+  EXPECT_EQ(answer({"GET", "/three.js", ""}, desk, kOptions).status, 404U);
+  WebOptions options = kOptions;
+  options.three_js = "var THREE = {};";
+  EXPECT_EQ(answer({"GET", "/three.js", ""}, desk, options).body, options.three_js);
 }
 
 TEST(OpenApi, ListsExactlyTheRoutesOfTheCode) {

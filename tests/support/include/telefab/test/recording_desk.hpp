@@ -26,7 +26,7 @@ class RecordingDesk : public JobDesk {
   }
   [[nodiscard]] Result<std::string> layer_json(std::string_view, std::uint32_t layer) override {
     return R"({"layer":)" + std::to_string(layer) +
-           R"(,"bounds":[0,0,1,1],"part":[],"supports":[],"certificate":"certified"})";
+           R"(,"z_mm":0.1,"thickness_mm":0.2,"bounds":[0,0,1,1],"part":[],"supports":[],"certificate":"certified"})";
   }
   [[nodiscard]] Result<void> act(std::string_view id, JobAction action, std::string_view) override {
     actions.emplace_back(std::string{id}, action);

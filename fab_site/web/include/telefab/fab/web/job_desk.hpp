@@ -49,7 +49,8 @@ class JobDesk {
   [[nodiscard]] virtual Result<std::vector<std::byte>> mask_png(std::string_view id, std::uint32_t layer) = 0;
   /// PNG contact sheet of the plan.
   [[nodiscard]] virtual Result<std::vector<std::byte>> preview_png(std::string_view id) = 0;
-  /// JSON of one print layer: {"layer":n,"part":[rings],"supports":[rings],"certificate":"..."}.
+  /// JSON of one print layer, millimetres, build frame; z_mm is its middle, bounds are those of the whole print:
+  /// {"layer":n,"z_mm":z,"thickness_mm":t,"bounds":[x0,y0,x1,y1],"part":[rings],"supports":[rings],"certificate":"..."}
   [[nodiscard]] virtual Result<std::string> layer_json(std::string_view id, std::uint32_t layer) = 0;
   /// Conflict where the state does not allow it. `who` goes into the audit log.
   [[nodiscard]] virtual Result<void> act(std::string_view id, JobAction action, std::string_view who) = 0;

@@ -21,8 +21,9 @@ struct WebResponse {
 };
 
 struct WebOptions {
-  std::string token;    ///< what a caller must show to change anything; empty: nothing can be changed over the web
-  std::string version;  ///< of the program
+  std::string token;     ///< what a caller must show to change anything; empty: nothing can be changed over the web
+  std::string version;   ///< of the program
+  std::string three_js;  ///< the text of three.min.js (Debian libjs-three) for the 3-D view; empty: no 3-D view
 };
 
 /// One row of the API: `telefab-fab` prints them, the OpenAPI file is checked against them, tests walk over them.
