@@ -1,0 +1,276 @@
+#include <fmt/format.h>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <polyclipping/clipper.hpp>
+#include <telefab/fab/region/region.hpp>
+#include <telefab/geometry/layer.hpp>
+#include <telefab/geometry/limits.hpp>
+
+namespace cl = ClipperLib;
+
+namespace telefab::fab {
+
+struct RegionMaker {
+  static Region make(std::vector<GridRing> rings) { return Region{std::move(rings)}; }
+};
+
+namespace {
+
+constexpr std::int64_t kMaxGrid = static_cast<std::int64_t>(kMaxCoordinateMm * kGridStepsPerMm);
+
+cl::Path to_path(const GridRing& ring) {
+  cl::Path path;
+  path.reserve(ring.size());
+  for (const GridPoint& p : ring) path.emplace_back(p.x, p.y);
+  return path;
+}
+
+cl::Paths to_paths(std::span<const GridRing> rings) {
+  cl::Paths paths;
+  paths.reserve(rings.size());
+  for (const GridRing& ring : rings) paths.push_back(to_path(ring));
+  return paths;
+}
+
+GridRing to_ring(const cl::Path& path) {
+  GridRing ring;
+  ring.reserve(path.size());
+  for (const cl::IntPoint& p : path) ring.push_back({p.X, p.Y});
+  return ring;
+}
+
+Region to_region(const cl::Paths& paths) {
+  std::vector<GridRing> rings;
+  rings.reserve(paths.size());
+  for (const cl::Path& path : paths)
+    if (path.size() >= 3) rings.push_back(to_ring(path));
+  return RegionMaker::make(std::move(rings));
+}
+
+Region combined(cl::ClipType kind, std::span<const GridRing> a, std::span<const GridRing> b, cl::PolyFillType fill) {
+  cl::Clipper clipper;
+  clipper.AddPaths(to_paths(a), cl::ptSubject, true);
+  clipper.AddPaths(to_paths(b), cl::ptClip, true);
+  cl::Paths out;
+  clipper.Execute(kind, out, fill, fill);
+  return to_region(out);
+}
+
+double ring_area(const GridRing& ring) {
+  // Relative to the first vertex: the products stay small, the sum exact for any ring that fits a platform.
+  double twice = 0;
+  const GridPoint o = ring.front();
+  for (std::size_t i = 1; i + 1 < ring.size(); ++i) {
+    const double ax = static_cast<double>(ring[i].x - o.x), ay = static_cast<double>(ring[i].y - o.y);
+    const double bx = static_cast<double>(ring[i + 1].x - o.x), by = static_cast<double>(ring[i + 1].y - o.y);
+    twice += ax * by - ay * bx;
+  }
+  return twice / 2;
+}
+
+GridPoint lowest(const GridRing& ring) {
+  return *std::min_element(ring.begin(), ring.end(),
+                           [](const GridPoint& a, const GridPoint& b) { return a.y != b.y ? a.y < b.y : a.x < b.x; });
+}
+
+bool boxes_apart(const Region& a, const Region& b) {
+  const Bounds2 p = a.bounds(), q = b.bounds();
+  return p.max.x_mm < q.min.x_mm || q.max.x_mm < p.min.x_mm || p.max.y_mm < q.min.y_mm || q.max.y_mm < p.min.y_mm;
+}
+
+double distance_squared(const GridPoint& p, const GridPoint& a, const GridPoint& b) {
+  const double vx = static_cast<double>(b.x - a.x), vy = static_cast<double>(b.y - a.y);
+  const double wx = static_cast<double>(p.x - a.x), wy = static_cast<double>(p.y - a.y);
+  const double length2 = vx * vx + vy * vy;
+  const double t = length2 > 0 ? std::clamp((wx * vx + wy * vy) / length2, 0.0, 1.0) : 0.0;
+  const double dx = wx - t * vx, dy = wy - t * vy;
+  return dx * dx + dy * dy;
+}
+
+GridRing thinned(const GridRing& ring, double tolerance2) {
+  const std::size_t n = ring.size();
+  std::size_t far = 0;
+  double best = -1;
+  for (std::size_t i = 1; i < n; ++i)
+    if (const double d = distance_squared(ring[i], ring[0], ring[0]); d > best) best = d, far = i;
+  std::vector<char> keep(n, 0);
+  keep[0] = keep[far] = 1;
+  std::vector<std::pair<std::size_t, std::size_t>> open{{0, far}, {far, n}};
+  while (!open.empty()) {
+    const auto [first, last] = open.back();
+    open.pop_back();
+    std::size_t worst = 0;
+    double reach = tolerance2;
+    for (std::size_t i = first + 1; i < last; ++i)
+      if (const double d = distance_squared(ring[i], ring[first], ring[last % n]); d > reach) reach = d, worst = i;
+    if (worst == 0) continue;
+    keep[worst] = 1;
+    open.emplace_back(first, worst);
+    open.emplace_back(worst, last);
+  }
+  GridRing out;
+  for (std::size_t i = 0; i < n; ++i)
+    if (keep[i]) out.push_back(ring[i]);
+  return out;
+}
+
+}  // namespace
+
+GridPoint to_grid(Point2 point) {
+  return {static_cast<std::int64_t>(std::llround(point.x_mm * kGridStepsPerMm)),
+          static_cast<std::int64_t>(std::llround(point.y_mm * kGridStepsPerMm))};
+}
+
+Point2 to_mm(GridPoint point) {
+  return {static_cast<double>(point.x) / kGridStepsPerMm, static_cast<double>(point.y) / kGridStepsPerMm};
+}
+
+Result<Region> Region::from_contours(std::span<const Contour> contours) {
+  std::vector<GridRing> rings;
+  rings.reserve(contours.size());
+  for (const Contour& contour : contours) {
+    GridRing ring;
+    ring.reserve(contour.vertices().size());
+    for (const Point2& p : contour.vertices()) {
+      if (!(std::abs(p.x_mm) <= kMaxCoordinateMm && std::abs(p.y_mm) <= kMaxCoordinateMm))
+        return fail(ErrorCode::InvalidInput,
+                    fmt::format("a region's vertex ({}, {}) lies beyond {} mm", p.x_mm, p.y_mm, kMaxCoordinateMm));
+      ring.push_back(to_grid(p));
+    }
+    rings.push_back(std::move(ring));
+  }
+  return from_rings(rings);
+}
+
+Result<Region> Region::from_rings(std::span<const GridRing> rings, bool even_odd) {
+  for (const GridRing& ring : rings)
+    for (const GridPoint& p : ring)
+      if (p.x < -kMaxGrid || p.x > kMaxGrid || p.y < -kMaxGrid || p.y > kMaxGrid)
+        return fail(ErrorCode::InvalidInput, fmt::format("a region's vertex lies beyond {} mm", kMaxCoordinateMm));
+  return combined(cl::ctUnion, rings, {}, even_odd ? cl::pftEvenOdd : cl::pftPositive);
+}
+
+std::vector<Contour> Region::to_contours() const {
+  std::vector<Contour> contours;
+  contours.reserve(rings_.size());
+  for (const GridRing& ring : rings_) {
+    std::vector<Point2> vertices;
+    vertices.reserve(ring.size());
+    for (const GridPoint& p : ring)
+      if (const Point2 mm = to_mm(p); vertices.empty() || !(vertices.back() == mm)) vertices.push_back(mm);
+    if (vertices.size() > 1 && vertices.front() == vertices.back()) vertices.pop_back();
+    if (auto contour = Contour::from_vertices(std::move(vertices))) contours.push_back(std::move(*contour));
+  }
+  return sorted_canonically(std::move(contours));
+}
+
+double Region::area_mm2() const {
+  double area = 0;
+  for (const GridRing& ring : rings_) area += ring_area(ring);
+  return area / (kGridStepsPerMm * kGridStepsPerMm);
+}
+
+Bounds2 Region::bounds() const {
+  if (rings_.empty()) return {};
+  GridPoint least = rings_.front().front(), most = least;
+  for (const GridRing& ring : rings_)
+    for (const GridPoint& p : ring) {
+      least = {std::min(least.x, p.x), std::min(least.y, p.y)};
+      most = {std::max(most.x, p.x), std::max(most.y, p.y)};
+    }
+  return {to_mm(least), to_mm(most)};
+}
+
+bool Region::contains(Point2 point) const {
+  const GridPoint p = to_grid(point);
+  const cl::IntPoint q{p.x, p.y};
+  int winding = 0;
+  for (const GridRing& ring : rings_) {
+    const int where = cl::PointInPolygon(q, to_path(ring));
+    if (where < 0) return true;
+    if (where > 0) winding += ring_area(ring) > 0 ? 1 : -1;
+  }
+  return winding > 0;
+}
+
+std::vector<Region> Region::pieces() const {
+  std::vector<Region> found;
+  if (rings_.size() <= 1) {
+    if (!rings_.empty()) found.push_back(*this);
+    return found;
+  }
+  cl::Clipper clipper;
+  clipper.AddPaths(to_paths(rings_), cl::ptSubject, true);
+  cl::PolyTree tree;
+  clipper.Execute(cl::ctUnion, tree, cl::pftPositive, cl::pftPositive);
+  for (const cl::PolyNode* node = tree.GetFirst(); node != nullptr; node = node->GetNext()) {
+    if (node->IsHole() || node->Contour.size() < 3) continue;
+    std::vector<GridRing> rings{to_ring(node->Contour)};
+    for (const cl::PolyNode* hole : node->Childs)
+      if (hole->Contour.size() >= 3) rings.push_back(to_ring(hole->Contour));
+    found.push_back(Region{std::move(rings)});
+  }
+  std::stable_sort(found.begin(), found.end(), [](const Region& a, const Region& b) {
+    const GridPoint p = lowest(a.rings_.front()), q = lowest(b.rings_.front());
+    return p.y != q.y ? p.y < q.y : p.x < q.x;
+  });
+  return found;
+}
+
+Region unite(const Region& a, const Region& b) {
+  if (a.empty()) return b;
+  if (b.empty()) return a;
+  return combined(cl::ctUnion, a.rings(), b.rings(), cl::pftPositive);
+}
+
+Region unite(std::span<const Region> regions) {
+  std::vector<GridRing> rings;
+  for (const Region& region : regions) rings.insert(rings.end(), region.rings().begin(), region.rings().end());
+  return combined(cl::ctUnion, rings, {}, cl::pftPositive);
+}
+
+Region intersect(const Region& a, const Region& b) {
+  if (a.empty() || b.empty() || boxes_apart(a, b)) return {};
+  return combined(cl::ctIntersection, a.rings(), b.rings(), cl::pftPositive);
+}
+
+Region subtract(const Region& a, const Region& b) {
+  if (a.empty() || b.empty() || boxes_apart(a, b)) return a;
+  return combined(cl::ctDifference, a.rings(), b.rings(), cl::pftPositive);
+}
+
+Region offset(const Region& region, Millimetres distance, Millimetres arc_tolerance) {
+  if (region.empty() || distance.count() == 0) return region;
+  cl::ClipperOffset maker{2.0, std::max(1.0, arc_tolerance.count() * kGridStepsPerMm)};
+  maker.AddPaths(to_paths(region.rings()), cl::jtRound, cl::etClosedPolygon);
+  cl::Paths out;
+  maker.Execute(out, distance.count() * kGridStepsPerMm);
+  return to_region(out);
+}
+
+Region simplified(const Region& region, Millimetres tolerance) {
+  const double reach = tolerance.count() * kGridStepsPerMm;
+  std::vector<GridRing> rings;
+  for (const GridRing& ring : region.rings())
+    if (GridRing thin = thinned(ring, reach * reach); thin.size() >= 3) rings.push_back(std::move(thin));
+  return combined(cl::ctUnion, rings, {}, cl::pftPositive);
+}
+
+Region disc(Point2 centre, Millimetres radius, Millimetres arc_tolerance) {
+  const double r = radius.count();
+  if (!(r > 0)) return {};
+  const double step = 2 * std::acos(std::clamp(1 - arc_tolerance.count() / r, 0.5, 1.0 - 1e-6));
+  const int n = std::max(8, static_cast<int>(std::ceil(2 * std::numbers::pi / step)));
+  GridRing ring;
+  for (int i = 0; i < n; ++i) {
+    const double a = 2 * std::numbers::pi * i / n;
+    ring.push_back(to_grid({centre.x_mm + r * std::cos(a), centre.y_mm + r * std::sin(a)}));
+  }
+  ring.erase(std::unique(ring.begin(), ring.end()), ring.end());
+  if (ring.size() > 1 && ring.front() == ring.back()) ring.pop_back();
+  if (ring.size() < 3) return {};
+  return RegionMaker::make({std::move(ring)});
+}
+
+}  // namespace telefab::fab
