@@ -1,0 +1,76 @@
+#pragma once
+#include <array>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <telefab/base/result.hpp>
+#include <vector>
+
+namespace telefab {
+
+/// Where a job is. Numbers go to disk and over the wire: never renumber.
+enum class JobState : std::uint8_t {
+  Queued = 1,    ///< accepted, not begun
+  Slicing = 2,   ///< scan site: layers are cut, and sent as they come
+  Sending = 3,   ///< all layers are cut, some are not acknowledged; at the fab: layers arrive
+  Planning = 4,  ///< fab: supports and masks
+  Ready = 5,     ///< fab: planned; waits for the printer or for approval
+  Printing = 6,
+  Paused = 7,  ///< lifted and dark, goes on with the next layer
+  Done = 8,
+  Failed = 9,  ///< see message
+  Cancelled = 10,
+};
+inline constexpr std::array kJobStates{JobState::Queued, JobState::Slicing,  JobState::Sending, JobState::Planning,
+                                       JobState::Ready,  JobState::Printing, JobState::Paused,  JobState::Done,
+                                       JobState::Failed, JobState::Cancelled};
+
+/// "queued", "slicing", ...
+[[nodiscard]] std::string_view name_of(JobState state);
+[[nodiscard]] Result<JobState> job_state_from_name(std::string_view name);
+/// Done, Failed and Cancelled are for good.
+[[nodiscard]] bool is_final(JobState state);
+/// Forward along the list, Printing <-> Paused, and from every state that is not final to Failed and Cancelled.
+[[nodiscard]] bool may_follow(JobState from, JobState to);
+
+/// How far a job is; only ever grows while the job runs.
+struct JobCounters {
+  std::uint32_t layers = 0;  ///< of the part; 0: not known yet
+  std::uint32_t layers_sliced = 0;
+  std::uint32_t layers_sent = 0;   ///< acknowledged by the fab as durable
+  std::uint32_t print_layers = 0;  ///< with supports below the part; 0: not planned yet
+  std::uint32_t layers_planned = 0;
+  std::uint32_t layers_printed = 0;
+  std::uint64_t scan_bytes = 0;  ///< uploaded by the operator
+  std::uint64_t wire_bytes = 0;  ///< contour bytes over the wire, framing included
+  friend bool operator==(const JobCounters&, const JobCounters&) = default;
+};
+
+struct StageSeconds {
+  std::string stage;  ///< "slice", "send", "plan", "print"
+  double seconds = 0;
+  friend bool operator==(const StageSeconds&, const StageSeconds&) = default;
+};
+
+struct Job {
+  std::string id;
+  std::string name;  ///< file name of the scan
+  std::string machine;
+  std::string parameters;  ///< JSON object of what was asked for, as the site wrote it
+  std::string owner;       ///< who submitted it, for the audit log
+  JobState state = JobState::Queued;
+  std::string message;  ///< why it failed, what it waits for; may be empty
+  JobCounters counters;
+  std::vector<StageSeconds> stages;  ///< in the order in which they were first reported
+  std::int64_t created_unix_ms = 0;
+  std::int64_t changed_unix_ms = 0;
+  friend bool operator==(const Job&, const Job&) = default;
+};
+
+struct JobEvent {
+  std::uint64_t number = 0;  ///< rises by one an event over all jobs
+  std::int64_t unix_ms = 0;
+  std::string text;
+};
+
+}  // namespace telefab
