@@ -1,0 +1,60 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <stop_token>
+#include <string_view>
+#include <telefab/base/result.hpp>
+#include <telefab/scan/cloud/point_cloud.hpp>
+#include <vector>
+
+namespace telefab::scan {
+
+enum class ScanFormat { Ply, Pcd, Text, Off, Stl, Obj, Ptx };
+
+/// "PLY", "PCD", ...: for messages and reports.
+[[nodiscard]] std::string_view name_of(ScanFormat format);
+
+struct ReadOptions {
+  std::size_t max_points = 400'000'000;  ///< >= 1; a file that claims more is refused (TooLarge)
+};
+
+/// One range image: which cell of the scanner's grid saw which point of the cloud.
+struct RangeView {
+  static constexpr std::int32_t kEmpty = -1;
+  std::uint32_t rows = 0;
+  std::uint32_t columns = 0;
+  std::vector<std::int32_t> point_at;  ///< rows * columns, row by row: index into the cloud's points or kEmpty
+  std::optional<Vec3> scanner;         ///< where the scanner stood, frame and unit of the cloud; unset = not stated
+
+  [[nodiscard]] std::int32_t at(std::uint32_t row, std::uint32_t column) const {
+    return point_at[std::size_t{row} * columns + column];
+  }
+};
+
+/// A scan file as it stands: points in file order, duplicates kept. Every point is finite; a normal the file leaves
+/// out or gives as zero or NaN is the zero vector.
+struct ScanFile {
+  ScanFormat format = ScanFormat::Text;
+  PointCloud cloud;
+  std::vector<RangeView> views;   ///< one a range image; empty for plain clouds
+  std::size_t empty_returns = 0;  ///< points the file marks as not seen (NaN in PCD, 0 0 0 in PTX); left out
+};
+
+/// Reads PLY, PCD, PTX, OFF, STL, OBJ or text (XYZ, PTS, PWN, CSV), told apart by content, then by the suffix of
+/// `file_name`. Faces are skipped: only vertices are taken. Memory is bounded by a small multiple of the bytes given.
+/// Fails: InvalidInput (empty, truncated, wrong magic, NaN, no point, coordinate beyond 1e12; says line or point),
+/// TooLarge (more than max_points), Cancelled.
+[[nodiscard]] Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_view file_name,
+                                              const ReadOptions& options, std::stop_token stop);
+
+/// read_scan_file made ready for work: duplicate positions become one point (first place, mean normal), and points
+/// whose normal is missing are left out when they are under 1 %; else all normals are dropped, to be estimated.
+[[nodiscard]] Result<PointCloud> read_cloud(std::span<const std::byte> bytes, std::string_view file_name,
+                                            const ReadOptions& options, std::stop_token stop);
+
+/// Merges points of equal position: the first keeps its place, normals are averaged, the higher confidence stays.
+[[nodiscard]] PointCloud without_duplicates(PointCloud cloud);
+
+}  // namespace telefab::scan

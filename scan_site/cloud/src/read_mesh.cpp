@@ -1,0 +1,166 @@
+#include <fmt/format.h>
+#include <cctype>
+#include <cmath>
+
+#include "readers.hpp"
+#include "scalar_bytes.hpp"
+#include "scan_builder.hpp"
+#include "text_cursor.hpp"
+
+// Files that hold a mesh: OFF, OBJ, STL. Only the vertices are taken; the way from scan to layers knows no mesh.
+namespace telefab::scan {
+namespace {
+
+tl::unexpected<Error> cancelled() { return fail(ErrorCode::Cancelled, "stopped while reading points"); }
+
+std::optional<Vec3> take_vec(FieldCursor& fields) {
+  Vec3 v;
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto value = fields.take<double>();
+    if (!value) return std::nullopt;
+    v[axis] = *value;
+  }
+  return v;
+}
+
+constexpr std::size_t kStlHead = 84;
+constexpr std::size_t kStlFacet = 50;
+
+Result<ScanFile> read_binary_stl(std::span<const std::byte> bytes, const ReadOptions& options,
+                                 const std::stop_token& stop) {
+  const bool swapped = std::endian::native == std::endian::big;
+  const auto facets = load<std::uint32_t>(bytes.data() + 80, swapped);
+  ScanBuilder builder{ScanFormat::Stl, options};
+  if (facets > (bytes.size() - kStlHead) / kStlFacet)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("STL: {} facets are claimed but {} bytes follow; the file is truncated", facets,
+                            bytes.size() - kStlHead));
+  if (auto room = builder.expect(std::uint64_t{facets} * 3, bytes.size() - kStlHead, kStlFacet / 3); !room)
+    return tl::unexpected{room.error()};
+  for (std::size_t f = 0; f < facets; ++f) {
+    if (f % kStopEvery == 0 && stop.stop_requested()) return cancelled();
+    const std::byte* corner = bytes.data() + kStlHead + f * kStlFacet + 12;
+    for (int c = 0; c < 3; ++c, corner += 12)
+      builder.add({load<float>(corner, swapped), load<float>(corner + 4, swapped), load<float>(corner + 8, swapped)});
+  }
+  return std::move(builder).finish();
+}
+
+Result<ScanFile> read_text_stl(std::span<const std::byte> bytes, const ReadOptions& options,
+                               const std::stop_token& stop) {
+  TextCursor lines{as_text(bytes)};
+  ScanBuilder builder{ScanFormat::Stl, options};
+  bool ended = false;
+  for (std::size_t i = 0; !lines.at_end(); ++i) {
+    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled();
+    FieldCursor fields{lines.take_line()};
+    const std::string_view word = fields.take_word();
+    if (word == "endsolid") ended = true;
+    if (word == "solid") ended = false;
+    if (word != "vertex") continue;
+    const auto point = take_vec(fields);
+    if (!point)
+      return fail(ErrorCode::InvalidInput, fmt::format("STL line {}: a vertex needs 3 numbers", lines.line_number()));
+    builder.add(*point);
+  }
+  if (!ended) return fail(ErrorCode::InvalidInput, "STL: no 'endsolid'; the file is truncated");
+  return std::move(builder).finish();
+}
+
+}  // namespace
+
+Result<ScanFile> read_off(std::span<const std::byte> bytes, const ReadOptions& options, const std::stop_token& stop) {
+  TextCursor lines{as_text(bytes)};
+  FieldCursor head{lines.take_full_line()};
+  const std::string_view magic = head.take_word();
+  if (!magic.ends_with("OFF") || magic.find_first_not_of("STCNOF") != std::string_view::npos)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("OFF kind '{}' is not read; OFF, COFF, NOFF and STOFF are", magic.substr(0, 20)));
+  if (!head.at_end() && head.rest().starts_with("BINARY"))
+    return fail(ErrorCode::InvalidInput, "binary OFF is not read; save it as text or as PLY");
+  if (head.at_end()) head = FieldCursor{lines.take_full_line()};
+  const auto vertices = head.take<std::uint64_t>();
+  const auto faces = head.take<std::uint64_t>();
+  if (!vertices || !faces)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("OFF line {}: the numbers of vertices and faces are expected", lines.line_number()));
+  const bool has_normals = magic.find('N') != std::string_view::npos;
+  ScanBuilder builder{ScanFormat::Off, options};
+  if (auto room = builder.expect(*vertices, lines.bytes_left() + 1, has_normals ? 12 : 6); !room)
+    return tl::unexpected{room.error()};
+  for (std::uint64_t i = 0; i < *vertices; ++i) {
+    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled();
+    const std::string_view line = lines.take_full_line();
+    if (line.empty())
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("the file ends after {} of {} vertices: it is truncated", i, *vertices));
+    FieldCursor fields{line};
+    const auto point = take_vec(fields);
+    const auto normal = point && has_normals ? take_vec(fields) : std::optional{Vec3{Vec3::Zero()}};
+    if (!point || !normal)
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("OFF line {}: vertex {} needs {} numbers", lines.line_number(), i, has_normals ? 6 : 3));
+    builder.add(*point);
+    if (has_normals) builder.add_normal(*normal);
+  }
+  for (std::uint64_t i = 0; i < *faces; ++i)
+    if (lines.take_full_line().empty())
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("the file ends after {} of {} faces: it is truncated", i, *faces));
+  return std::move(builder).finish();
+}
+
+Result<ScanFile> read_obj(std::span<const std::byte> bytes, const ReadOptions& options, const std::stop_token& stop) {
+  TextCursor lines{as_text(bytes)};
+  ScanBuilder builder{ScanFormat::Obj, options};
+  std::size_t normals = 0;
+  bool normals_by_vertex = true;  // until a face says that vertex i has another normal than i
+  for (std::size_t i = 0; !lines.at_end(); ++i) {
+    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled();
+    FieldCursor fields{lines.take_line()};
+    const std::string_view key = fields.take_word();
+    if (key == "v" || key == "vn") {
+      const auto v = take_vec(fields);
+      if (!v)
+        return fail(ErrorCode::InvalidInput,
+                    fmt::format("OBJ line {}: '{}' needs 3 numbers", lines.line_number(), key));
+      if (key == "v") {
+        builder.add(*v);
+      } else {
+        builder.add_normal(*v);
+        ++normals;
+      }
+    } else if (key == "f" && normals > 0 && normals_by_vertex) {
+      while (!fields.at_end()) {
+        const std::string_view corner = fields.take_word();
+        const std::size_t slash = corner.rfind('/');
+        normals_by_vertex &=
+            slash != std::string_view::npos && corner.substr(0, corner.find('/')) == corner.substr(slash + 1);
+      }
+    }
+  }
+  if (normals != builder.size() || !normals_by_vertex) builder.forget_normals();
+  return std::move(builder).finish();
+}
+
+bool looks_like_stl(std::span<const std::byte> bytes) {
+  const std::string_view text = as_text(bytes);
+  if (bytes.size() >= kStlHead) {
+    const auto facets = load<std::uint32_t>(bytes.data() + 80, std::endian::native == std::endian::big);
+    if (bytes.size() - kStlHead == std::uint64_t{facets} * kStlFacet) return true;
+  }
+  return text.starts_with("solid") && text.substr(0, 4096).find("facet") != std::string_view::npos;
+}
+
+Result<ScanFile> read_stl(std::span<const std::byte> bytes, const ReadOptions& options, const std::stop_token& stop) {
+  const std::string_view text = as_text(bytes);
+  if (text.starts_with("solid") && text.substr(0, 4096).find("facet") != std::string_view::npos)
+    return read_text_stl(bytes, options, stop);
+  if (bytes.size() < kStlHead)
+    return fail(
+        ErrorCode::InvalidInput,
+        fmt::format("STL: {} bytes are less than its head of {}; the file is truncated", bytes.size(), kStlHead));
+  return read_binary_stl(bytes, options, stop);
+}
+
+}  // namespace telefab::scan

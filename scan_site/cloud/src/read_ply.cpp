@@ -1,0 +1,317 @@
+#include <fmt/format.h>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "ply_header.hpp"
+#include "readers.hpp"
+#include "scan_builder.hpp"
+#include "text_cursor.hpp"
+
+namespace telefab::scan {
+namespace {
+
+/// Where in a vertex record the numbers we take stand; -1 = not there.
+struct VertexColumns {
+  std::array<int, 3> position{-1, -1, -1};
+  std::array<int, 3> normal{-1, -1, -1};
+  int confidence = -1;
+  [[nodiscard]] bool has_normal() const { return *std::min_element(normal.begin(), normal.end()) >= 0; }
+};
+
+Result<VertexColumns> find_columns(const PlyElement& vertex) {
+  static constexpr std::array<std::string_view, 3> kPosition{"x", "y", "z"};
+  static constexpr std::array<std::string_view, 3> kNormal{"nx", "ny", "nz"};
+  static constexpr std::array<std::string_view, 3> kLongNormal{"normal_x", "normal_y", "normal_z"};
+  VertexColumns columns;
+  for (std::size_t i = 0; i < vertex.properties.size(); ++i) {
+    const PlyProperty& p = vertex.properties[i];
+    if (p.count_type) continue;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      if (p.name == kPosition[axis]) columns.position[axis] = static_cast<int>(i);
+      if (p.name == kNormal[axis] || p.name == kLongNormal[axis]) columns.normal[axis] = static_cast<int>(i);
+    }
+    if (p.name == "confidence") columns.confidence = static_cast<int>(i);
+  }
+  if (*std::min_element(columns.position.begin(), columns.position.end()) < 0)
+    return fail(ErrorCode::InvalidInput, "element vertex has no properties x, y and z");
+  return columns;
+}
+
+void add_record(ScanBuilder& builder, const VertexColumns& c, const double* v) {
+  const auto triple = [&](const std::array<int, 3>& at) { return Vec3{v[at[0]], v[at[1]], v[at[2]]}; };
+  builder.add(triple(c.position));
+  if (c.has_normal()) builder.add_normal(triple(c.normal));
+  if (c.confidence >= 0) builder.add_confidence(static_cast<float>(v[c.confidence]));
+}
+
+/// Fills a range view from lists of at most one index, cell by cell.
+class GridFiller {
+ public:
+  explicit GridFiller(const PlyHeader& header, std::uint64_t cells) {
+    view_.columns = header.grid_columns;
+    view_.rows = header.grid_rows;
+    view_.point_at.reserve(cells);
+  }
+  void add_cell(std::optional<std::int64_t> index) {
+    view_.point_at.push_back(index ? static_cast<std::int32_t>(std::clamp<std::int64_t>(*index, -2, INT32_MAX))
+                                   : RangeView::kEmpty);
+  }
+  [[nodiscard]] Result<RangeView> finish(std::size_t points) && {
+    if (std::uint64_t{view_.columns} * view_.rows != view_.point_at.size() || view_.columns == 0)
+      return fail(
+          ErrorCode::InvalidInput,
+          fmt::format("range_grid has {} cells but obj_info num_cols {} and num_rows {} ask for {}",
+                      view_.point_at.size(), view_.columns, view_.rows, std::uint64_t{view_.columns} * view_.rows));
+    for (const std::int32_t p : view_.point_at)
+      if (p != RangeView::kEmpty && (p < 0 || static_cast<std::size_t>(p) >= points))
+        return fail(ErrorCode::InvalidInput, fmt::format("range_grid names point {} of {}", p, points));
+    return std::move(view_);
+  }
+
+ private:
+  RangeView view_;
+};
+
+/// The common walk over the elements; how one element is read is left to the encoding.
+class PlyBody {
+ public:
+  PlyBody(const PlyHeader& header, const ReadOptions& options, const std::stop_token& stop)
+      : header_{header}, builder_{ScanFormat::Ply, options}, stop_{stop} {}
+  virtual ~PlyBody() = default;
+  PlyBody(const PlyBody&) = delete;
+  PlyBody& operator=(const PlyBody&) = delete;
+
+  [[nodiscard]] Result<ScanFile> read() {
+    bool has_vertices = false;
+    std::optional<GridFiller> grid;
+    for (const PlyElement& element : header_.elements) {
+      Result<void> done;
+      const std::uint64_t each = std::max<std::uint64_t>(1, element.least_bytes(header_.encoding));
+      if (element.count > 0 && !element.properties.empty() && element.count > bytes_left() / each)
+        return fail(ErrorCode::InvalidInput,
+                    fmt::format("the header claims {} items of element {} but only {} bytes are left; the file is "
+                                "truncated or its header is wrong",
+                                element.count, element.name, bytes_left()));
+      if (element.name == "vertex" && !has_vertices) {
+        has_vertices = true;
+        const auto columns = find_columns(element);
+        if (!columns) return tl::unexpected{columns.error()};
+        done = builder_.expect(element.count, bytes_left(), each);
+        if (done) done = read_vertices(element, *columns);
+      } else if (element.name == "range_grid" && element.properties.size() == 1 && element.has_list() && !grid) {
+        grid.emplace(header_, element.count);
+        done = read_grid(element, *grid);
+      } else if (!element.properties.empty()) {
+        done = skip(element);
+      }
+      if (!done) return fail_in("element " + element.name.substr(0, 40), done.error());
+    }
+    if (!has_vertices) return fail(ErrorCode::InvalidInput, "no element named vertex");
+    if (grid) {
+      auto view = std::move(*grid).finish(builder_.size());
+      if (!view) return tl::unexpected{view.error()};
+      builder_.add_view(std::move(*view));
+    }
+    return std::move(builder_).finish();
+  }
+
+ protected:
+  [[nodiscard]] virtual std::uint64_t bytes_left() const = 0;
+  [[nodiscard]] virtual Result<void> read_vertices(const PlyElement&, const VertexColumns&) = 0;
+  [[nodiscard]] virtual Result<void> read_grid(const PlyElement&, GridFiller&) = 0;
+  [[nodiscard]] virtual Result<void> skip(const PlyElement&) = 0;
+  [[nodiscard]] bool stopped(std::uint64_t item) const { return item % kStopEvery == 0 && stop_.stop_requested(); }
+
+  const PlyHeader& header_;
+  ScanBuilder builder_;
+  const std::stop_token& stop_;
+};
+
+tl::unexpected<Error> truncated(std::uint64_t item) {
+  return fail(ErrorCode::InvalidInput, fmt::format("the file ends within item {}: it is truncated", item));
+}
+tl::unexpected<Error> cancelled() { return fail(ErrorCode::Cancelled, "stopped while reading points"); }
+
+class BinaryPly final : public PlyBody {
+ public:
+  BinaryPly(std::span<const std::byte> body, const PlyHeader& header, const ReadOptions& options,
+            const std::stop_token& stop)
+      : PlyBody{header, options, stop},
+        at_{body.data()},
+        end_{body.data() + body.size()},
+        swapped_{(header.encoding == PlyEncoding::BigEndian) != (std::endian::native == std::endian::big)} {}
+
+ private:
+  std::uint64_t bytes_left() const override { return static_cast<std::uint64_t>(end_ - at_); }
+
+  Result<void> read_vertices(const PlyElement& element, const VertexColumns& columns) override {
+    if (element.has_list()) return read_vertices_with_lists(element, columns);
+    const std::size_t stride = element.least_bytes(header_.encoding);
+    std::vector<int> wanted(columns.position.begin(), columns.position.end());
+    if (columns.has_normal()) wanted.insert(wanted.end(), columns.normal.begin(), columns.normal.end());
+    if (columns.confidence >= 0) wanted.push_back(columns.confidence);
+    std::vector<std::size_t> offsets;
+    for (const int column : wanted) {
+      std::size_t offset = 0;
+      for (int i = 0; i < column; ++i) offset += size_of(element.properties[static_cast<std::size_t>(i)].type);
+      offsets.push_back(offset);
+    }
+    constexpr std::size_t kBlock = 512;
+    std::vector<std::array<double, kBlock>> values(wanted.size());
+    for (std::uint64_t first = 0; first < element.count; first += kBlock) {
+      if (stopped(first)) return cancelled();
+      const std::size_t count = std::min<std::uint64_t>(kBlock, element.count - first);
+      for (std::size_t c = 0; c < wanted.size(); ++c)
+        load_column(at_ + offsets[c], stride, count, element.properties[static_cast<std::size_t>(wanted[c])].type,
+                    swapped_, values[c].data());
+      for (std::size_t i = 0; i < count; ++i) {
+        builder_.add({values[0][i], values[1][i], values[2][i]});
+        if (columns.has_normal()) builder_.add_normal({values[3][i], values[4][i], values[5][i]});
+        if (columns.confidence >= 0) builder_.add_confidence(static_cast<float>(values.back()[i]));
+      }
+      at_ += stride * count;
+    }
+    return {};
+  }
+
+  Result<void> read_vertices_with_lists(const PlyElement& element, const VertexColumns& columns) {
+    std::vector<double> record(element.properties.size());
+    for (std::uint64_t i = 0; i < element.count; ++i) {
+      if (stopped(i)) return cancelled();
+      for (std::size_t k = 0; k < element.properties.size(); ++k) {
+        const PlyProperty& p = element.properties[k];
+        if (p.count_type ? !skip_list(p) : !take(p.type, record[k])) return truncated(i);
+      }
+      add_record(builder_, columns, record.data());
+    }
+    return {};
+  }
+
+  Result<void> read_grid(const PlyElement& element, GridFiller& grid) override {
+    const PlyProperty& list = element.properties.front();
+    for (std::uint64_t i = 0; i < element.count; ++i) {
+      if (stopped(i)) return cancelled();
+      double count = 0, index = 0;
+      if (!take(*list.count_type, count)) return truncated(i);
+      if (count < 0 || count > 1)
+        return fail(ErrorCode::InvalidInput, fmt::format("cell {} holds {} points", i, count));
+      if (count > 0 && !take(list.type, index)) return truncated(i);
+      grid.add_cell(count > 0 ? std::optional{static_cast<std::int64_t>(std::clamp(index, -2.0, 4e9))} : std::nullopt);
+    }
+    return {};
+  }
+
+  Result<void> skip(const PlyElement& element) override {
+    if (!element.has_list()) {
+      at_ += element.least_bytes(header_.encoding) * element.count;  // the walk checked that they are there
+      return {};
+    }
+    for (std::uint64_t i = 0; i < element.count; ++i) {
+      if (stopped(i)) return cancelled();
+      for (const PlyProperty& p : element.properties) {
+        double ignored = 0;
+        if (p.count_type ? !skip_list(p) : !take(p.type, ignored)) return truncated(i);
+      }
+    }
+    return {};
+  }
+
+  [[nodiscard]] bool take(ScalarType type, double& value) {
+    if (bytes_left() < size_of(type)) return false;
+    value = load_as_double(at_, type, swapped_);
+    at_ += size_of(type);
+    return true;
+  }
+  [[nodiscard]] bool skip_list(const PlyProperty& p) {
+    double count = 0;
+    if (!take(*p.count_type, count) || count < 0) return false;
+    if (count * static_cast<double>(size_of(p.type)) > static_cast<double>(bytes_left())) return false;
+    at_ += static_cast<std::size_t>(count) * size_of(p.type);
+    return true;
+  }
+
+  const std::byte* at_;
+  const std::byte* end_;
+  bool swapped_;
+};
+
+class AsciiPly final : public PlyBody {
+ public:
+  AsciiPly(std::string_view body, const PlyHeader& header, const ReadOptions& options, const std::stop_token& stop)
+      : PlyBody{header, options, stop}, fields_{body} {}
+
+ private:
+  std::uint64_t bytes_left() const override { return fields_.rest().size(); }
+
+  Result<void> read_vertices(const PlyElement& element, const VertexColumns& columns) override {
+    std::vector<double> record(element.properties.size());
+    for (std::uint64_t i = 0; i < element.count; ++i) {
+      if (stopped(i)) return cancelled();
+      for (std::size_t k = 0; k < element.properties.size(); ++k) {
+        const PlyProperty& p = element.properties[k];
+        if (p.count_type) {
+          if (!skip_list()) return bad_number(i);
+          continue;
+        }
+        const auto value = fields_.take<double>();
+        if (!value) return bad_number(i);
+        record[k] = *value;
+      }
+      add_record(builder_, columns, record.data());
+    }
+    return {};
+  }
+
+  Result<void> read_grid(const PlyElement& element, GridFiller& grid) override {
+    for (std::uint64_t i = 0; i < element.count; ++i) {
+      if (stopped(i)) return cancelled();
+      const auto count = fields_.take<std::uint64_t>();
+      if (!count) return bad_number(i);
+      if (*count > 1) return fail(ErrorCode::InvalidInput, fmt::format("cell {} holds {} points", i, *count));
+      std::optional<std::int64_t> index;
+      if (*count == 1) {
+        index = fields_.take<std::int64_t>();
+        if (!index) return bad_number(i);
+      }
+      grid.add_cell(index);
+    }
+    return {};
+  }
+
+  Result<void> skip(const PlyElement& element) override {
+    for (std::uint64_t i = 0; i < element.count; ++i) {
+      if (stopped(i)) return cancelled();
+      for (const PlyProperty& p : element.properties)
+        if (p.count_type ? !skip_list() : fields_.take_word().empty()) return bad_number(i);
+    }
+    return {};
+  }
+
+  [[nodiscard]] bool skip_list() {
+    const auto count = fields_.take<std::uint64_t>();
+    if (!count) return false;
+    for (std::uint64_t i = 0; i < *count; ++i)
+      if (fields_.take_word().empty()) return false;
+    return true;
+  }
+  [[nodiscard]] tl::unexpected<Error> bad_number(std::uint64_t item) {
+    if (fields_.at_end()) return truncated(item);
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("item {}: '{}' is no number", item, fields_.take_word().substr(0, 40)));
+  }
+
+  FieldCursor fields_;
+};
+
+}  // namespace
+
+Result<ScanFile> read_ply(std::span<const std::byte> bytes, const ReadOptions& options, const std::stop_token& stop) {
+  const auto header = read_ply_header(as_text(bytes));
+  if (!header) return tl::unexpected{header.error()};
+  const auto body = bytes.subspan(header->body_offset);
+  if (header->encoding == PlyEncoding::Ascii) return AsciiPly{as_text(body), *header, options, stop}.read();
+  return BinaryPly{body, *header, options, stop}.read();
+}
+
+}  // namespace telefab::scan
