@@ -31,6 +31,25 @@ class SystemClock final : public Clock {
   void sleep_for(Nanoseconds duration) override;
 };
 
+/// A system clock whose seconds are shorter: for simulated machines that run faster than the real ones.
+class ScaledClock final : public Clock {
+ public:
+  /// factor > 0: simulated seconds per real second.
+  explicit ScaledClock(double factor) : factor_{factor}, start_{real_.now()} {}
+  [[nodiscard]] Nanoseconds now() const override { return start_ + scaled(real_.now() - start_, factor_); }
+  /// Real: a record says when it was made.
+  [[nodiscard]] Nanoseconds wall() const override { return real_.wall(); }
+  void sleep_for(Nanoseconds duration) override { real_.sleep_for(scaled(duration, 1 / factor_)); }
+
+ private:
+  [[nodiscard]] static Nanoseconds scaled(Nanoseconds t, double by) {
+    return Nanoseconds{static_cast<Nanoseconds::rep>(static_cast<double>(t.count()) * by)};
+  }
+  SystemClock real_;
+  double factor_;
+  Nanoseconds start_;
+};
+
 /// Time that passes only when someone sleeps or advances it; sleep_for returns at once.
 class VirtualClock final : public Clock {
  public:

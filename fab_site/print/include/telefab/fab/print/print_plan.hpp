@@ -31,4 +31,11 @@ struct PrintPlan {
   [[nodiscard]] Result<void> validate() const;
 };
 
+/// Canonical JSON: same plan, same bytes.
+[[nodiscard]] std::string to_json(const PrintPlan& plan);
+/// from_json(to_json(p)) == p. InvalidInput names the key; the plan is validated.
+[[nodiscard]] Result<PrintPlan> print_plan_from_json(std::string_view text);
+/// SHA-256 of to_json().
+[[nodiscard]] Digest plan_digest(const PrintPlan& plan);
+
 }  // namespace telefab::fab

@@ -1,0 +1,21 @@
+#pragma once
+#include <string>
+#include <string_view>
+#include <telefab/base/result.hpp>
+
+namespace telefab {
+
+/// An Ed25519 signature (RFC 8032) with the key that made it, both in hexadecimal.
+struct Signature {
+  std::string signature_hex;   ///< 128 digits
+  std::string public_key_hex;  ///< 64 digits
+};
+
+/// Signs with a private key in PEM, as `openssl genpkey -algorithm ed25519` writes it. InvalidInput for any other key.
+[[nodiscard]] Result<Signature> sign_ed25519(std::string_view private_key_pem, std::string_view message);
+
+/// NotTrusted unless the signature holds; where `public_key_pem` is not empty it must also be that key's.
+[[nodiscard]] Result<void> verify_ed25519(const Signature& signature, std::string_view message,
+                                          std::string_view public_key_pem);
+
+}  // namespace telefab

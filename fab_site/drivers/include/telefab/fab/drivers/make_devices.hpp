@@ -1,0 +1,27 @@
+#pragma once
+#include <memory>
+#include <telefab/fab/device/machine_log.hpp>
+#include <telefab/fab/device/projector.hpp>
+#include <telefab/fab/device/z_stage.hpp>
+#include <telefab/machine/machine_profile.hpp>
+
+namespace telefab::fab {
+
+/// The machine's two devices as its profile names them.
+struct Devices {
+  std::unique_ptr<MachineLog> log;  ///< what virtual devices did; empty for real ones
+  std::unique_ptr<Projector> projector;
+  std::unique_ptr<ZStage> stage;
+};
+
+/// The clock a machine's print runs on: sped up by devices.speed_up where both devices are virtual, else the system's.
+[[nodiscard]] std::unique_ptr<Clock> make_clock(const MachineProfile& machine);
+
+/// Opens the devices of the profile, virtual or real; real ones are dark when this returns. The clock must outlive
+/// them. Fails: DeviceLost (not found; the message says what to look at), DeviceRefused (self-test), InvalidInput.
+[[nodiscard]] Result<Devices> make_devices(const MachineProfile& machine, Clock& clock);
+
+/// Largest gap the stage can make: the tallest part and one peel above it.
+[[nodiscard]] double stage_top_mm(const MachineProfile& machine);
+
+}  // namespace telefab::fab

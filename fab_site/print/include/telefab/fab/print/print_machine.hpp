@@ -1,0 +1,204 @@
+#pragma once
+#include <chrono>
+#include <cstdint>
+#include <string_view>
+#include <telefab/base/clock.hpp>
+#include <telefab/fab/print/print_plan.hpp>
+#include <variant>
+#include <vector>
+
+namespace telefab::fab {
+
+/// Names one move, one loading, one wait or one exposure. A reply with an old ticket changes nothing.
+enum class Ticket : std::uint64_t {};
+
+/// What to do about a layer that was perhaps exposed already.
+enum class Decision : std::uint8_t {
+  ExposeAgain,     ///< it was not, or a double dose does less harm than none
+  TreatAsExposed,  ///< it was; go on with the next one
+  GiveUp,          ///< end the print
+};
+[[nodiscard]] std::string_view name_of(Decision decision);
+
+/// Where a print begins or goes on: taken from the journal.
+struct ResumePoint {
+  LayerIndex next;             ///< first layer not known to be exposed
+  bool maybe_exposed = false;  ///< `next` was about to be exposed when the record broke off
+  friend bool operator==(const ResumePoint&, const ResumePoint&) = default;
+};
+
+// ---- states: each holds exactly what it knows ----------------------------------------------------------------------
+
+/// Loading of the coming layer's mask, which goes on during any motion.
+struct Loading {
+  Ticket ticket{};
+  bool done = false;
+};
+
+struct Idle {};
+struct AwaitingDecision {
+  LayerIndex layer;
+};  ///< dark; `layer` was perhaps exposed
+struct Homing {
+  LayerIndex next;
+  Ticket move{};
+  bool pause_after = false;
+};
+struct Lowering {
+  LayerIndex layer;
+  Ticket move{};
+  Loading mask;
+  bool pause_after = false;
+};
+struct Settling {
+  LayerIndex layer;
+  Ticket timer{};
+  Loading mask;
+  bool settled = false;
+};
+struct Exposing {
+  LayerIndex layer;
+  Ticket exposure{};
+  bool pause_after = false;
+};
+struct Lifting {
+  LayerIndex layer;
+  LayerIndex next;
+  Ticket move{};
+  Loading mask;
+  bool pause_after = false;
+};
+struct Retreating {
+  LayerIndex next;
+  Ticket move{};
+};  ///< lifting to pause
+struct Paused {
+  LayerIndex next;
+};  ///< lifted off the vat, homed, dark
+struct Finishing {
+  LayerIndex printed;
+  Ticket move{};
+};  ///< raising the finished part
+struct Cancelling {
+  LayerIndex next;
+  Ticket move{};
+};  ///< raising what there is
+struct Done {
+  LayerIndex printed;
+};
+struct Cancelled {
+  LayerIndex next;
+};
+/// Dark, at rest, position unknown. ResumeAsked homes and goes on.
+struct Faulted {
+  LayerIndex next;
+  bool maybe_exposed = false;
+  Error cause;
+};
+
+using PrintState = std::variant<Idle, AwaitingDecision, Homing, Lowering, Settling, Exposing, Lifting, Retreating,
+                                Paused, Finishing, Cancelling, Done, Cancelled, Faulted>;
+
+// ---- events --------------------------------------------------------------------------------------------------------
+
+struct StartAsked {
+  ResumePoint from;
+};
+struct MoveDone {
+  Ticket move{};
+};  ///< the stage is at rest where it was sent
+struct MaskLoaded {
+  Ticket mask{};
+};
+struct TimerDone {
+  Ticket timer{};
+};
+struct ExposureDone {
+  Ticket exposure{};
+};  ///< the device said so; the light is off
+struct ExposureRefused {
+  Ticket exposure{};
+  Error cause;
+};  ///< certain: no light was shown
+struct DeviceFailed {
+  Error cause;
+};  ///< also: the journal could not be written
+struct InterlockOpened {};
+struct TooHot {
+  double celsius = 0;
+};
+struct PauseAsked {};
+struct ResumeAsked {};
+struct CancelAsked {};
+struct DecisionMade {
+  Decision decision{};
+};
+
+using PrintEvent =
+    std::variant<StartAsked, MoveDone, MaskLoaded, TimerDone, ExposureDone, ExposureRefused, DeviceFailed,
+                 InterlockOpened, TooHot, PauseAsked, ResumeAsked, CancelAsked, DecisionMade>;
+
+// ---- commands, carried out in order; one that fails drops those behind it and becomes DeviceFailed
+// -------------------
+
+/// What the journal says about a layer, in the order of a print.
+enum class JournalStep : std::uint8_t {
+  Planned,     ///< once, first line: the plan's digest
+  Ready,       ///< mask loaded, platform at rest
+  Exposing,    ///< synced before the light goes on
+  NotExposed,  ///< the exposure announced last was certainly not made
+  Exposed,     ///< synced before anything moves
+  Lifted,
+  Passed,          ///< empty layer: no light
+  DecidedAgain,    ///< maybe exposed: will be exposed again
+  DecidedExposed,  ///< maybe exposed: counts as exposed
+  Finished,
+};
+
+struct LightOff {};
+struct HoldStage {};
+struct GoHome {
+  Ticket move{};
+};
+struct MoveTo {
+  Ticket move{};
+  double z_mm = 0;
+  double speed_mm_per_s = 0;
+};
+struct LoadMask {
+  Ticket mask{};
+  LayerIndex layer;
+};
+struct StartTimer {
+  Ticket timer{};
+  Nanoseconds duration{};
+};
+struct Expose {
+  Ticket exposure{};
+  LayerIndex layer;
+};
+struct WriteJournal {
+  JournalStep step{};
+  LayerIndex layer;
+};
+
+using PrintCommand = std::variant<LightOff, HoldStage, GoHome, MoveTo, LoadMask, StartTimer, Expose, WriteJournal>;
+
+struct Step {
+  PrintState state;
+  std::vector<PrintCommand> commands;
+  Ticket last_ticket{};
+};
+
+/// The whole print logic: same arguments, same Step. `plan` is valid. No clock, no device, no file.
+[[nodiscard]] Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& event, Ticket last_ticket);
+
+[[nodiscard]] bool may_be_lit(const PrintState& state);  ///< true in Exposing only
+[[nodiscard]] bool may_move(const PrintState& state);    ///< the platform may be in motion
+[[nodiscard]] bool is_final(const PrintState& state);    ///< Done, Cancelled
+[[nodiscard]] std::string_view name_of(const PrintState& state);
+[[nodiscard]] std::string_view name_of(JournalStep step);
+/// The layer the state is about: the next one to expose, or the number printed in Done.
+[[nodiscard]] LayerIndex layer_of(const PrintState& state);
+
+}  // namespace telefab::fab

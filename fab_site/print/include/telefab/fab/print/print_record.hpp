@@ -1,0 +1,60 @@
+#pragma once
+#include <map>
+#include <optional>
+#include <string>
+#include <telefab/fab/device/projector.hpp>
+#include <telefab/fab/print/print_machine.hpp>
+
+namespace telefab::fab {
+
+/// How one layer was really made. Wall times are nanoseconds since 1970-01-01T00:00:00Z.
+struct LayerRecord {
+  LayerIndex index;
+  double z_mm = 0;             ///< where the stage said it was
+  Microseconds planned{0};     ///< zero: passed without light
+  Microseconds measured{0};    ///< between the device's start and its end, up to one poll longer than it was
+  Nanoseconds started_wall{};  ///< light on
+  std::uint32_t retries = 0;   ///< commands repeated for it
+  std::uint32_t parts = 1;     ///< exposures it was split into
+  Digest mask;                 ///< of the grey bytes that were loaded
+  std::string note;            ///< "exposed", "passed", "decided-exposed" (no measurement)
+  std::optional<double> resin_celsius;
+  friend bool operator==(const LayerRecord&, const LayerRecord&) = default;
+};
+
+enum class PrintOutcome : std::uint8_t { Done, Cancelled, Faulted };
+[[nodiscard]] std::string_view name_of(PrintOutcome outcome);
+
+/// The as-built record of a job, over all its runs.
+struct PrintRecord {
+  std::string job;
+  std::string machine;
+  Digest plan;
+  PrintOutcome outcome = PrintOutcome::Faulted;
+  LayerIndex next;             ///< first layer not exposed
+  bool maybe_exposed = false;  ///< Faulted only: `next` was perhaps exposed
+  Error cause;                 ///< Faulted only
+  std::uint32_t runs = 1;      ///< starts of the print, resumptions included
+  std::string projector;       ///< its facts().name
+  std::string stage;
+  std::map<std::string, std::string> provenance;  ///< what the daemon knows: digests of scan and contours, transform...
+  std::vector<LayerRecord> layers;                ///< in order of exposure
+  friend bool operator==(const PrintRecord&, const PrintRecord&) = default;
+};
+
+/// Canonical JSON: same record, same bytes.
+[[nodiscard]] std::string to_json(const PrintRecord& record);
+[[nodiscard]] Result<PrintRecord> print_record_from_json(std::string_view text);
+
+/// What is wrong with a finished record against the plan it claims: every layer of the plan made exactly once and in
+/// order, at its Z, with its mask, for its time. Empty: nothing. One line a finding.
+[[nodiscard]] std::vector<std::string> compare(const PrintRecord& record, const PrintPlan& plan);
+
+/// The record sealed: {"record":..., "sha256":..., "ed25519":...,"public_key":...}; the signature only with a key.
+/// `private_key_pem`: an Ed25519 key as `openssl genpkey -algorithm ed25519` writes it; empty: hash only.
+[[nodiscard]] Result<std::string> seal(const PrintRecord& record, std::string_view private_key_pem);
+/// The record of a sealed text. NotTrusted when hash or signature does not hold, or when `public_key_pem` is given and
+/// the seal was made with another key or none. InvalidInput where it is no sealed record.
+[[nodiscard]] Result<PrintRecord> unseal(std::string_view sealed, std::string_view public_key_pem);
+
+}  // namespace telefab::fab

@@ -1,0 +1,101 @@
+#pragma once
+#include <deque>
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <stop_token>
+#include <telefab/fab/device/projector.hpp>
+#include <telefab/fab/device/sensors.hpp>
+#include <telefab/fab/device/z_stage.hpp>
+#include <telefab/fab/print/print_journal.hpp>
+#include <telefab/fab/print/print_machine.hpp>
+#include <telefab/fab/print/print_record.hpp>
+
+namespace telefab::fab {
+
+/// Where the masks of a plan come from. Threads: called from the runner's thread only.
+class MaskSource {
+ public:
+  virtual ~MaskSource() = default;
+  MaskSource(const MaskSource&) = delete;
+  MaskSource& operator=(const MaskSource&) = delete;
+  /// The mask of a print layer. The runner compares its digest with the plan's before any light.
+  [[nodiscard]] virtual Result<Mask> mask(LayerIndex layer) = 0;
+
+ protected:
+  MaskSource() = default;
+};
+
+/// The operator's hand on a running print. Threads: all methods may be called from any thread.
+class PrintControl {
+ public:
+  void pause() { ask(PauseAsked{}); }
+  void resume() { ask(ResumeAsked{}); }
+  void cancel() { ask(CancelAsked{}); }
+  void decide(Decision decision) { ask(DecisionMade{decision}); }
+  void open_interlock() { ask(InterlockOpened{}); }
+  /// The oldest wish not yet taken.
+  [[nodiscard]] std::optional<PrintEvent> take();
+
+ private:
+  void ask(PrintEvent event);
+  std::mutex mutex_;
+  std::deque<PrintEvent> wishes_;
+};
+
+/// What the print does when nobody is asked.
+struct PrintPolicy {
+  /// For a layer that was perhaps exposed; empty: wait in awaiting-decision until PrintControl::decide().
+  std::optional<Decision> maybe_exposed;
+  /// How often a fault with the light certainly off is answered by homing and trying the layer again; >= 0.
+  std::uint32_t recoveries = 2;
+  /// Resin warmer than this stops the print; empty: no limit.
+  std::optional<double> hottest_celsius;
+  /// Wait between two looks at a device whose answer is due; > 0.
+  Nanoseconds poll = std::chrono::milliseconds{10};
+  /// Longest wait without a look at the operator's wishes and the sensors; >= poll. Sped-up virtual machines multiply
+  /// it by their speed-up.
+  Nanoseconds slice = std::chrono::milliseconds{50};
+};
+
+/// Told after every change of state, from the runner's thread.
+struct PrintProgress {
+  std::string_view state;  ///< name_of(PrintState)
+  LayerIndex layer;        ///< next to expose
+  LayerIndex layers;       ///< of the plan
+  double z_mm = 0;         ///< last known
+  Nanoseconds left{};      ///< estimate of what remains
+  std::string message;     ///< the cause in faulted, the question in awaiting-decision
+};
+using PrintSink = std::function<void(const PrintProgress&)>;
+
+/// Carries out what the print machine commands. The devices belong to it while run() goes on. Light off is its first
+/// act, its last, and the first act on every fault. Threads: run() on one thread, PrintControl from any.
+class PrintRunner {
+ public:
+  /// All must outlive the runner. `sensors` may be null.
+  PrintRunner(Projector& projector, ZStage& stage, MaskSource& masks, PrintJournal& journal, Clock& clock,
+              Sensors* sensors = nullptr);
+
+  /// Prints, or goes on where the journal ends, until done, cancelled or faulted beyond recovery; a stop request goes
+  /// dark and holds at once and leaves the print resumable (Faulted, its cause Cancelled). Returns the record of what
+  /// happened; fails only when nothing could be begun: InvalidInput (plan), NotTrusted (journal of another plan),
+  /// Conflict (finished already), Device* (light could not be switched off).
+  [[nodiscard]] Result<PrintRecord> run(const PrintPlan& plan, const PrintPolicy& policy, PrintControl& control,
+                                        const PrintSink& sink, std::stop_token stop);
+
+ private:
+  Projector& projector_;
+  ZStage& stage_;
+  MaskSource& masks_;
+  PrintJournal& journal_;
+  Clock& clock_;
+  Sensors* sensors_;
+};
+
+/// Nominal time of a plan from layer `from` on these devices: per layer the longer of upload and motion, settling and
+/// exposure, plus homing. `upload` is Projector::load_time per layer; empty: no time.
+[[nodiscard]] Nanoseconds print_time(const PrintPlan& plan, LayerIndex from, double top_mm, double homing_mm_per_s,
+                                     std::span<const Nanoseconds> upload);
+
+}  // namespace telefab::fab

@@ -1,0 +1,173 @@
+#include <fmt/format.h>
+
+#include <cmath>
+#include <telefab/base/signature.hpp>
+
+#include "print_record_json.hpp"
+
+namespace telefab::fab {
+
+using Json = nlohmann::ordered_json;
+
+namespace {
+
+constexpr std::string_view kFormat = "telefab-as-built-1";
+constexpr double kHeightTolerance_mm = 0.005;
+
+Json record_json(const PrintRecord& r) {
+  Json layers = Json::array();
+  for (const LayerRecord& l : r.layers) layers.push_back(layer_to_json(l));
+  Json provenance = Json::object();
+  for (const auto& [key, value] : r.provenance) provenance[key] = value;
+  return Json{{"format", kFormat},
+              {"job", r.job},
+              {"machine", r.machine},
+              {"plan_sha256", to_hex(r.plan)},
+              {"outcome", name_of(r.outcome)},
+              {"next_layer", r.next.count()},
+              {"maybe_exposed", r.maybe_exposed},
+              {"cause_code", static_cast<int>(r.cause.code)},
+              {"cause", r.cause.what},
+              {"runs", r.runs},
+              {"projector", r.projector},
+              {"stage", r.stage},
+              {"provenance", std::move(provenance)},
+              {"layers", std::move(layers)}};
+}
+
+Digest digest_from_json(const nlohmann::json& j) {
+  const auto digest = digest_from_hex(j.get<std::string>());
+  if (!digest) throw nlohmann::json::other_error::create(501, digest.error().what, nullptr);
+  return *digest;
+}
+
+PrintRecord record_from(const nlohmann::json& j) {
+  if (j.at("format") != kFormat) throw nlohmann::json::other_error::create(501, "unknown format", nullptr);
+  PrintRecord r;
+  r.job = j.at("job").get<std::string>();
+  r.machine = j.at("machine").get<std::string>();
+  r.plan = digest_from_json(j.at("plan_sha256"));
+  const auto outcome = j.at("outcome").get<std::string>();
+  r.outcome = outcome == "done"        ? PrintOutcome::Done
+              : outcome == "cancelled" ? PrintOutcome::Cancelled
+                                       : PrintOutcome::Faulted;
+  r.next = LayerIndex{j.at("next_layer").get<std::uint32_t>()};
+  r.maybe_exposed = j.at("maybe_exposed").get<bool>();
+  r.cause = {static_cast<ErrorCode>(j.at("cause_code").get<int>()), j.at("cause").get<std::string>()};
+  r.runs = j.at("runs").get<std::uint32_t>();
+  r.projector = j.at("projector").get<std::string>();
+  r.stage = j.at("stage").get<std::string>();
+  for (const auto& [key, value] : j.at("provenance").items()) r.provenance[key] = value.get<std::string>();
+  for (const auto& l : j.at("layers")) r.layers.push_back(layer_from_json(l));
+  return r;
+}
+
+tl::unexpected<Error> no_record(const std::exception& e) {
+  return fail(ErrorCode::InvalidInput, std::string{"the as-built record is not as expected: "} + e.what());
+}
+
+}  // namespace
+
+std::string_view name_of(PrintOutcome outcome) {
+  static constexpr std::string_view names[] = {"done", "cancelled", "faulted"};
+  return names[static_cast<std::size_t>(outcome)];
+}
+
+Json layer_to_json(const LayerRecord& l) {
+  Json j{{"layer", l.index.count()},
+         {"z_mm", l.z_mm},
+         {"planned_us", l.planned.count()},
+         {"measured_us", l.measured.count()},
+         {"started_wall_ns", l.started_wall.count()},
+         {"retries", l.retries},
+         {"parts", l.parts},
+         {"mask_sha256", to_hex(l.mask)},
+         {"note", l.note}};
+  if (l.resin_celsius) j["resin_celsius"] = *l.resin_celsius;
+  return j;
+}
+
+LayerRecord layer_from_json(const nlohmann::json& j) {
+  LayerRecord l;
+  l.index = LayerIndex{j.at("layer").get<std::uint32_t>()};
+  l.z_mm = j.at("z_mm").get<double>();
+  l.planned = Microseconds{j.at("planned_us").get<std::int64_t>()};
+  l.measured = Microseconds{j.at("measured_us").get<std::int64_t>()};
+  l.started_wall = Nanoseconds{j.at("started_wall_ns").get<std::int64_t>()};
+  l.retries = j.at("retries").get<std::uint32_t>();
+  l.parts = j.at("parts").get<std::uint32_t>();
+  l.mask = digest_from_json(j.at("mask_sha256"));
+  l.note = j.at("note").get<std::string>();
+  if (j.contains("resin_celsius")) l.resin_celsius = j.at("resin_celsius").get<double>();
+  return l;
+}
+
+std::string to_json(const PrintRecord& record) { return record_json(record).dump(1) + "\n"; }
+
+Result<PrintRecord> print_record_from_json(std::string_view text) {
+  try {
+    return record_from(nlohmann::json::parse(text));
+  } catch (const nlohmann::json::exception& e) {
+    return no_record(e);
+  }
+}
+
+std::vector<std::string> compare(const PrintRecord& record, const PrintPlan& plan) {
+  std::vector<std::string> findings;
+  if (record.plan != plan_digest(plan)) findings.emplace_back("the record belongs to another plan");
+  if (record.outcome != PrintOutcome::Done)
+    findings.push_back(fmt::format("the print ended {} at layer {}", name_of(record.outcome), record.next.count()));
+  if (record.layers.size() != plan.layers.size())
+    findings.push_back(fmt::format("{} layers were made, {} were planned", record.layers.size(), plan.layers.size()));
+  for (std::size_t i = 0; i < std::min(record.layers.size(), plan.layers.size()); ++i) {
+    const LayerRecord& made = record.layers[i];
+    const PlannedLayer& want = plan.layers[i];
+    const auto say = [&](std::string_view what) { findings.push_back(fmt::format("layer {}: {}", i, what)); };
+    if (made.index.count() != i) {
+      say(fmt::format("layer {} was made in its place", made.index.count()));
+      break;
+    }
+    if (made.planned != want.exposure) say("its exposure is not the planned one");
+    if (want.exposure.count() == 0 || made.note == "decided-exposed") continue;
+    if (made.mask != want.mask) say("another mask was shown");
+    if (std::abs(made.z_mm - want.z_mm) > kHeightTolerance_mm)
+      say(fmt::format("made at {} mm, planned at {} mm", made.z_mm, want.z_mm));
+    if (made.measured < want.exposure - want.exposure / 100 - Microseconds{17000})
+      say(fmt::format("lit for {} us, planned {} us", made.measured.count(), want.exposure.count()));
+  }
+  return findings;
+}
+
+Result<std::string> seal(const PrintRecord& record, std::string_view private_key_pem) {
+  const Json body = record_json(record);
+  const std::string text = body.dump();
+  Json sealed{{"record", body}, {"sha256", to_hex(digest_of(std::as_bytes(std::span{text})))}};
+  if (!private_key_pem.empty()) {
+    const auto signature = sign_ed25519(private_key_pem, text);
+    if (!signature) return fail_in("signing the as-built record", signature.error());
+    sealed["ed25519"] = signature->signature_hex;
+    sealed["public_key"] = signature->public_key_hex;
+  }
+  return sealed.dump(1) + "\n";
+}
+
+Result<PrintRecord> unseal(std::string_view sealed, std::string_view public_key_pem) {
+  try {
+    const Json j = Json::parse(sealed);
+    const std::string text = j.at("record").dump();
+    if (to_hex(digest_of(std::as_bytes(std::span{text}))) != j.at("sha256").get<std::string>())
+      return fail(ErrorCode::NotTrusted, "the as-built record was changed after it was sealed: its hash does not hold");
+    if (j.contains("ed25519")) {
+      const Signature signature{j.at("ed25519").get<std::string>(), j.at("public_key").get<std::string>()};
+      if (const auto ok = verify_ed25519(signature, text, public_key_pem); !ok)
+        return fail_in("as-built record", ok.error());
+    } else if (!public_key_pem.empty()) {
+      return fail(ErrorCode::NotTrusted, "the as-built record is not signed, and a key to check it with was given");
+    }
+    return print_record_from_json(text);
+  } catch (const nlohmann::json::exception& e) {
+    return no_record(e);
+  }
+}
+
+}  // namespace telefab::fab

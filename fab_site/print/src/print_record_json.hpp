@@ -1,0 +1,12 @@
+#pragma once
+#include <nlohmann/json.hpp>
+#include <telefab/fab/print/print_record.hpp>
+
+namespace telefab::fab {
+
+/// One layer as the record and the journal write it.
+[[nodiscard]] nlohmann::ordered_json layer_to_json(const LayerRecord& layer);
+/// Throws nlohmann::json::exception; callers catch it.
+[[nodiscard]] LayerRecord layer_from_json(const nlohmann::json& j);
+
+}  // namespace telefab::fab

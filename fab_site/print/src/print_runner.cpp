@@ -1,0 +1,396 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <telefab/fab/print/print_runner.hpp>
+#include <utility>
+
+namespace telefab::fab {
+
+namespace {
+
+using namespace std::chrono_literals;
+
+template <class... F>
+struct overloaded : F... {
+  using F::operator()...;
+};
+template <class... F>
+overloaded(F...) -> overloaded<F...>;
+
+constexpr int kDarkTries = 5;
+constexpr Nanoseconds kLoadGrace = 20s;
+constexpr Nanoseconds kExposureGrace = 1s;
+
+Nanoseconds seconds(double s) { return Nanoseconds{static_cast<Nanoseconds::rep>(s * 1e9)}; }
+
+Nanoseconds travel(double distance_mm, double speed_mm_per_s) {
+  return seconds(std::abs(distance_mm) / speed_mm_per_s);
+}
+
+bool is_device_fault(ErrorCode code) {
+  return code == ErrorCode::DeviceLost || code == ErrorCode::DeviceTimeout || code == ErrorCode::DeviceRefused;
+}
+
+/// One run of a print: what the machine waits for, and the replies.
+class Run {
+ public:
+  Run(Projector& projector, ZStage& stage, MaskSource& masks, PrintJournal& journal, Clock& clock, Sensors* sensors,
+      const PrintPlan& plan, const PrintPolicy& policy, PrintControl& control, const PrintSink& sink)
+      : projector_{projector},
+        stage_{stage},
+        masks_{masks},
+        journal_{journal},
+        clock_{clock},
+        sensors_{sensors},
+        plan_{plan},
+        policy_{policy},
+        control_{control},
+        sink_{sink},
+        recoveries_{policy.recoveries} {
+    const std::size_t n = plan.layers.size();
+    left_.resize(n + 1);
+    for (std::size_t k = n; k-- > 0;)
+      left_[k] = left_[k + 1] + Nanoseconds{plan.layers[k].exposure} + seconds(plan.motion.settle_s) +
+                 travel(plan.motion.lift_mm, plan.motion.lift_speed_mm_per_s) +
+                 travel(plan.motion.lift_mm, plan.motion.lower_speed_mm_per_s);
+  }
+
+  /// Until final, or faulted with nothing left to try.
+  void print(std::stop_token stop) {
+    feed(StartAsked{journal_.resume_point()});
+    while (!is_final(state_)) {
+      if (stop.stop_requested()) {
+        (void)go_dark();
+        (void)stage_.hold();
+        state_ =
+            Faulted{layer_of(state_), may_be_lit(state_), {ErrorCode::Cancelled, "the site stopped; resume the print"}};
+        return;
+      }
+      if (const auto* faulted = std::get_if<Faulted>(&state_)) {
+        if (!may_recover(*faulted)) return;
+        --recoveries_;
+        ++retries_;
+        feed(ResumeAsked{});
+        continue;
+      }
+      if (std::holds_alternative<AwaitingDecision>(state_) && policy_.maybe_exposed) {
+        feed(DecisionMade{*policy_.maybe_exposed});
+        continue;
+      }
+      if (auto event = observe())
+        feed(*event);
+      else
+        clock_.sleep_for(wait());
+    }
+  }
+
+  [[nodiscard]] const PrintState& state() const { return state_; }
+  [[nodiscard]] const std::string& alarm() const { return alarm_; }
+
+  /// The light off, whatever it takes. Returns whether the device confirmed it.
+  [[nodiscard]] bool go_dark() {
+    for (int i = 0; i < kDarkTries; ++i) {
+      const auto dark = projector_.dark();
+      if (dark) {
+        alarm_.clear();
+        return true;
+      }
+      alarm_ = "THE LIGHT MAY STILL BE ON, switch the projector off: " + dark.error().what;
+      clock_.sleep_for(policy_.poll);
+    }
+    return false;
+  }
+
+ private:
+  [[nodiscard]] bool may_recover(const Faulted& faulted) const {
+    return recoveries_ > 0 && alarm_.empty() && is_device_fault(faulted.cause.code) &&
+           (!faulted.maybe_exposed || policy_.maybe_exposed);
+  }
+
+  void feed(const PrintEvent& first) {
+    std::deque<PrintEvent> events{first};
+    while (!events.empty()) {
+      Step step = next(plan_, state_, events.front(), last_);
+      events.pop_front();
+      const bool changed = step.state.index() != state_.index() || layer_of(step.state) != layer_of(state_);
+      state_ = std::move(step.state);
+      last_ = step.last_ticket;
+      for (const PrintCommand& command : step.commands) {
+        if (auto failed = carry_out(command)) {
+          events.push_back(std::move(*failed));
+          if (!std::holds_alternative<LightOff>(command) && !std::holds_alternative<HoldStage>(command)) break;
+        }
+      }
+      if (changed) tell();
+    }
+  }
+
+  void tell() const {
+    if (!sink_) return;
+    const LayerIndex layer = layer_of(state_);
+    std::string message = alarm_;
+    if (const auto* f = std::get_if<Faulted>(&state_)) message += (message.empty() ? "" : "; ") + f->cause.what;
+    if (std::holds_alternative<AwaitingDecision>(state_))
+      message = fmt::format("layer {} was perhaps exposed: decide whether to expose it again", layer.count());
+    const auto count = static_cast<std::uint32_t>(plan_.layers.size());
+    sink_({name_of(state_), layer, LayerIndex{count}, z_mm_, left_[std::min(layer.count(), count)], message});
+  }
+
+  [[nodiscard]] std::optional<PrintEvent> carry_out(const PrintCommand& command) {
+    const auto check = [](const Result<void>& r) -> std::optional<PrintEvent> {
+      if (r) return std::nullopt;
+      return DeviceFailed{r.error()};
+    };
+    return std::visit(overloaded{
+                          [&](const LightOff&) -> std::optional<PrintEvent> {
+                            load_.reset();
+                            exposure_.reset();
+                            if (go_dark()) return std::nullopt;
+                            return DeviceFailed{{ErrorCode::DeviceLost, alarm_}};
+                          },
+                          [&](const HoldStage&) {
+                            move_.reset();
+                            timer_.reset();
+                            return check(stage_.hold());
+                          },
+                          [&](const GoHome& c) {
+                            move_ = {c.move, Nanoseconds{}};
+                            return check(stage_.home());
+                          },
+                          [&](const MoveTo& c) {
+                            move_ = {c.move, clock_.now() + travel(c.z_mm - z_mm_, c.speed_mm_per_s)};
+                            return check(stage_.move_to(c.z_mm, c.speed_mm_per_s));
+                          },
+                          [&](const LoadMask& c) { return load(c); },
+                          [&](const StartTimer& c) -> std::optional<PrintEvent> {
+                            timer_ = {c.timer, clock_.now() + c.duration};
+                            return std::nullopt;
+                          },
+                          [&](const Expose& c) { return expose(c); },
+                          [&](const WriteJournal& c) { return write(c); },
+                      },
+                      command);
+  }
+
+  [[nodiscard]] std::optional<PrintEvent> load(const LoadMask& c) {
+    const auto mask = masks_.mask(c.layer);
+    if (!mask)
+      return DeviceFailed{{mask.error().code, fmt::format("mask of layer {}: {}", c.layer.count(), mask.error().what)}};
+    const PlannedLayer& planned = plan_.layers[c.layer.count()];
+    if (digest_of(std::as_bytes(std::span{mask->rows})) != planned.mask)
+      return DeviceFailed{
+          {ErrorCode::NotTrusted,
+           fmt::format("the mask of layer {} is not the planned one: its digest differs", c.layer.count())}};
+    if (const auto ok = projector_.load(mask->view(), planned.exposure); !ok) return DeviceFailed{ok.error()};
+    load_ = {c.mask, clock_.now() + projector_.load_time(mask->view()) * 4 + kLoadGrace};
+    return std::nullopt;
+  }
+
+  [[nodiscard]] std::optional<PrintEvent> expose(const Expose& c) {
+    const Microseconds duration = plan_.layers[c.layer.count()].exposure;
+    made_ = {};
+    made_.started_wall = clock_.wall();
+    const auto lit = projector_.expose();
+    if (!lit) {
+      const ErrorCode code = lit.error().code;
+      const bool surely_dark =
+          code == ErrorCode::DeviceRefused || code == ErrorCode::Conflict || code == ErrorCode::InvalidInput;
+      if (surely_dark) return ExposureRefused{c.exposure, lit.error()};
+      return DeviceFailed{lit.error()};
+    }
+    exposure_ = {c.exposure, clock_.now() + Nanoseconds{duration}};
+    return std::nullopt;
+  }
+
+  [[nodiscard]] std::optional<PrintEvent> write(const WriteJournal& c) {
+    JournalEntry entry{c.step, c.layer, clock_.wall(), {}, {}};
+    if (c.layer.count() < plan_.layers.size()) {
+      const PlannedLayer& planned = plan_.layers[c.layer.count()];
+      entry.made = c.step == JournalStep::Exposed ? made_ : LayerRecord{};
+      entry.made.index = c.layer;
+      entry.made.planned = planned.exposure;
+      entry.made.mask = planned.mask;
+      entry.made.note = std::string{name_of(c.step)};
+      if (c.step == JournalStep::Exposed)
+        entry.made.z_mm = z_mm_;
+      else
+        entry.made.z_mm = planned.z_mm;
+    }
+    if (const auto ok = journal_.write(entry); !ok) {
+      // Before the light goes on nothing has happened yet, and the machine may know it.
+      if (const auto* s = std::get_if<Exposing>(&state_)) return ExposureRefused{s->exposure, ok.error()};
+      return DeviceFailed{ok.error()};
+    }
+    return std::nullopt;
+  }
+
+  /// The next thing that happened, if something did.
+  [[nodiscard]] std::optional<PrintEvent> observe() {
+    if (auto wish = control_.take()) return wish;
+    if (sensors_ != nullptr) {
+      const auto reading = sensors_->read();
+      if (!reading) return DeviceFailed{reading.error()};
+      made_.resin_celsius = reading->resin_celsius;
+      if (reading->interlock_open) return InterlockOpened{};
+      if (policy_.hottest_celsius && reading->resin_celsius && *reading->resin_celsius > *policy_.hottest_celsius)
+        return TooHot{*reading->resin_celsius};
+    }
+    if (exposure_) return look_at_exposure();
+    if (load_) {
+      const auto status = projector_.poll();
+      if (!status) return DeviceFailed{status.error()};
+      if (status->state == LightState::Loaded) return MaskLoaded{std::exchange(load_, {})->ticket};
+      if (clock_.now() > load_->due) return DeviceFailed{{ErrorCode::DeviceTimeout, "the mask was not loaded in time"}};
+    }
+    if (move_) {
+      const auto status = stage_.poll();
+      if (!status) {
+        move_.reset();
+        return DeviceFailed{status.error()};
+      }
+      if (!status->moving) {
+        z_mm_ = status->z_mm;
+        return MoveDone{std::exchange(move_, {})->ticket};
+      }
+    }
+    if (timer_ && clock_.now() >= timer_->due) return TimerDone{std::exchange(timer_, {})->ticket};
+    return std::nullopt;
+  }
+
+  [[nodiscard]] std::optional<PrintEvent> look_at_exposure() {
+    const Nanoseconds now = clock_.now();
+    if (now < exposure_->due) return std::nullopt;
+    const auto status = projector_.poll();
+    if (!status) return DeviceFailed{status.error()};
+    if (status->state == LightState::Exposed) {
+      const ExposureReport& r = status->report;
+      made_.measured = std::chrono::duration_cast<Microseconds>(r.lit_until - r.lit_from);
+      made_.retries = r.retries + std::exchange(retries_, 0u);
+      made_.parts = r.parts;
+      return ExposureDone{std::exchange(exposure_, {})->ticket};
+    }
+    const Nanoseconds planned{plan_.layers[layer_of(state_).count()].exposure};
+    if (now > exposure_->due + planned / 50 + kExposureGrace)
+      return DeviceFailed{{ErrorCode::DeviceTimeout, "the exposure did not end in time"}};
+    return std::nullopt;
+  }
+
+  /// How long nothing can happen that must be seen at once.
+  [[nodiscard]] Nanoseconds wait() const {
+    if (load_) return policy_.poll / 10;
+    Nanoseconds due = Nanoseconds::max();
+    for (const auto& waited : {move_, timer_, exposure_})
+      if (waited) due = std::min(due, waited->due);
+    return std::clamp(due - clock_.now(), policy_.poll, policy_.slice);
+  }
+
+  /// A ticket and when its reply is due; for a load, when it is late.
+  struct Waiting {
+    Ticket ticket{};
+    Nanoseconds due{};
+  };
+
+  Projector& projector_;
+  ZStage& stage_;
+  MaskSource& masks_;
+  PrintJournal& journal_;
+  Clock& clock_;
+  Sensors* sensors_;
+  const PrintPlan& plan_;
+  const PrintPolicy& policy_;
+  PrintControl& control_;
+  const PrintSink& sink_;
+  PrintState state_;
+  Ticket last_{};
+  std::optional<Waiting> move_, load_, timer_, exposure_;
+  LayerRecord made_;
+  std::uint32_t retries_ = 0;
+  std::uint32_t recoveries_;
+  double z_mm_ = 0;
+  std::string alarm_;
+  std::vector<Nanoseconds> left_;
+};
+
+}  // namespace
+
+std::optional<PrintEvent> PrintControl::take() {
+  const std::lock_guard lock{mutex_};
+  if (wishes_.empty()) return std::nullopt;
+  PrintEvent wish = std::move(wishes_.front());
+  wishes_.pop_front();
+  return wish;
+}
+
+void PrintControl::ask(PrintEvent event) {
+  const std::lock_guard lock{mutex_};
+  wishes_.push_back(std::move(event));
+}
+
+PrintRunner::PrintRunner(Projector& projector, ZStage& stage, MaskSource& masks, PrintJournal& journal, Clock& clock,
+                         Sensors* sensors)
+    : projector_{projector}, stage_{stage}, masks_{masks}, journal_{journal}, clock_{clock}, sensors_{sensors} {}
+
+Result<PrintRecord> PrintRunner::run(const PrintPlan& plan, const PrintPolicy& policy, PrintControl& control,
+                                     const PrintSink& sink, std::stop_token stop) {
+  if (const auto dark = projector_.dark(); !dark)
+    return fail_in("switching the light off before the print", dark.error());
+  if (const auto ok = plan.validate(); !ok) return tl::unexpected{ok.error()};
+  if (policy.poll <= 0ns || policy.slice < policy.poll)
+    return fail(ErrorCode::InvalidInput, "the print policy's poll must be positive and its slice not shorter");
+  if (plan.mask_size != projector_.facts().size)
+    return fail(
+        ErrorCode::InvalidInput,
+        fmt::format("the plan's masks have {} x {} pixels, the projector {} x {}", plan.mask_size.width_px,
+                    plan.mask_size.height_px, projector_.facts().size.width_px, projector_.facts().size.height_px));
+  const Digest digest = plan_digest(plan);
+  if (const auto ok = journal_.belongs_to(digest); !ok) return tl::unexpected{ok.error()};
+  if (journal_.finished()) return fail(ErrorCode::Conflict, "this job is printed already");
+  if (const auto ok = journal_.write({JournalStep::Planned, journal_.resume_point().next, clock_.wall(), digest, {}});
+      !ok)
+    return tl::unexpected{ok.error()};
+
+  Run run{projector_, stage_, masks_, journal_, clock_, sensors_, plan, policy, control, sink};
+  run.print(stop);
+  const bool dark = run.go_dark();
+
+  PrintRecord record;
+  record.job = plan.job;
+  record.machine = plan.machine;
+  record.plan = digest;
+  record.runs = journal_.runs();
+  record.projector = projector_.facts().name;
+  record.stage = stage_.facts().name;
+  record.layers = journal_.layers();
+  record.next = layer_of(run.state());
+  if (std::holds_alternative<Done>(run.state())) record.outcome = PrintOutcome::Done;
+  if (std::holds_alternative<Cancelled>(run.state())) record.outcome = PrintOutcome::Cancelled;
+  if (const auto* faulted = std::get_if<Faulted>(&run.state())) {
+    record.maybe_exposed = faulted->maybe_exposed;
+    record.cause = faulted->cause;
+  }
+  if (!dark)
+    record.cause = {ErrorCode::DeviceLost, run.alarm() + (record.cause.what.empty() ? "" : "; ") + record.cause.what};
+  return record;
+}
+
+Nanoseconds print_time(const PrintPlan& plan, LayerIndex from, double top_mm, double homing_mm_per_s,
+                       std::span<const Nanoseconds> upload) {
+  // The platform starts at the vat and homes to the top; the lowest layer's path starts there.
+  Nanoseconds total = travel(top_mm, homing_mm_per_s);
+  double above_mm = top_mm;
+  Nanoseconds lift{};
+  for (std::size_t k = from.count(); k < plan.layers.size(); ++k) {
+    const PlannedLayer& layer = plan.layers[k];
+    if (layer.exposure.count() == 0) continue;
+    const Nanoseconds motion =
+        lift + travel(above_mm - layer.z_mm, plan.motion.lower_speed_mm_per_s) + seconds(plan.motion.settle_s);
+    const Nanoseconds loading = k < upload.size() ? upload[k] : Nanoseconds{};
+    total += std::max(motion, loading) + Nanoseconds{layer.exposure};
+    above_mm = layer.z_mm + plan.motion.lift_mm;
+    lift = travel(plan.motion.lift_mm, plan.motion.lift_speed_mm_per_s);
+  }
+  return total + lift + travel(top_mm - above_mm, homing_mm_per_s);
+}
+
+}  // namespace telefab::fab

@@ -1,0 +1,231 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <telefab/fab/print/print_machine.hpp>
+
+namespace telefab::fab {
+namespace {
+
+using namespace std::chrono_literals;
+
+LayerIndex at(std::uint32_t n) { return LayerIndex{n}; }
+
+PrintPlan four_layers() {
+  PrintPlan plan;
+  plan.mask_size = {4, 3};
+  plan.motion = {5.0, 2.0, 3.0, 0.5};
+  plan.z_travel_mm = 10;
+  for (std::uint32_t i = 0; i < 4; ++i) plan.layers.push_back({at(i), 0.1 * (i + 1), 1s, {}});
+  plan.layers[2].exposure = 0us;
+  return plan;
+}
+
+const PrintPlan kPlan = four_layers();
+constexpr Ticket kMove{7}, kMask{5}, kLast{7};
+const Error kCause{ErrorCode::DeviceLost, "gone"};
+
+std::vector<PrintState> every_state() {
+  static_assert(std::variant_size_v<PrintState> == 14, "add the new state below");
+  std::vector<PrintState> states{Idle{}, Done{at(4)}, Cancelled{at(1)}};
+  for (const LayerIndex k : {at(0), at(1), at(3)}) {
+    states.insert(states.end(), {AwaitingDecision{k}, Retreating{k, kMove}, Paused{k}, Finishing{at(4), kMove},
+                                 Cancelling{k, kMove}, Faulted{k, false, kCause}, Faulted{k, true, kCause}});
+    for (const bool pause : {false, true}) {
+      states.insert(states.end(), {Homing{k, kMove, pause}, Exposing{k, kMove, pause}});
+      for (const bool loaded : {false, true})
+        states.insert(states.end(),
+                      {Lowering{k, kMove, {kMask, loaded}, pause}, Settling{k, kMove, {kMask, loaded}, pause},
+                       Lifting{k, at(k.count() == 1 ? 3 : k.count() + 1), kMove, {kMask, loaded}, pause}});
+    }
+  }
+  return states;
+}
+
+std::vector<PrintEvent> every_event() {
+  static_assert(std::variant_size_v<PrintEvent> == 13, "add the new event below");
+  std::vector<PrintEvent> events{DeviceFailed{kCause},
+                                 InterlockOpened{},
+                                 TooHot{60},
+                                 PauseAsked{},
+                                 ResumeAsked{},
+                                 CancelAsked{},
+                                 StartAsked{{at(0), false}},
+                                 StartAsked{{at(1), true}},
+                                 StartAsked{{at(4), false}}};
+  for (const auto d : {Decision::ExposeAgain, Decision::TreatAsExposed, Decision::GiveUp})
+    events.emplace_back(DecisionMade{d});
+  for (const Ticket t : {kMove, kMask, Ticket{3}}) {
+    events.insert(events.end(),
+                  {MoveDone{t}, MaskLoaded{t}, TimerDone{t}, ExposureDone{t}, ExposureRefused{t, kCause}});
+  }
+  return events;
+}
+
+template <class C>
+bool asks_for(const Step& step) {
+  return std::any_of(step.commands.begin(), step.commands.end(),
+                     [](const PrintCommand& c) { return std::holds_alternative<C>(c); });
+}
+
+template <class F>
+void for_every_step(F check) {
+  int steps = 0;
+  for (const PrintState& from : every_state())
+    for (const PrintEvent& event : every_event()) {
+      SCOPED_TRACE(std::string{name_of(from)} + ", event " + std::to_string(event.index()));
+      check(from, event, next(kPlan, from, event, kLast));
+      ++steps;
+    }
+  EXPECT_GT(steps, 1500);
+}
+
+bool starts_motion(const Step& s) { return asks_for<GoHome>(s) || asks_for<MoveTo>(s); }
+
+TEST(PrintMachine, LeavesExposureOnlyWithTheLightOffFirst) {
+  for_every_step([](const PrintState& from, const PrintEvent&, const Step& step) {
+    if (may_be_lit(from) && !may_be_lit(step.state)) {
+      ASSERT_FALSE(step.commands.empty());
+      EXPECT_TRUE(std::holds_alternative<LightOff>(step.commands.front()));
+    }
+  });
+}
+
+TEST(PrintMachine, NeverLightsAndMovesInOneStep) {
+  for_every_step([](const PrintState& from, const PrintEvent&, const Step& step) {
+    if (asks_for<Expose>(step)) {
+      EXPECT_FALSE(starts_motion(step));
+      EXPECT_FALSE(may_move(from)) << "the platform may still be in motion";
+    }
+    EXPECT_FALSE(may_be_lit(step.state) && starts_motion(step));
+  });
+}
+
+TEST(PrintMachine, ExposesOnlyWhatTheJournalKnowsAbout) {
+  for_every_step([](const PrintState&, const PrintEvent&, const Step& step) {
+    for (std::size_t i = 0; i < step.commands.size(); ++i)
+      if (const auto* expose = std::get_if<Expose>(&step.commands[i])) {
+        ASSERT_GT(i, 0u);
+        const auto* entry = std::get_if<WriteJournal>(&step.commands[i - 1]);
+        ASSERT_NE(entry, nullptr);
+        EXPECT_EQ(entry->step, JournalStep::Exposing);
+        EXPECT_EQ(entry->layer, expose->layer);
+        EXPECT_TRUE(may_be_lit(step.state));
+      }
+  });
+}
+
+TEST(PrintMachine, ExposesOnlyFromSettlingAndOnlyItsOwnLayer) {
+  for_every_step([](const PrintState& from, const PrintEvent&, const Step& step) {
+    if (!asks_for<Expose>(step)) return;
+    ASSERT_TRUE(std::holds_alternative<Settling>(from));
+    EXPECT_EQ(layer_of(from), layer_of(step.state));
+  });
+}
+
+TEST(PrintMachine, CallsALayerExposedOnlyWhenTheDeviceSaidSo) {
+  for_every_step([](const PrintState& from, const PrintEvent& event, const Step& step) {
+    for (const PrintCommand& c : step.commands)
+      if (const auto* entry = std::get_if<WriteJournal>(&c); entry != nullptr && entry->step == JournalStep::Exposed) {
+        EXPECT_TRUE(std::holds_alternative<Exposing>(from) && std::holds_alternative<ExposureDone>(event));
+        EXPECT_EQ(entry->layer, layer_of(from));
+      }
+  });
+}
+
+TEST(PrintMachine, NeverSkipsALayerThatNeedsLight) {
+  for_every_step([](const PrintState& from, const PrintEvent& event, const Step& step) {
+    if (std::holds_alternative<Idle>(from) || is_final(step.state)) return;
+    const auto* decision = std::get_if<DecisionMade>(&event);
+    const std::uint32_t before = layer_of(from).count();
+    const std::uint32_t after = layer_of(step.state).count();
+    for (std::uint32_t k = before; k < after && k < kPlan.layers.size(); ++k) {
+      const bool exposed =
+          k == before && std::holds_alternative<Exposing>(from) && std::holds_alternative<ExposureDone>(event);
+      const bool decided = k == before && decision != nullptr && decision->decision == Decision::TreatAsExposed;
+      EXPECT_TRUE(exposed || decided || kPlan.layers[k].exposure == 0us) << "layer " << k;
+    }
+    EXPECT_GE(after, before) << "went back to a layer that was left";
+  });
+}
+
+TEST(PrintMachine, LightsNoEmptyLayer) {
+  for (std::uint32_t k = 0; k < 4; ++k) {
+    const Step step = next(kPlan, Idle{}, StartAsked{{at(k), false}}, kLast);
+    EXPECT_NE(layer_of(step.state), at(2));
+  }
+}
+
+TEST(PrintMachine, IgnoresRepliesWithAnOldTicket) {
+  for (const PrintState& from : every_state())
+    for (const PrintEvent& event :
+         std::vector<PrintEvent>{MoveDone{Ticket{3}}, MaskLoaded{Ticket{3}}, TimerDone{Ticket{3}},
+                                 ExposureDone{Ticket{3}}, ExposureRefused{Ticket{3}, kCause}}) {
+      const Step step = next(kPlan, from, event, kLast);
+      EXPECT_EQ(step.state.index(), from.index()) << name_of(from);
+      EXPECT_TRUE(step.commands.empty()) << name_of(from);
+    }
+}
+
+TEST(PrintMachine, AnyFaultAtWorkEndsDarkAndAtRest) {
+  for (const PrintState& from : every_state())
+    for (const PrintEvent& event : std::vector<PrintEvent>{DeviceFailed{kCause}, InterlockOpened{}, TooHot{70}}) {
+      const bool idle = is_final(from) || std::holds_alternative<Idle>(from) || std::holds_alternative<Faulted>(from) ||
+                        std::holds_alternative<AwaitingDecision>(from);
+      if (idle) continue;
+      const Step step = next(kPlan, from, event, kLast);
+      const auto* faulted = std::get_if<Faulted>(&step.state);
+      ASSERT_NE(faulted, nullptr) << name_of(from);
+      EXPECT_EQ(faulted->maybe_exposed, may_be_lit(from));
+      ASSERT_EQ(step.commands.size(), 2u);
+      EXPECT_TRUE(std::holds_alternative<LightOff>(step.commands[0]));
+      EXPECT_TRUE(std::holds_alternative<HoldStage>(step.commands[1]));
+    }
+}
+
+TEST(PrintMachine, AsksBeforeItTouchesALayerThatWasPerhapsExposed) {
+  for (const PrintState& from : {PrintState{Idle{}}, PrintState{Faulted{at(1), true, kCause}}}) {
+    const PrintEvent event =
+        std::holds_alternative<Idle>(from) ? PrintEvent{StartAsked{{at(1), true}}} : PrintEvent{ResumeAsked{}};
+    const Step step = next(kPlan, from, event, kLast);
+    ASSERT_TRUE(std::holds_alternative<AwaitingDecision>(step.state));
+    EXPECT_FALSE(starts_motion(step));
+    const Step again = next(kPlan, step.state, DecisionMade{Decision::ExposeAgain}, kLast);
+    EXPECT_EQ(layer_of(again.state), at(1));
+    const Step after = next(kPlan, step.state, DecisionMade{Decision::TreatAsExposed}, kLast);
+    EXPECT_EQ(layer_of(after.state), at(3)) << "layer 2 is empty";
+    EXPECT_TRUE(
+        std::holds_alternative<Cancelled>(next(kPlan, step.state, DecisionMade{Decision::GiveUp}, kLast).state));
+  }
+}
+
+TEST(PrintMachine, HandsOutATicketNobodyHolds) {
+  for_every_step([](const PrintState&, const PrintEvent&, const Step& step) {
+    for (const PrintCommand& c : step.commands)
+      std::visit(
+          [](const auto& command) {
+            if constexpr (requires { command.move; }) {
+              EXPECT_GT(command.move, kLast);
+            }
+            if constexpr (requires { command.mask; }) {
+              EXPECT_GT(command.mask, kLast);
+            }
+            if constexpr (requires { command.timer; }) {
+              EXPECT_GT(command.timer, kLast);
+            }
+            if constexpr (requires { command.exposure; }) {
+              EXPECT_GT(command.exposure, kLast);
+            }
+          },
+          c);
+  });
+}
+
+TEST(PrintMachine, EndsByItselfOnceFinal) {
+  for (const PrintEvent& event : every_event())
+    for (const PrintState& from : {PrintState{Done{at(4)}}, PrintState{Cancelled{at(2)}}})
+      EXPECT_TRUE(next(kPlan, from, event, kLast).commands.empty());
+}
+
+}  // namespace
+}  // namespace telefab::fab
