@@ -1,0 +1,168 @@
+#pragma once
+#include <telefab/base/digest.hpp>
+#include <telefab/geometry/layer.hpp>
+#include <telefab/geometry/limits.hpp>
+#include <telefab/store/job.hpp>
+#include <telefab/wire/frame.hpp>
+#include <variant>
+
+// The messages of both conversations as checked domain values: what from_frame returns keeps the limits below, so no
+// reader has to look again. Who says what to whom is in proto/README.md.
+namespace telefab {
+
+inline constexpr std::uint32_t kProtocolVersion = 1;
+inline constexpr std::size_t kMaxNameBytes = 255;   ///< names of scans, files, machines, people
+inline constexpr std::size_t kMaxTextBytes = 4096;  ///< reasons and messages; longer ones are cut
+inline constexpr std::size_t kMaxParametersBytes = 16U << 10U;
+inline constexpr std::size_t kMaxMachines = 64;
+inline constexpr std::size_t kMaxJobsListed = 1000;
+inline constexpr std::uint64_t kMaxScanBytes = 8ULL << 30U;
+inline constexpr std::size_t kMaxBlockBytes = 1U << 20U;  ///< of an upload or a file
+inline constexpr std::size_t kMaxChunkBytes = 3U << 20U;
+
+enum class Side : std::uint8_t { Client = 1, ScanSite = 2, FabSite = 3 };
+enum class JobCommand : std::uint8_t { Approve = 1, Pause = 2, Resume = 3, Cancel = 4 };
+
+[[nodiscard]] std::string_view name_of(JobCommand command);
+
+/// Names one question on one connection; answers carry it back. 0 asks nothing.
+enum class RequestId : std::uint64_t {};
+
+struct Hello {
+  std::uint32_t protocol_version = kProtocolVersion;
+  Side side = Side::Client;
+  std::string program;
+  std::vector<std::string> machine_toml;  ///< the fab's profiles
+  std::string start_policy;               ///< the fab's: "automatic" or "on-approval"
+};
+struct Fault {
+  RequestId request{};
+  Error error;
+  std::string job;  ///< empty: about the connection
+};
+struct Ping {};
+struct Pong {};
+
+struct AskMachines {
+  RequestId request{};
+};
+struct Machines {
+  RequestId request{};
+  std::vector<std::string> machine_toml;
+  std::string origin;
+};
+struct Submit {
+  RequestId request{};
+  std::string name;
+  std::string machine;
+  std::string parameters;
+  std::uint64_t size_bytes = 0;
+  Digest content;
+};
+struct SendMore {
+  RequestId request{};
+  std::uint64_t offset_bytes = 0;
+};
+struct UploadBlock {
+  RequestId request{};
+  std::uint64_t offset_bytes = 0;
+  std::vector<std::byte> content;
+};
+struct AskJobs {
+  RequestId request{};
+  std::string job;  ///< empty: all
+  std::uint32_t most = 100;
+  bool watch = false;
+};
+struct Jobs {
+  RequestId request{};
+  std::vector<Job> jobs;
+};
+struct Command {
+  RequestId request{};
+  std::string job;
+  JobCommand command = JobCommand::Pause;
+  std::string who;
+};
+struct AskFiles {
+  RequestId request{};
+  std::string job;
+};
+struct FileEntry {
+  std::string name;
+  std::uint64_t size_bytes = 0;
+};
+struct Files {
+  RequestId request{};
+  std::vector<FileEntry> files;
+};
+struct AskFile {
+  RequestId request{};
+  std::string job;
+  std::string name;
+};
+struct FileBlock {
+  RequestId request{};
+  std::uint64_t offset_bytes = 0;
+  std::uint64_t size_bytes = 0;  ///< of the whole file
+  std::vector<std::byte> content;
+};
+
+struct Offer {
+  std::string job;
+  std::string name;
+  std::string machine;
+  std::string parameters;
+  Digest profile;  ///< of the TOML text of the profile it was sliced for
+  StackHeader header;
+  std::uint32_t coding = 0;
+  std::string owner;
+  std::vector<std::byte> public_key;
+  std::vector<std::byte> signature;
+};
+struct OfferTaken {
+  std::string job;
+  std::uint32_t next_sequence = 0;
+  bool complete = false;
+};
+struct SendChunk {
+  std::string job;
+  std::uint32_t sequence = 0;
+  LayerIndex first_layer;
+  std::uint32_t layer_count = 0;
+  std::vector<std::byte> payload;
+  Digest chain;
+};
+struct ChunkKept {
+  std::string job;
+  std::uint32_t sequence = 0;
+};
+struct StackEnd {
+  std::string job;
+  std::uint32_t chunk_count = 0;
+  Digest chain;
+  Digest stack;
+  std::vector<std::byte> signature;
+};
+struct StackKept {
+  std::string job;
+};
+struct JobChanged {
+  Job job;
+};
+
+using Message = std::variant<Hello, Fault, Ping, Pong, AskMachines, Machines, Submit, SendMore, UploadBlock, AskJobs,
+                             Jobs, Command, AskFiles, Files, AskFile, FileBlock, Offer, OfferTaken, SendChunk,
+                             ChunkKept, StackEnd, StackKept, JobChanged>;
+
+/// A job's name on the wire and in the file system: 1 to 64 of a-z, 0-9 and '-', so it is safe as a folder.
+[[nodiscard]] bool is_job_id(std::string_view text);
+/// A plain file name: no folder, no leading dot, 1 to 255 bytes.
+[[nodiscard]] bool is_file_name(std::string_view text);
+
+/// Never fails for values within the limits above.
+[[nodiscard]] Frame to_frame(const Message& message);
+/// Fails with ProtocolBroken and names message and field; every limit above holds for what comes back.
+[[nodiscard]] Result<Message> from_frame(const Frame& frame);
+
+}  // namespace telefab

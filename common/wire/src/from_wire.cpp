@@ -1,0 +1,243 @@
+#include "from_wire.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace telefab::wire {
+namespace {
+
+/// Remembers the first fault; later ones are its consequences.
+void expect(Reading& reading, bool holds, std::string_view field, std::string_view claim) {
+  if (!holds && !reading.fault) reading.fault = fmt::format("message-field: {} {}", field, claim);
+}
+
+std::string text(Reading& reading, const std::string& from, std::size_t most, std::string_view field) {
+  expect(reading, from.size() <= most, field, fmt::format("is longer than {} bytes", most));
+  return reading.fault ? std::string{} : from;
+}
+
+std::string job_id(Reading& reading, const std::string& from) {
+  expect(reading, is_job_id(from), "job", "is no job id");
+  return reading.fault ? std::string{} : from;
+}
+
+std::string plain_name(Reading& reading, const std::string& from, std::string_view field) {
+  expect(reading, is_file_name(from), field, "is no plain file name");
+  return reading.fault ? std::string{} : from;
+}
+
+std::vector<std::byte> content(Reading& reading, const std::string& from, std::size_t most, std::string_view field) {
+  expect(reading, from.size() <= most, field, fmt::format("is longer than {} bytes", most));
+  if (reading.fault) return {};
+  const auto* first = reinterpret_cast<const std::byte*>(from.data());
+  return {first, first + from.size()};
+}
+
+Digest digest(Reading& reading, const std::string& from, std::string_view field) {
+  Digest value;
+  expect(reading, from.size() == value.bytes.size(), field, "is no SHA-256");
+  if (!reading.fault)
+    std::transform(from.begin(), from.end(), value.bytes.begin(), [](char c) { return static_cast<std::byte>(c); });
+  return value;
+}
+
+RequestId request(std::uint64_t from) { return static_cast<RequestId>(from); }
+
+template <class Proto>
+std::vector<std::string> machines(Reading& reading, const Proto& proto) {
+  expect(reading, static_cast<std::size_t>(proto.machine_toml_size()) <= kMaxMachines, "machine_toml",
+         "lists too many machines");
+  std::vector<std::string> list;
+  if (reading.fault) return list;
+  for (const std::string& toml : proto.machine_toml())
+    list.push_back(text(reading, toml, kMaxParametersBytes, "machine_toml"));
+  return list;
+}
+
+Job read_job(Reading& reading, const v1::Job& proto) {
+  Job job;
+  job.id = job_id(reading, proto.id());
+  job.name = text(reading, proto.name(), kMaxNameBytes, "name");
+  job.machine = text(reading, proto.machine(), kMaxNameBytes, "machine");
+  job.parameters = text(reading, proto.parameters(), kMaxParametersBytes, "parameters");
+  job.owner = text(reading, proto.owner(), kMaxNameBytes, "owner");
+  job.message = text(reading, proto.message(), kMaxTextBytes, "message");
+  const bool known = std::any_of(kJobStates.begin(), kJobStates.end(),
+                                 [&](JobState state) { return static_cast<std::uint32_t>(state) == proto.state(); });
+  expect(reading, known, "state", "is no state of a job");
+  if (known) job.state = static_cast<JobState>(proto.state());
+  job.counters = {proto.layers(),         proto.layers_sliced(),  proto.layers_sent(), proto.print_layers(),
+                  proto.layers_planned(), proto.layers_printed(), proto.scan_bytes(),  proto.wire_bytes()};
+  expect(reading, proto.stages_size() <= 32, "stages", "lists too many stages");
+  if (!reading.fault)
+    for (const v1::StageSeconds& row : proto.stages()) {
+      expect(reading, std::isfinite(row.seconds()) && row.seconds() >= 0, "seconds", "is no duration");
+      job.stages.push_back({text(reading, row.stage(), kMaxNameBytes, "stage"), row.seconds()});
+    }
+  job.created_unix_ms = proto.created_unix_ms();
+  job.changed_unix_ms = proto.changed_unix_ms();
+  return job;
+}
+
+StackHeader read_header(Reading& reading, const v1::StackHeader& proto) {
+  StackHeader header;
+  header.machine = text(reading, proto.machine(), kMaxNameBytes, "machine");
+  header.layer_thickness_mm = proto.layer_thickness_mm();
+  header.pixel_pitch_mm = proto.pixel_pitch_mm();
+  header.layer_count = proto.layer_count();
+  header.bounds = {{proto.min().x_mm(), proto.min().y_mm()}, {proto.max().x_mm(), proto.max().y_mm()}};
+  header.scan_name = text(reading, proto.scan_name(), kMaxNameBytes, "scan_name");
+  expect(reading, proto.scan_to_build_size() == 16, "scan_to_build", "has not 16 entries");
+  if (reading.fault) return header;
+  std::copy(proto.scan_to_build().begin(), proto.scan_to_build().end(), header.scan_to_build.begin());
+  if (auto valid = header.validate(); !valid) expect(reading, false, "header:", valid.error().what);
+  return header;
+}
+
+}  // namespace
+
+void read(Reading& reading, const v1::Hello& proto, Hello& value) {
+  value.protocol_version = proto.protocol_version();
+  expect(reading, proto.side() >= 1 && proto.side() <= 3, "side", "is neither client nor scan site nor fab site");
+  value.side = static_cast<Side>(proto.side());
+  value.program = text(reading, proto.program(), kMaxNameBytes, "program");
+  value.machine_toml = machines(reading, proto);
+  value.start_policy = text(reading, proto.start_policy(), kMaxNameBytes, "start_policy");
+}
+void read(Reading& reading, const v1::Fault& proto, Fault& value) {
+  value.request = request(proto.request());
+  expect(reading, proto.code() >= 1 && proto.code() <= static_cast<std::uint32_t>(ErrorCode::Internal), "code",
+         "is no error code of this version");
+  if (reading.fault) return;
+  value.error = {static_cast<ErrorCode>(proto.code()), text(reading, proto.what(), kMaxTextBytes, "what")};
+  if (!proto.job().empty()) value.job = job_id(reading, proto.job());
+}
+void read(Reading&, const v1::Ping&, Ping&) {}
+void read(Reading&, const v1::Pong&, Pong&) {}
+void read(Reading&, const v1::AskMachines& proto, AskMachines& value) { value.request = request(proto.request()); }
+void read(Reading& reading, const v1::Machines& proto, Machines& value) {
+  value.request = request(proto.request());
+  value.machine_toml = machines(reading, proto);
+  value.origin = text(reading, proto.origin(), kMaxNameBytes, "origin");
+}
+void read(Reading& reading, const v1::Submit& proto, Submit& value) {
+  value.request = request(proto.request());
+  value.name = plain_name(reading, proto.name(), "name");
+  value.machine = text(reading, proto.machine(), kMaxNameBytes, "machine");
+  value.parameters = text(reading, proto.parameters(), kMaxParametersBytes, "parameters");
+  expect(reading, proto.size_bytes() <= kMaxScanBytes, "size_bytes", "is above the limit for scans");
+  value.size_bytes = proto.size_bytes();
+  value.content = digest(reading, proto.sha256(), "sha256");
+}
+void read(Reading&, const v1::SendMore& proto, SendMore& value) {
+  value.request = request(proto.request());
+  value.offset_bytes = proto.offset_bytes();
+}
+void read(Reading& reading, const v1::UploadBlock& proto, UploadBlock& value) {
+  value.request = request(proto.request());
+  value.offset_bytes = proto.offset_bytes();
+  value.content = content(reading, proto.content(), kMaxBlockBytes, "content");
+}
+void read(Reading& reading, const v1::AskJobs& proto, AskJobs& value) {
+  value.request = request(proto.request());
+  if (!proto.job().empty()) value.job = job_id(reading, proto.job());
+  expect(reading, proto.most() <= kMaxJobsListed, "most", "is above the limit of jobs listed at once");
+  value.most = proto.most();
+  expect(reading, !proto.watch() || !proto.job().empty(), "watch", "needs one job");
+  value.watch = proto.watch();
+}
+void read(Reading& reading, const v1::Jobs& proto, Jobs& value) {
+  value.request = request(proto.request());
+  expect(reading, static_cast<std::size_t>(proto.job_size()) <= kMaxJobsListed, "job", "lists too many jobs");
+  if (reading.fault) return;
+  for (const v1::Job& job : proto.job()) value.jobs.push_back(read_job(reading, job));
+}
+void read(Reading& reading, const v1::Command& proto, Command& value) {
+  value.request = request(proto.request());
+  value.job = job_id(reading, proto.job());
+  expect(reading, proto.action() >= 1 && proto.action() <= 4, "action", "is none of this version");
+  value.command = static_cast<JobCommand>(proto.action());
+  value.who = text(reading, proto.who(), kMaxNameBytes, "who");
+}
+void read(Reading& reading, const v1::AskFiles& proto, AskFiles& value) {
+  value.request = request(proto.request());
+  value.job = job_id(reading, proto.job());
+}
+void read(Reading& reading, const v1::Files& proto, Files& value) {
+  value.request = request(proto.request());
+  expect(reading, proto.file_size() <= 1000, "file", "lists too many files");
+  if (reading.fault) return;
+  for (const v1::FileEntry& row : proto.file())
+    value.files.push_back({plain_name(reading, row.name(), "name"), row.size_bytes()});
+}
+void read(Reading& reading, const v1::AskFile& proto, AskFile& value) {
+  value.request = request(proto.request());
+  value.job = job_id(reading, proto.job());
+  value.name = plain_name(reading, proto.name(), "name");
+}
+void read(Reading& reading, const v1::FileBlock& proto, FileBlock& value) {
+  value.request = request(proto.request());
+  value.content = content(reading, proto.content(), kMaxBlockBytes, "content");
+  expect(reading,
+         proto.size_bytes() <= kMaxScanBytes && proto.offset_bytes() <= proto.size_bytes() &&
+             proto.content().size() <= proto.size_bytes() - proto.offset_bytes(),
+         "content", "lies outside of the file");
+  value.offset_bytes = proto.offset_bytes();
+  value.size_bytes = proto.size_bytes();
+}
+void read(Reading& reading, const v1::Offer& proto, Offer& value) {
+  value.job = job_id(reading, proto.job());
+  value.name = plain_name(reading, proto.name(), "name");
+  value.machine = text(reading, proto.machine(), kMaxNameBytes, "machine");
+  value.parameters = text(reading, proto.parameters(), kMaxParametersBytes, "parameters");
+  value.profile = digest(reading, proto.profile_sha256(), "profile_sha256");
+  value.header = read_header(reading, proto.header());
+  expect(reading, proto.coding() >= 1 && proto.coding() <= 2, "coding", "is none of this version");
+  value.coding = proto.coding();
+  value.owner = text(reading, proto.owner(), kMaxNameBytes, "owner");
+  expect(reading, proto.public_key().empty() || proto.public_key().size() == 32, "public_key", "is no Ed25519 key");
+  expect(reading, proto.signature().empty() || proto.signature().size() == 64, "signature", "is no Ed25519 signature");
+  value.public_key = content(reading, proto.public_key(), 32, "public_key");
+  value.signature = content(reading, proto.signature(), 64, "signature");
+}
+void read(Reading& reading, const v1::OfferTaken& proto, OfferTaken& value) {
+  value.job = job_id(reading, proto.job());
+  expect(reading, proto.next_sequence() <= kMaxLayers, "next_sequence", "is above the limit of chunks");
+  value.next_sequence = proto.next_sequence();
+  value.complete = proto.complete();
+}
+void read(Reading& reading, const v1::SendChunk& proto, SendChunk& value) {
+  value.job = job_id(reading, proto.job());
+  expect(reading, proto.sequence() < kMaxLayers, "sequence", "is above the limit of chunks");
+  expect(reading,
+         proto.first_layer() < kMaxLayers && proto.layer_count() >= 1 &&
+             proto.layer_count() <= kMaxLayers - proto.first_layer(),
+         "first_layer, layer_count", "are no range of layers");
+  value.sequence = proto.sequence();
+  value.first_layer = LayerIndex{proto.first_layer()};
+  value.layer_count = proto.layer_count();
+  value.payload = content(reading, proto.payload(), kMaxChunkBytes, "payload");
+  value.chain = digest(reading, proto.chain_sha256(), "chain_sha256");
+}
+void read(Reading& reading, const v1::ChunkKept& proto, ChunkKept& value) {
+  value.job = job_id(reading, proto.job());
+  expect(reading, proto.sequence() < kMaxLayers, "sequence", "is above the limit of chunks");
+  value.sequence = proto.sequence();
+}
+void read(Reading& reading, const v1::StackEnd& proto, StackEnd& value) {
+  value.job = job_id(reading, proto.job());
+  expect(reading, proto.chunk_count() >= 1 && proto.chunk_count() <= kMaxLayers, "chunk_count", "is out of range");
+  value.chunk_count = proto.chunk_count();
+  value.chain = digest(reading, proto.chain_sha256(), "chain_sha256");
+  value.stack = digest(reading, proto.stack_sha256(), "stack_sha256");
+  expect(reading, proto.signature().empty() || proto.signature().size() == 64, "signature", "is no Ed25519 signature");
+  value.signature = content(reading, proto.signature(), 64, "signature");
+}
+void read(Reading& reading, const v1::StackKept& proto, StackKept& value) { value.job = job_id(reading, proto.job()); }
+void read(Reading& reading, const v1::JobChanged& proto, JobChanged& value) {
+  value.job = read_job(reading, proto.job());
+}
+
+}  // namespace telefab::wire

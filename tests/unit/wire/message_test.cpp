@@ -1,0 +1,148 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <random>
+#include <telefab/wire/message.hpp>
+
+namespace telefab {
+namespace {
+
+using testing::HasSubstr;
+
+StackHeader some_header() {
+  StackHeader header;
+  header.machine = "machine-a";
+  header.layer_thickness_mm = 0.15;
+  header.pixel_pitch_mm = 0.14;
+  header.layer_count = 500;
+  header.bounds = {{1, 2}, {30, 40}};
+  header.scan_to_build[3] = 17.25;
+  header.scan_name = "vase.ply";
+  return header;
+}
+
+Job some_job() {
+  Job job;
+  job.id = "j18f-3";
+  job.name = "vase.ply";
+  job.machine = "machine-a";
+  job.parameters = R"({"height_mm":75})";
+  job.owner = "ana";
+  job.state = JobState::Printing;
+  job.message = "layer 7";
+  job.counters = {500, 500, 500, 540, 540, 7, 1'000'000, 35'000};
+  job.stages = {{"slice", 12.5}, {"send", 0.25}};
+  job.created_unix_ms = 1'700'000'000'000;
+  job.changed_unix_ms = 1'700'000'000'500;
+  return job;
+}
+
+/// One of each; the static_assert below keeps the list whole.
+std::vector<Message> every_message() {
+  const RequestId request{42};
+  const Digest digest = digest_of(std::vector<std::byte>(3));
+  const std::vector<std::byte> bytes(100, std::byte{0x5a});
+  return {Hello{kProtocolVersion, Side::FabSite, "telefab-fab 0.1.0", {"name = \"a\""}, "automatic"},
+          Fault{request, {ErrorCode::Conflict, "job is done"}, "j1"},
+          Ping{},
+          Pong{},
+          AskMachines{request},
+          Machines{request, {"name = \"a\"", "name = \"b\""}, "127.0.0.1"},
+          Submit{request, "vase.ply", "machine-a", "{}", 1000, digest},
+          SendMore{request, 500},
+          UploadBlock{request, 500, bytes},
+          AskJobs{request, "j1", 5, true},
+          Jobs{request, {some_job(), some_job()}},
+          Command{request, "j1", JobCommand::Cancel, "ana"},
+          AskFiles{request, "j1"},
+          Files{request, {{"preview.png", 1234}}},
+          AskFile{request, "j1", "preview.png"},
+          FileBlock{request, 900, 1000, bytes},
+          Offer{"j1", "vase.ply", "machine-a", "{}", digest, some_header(), 1, "ana", std::vector<std::byte>(32),
+                std::vector<std::byte>(64)},
+          OfferTaken{"j1", 7, false},
+          SendChunk{"j1", 7, LayerIndex{64}, 64, bytes, digest},
+          ChunkKept{"j1", 7},
+          StackEnd{"j1", 8, digest, digest, std::vector<std::byte>(64)},
+          StackKept{"j1"},
+          JobChanged{some_job()}};
+}
+static_assert(std::variant_size_v<Message> == 23, "add the new message to every_message()");
+
+TEST(Message, ComesBackAsItWasSent) {
+  std::size_t index = 0;
+  for (const Message& message : every_message()) {
+    EXPECT_EQ(message.index(), index++);
+    const Frame frame = to_frame(message);
+    const auto back = from_frame(frame);
+    ASSERT_TRUE(back) << message.index() << back.error().what;
+    EXPECT_EQ(back->index(), message.index());
+    EXPECT_EQ(to_frame(*back), frame) << message.index();
+  }
+}
+
+TEST(Message, KeepsAJobWhole) {
+  const auto back = from_frame(to_frame(JobChanged{some_job()}));
+  ASSERT_TRUE(back);
+  EXPECT_EQ(std::get<JobChanged>(*back).job, some_job());
+}
+
+TEST(Message, NeverCrashesOnChangedBodiesAndRefusesOrReadsThem) {
+  std::mt19937 random{3};
+  std::size_t refused = 0;
+  for (const Message& message : every_message())
+    for (int i = 0; i < 300; ++i) {
+      Frame frame = to_frame(message);
+      for (int k = 0; k < 3 && !frame.body.empty(); ++k)
+        frame.body[random() % frame.body.size()] = static_cast<std::byte>(random());
+      if (random() % 4 == 0) frame.body.resize(random() % (frame.body.size() + 1));
+      refused += from_frame(frame) ? 0 : 1;
+    }
+  EXPECT_GT(refused, 1000U);
+}
+
+struct BadMessage {
+  Message message;
+  std::string_view field;
+};
+
+TEST(Message, RefusesEveryValueOutOfItsRangeByName) {
+  const Digest digest;
+  StackHeader bad_header = some_header();
+  bad_header.layer_thickness_mm = -1;
+  Job bad_job = some_job();
+  bad_job.state = static_cast<JobState>(0);
+  Job timeless = some_job();
+  timeless.stages[0].seconds = -1;
+  const BadMessage bad[]{
+      {AskFile{RequestId{1}, "j1", "../secret"}, "name"},
+      {AskFile{RequestId{1}, "J1/..", "a"}, "job"},
+      {AskJobs{RequestId{1}, "", 1, true}, "watch"},
+      {AskJobs{RequestId{1}, "", 100'000, false}, "most"},
+      {Submit{RequestId{1}, "a/b.ply", "m", "{}", 1, digest}, "name"},
+      {Submit{RequestId{1}, "b.ply", "m", "{}", 1ULL << 60U, digest}, "size_bytes"},
+      {Submit{RequestId{1}, "b.ply", "m", std::string(20'000, ' '), 1, digest}, "parameters"},
+      {UploadBlock{RequestId{1}, 0, std::vector<std::byte>(kMaxBlockBytes + 1)}, "content"},
+      {Command{RequestId{1}, "j1", static_cast<JobCommand>(9), ""}, "action"},
+      {FileBlock{RequestId{1}, 5, 6, std::vector<std::byte>(2)}, "content"},
+      {Offer{"j1", "v", "m", "{}", digest, bad_header, 1, "", {}, {}}, "header"},
+      {Offer{"j1", "v", "m", "{}", digest, some_header(), 3, "", {}, {}}, "coding"},
+      {Offer{"j1", "v", "m", "{}", digest, some_header(), 1, "", std::vector<std::byte>(31), {}}, "public_key"},
+      {SendChunk{"j1", kMaxLayers, LayerIndex{0}, 1, {}, digest}, "sequence"},
+      {SendChunk{"j1", 0, LayerIndex{0}, 0, {}, digest}, "layer_count"},
+      {SendChunk{"j1", 0, LayerIndex{kMaxLayers - 1}, 2, {}, digest}, "layer_count"},
+      {StackEnd{"j1", 0, digest, digest, {}}, "chunk_count"},
+      {Hello{1, static_cast<Side>(0), "", {}, ""}, "side"},
+      {JobChanged{bad_job}, "state"},
+      {JobChanged{timeless}, "seconds"},
+  };
+  for (const BadMessage& each : bad) {
+    const auto back = from_frame(to_frame(each.message));
+    ASSERT_FALSE(back) << each.field;
+    EXPECT_EQ(back.error().code, ErrorCode::ProtocolBroken);
+    EXPECT_THAT(back.error().what, HasSubstr(each.field));
+  }
+}
+
+}  // namespace
+}  // namespace telefab
