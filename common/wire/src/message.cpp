@@ -13,7 +13,7 @@ namespace {
 template <class Value, class Proto>
 Result<Message> read_as(const Frame& frame) {
   // Protobuf would print a line about every damaged message: a stranger could fill our log with it.
-  [[maybe_unused]] static const auto* silenced = google::protobuf::SetLogHandler(nullptr);
+  [[maybe_unused]] static const auto silenced = google::protobuf::SetLogHandler(nullptr);
   Proto proto;
   if (!proto.ParseFromArray(frame.body.data(), static_cast<int>(frame.body.size())))
     return fail(ErrorCode::ProtocolBroken,
