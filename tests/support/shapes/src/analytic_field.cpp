@@ -220,7 +220,7 @@ Shape stepped_box(double size_mm, double edge_mm, double kernel_mm) {
       [=](const auto& x, const auto& y, const auto& z) {
         const auto base = box_distance(x, y, z + 0.25 * s, Vec3{0.5 * s, 0.4 * s, 0.25 * s}, edge_mm);
         const auto tower = box_distance(x + 0.1 * s, y, z - 0.05 * s, Vec3{0.2 * s, 0.2 * s, 0.35 * s}, edge_mm);
-        return -1.0 * smooth_max(-base, -tower, edge_mm);
+        return min(base, tower);
       },
       {}, size_mm + kernel_mm, kernel_mm, {"stepped box", 2, {0}, {}, {}, {}});
 }
@@ -267,7 +267,7 @@ Shape gyroid_ball(double radius_mm, double period_mm, double kernel_mm) {
         const auto b = k * y + 0.9;
         const auto c = k * z + 0.5;
         const auto network = (sin(a) * cos(b) + sin(b) * cos(c) + sin(c) * cos(a) + 0.25) / (1.2 * k);
-        return smooth_max(network, length(x, y, z) - radius_mm, 0.1 * period_mm);
+        return smooth_max(network, length(x, y, z) - radius_mm, 0.3 * period_mm);
       },
       Pose::turned(23, Vec3{1, 0.4, 0.2}), radius_mm + kernel_mm, kernel_mm, {"gyroid ball", {}, {}, {}, {}, {}});
 }

@@ -1,0 +1,175 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <telefab/scan/topology/height_topology.hpp>
+
+#include "critical_search.hpp"
+#include "plateaus.hpp"
+#include "reeb_graph.hpp"
+#include "reeb_nodes.hpp"
+
+namespace telefab::scan {
+
+std::string_view name_of(CriticalKind kind) {
+  switch (kind) {
+    case CriticalKind::Minimum:
+      return "minimum";
+    case CriticalKind::BottomSaddle:
+      return "bottom saddle";
+    case CriticalKind::TopSaddle:
+      return "top saddle";
+    case CriticalKind::Maximum:
+      return "maximum";
+  }
+  return "unknown";
+}
+
+int CriticalPoint::euler_step() const {
+  switch (kind) {
+    case CriticalKind::Minimum:
+      return normal_up ? -1 : 1;  // a pocket's or void's floor opens a hole
+    case CriticalKind::Maximum:
+      return normal_up ? -1 : 1;  // a void's ceiling closes one
+    case CriticalKind::BottomSaddle:
+      return 1;
+    case CriticalKind::TopSaddle:
+      return -1;
+  }
+  return 0;
+}
+
+Result<void> TopologyOptions::validate() const {
+  if (!(steep_sift_cos > 0 && steep_sift_cos < 1))
+    return fail(ErrorCode::InvalidInput, "steep_sift_cos must lie between 0 and 1");
+  if (!(near_critical_kernels > 0 && near_critical_kernels <= 1))
+    return fail(ErrorCode::InvalidInput, "near_critical_kernels must lie in (0, 1]");
+  if (!(noise_mm >= 0)) return fail(ErrorCode::InvalidInput, "noise_mm must not be negative");
+  if (max_critical_points < 1) return fail(ErrorCode::InvalidInput, "max_critical_points must be at least 1");
+  return {};
+}
+
+HeightTopology::HeightTopology(Parts parts) : parts_{std::move(parts)} {
+  // Sum the steps from below and, behind a plateau whose rings are unknown, from above.
+  struct Event {
+    double z;
+    std::size_t node;
+    bool leaves;
+  };
+  std::vector<Event> events;
+  for (std::size_t n = 0; n < parts_.nodes.size(); ++n) {
+    events.push_back({parts_.nodes[n].low_mm, n, false});
+    events.push_back({parts_.nodes[n].high_mm, n, true});
+  }
+  std::stable_sort(events.begin(), events.end(), [](const Event& a, const Event& b) { return a.z < b.z; });
+  const auto unknown = [&](const ReebNode& n) { return n.plateau && !n.resolved; };
+  std::vector<std::optional<int>> from_below(events.size());
+  std::optional<int> sum = 0;
+  for (std::size_t e = 0; e < events.size(); ++e) {
+    const ReebNode& n = parts_.nodes[events[e].node];
+    if (events[e].leaves && sum) sum = unknown(n) ? std::nullopt : std::optional{*sum + n.euler_step};
+    from_below[e] = sum;
+  }
+  if (sum && *sum != 0)
+    parts_.doubts.push_back(
+        fmt::format("the critical points leave {} contours open above the top; one was missed", *sum));
+  std::vector<std::optional<int>> from_above(events.size());
+  sum = 0;
+  for (std::size_t e = events.size(); e-- > 0;) {
+    from_above[e] = sum;
+    const ReebNode& n = parts_.nodes[events[e].node];
+    if (events[e].leaves && sum) sum = unknown(n) ? std::nullopt : std::optional{*sum - n.euler_step};
+  }
+  int inside = 0;
+  for (std::size_t e = 0; e < events.size(); ++e) {
+    inside += events[e].leaves ? -1 : 1;
+    std::optional<int> value = from_below[e] ? from_below[e] : from_above[e];
+    if (from_below[e] && from_above[e] && *from_below[e] != *from_above[e]) value.reset();
+    if (inside > 0) value.reset();
+    step_heights_mm_.push_back(events[e].z);
+    euler_above_.push_back(value);
+  }
+  for (const CriticalPoint& c : parts_.critical_points) critical_heights_mm_.push_back(c.position_mm.z());
+}
+
+int HeightTopology::euler() const {
+  int sum = 0;
+  for (const SurfaceComponent& c : parts_.components) sum += c.euler;
+  return sum;
+}
+
+std::optional<int> HeightTopology::predicted_euler(double z_mm) const {
+  const auto at = std::upper_bound(step_heights_mm_.begin(), step_heights_mm_.end(), z_mm);
+  if (at == step_heights_mm_.begin()) return 0;
+  return euler_above_[static_cast<std::size_t>(at - step_heights_mm_.begin()) - 1];
+}
+
+std::optional<ContourCount> HeightTopology::predicted_contours(double z_mm) const {
+  const auto euler = predicted_euler(z_mm);
+  if (!euler) return std::nullopt;
+  ContourCount count;
+  for (const ReebArc& a : parts_.arcs)
+    if (parts_.nodes[a.lower].high_mm < z_mm && z_mm < parts_.nodes[a.upper].low_mm)
+      ++(a.hole ? count.holes : count.outers);
+  if (count.outers - count.holes != *euler) return std::nullopt;
+  return count;
+}
+
+bool HeightTopology::is_near_critical(double z_mm) const {
+  const auto at = std::lower_bound(critical_heights_mm_.begin(), critical_heights_mm_.end(), z_mm - parts_.near_mm);
+  if (at != critical_heights_mm_.end() && *at <= z_mm + parts_.near_mm) return true;
+  return std::any_of(parts_.plateaus.begin(), parts_.plateaus.end(), [&](const Plateau& p) {
+    return p.low_mm - parts_.near_mm <= z_mm && z_mm <= p.high_mm + parts_.near_mm;
+  });
+}
+
+std::vector<ContourSeed> HeightTopology::seeds(double z_mm) const {
+  std::vector<ContourSeed> found;
+  for (std::size_t a = 0; a < parts_.arcs.size(); ++a) {
+    const ReebArc& arc = parts_.arcs[a];
+    if (!(parts_.nodes[arc.lower].high_mm < z_mm && z_mm < parts_.nodes[arc.upper].low_mm)) continue;
+    std::optional<Vec3> p = topology::point_at_height(arc.path_mm, z_mm);
+    if (!p && !arc.path_mm.empty()) {
+      // Between a plateau and the ring where the path begins or ends.
+      p = z_mm < arc.path_mm.front().z() ? arc.path_mm.front() : arc.path_mm.back();
+      p->z() = z_mm;
+    }
+    if (p) found.push_back({*p, arc.hole, a});
+  }
+  return found;
+}
+
+Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const Vec3> surface_samples,
+                                      std::span<const Vec3> sample_normals, const TopologyOptions& options,
+                                      std::stop_token stop) {
+  if (const auto valid = options.validate(); !valid) return tl::unexpected{valid.error()};
+  if (surface_samples.empty())
+    return fail(ErrorCode::InvalidInput, "no samples of the surface; critical points cannot be searched");
+  if (surface_samples.size() != sample_normals.size())
+    return fail(ErrorCode::InvalidInput, fmt::format("{} samples but {} normals; give one normal a sample",
+                                                     surface_samples.size(), sample_normals.size()));
+  HeightTopology::Parts parts;
+  // When what was found cannot be all there is (the slice above the top would not be empty), search more widely.
+  const topology::SearchWidth narrow{.least_nz = options.steep_sift_cos};
+  const topology::SearchWidth wide{
+      .least_nz = 0.5 * options.steep_sift_cos, .cell_kernels = 0.3, .first_step_kernels = 4};
+  for (const topology::SearchWidth& width : {narrow, wide}) {
+    const std::vector<Vec3> starts = topology::sift(field, surface_samples, sample_normals, width);
+    auto points = topology::find_critical_points(field, starts, width, stop);
+    if (!points) return tl::unexpected{points.error()};
+    if (points->size() > options.max_critical_points)
+      return fail(ErrorCode::TooLarge, fmt::format("{} critical points, the limit is {}; use a wider kernel",
+                                                   points->size(), options.max_critical_points));
+    parts.critical_points = std::move(*points);
+    parts.plateaus = topology::gather_plateaus(field, starts, parts.critical_points, options.near_critical_kernels);
+    int steps = 0;
+    for (const CriticalPoint& c : parts.critical_points) steps += c.euler_step();
+    if (steps == 0 || !parts.plateaus.empty()) break;
+  }
+  for (const CriticalPoint& c : parts.critical_points)
+    parts.near_mm = std::max(parts.near_mm, options.near_critical_kernels * field.kernel_width_mm(c.position_mm));
+  if (const auto built = topology::build_reeb_graph(field, surface_samples, sample_normals, parts, stop); !built)
+    return tl::unexpected{built.error()};
+  return HeightTopology{std::move(parts)};
+}
+
+}  // namespace telefab::scan

@@ -1,0 +1,17 @@
+#pragma once
+#include <telefab/scan/topology/height_topology.hpp>
+
+namespace telefab::scan::topology {
+
+/// Critical points that belong together because the surface between them is level within the kernel: at least four
+/// in one level place with heights a chain of small gaps, or one without bend. Marks them and returns the plateaus,
+/// lowest first.
+[[nodiscard]] std::vector<Plateau> gather_plateaus(const ScalarField& field, std::span<const Vec3> starts,
+                                                   std::vector<CriticalPoint>& points, double gap_kernels);
+
+/// Samples of the surface piece around a plateau: connected to its critical points within a slab of heights.
+[[nodiscard]] std::vector<Vec3> samples_around(const ScalarField& field, std::span<const Vec3> samples,
+                                               std::span<const Vec3> normals, std::span<const CriticalPoint> points,
+                                               std::span<const std::size_t> members, double low_mm, double high_mm);
+
+}  // namespace telefab::scan::topology

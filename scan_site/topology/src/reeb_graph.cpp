@@ -1,0 +1,207 @@
+#include "reeb_graph.hpp"
+
+#include <fmt/format.h>
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <map>
+#include <numeric>
+
+#include "reeb_nodes.hpp"
+
+namespace telefab::scan::topology {
+namespace {
+
+constexpr double kOnRingKernels = 0.1;
+
+/// Where a curve that rises from a node first meets another node.
+struct Meeting {
+  std::optional<std::size_t> node;
+  std::optional<std::size_t> ring;  ///< index among node's rings below; none: reached without a ring
+  std::vector<Vec3> path;
+};
+
+std::string place_text(const Vec3& p) { return fmt::format("({:.3f}, {:.3f}, {:.3f})", p.x(), p.y(), p.z()); }
+
+Meeting follow_up(const ScalarField& field, FieldCursor& cursor, const TracedNodes& traced, const CriticalIndex& index,
+                  std::span<const std::size_t> node_of, std::size_t from, std::size_t port) {
+  const NodeRings& n = traced.nodes[from];
+  Meeting meeting;
+  std::optional<std::size_t> end;
+  if (n.line_above[port]) {
+    meeting.path = traced.lines[*n.line_above[port]].path_mm;
+    end = traced.lines[*n.line_above[port]].end;
+  } else {
+    const Ring& ring = n.above[port];
+    SteepestLine line =
+        follow_steepest(field, cursor, index, {ring.points.front().x(), ring.points.front().y(), ring.z_mm}, true, {});
+    meeting.path = std::move(line.path_mm);
+    end = line.end;
+  }
+  if (meeting.path.empty()) return meeting;
+  const double top = meeting.path.back().z();
+  // Nodes are sorted by the level below them.
+  const auto first = std::upper_bound(traced.nodes.begin(), traced.nodes.end(), n.level_above_mm,
+                                      [](double z, const NodeRings& other) { return z < other.level_below_mm; });
+  for (auto at = first; at != traced.nodes.end() && at->level_below_mm <= top; ++at) {
+    const auto p = point_at_height(meeting.path, at->level_below_mm);
+    if (!p) continue;
+    const double reach = kOnRingKernels * field.kernel_width_mm(*p);
+    double nearest = reach;
+    for (std::size_t r = 0; r < at->below.size(); ++r) {
+      const double d = at->below[r].distance_mm(p->head<2>(), reach);
+      if (d < nearest) {
+        nearest = d;
+        meeting.ring = r;
+      }
+    }
+    if (!meeting.ring) continue;
+    meeting.node = static_cast<std::size_t>(at - traced.nodes.begin());
+    // The arc ends where the node begins.
+    const double z_end = std::max(at->node.low_mm, p->z());
+    std::vector<Vec3> cut;
+    for (const Vec3& q : meeting.path)
+      if (q.z() < z_end) cut.push_back(q);
+    if (const auto last = point_at_height(meeting.path, z_end)) cut.push_back(*last);
+    meeting.path = std::move(cut);
+    return meeting;
+  }
+  if (end) meeting.node = node_of[*end];
+  return meeting;
+}
+
+/// Rising nodes merge pieces of the surface below them; the younger piece ends there. With `upwards` false the same
+/// from above. Gives the extremum that begins the younger piece its height difference.
+void pair_by_elder_rule(HeightTopology::Parts& parts, bool upwards) {
+  std::vector<std::size_t> order(parts.nodes.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  if (!upwards) std::reverse(order.begin(), order.end());
+  std::vector<std::size_t> parent(parts.nodes.size());
+  std::iota(parent.begin(), parent.end(), std::size_t{0});
+  const auto root = [&](std::size_t a) {
+    while (parent[a] != a) a = parent[a] = parent[parent[a]];
+    return a;
+  };
+  const auto age = [&](std::size_t n) { return upwards ? parts.nodes[n].low_mm : -parts.nodes[n].high_mm; };
+  for (const std::size_t n : order) {
+    std::vector<std::size_t> behind;
+    for (const std::size_t a : upwards ? parts.nodes[n].arcs_below : parts.nodes[n].arcs_above)
+      behind.push_back(root(upwards ? parts.arcs[a].lower : parts.arcs[a].upper));
+    std::sort(behind.begin(), behind.end(),
+              [&](auto a, auto b) { return std::pair(age(a), a) < std::pair(age(b), b); });
+    behind.erase(std::unique(behind.begin(), behind.end()), behind.end());
+    for (std::size_t k = 1; k < behind.size(); ++k) {
+      const double life = age(n) - age(behind[k]);
+      for (const std::size_t node : {behind[k], n})
+        if (parts.nodes[node].critical_points.size() == 1) {
+          double& persistence = parts.critical_points[parts.nodes[node].critical_points.front()].persistence_mm;
+          persistence = std::min(persistence, life);
+        }
+      parent[behind[k]] = behind[0];
+    }
+    if (!behind.empty()) parent[n] = behind[0];
+  }
+}
+
+void find_components(HeightTopology::Parts& parts, std::span<const NodeRings> built) {
+  std::vector<std::size_t> parent(parts.nodes.size());
+  std::iota(parent.begin(), parent.end(), std::size_t{0});
+  const auto root = [&](std::size_t a) {
+    while (parent[a] != a) a = parent[a] = parent[parent[a]];
+    return a;
+  };
+  for (const ReebArc& arc : parts.arcs) {
+    const std::size_t a = root(arc.lower);
+    const std::size_t b = root(arc.upper);
+    parent[std::max(a, b)] = std::min(a, b);
+  }
+  std::map<std::size_t, std::size_t> number;
+  for (std::size_t n = 0; n < parts.nodes.size(); ++n) {
+    const auto [at, is_new] = number.try_emplace(root(n), parts.components.size());
+    if (is_new) parts.components.push_back({0, 0, 0, parts.nodes[n].low_mm, parts.nodes[n].high_mm});
+    SurfaceComponent& c = parts.components[at->second];
+    parts.nodes[n].component = at->second;
+    c.euler += built[n].euler;
+    c.nodes += 1;
+    c.low_mm = std::min(c.low_mm, parts.nodes[n].low_mm);
+    c.high_mm = std::max(c.high_mm, parts.nodes[n].high_mm);
+  }
+  for (SurfaceComponent& c : parts.components) {
+    c.genus = 1 - c.euler / 2;
+    if (c.euler % 2 != 0 || c.euler > 2)
+      parts.doubts.push_back(
+          fmt::format("the surface piece from {:.3f} to {:.3f} mm has Euler number {}, which no "
+                      "closed surface has",
+                      c.low_mm, c.high_mm, c.euler));
+  }
+}
+
+}  // namespace
+
+Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> samples, std::span<const Vec3> normals,
+                              HeightTopology::Parts& parts, std::stop_token stop) {
+  const CriticalIndex index{field, parts.critical_points};
+  auto traced = trace_nodes(field, samples, normals, parts.critical_points, parts.plateaus, index, stop);
+  if (!traced) return tl::unexpected{traced.error()};
+  const std::vector<NodeRings>& built = traced->nodes;
+
+  std::vector<std::size_t> node_of(parts.critical_points.size());
+  struct Port {
+    std::size_t node, ring;
+  };
+  std::vector<Port> ports;
+  for (std::size_t n = 0; n < built.size(); ++n) {
+    for (const std::size_t c : built[n].node.critical_points) node_of[c] = n;
+    for (std::size_t r = 0; r < built[n].above.size(); ++r) ports.push_back({n, r});
+  }
+
+  std::vector<Meeting> meetings(ports.size());
+  tbb::enumerable_thread_specific<std::unique_ptr<FieldCursor>> cursors([&] { return field.cursor(); });
+  tbb::parallel_for(std::size_t{0}, ports.size(), [&](std::size_t k) {
+    if (!stop.stop_requested())
+      meetings[k] = follow_up(field, *cursors.local(), *traced, index, node_of, ports[k].node, ports[k].ring);
+  });
+  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while building the Reeb graph");
+
+  std::vector<std::vector<int>> met(built.size());
+  for (std::size_t n = 0; n < built.size(); ++n) {
+    parts.nodes.push_back(built[n].node);
+    parts.nodes.back().euler_step = built[n].euler_step;
+    met[n].assign(built[n].below.size(), 0);
+    if (!built[n].doubt.empty())
+      parts.doubts.push_back(fmt::format("at {}: {}", place_text(built[n].node.place_mm), built[n].doubt));
+  }
+  for (std::size_t k = 0; k < ports.size(); ++k) {
+    Meeting& m = meetings[k];
+    const NodeRings& from = built[ports[k].node];
+    if (!m.node) {
+      parts.doubts.push_back(fmt::format("the contour that begins at {} was lost {}", place_text(from.node.place_mm),
+                                         m.path.empty() ? "at once" : "at " + place_text(m.path.back())));
+      continue;
+    }
+    if (m.ring)
+      ++met[*m.node][*m.ring];
+    else if (!built[*m.node].below.empty() || built[*m.node].node.plateau)
+      parts.doubts.push_back(fmt::format("the contour that begins at {} reaches {} beside its rings",
+                                         place_text(from.node.place_mm), place_text(built[*m.node].node.place_mm)));
+    const std::size_t arc = parts.arcs.size();
+    parts.nodes[ports[k].node].arcs_above.push_back(arc);
+    parts.nodes[*m.node].arcs_below.push_back(arc);
+    parts.arcs.push_back({ports[k].node, *m.node, from.above[ports[k].ring].is_hole(), std::move(m.path)});
+  }
+  for (std::size_t n = 0; n < built.size(); ++n)
+    for (const int times : met[n])
+      if (times != 1)
+        parts.doubts.push_back(
+            fmt::format("{} contours arrive at one ring below {}", times, place_text(built[n].node.place_mm)));
+
+  for (IntegralLine& line : traced->lines)
+    if (parts.critical_points[line.saddle].is_saddle()) parts.lines.push_back(std::move(line));
+  find_components(parts, built);
+  pair_by_elder_rule(parts, true);
+  pair_by_elder_rule(parts, false);
+  return {};
+}
+
+}  // namespace telefab::scan::topology

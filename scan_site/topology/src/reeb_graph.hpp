@@ -1,0 +1,12 @@
+#pragma once
+#include <telefab/scan/topology/height_topology.hpp>
+
+namespace telefab::scan::topology {
+
+/// The enhanced Reeb graph over critical points and plateaus (which it reads and completes): fills lines, nodes,
+/// arcs, components, doubts and persistences of `parts`. Fails with Cancelled.
+[[nodiscard]] Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> samples,
+                                            std::span<const Vec3> normals, HeightTopology::Parts& parts,
+                                            std::stop_token stop);
+
+}  // namespace telefab::scan::topology
