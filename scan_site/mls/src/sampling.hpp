@@ -1,0 +1,27 @@
+#pragma once
+#include <stop_token>
+#include <telefab/base/result.hpp>
+#include <vector>
+
+#include "sample_grid.hpp"
+
+namespace telefab::scan {
+
+/// Local spacing s = r_12 sqrt(pi / 12) at a sample: r_12 is the distance to its twelfth neighbour whose normal does
+/// not oppose its own. `guess` is where the search starts. Millimetres; the samples' extent where there are fewer.
+[[nodiscard]] float local_spacing(const SampleGrid& grid, const GridSample& sample, float guess);
+
+struct Evenness {
+  double spacing_mm = 0;  ///< median
+  double unevenness = 1;  ///< 99 % over 1 %, each sample's spacing averaged over its neighbours
+};
+/// From about a thousand samples spread over the grid.
+[[nodiscard]] Evenness measure_evenness(const SampleGrid& grid, float guess);
+
+/// Spacing of every sample, averaged twice over neighbours within two spacings. Parallel. Fails: Cancelled.
+[[nodiscard]] Result<std::vector<float>> smooth_spacing(const SampleGrid& grid, float guess, std::stop_token stop);
+
+/// A first idea of the spacing, from the box alone: right within a factor of a few.
+[[nodiscard]] float spacing_from_box(const std::vector<GridSample>& samples);
+
+}  // namespace telefab::scan
