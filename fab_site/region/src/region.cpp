@@ -88,6 +88,28 @@ double distance_squared(const GridPoint& p, const GridPoint& a, const GridPoint&
   return dx * dx + dy * dy;
 }
 
+enum class Side { Out, In, On };
+
+/// Exact for any platform below 4 m: products of differences fit the 64 bits of a long double.
+Side side_of(const GridRing& ring, GridPoint p) {
+  bool in = false;
+  GridPoint a = ring.back();
+  for (const GridPoint& b : ring) {
+    if (a == p || b == p) return Side::On;
+    if (a.y == b.y) {
+      if (a.y == p.y && (a.x < p.x) != (b.x < p.x)) return Side::On;
+    } else if ((a.y <= p.y) != (b.y <= p.y)) {
+      const auto left = static_cast<long double>(b.x - a.x) * static_cast<long double>(p.y - a.y);
+      const auto right = static_cast<long double>(p.x - a.x) * static_cast<long double>(b.y - a.y);
+
+      if (left == right) return Side::On;
+      if ((left > right) == (b.y > a.y)) in = !in;
+    }
+    a = b;
+  }
+  return in ? Side::In : Side::Out;
+}
+
 GridRing thinned(const GridRing& ring, double tolerance2) {
   const std::size_t n = ring.size();
   std::size_t far = 0;
@@ -184,12 +206,11 @@ Bounds2 Region::bounds() const {
 
 bool Region::contains(Point2 point) const {
   const GridPoint p = to_grid(point);
-  const cl::IntPoint q{p.x, p.y};
   int winding = 0;
   for (const GridRing& ring : rings_) {
-    const int where = cl::PointInPolygon(q, to_path(ring));
-    if (where < 0) return true;
-    if (where > 0) winding += ring_area(ring) > 0 ? 1 : -1;
+    const Side side = side_of(ring, p);
+    if (side == Side::On) return true;
+    if (side == Side::In) winding += ring_area(ring) > 0 ? 1 : -1;
   }
   return winding > 0;
 }

@@ -53,9 +53,10 @@ struct MachineProfile {
 
   struct Supports {
     double self_support_mm = 0.15;  ///< overhang per layer that holds itself, for a small attached region
-    double self_support_growth =
-        0.0;                          ///< added per sqrt(attached area / mm2): self_support_mm * (1 + growth * sqrt(A))
-    double anchor_distance_mm = 3.0;  ///< every point to be supported lies within this of an anchor
+    /// Added per sqrt(attached area): reach = min(most, self_support_mm * (1 + growth * sqrt(A / mm2))).
+    double self_support_growth_per_mm = 0.5;
+    double self_support_most_mm = 2.0;  ///< no attached region holds an overhang beyond this in one layer
+    double anchor_distance_mm = 3.0;    ///< every point to be supported lies within this of an anchor
     double tip_radius_mm = 0.2;
     double pin_radius_mm = 0.5;
     double foot_radius_mm = 1.0;
@@ -63,7 +64,8 @@ struct MachineProfile {
     double brace_pitch_mm = 8.0;  ///< vertical distance of slanted struts
     double slenderness = 25.0;    ///< free pin length over diameter at most
     double base_thickness_mm = 0.6;
-    double lift_off_mm = 2.0;  ///< the part starts this far above the platform when it needs a base
+    double stand_area_share = 0.03;  ///< a first layer of at least this share of the largest stands on the platform
+    double lift_off_mm = 2.0;       ///< the part starts this far above the platform when it needs a base
     friend bool operator==(const Supports&, const Supports&) = default;
   } supports;
 

@@ -1,0 +1,67 @@
+#pragma once
+#include <cstdint>
+#include <string_view>
+#include <telefab/fab/region/region.hpp>
+#include <vector>
+
+namespace telefab::fab {
+
+/// A point of the print: build frame, z upwards from the platform (the lift included).
+struct Point3 {
+  double x_mm = 0;
+  double y_mm = 0;
+  double z_mm = 0;
+  friend bool operator==(const Point3&, const Point3&) = default;
+};
+
+enum class StickKind : std::uint8_t { Tip = 1, Arm = 2, Pin = 3, Foot = 4, Brace = 5, Needle = 6 };
+[[nodiscard]] std::string_view name_of(StickKind kind);
+
+/// A cone, a cylinder or a slanted cylinder: every level section is a disc whose centre and radius run linearly
+/// from bottom to top. Invariant by use: bottom below top, radii not negative.
+struct Stick {
+  StickKind kind = StickKind::Pin;
+  Point3 bottom;
+  Point3 top;
+  double bottom_radius_mm = 0;
+  double top_radius_mm = 0;
+  friend bool operator==(const Stick&, const Stick&) = default;
+};
+
+/// A piece of base plate: everything within the radius of the line from a to b, from the platform up, its edge
+/// bevelled by 45 degrees over the upper half.
+struct Plate {
+  Point2 a;
+  Point2 b;
+  double radius_mm = 0;
+  double height_mm = 0;
+  friend bool operator==(const Plate&, const Plate&) = default;
+};
+
+/// Everything that holds a part, as primitives whose level sections are known in closed form.
+struct Structure {
+  std::vector<Stick> sticks;
+  std::vector<Plate> plates;
+  friend bool operator==(const Structure&, const Structure&) = default;
+};
+
+/// Sections of a structure by level planes at the middle of each layer, in a time that depends on what is there.
+class StructureSections {
+ public:
+  /// `thickness_mm` > 0; `layers`: print layers up to which sections are asked for.
+  StructureSections(Structure structure, double thickness_mm, std::uint32_t layers, Millimetres arc_tolerance);
+  [[nodiscard]] const Structure& structure() const { return structure_; }
+  /// The section of that print layer; empty above the structure.
+  [[nodiscard]] Region section(LayerIndex print_layer) const;
+  /// Volume of all primitives by summing sections, overlaps counted once.
+  [[nodiscard]] double volume_mm3() const;
+
+ private:
+  Structure structure_;
+  double thickness_mm_;
+  Millimetres arc_tolerance_;
+  std::vector<std::vector<std::uint32_t>> sticks_at_;
+  std::uint32_t plate_layers_ = 0;
+};
+
+}  // namespace telefab::fab

@@ -1,0 +1,111 @@
+#pragma once
+#include <optional>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <telefab/base/progress.hpp>
+#include <telefab/fab/support/covering.hpp>
+#include <telefab/fab/support/layer_rule.hpp>
+#include <telefab/fab/support/structure.hpp>
+#include <telefab/geometry/layer.hpp>
+#include <telefab/machine/machine_profile.hpp>
+#include <vector>
+
+namespace telefab::fab {
+
+/// Places an operator wants held, or kept free of anchors. Millimetres; build frame of the part as it stands in its
+/// own stack (z = 0 at the part's first layer, the lift not included).
+struct HandList {
+  struct Extra {
+    Point2 place;
+    double z_mm = 0;  ///< the anchor holds the first material at or above this height
+  };
+  struct Forbidden {
+    Point2 place;
+    double radius_mm = 0;
+    double from_z_mm = 0;
+    double to_z_mm = 0;
+  };
+  std::vector<Extra> extra;
+  std::vector<Forbidden> forbidden;
+};
+
+/// {"extra":[{"x_mm":1,"y_mm":2,"z_mm":0}],"forbidden":[{"x_mm":1,"y_mm":2,"radius_mm":3,"from_z_mm":0,"to_z_mm":9}]}
+/// Both lists may be missing; unknown keys, numbers that are not finite and more than 10,000 entries are refused.
+[[nodiscard]] Result<HandList> hand_list_from_json(std::string_view text);
+
+struct SupportOptions {
+  enum class Mode : std::uint8_t { None = 1, Auto = 2 };
+  /// Auto: the part stands on the platform where its first layer is at least `stand_area_share` (machine profile) of
+  /// its largest layer, and is lifted on pins otherwise. Always: lift 0. Never: always lifted.
+  enum class Stand : std::uint8_t { Auto = 1, Always = 2, Never = 3 };
+
+  Mode mode = Mode::Auto;
+  Stand stand = Stand::Auto;
+  HandList hand;
+  int threads = 0;  ///< 0 (all cores) to 1024; the result is the same for any number
+  [[nodiscard]] Result<void> validate() const;
+};
+
+/// One place where the structure holds the part.
+struct Anchor {
+  Point2 place;
+  LayerIndex layer;      ///< of the part: the material of this layer rests on the anchor
+  bool by_hand = false;  ///< from the hand list
+  bool on_part = false;  ///< its pin stands on the part, not on the platform
+  friend bool operator==(const Anchor&, const Anchor&) = default;
+};
+
+/// What the analysis found, for reports.
+struct SupportFigures {
+  std::uint32_t layers_with_regions = 0;  ///< layers with something to support
+  double to_support_mm2 = 0;              ///< summed over layers
+  double waived_mm2 = 0;                  ///< of that, in places forbidden by hand
+  std::uint32_t feet_on_part = 0;
+  std::uint32_t braces = 0;
+  std::uint32_t needles = 0;  ///< pins in places too tight for a full one
+  double part_mm3 = 0;
+  double support_mm3 = 0;
+  friend bool operator==(const SupportFigures&, const SupportFigures&) = default;
+};
+
+/// Supports of one part. Print layers count from the platform; part layer k is print layer k + lift_layers().
+class SupportPlan {
+ public:
+  SupportPlan(std::uint32_t lift_layers, std::vector<Anchor> anchors, StructureSections sections,
+              SupportFigures figures)
+      : lift_layers_{lift_layers}, anchors_{std::move(anchors)}, sections_{std::move(sections)}, figures_{figures} {}
+
+  /// Layers inserted below the part; 0 when it stands on the platform.
+  [[nodiscard]] std::uint32_t lift_layers() const { return lift_layers_; }
+  /// Sorted by layer, then y, then x.
+  [[nodiscard]] std::span<const Anchor> anchors() const { return anchors_; }
+  [[nodiscard]] const Structure& structure() const { return sections_.structure(); }
+  [[nodiscard]] const SupportFigures& figures() const { return figures_; }
+  /// The support's rings in that print layer, canonical order; may overlap the part at tips and feet.
+  [[nodiscard]] std::vector<Contour> section(LayerIndex print_layer) const;
+  /// The same as a region.
+  [[nodiscard]] Region section_region(LayerIndex print_layer) const { return sections_.section(print_layer); }
+
+ private:
+  std::uint32_t lift_layers_;
+  std::vector<Anchor> anchors_;
+  StructureSections sections_;
+  SupportFigures figures_;
+};
+
+/// Analyses all layers (4.1), covers what is to be supported (4.2), and builds pins, braces and base. `layers` are
+/// the whole part, bottom first. Deterministic on any number of threads.
+/// Fails: InvalidInput (options, coordinates, layer order), TooLarge, Cancelled.
+[[nodiscard]] Result<SupportPlan> plan_supports(std::span<const Layer> layers, const StackHeader& header,
+                                                const MachineProfile& machine, const SupportOptions& options,
+                                                const ProgressSink& progress, std::stop_token stop);
+
+/// The four regions of one layer, for pictures and tests; the same analysis as plan_supports.
+[[nodiscard]] Result<LayerRegions> regions_of_layer(std::span<const Layer> layers, LayerIndex layer,
+                                                    const MachineProfile& machine);
+
+/// supports.json: lift, figures, anchors, sticks and plates; numbers rounded to nanometres; same plan, same text.
+[[nodiscard]] std::string to_json(const SupportPlan& plan);
+
+}  // namespace telefab::fab

@@ -1,0 +1,284 @@
+#include "route.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <set>
+
+#include "part_columns.hpp"
+
+namespace telefab::fab {
+namespace {
+
+struct Shaft {
+  Point2 place;
+  double bottom_mm = 0;
+  double top_mm = 0;
+  std::size_t stick = 0;  ///< index of its Pin stick
+  bool on_platform = false;
+  std::vector<double> braced_at{};
+};
+
+class Router {
+ public:
+  Router(std::span<const Region> layers, std::uint32_t lift, double thickness, const MachineProfile& machine)
+      : lift_{lift},
+        t_{thickness},
+        machine_{machine},
+        p_{machine.supports},
+        cell_{cell_of(layers, machine)},
+        bare_{layers, 0, cell_},
+        slim_{layers, p_.tip_radius_mm + p_.clearance_mm / 2, cell_},
+        wide_{layers, p_.pin_radius_mm + p_.clearance_mm, cell_} {}
+
+  RoutedStructure route(std::vector<Anchor>& anchors) {
+    for (Anchor& anchor : anchors) place(anchor);
+    brace();
+    thicken();
+    lay_plates();
+    return std::move(out_);
+  }
+
+ private:
+  static double cell_of(std::span<const Region> layers, const MachineProfile& machine) {
+    double side = 0;
+    for (const Region& layer : layers) {
+      const Bounds2 b = layer.bounds();
+      side = std::max({side, b.max.x_mm - b.min.x_mm, b.max.y_mm - b.min.y_mm});
+    }
+    return std::max(machine.supports.pin_radius_mm / 2, side / 300);
+  }
+
+  /// The part layer at a height of the print; negative in the lift.
+  [[nodiscard]] std::int64_t part_layer(double z_mm) const {
+    return static_cast<std::int64_t>(std::floor(z_mm / t_ + 1e-6)) - lift_;
+  }
+  [[nodiscard]] double top_of(std::uint32_t part_layer) const { return (part_layer + lift_ + 1.0) * t_; }
+  [[nodiscard]] bool on_platform(Point2 q) const {
+    const double r = p_.pin_radius_mm;
+    return q.x_mm >= r && q.y_mm >= r && q.x_mm <= machine_.platform.width_mm - r &&
+           q.y_mm <= machine_.platform.depth_mm - r;
+  }
+
+  void add(StickKind kind, Point3 bottom, Point3 top, double r0, double r1) {
+    if (top.z_mm - bottom.z_mm > 1e-9) out_.structure.sticks.push_back({kind, bottom, top, r0, r1});
+  }
+
+  struct Choice {
+    Point2 foot;
+    double joint_mm = 0;  ///< height where arm meets pin
+    double floor_mm = 0;  ///< top of what the pin stands on
+    bool stands_on_part = false;
+  };
+
+  /// True where an arm from the tip's end down to the joint keeps clear of the part.
+  [[nodiscard]] bool arm_is_clear(Point2 from, double from_mm, Point2 to, double to_mm) const {
+    const int steps = std::max(1, static_cast<int>((from_mm - to_mm) / t_));
+    for (int i = 1; i <= steps; ++i) {
+      const double s = static_cast<double>(i) / steps;
+      const Point2 q{from.x_mm + s * (to.x_mm - from.x_mm), from.y_mm + s * (to.y_mm - from.y_mm)};
+      const double z = from_mm + s * (to_mm - from_mm);
+      const double below = from_mm - z;
+      const PartColumns& part = below < tip_length() ? bare_ : slim_;
+      if (part.occupied(q, part_layer(z))) return false;
+    }
+    return true;
+  }
+
+  [[nodiscard]] double tip_length() const { return 2.5 * (p_.pin_radius_mm - p_.tip_radius_mm) + 2 * t_; }
+
+  /// The nearest free column to the platform, else the nearest on which a pin can stand on the part.
+  [[nodiscard]] std::optional<Choice> choose(Point2 at, double contact_mm) const {
+    std::optional<Choice> on_part;
+    const double reach = std::min(20 * p_.pin_radius_mm, contact_mm * 0.8);
+    const double step = std::max(cell_, p_.pin_radius_mm / 2);
+    for (double rho = 0; rho <= reach; rho += step) {
+      const int turns = rho == 0 ? 1 : std::clamp(static_cast<int>(2 * std::numbers::pi * rho / step), 8, 32);
+      for (int i = 0; i < turns; ++i) {
+        const double angle = 2 * std::numbers::pi * i / turns;
+        const Point2 q{at.x_mm + rho * std::cos(angle), at.y_mm + rho * std::sin(angle)};
+        if (!on_platform(q)) continue;
+        const double joint = contact_mm - std::max(tip_length(), 1.2 * rho);
+        if (joint <= p_.base_thickness_mm) continue;
+        if (rho > 0 && !arm_is_clear(at, contact_mm - t_, q, joint)) continue;
+        const auto hit = wide_.highest_below(q, part_layer(joint) + 1);
+        if (!hit) {
+          if (rho == 0 && !arm_is_clear(at, contact_mm - t_, q, joint)) continue;
+          return Choice{q, joint, 0, false};
+        }
+        if (on_part) continue;
+        const auto floor = bare_.highest_below(q, part_layer(joint) + 1);
+        if (!floor) continue;
+        const double floor_mm = top_of(*floor);
+        // Room for a full pin on the part: the shaft's clearance is broken only close above its foot.
+        if (joint - floor_mm < 2 * p_.pin_radius_mm) continue;
+        if (top_of(*hit) - floor_mm > 2 * p_.pin_radius_mm + p_.clearance_mm) continue;
+        if (rho == 0 || arm_is_clear(at, contact_mm - t_, q, joint)) on_part = Choice{q, joint, floor_mm, true};
+      }
+    }
+    return on_part;
+  }
+
+  void place(Anchor& anchor) {
+    const double contact = (anchor.layer.count() + lift_) * t_;
+    const Point2 at = anchor.place;
+    const double pixel = machine_.projection.pixel_pitch_mm;
+    const auto choice = choose(at, contact);
+    if (!choice) return needle(anchor, contact);
+    const double neck = std::min(p_.tip_radius_mm, std::max(0.75 * p_.tip_radius_mm, 1.2 * pixel));
+    const double neck_mm = contact - t_ - p_.tip_radius_mm;
+    // The contact disc goes one layer into the part, the waist just below it is where the pin breaks off.
+    add(StickKind::Tip, {at.x_mm, at.y_mm, neck_mm}, {at.x_mm, at.y_mm, contact + t_}, neck, p_.tip_radius_mm);
+    add(StickKind::Arm, {choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm}, {at.x_mm, at.y_mm, neck_mm},
+        p_.pin_radius_mm, neck);
+    Shaft shaft{choice->foot, choice->floor_mm, choice->joint_mm, 0, !choice->stands_on_part};
+    anchor.on_part = choice->stands_on_part;
+    const Point3 top{choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm};
+    double bottom = choice->floor_mm;
+    if (anchor.on_part) {
+      ++out_.feet_on_part;
+      // A small foot, sunk one layer into the part so that it is welded on, as easy to break off as a tip.
+      const double height = std::min(2 * p_.pin_radius_mm, choice->joint_mm - bottom);
+      add(StickKind::Foot, {top.x_mm, top.y_mm, bottom - t_}, {top.x_mm, top.y_mm, bottom + height},
+          std::min(p_.pin_radius_mm, 1.25 * p_.tip_radius_mm), p_.pin_radius_mm);
+      bottom += height;
+    } else {
+      const double height = std::min(p_.base_thickness_mm + p_.foot_radius_mm, choice->joint_mm);
+      add(StickKind::Foot, {top.x_mm, top.y_mm, 0}, {top.x_mm, top.y_mm, height}, p_.foot_radius_mm, p_.pin_radius_mm);
+      bottom = height;
+    }
+    shaft.stick = out_.structure.sticks.size();
+    add(StickKind::Pin, {top.x_mm, top.y_mm, bottom}, top, p_.pin_radius_mm, p_.pin_radius_mm);
+    if (out_.structure.sticks.size() > shaft.stick) shafts_.push_back(std::move(shaft));
+  }
+
+  /// Where nothing wider fits: straight down, as thin as a tip, to whatever lies below.
+  void needle(Anchor& anchor, double contact) {
+    ++out_.needles;
+    const Point2 at = anchor.place;
+    const auto floor = bare_.highest_below(at, anchor.layer.count());
+    anchor.on_part = floor.has_value();
+    const double r = p_.tip_radius_mm;
+    const double bottom = floor ? top_of(*floor) - t_ : 0;
+    out_.feet_on_part += floor.has_value();
+    const double length = contact - bottom;
+    const double waist = std::min(p_.pin_radius_mm, std::max(r, length / (2 * p_.slenderness)));
+    add(StickKind::Needle, {at.x_mm, at.y_mm, bottom}, {at.x_mm, at.y_mm, contact + t_}, floor ? r : waist, r);
+    if (!floor)
+      add(StickKind::Foot, {at.x_mm, at.y_mm, 0}, {at.x_mm, at.y_mm, std::min(contact, p_.foot_radius_mm)},
+          p_.foot_radius_mm, r);
+  }
+
+  /// Zigzag of slanted struts between near neighbours, every brace pitch, where the way is clear of the part.
+  void brace() {
+    const double far = 2 * p_.brace_pitch_mm;
+    const double needs = p_.slenderness * 2 * p_.pin_radius_mm;
+    for (std::size_t i = 0; i < shafts_.size(); ++i) {
+      if (shafts_[i].top_mm - shafts_[i].bottom_mm <= needs) continue;
+      std::vector<std::pair<double, std::size_t>> near;
+      for (std::size_t j = 0; j < shafts_.size(); ++j) {
+        const double d =
+            std::hypot(shafts_[i].place.x_mm - shafts_[j].place.x_mm, shafts_[i].place.y_mm - shafts_[j].place.y_mm);
+        if (j != i && d > 2 * p_.pin_radius_mm && d <= far) near.emplace_back(d, j);
+      }
+      std::sort(near.begin(), near.end());
+      int joined = 0;
+      for (const auto& [d, j] : near) {
+        if (joined >= 2) break;
+        const std::pair<std::size_t, std::size_t> pair = std::minmax(i, j);
+        if (pairs_.contains(pair)) {
+          ++joined;
+          continue;
+        }
+        if (join(shafts_[i], shafts_[j], d)) {
+          pairs_.insert(pair);
+          ++joined;
+        }
+      }
+    }
+  }
+
+  bool join(Shaft& a, Shaft& b, double apart) {
+    const double low = std::max(a.bottom_mm, b.bottom_mm) + p_.foot_radius_mm + p_.base_thickness_mm;
+    const double high = std::min(a.top_mm, b.top_mm);
+    bool any = false;
+    int turn = 0;
+    for (double z = low; z + apart <= high; z += p_.brace_pitch_mm, ++turn) {
+      Shaft& from = turn % 2 ? b : a;
+      Shaft& to = turn % 2 ? a : b;
+      if (!strut_is_clear(from.place, to.place, z, apart)) continue;
+      const double r = std::max(p_.tip_radius_mm, 0.6 * p_.pin_radius_mm);
+      add(StickKind::Brace, {from.place.x_mm, from.place.y_mm, z}, {to.place.x_mm, to.place.y_mm, z + apart}, r, r);
+      from.braced_at.push_back(z);
+      to.braced_at.push_back(z + apart);
+      ++out_.braces;
+      any = true;
+    }
+    return any;
+  }
+
+  [[nodiscard]] bool strut_is_clear(Point2 from, Point2 to, double z_mm, double rise_mm) const {
+    const int steps = std::max(2, static_cast<int>(rise_mm / t_));
+    for (int i = 0; i <= steps; ++i) {
+      const double s = static_cast<double>(i) / steps;
+      const Point2 q{from.x_mm + s * (to.x_mm - from.x_mm), from.y_mm + s * (to.y_mm - from.y_mm)};
+      if (wide_.occupied(q, part_layer(z_mm + s * rise_mm))) return false;
+    }
+    return true;
+  }
+
+  /// A pin that stands free for too long in spite of its braces grows until its slenderness is legal.
+  void thicken() {
+    for (Shaft& shaft : shafts_) {
+      auto& at = shaft.braced_at;
+      at.push_back(shaft.bottom_mm);
+      at.push_back(shaft.top_mm);
+      std::sort(at.begin(), at.end());
+      double free = 0;
+      for (std::size_t i = 1; i < at.size(); ++i) free = std::max(free, at[i] - at[i - 1]);
+      Stick& pin = out_.structure.sticks[shaft.stick];
+      const double wanted = free / (2 * p_.slenderness);
+      pin.bottom_radius_mm = std::max(pin.bottom_radius_mm, wanted);
+      // The arm's end stays as it was: the pin tapers to it.
+    }
+  }
+
+  void lay_plates() {
+    if (p_.base_thickness_mm <= 0) return;
+    std::vector<const Shaft*> feet;
+    for (const Shaft& shaft : shafts_)
+      if (shaft.on_platform) feet.push_back(&shaft);
+    const double r = p_.foot_radius_mm * 1.5, near = 6 * p_.foot_radius_mm;
+    for (std::size_t i = 0; i < feet.size(); ++i) {
+      // Each foot is joined to its nearest earlier foot of the group; the plates of a group hang together.
+      double best = near;
+      std::size_t found = i;
+      for (std::size_t j = 0; j < i; ++j) {
+        const double d =
+            std::hypot(feet[i]->place.x_mm - feet[j]->place.x_mm, feet[i]->place.y_mm - feet[j]->place.y_mm);
+        if (d < best) best = d, found = j;
+      }
+      out_.structure.plates.push_back({feet[i]->place, feet[found]->place, r, p_.base_thickness_mm});
+    }
+  }
+
+  std::uint32_t lift_;
+  double t_;
+  const MachineProfile& machine_;
+  const MachineProfile::Supports& p_;
+  double cell_;
+  PartColumns bare_, slim_, wide_;
+  RoutedStructure out_;
+  std::vector<Shaft> shafts_;
+  std::set<std::pair<std::size_t, std::size_t>> pairs_;
+};
+
+}  // namespace
+
+RoutedStructure route_supports(std::vector<Anchor>& anchors, std::span<const Region> layers, std::uint32_t lift_layers,
+                               double thickness_mm, const MachineProfile& machine) {
+  if (anchors.empty()) return {};
+  return Router{layers, lift_layers, thickness_mm, machine}.route(anchors);
+}
+
+}  // namespace telefab::fab

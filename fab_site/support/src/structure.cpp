@@ -1,0 +1,82 @@
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <telefab/fab/support/structure.hpp>
+
+namespace telefab::fab {
+namespace {
+
+Region stadium(Point2 a, Point2 b, double radius, Millimetres tolerance) {
+  const Region ends[] = {disc(a, Millimetres{radius}, tolerance), disc(b, Millimetres{radius}, tolerance)};
+  const double dx = b.x_mm - a.x_mm, dy = b.y_mm - a.y_mm, length = std::hypot(dx, dy);
+  if (length < 1e-6 || radius <= 0) return ends[0];
+  const double nx = -dy / length * radius, ny = dx / length * radius;
+  const std::vector<GridRing> body{{to_grid({a.x_mm - nx, a.y_mm - ny}), to_grid({b.x_mm - nx, b.y_mm - ny}),
+                                    to_grid({b.x_mm + nx, b.y_mm + ny}), to_grid({a.x_mm + nx, a.y_mm + ny})}};
+  const Region all[] = {ends[0], ends[1], Region::from_rings(body, true).value_or(Region{})};
+  return unite(all);
+}
+
+}  // namespace
+
+std::string_view name_of(StickKind kind) {
+  switch (kind) {
+    case StickKind::Tip:
+      return "tip";
+    case StickKind::Arm:
+      return "arm";
+    case StickKind::Pin:
+      return "pin";
+    case StickKind::Foot:
+      return "foot";
+    case StickKind::Brace:
+      return "brace";
+    case StickKind::Needle:
+      return "needle";
+  }
+  return "pin";
+}
+
+StructureSections::StructureSections(Structure structure, double thickness_mm, std::uint32_t layers,
+                                     Millimetres arc_tolerance)
+    : structure_{std::move(structure)}, thickness_mm_{thickness_mm}, arc_tolerance_{arc_tolerance} {
+  sticks_at_.resize(layers);
+  for (std::uint32_t i = 0; i < structure_.sticks.size(); ++i) {
+    const Stick& stick = structure_.sticks[i];
+    const double first = std::max(0.0, std::ceil(stick.bottom.z_mm / thickness_mm - 0.5));
+    for (auto k = static_cast<std::uint32_t>(first); k < layers && (k + 0.5) * thickness_mm < stick.top.z_mm; ++k)
+      sticks_at_[k].push_back(i);
+  }
+  double height = 0;
+  for (const Plate& plate : structure_.plates) height = std::max(height, plate.height_mm);
+  plate_layers_ = static_cast<std::uint32_t>(std::ceil(height / thickness_mm - 0.5));
+}
+
+Region StructureSections::section(LayerIndex print_layer) const {
+  const std::uint32_t k = print_layer.count();
+  if (k >= sticks_at_.size()) return {};
+  const double z = (k + 0.5) * thickness_mm_;
+  std::vector<Region> found;
+  for (const std::uint32_t i : sticks_at_[k]) {
+    const Stick& s = structure_.sticks[i];
+    const double t = (z - s.bottom.z_mm) / (s.top.z_mm - s.bottom.z_mm);
+    const auto mix = [t](double a, double b) { return a + t * (b - a); };
+    found.push_back(disc({mix(s.bottom.x_mm, s.top.x_mm), mix(s.bottom.y_mm, s.top.y_mm)},
+                         Millimetres{mix(s.bottom_radius_mm, s.top_radius_mm)}, arc_tolerance_));
+  }
+  if (k < plate_layers_)
+    for (const Plate& plate : structure_.plates) {
+      if (z >= plate.height_mm) continue;
+      const double bevel = std::max(0.0, z - plate.height_mm / 2);
+      found.push_back(stadium(plate.a, plate.b, plate.radius_mm - bevel, arc_tolerance_));
+    }
+  return unite(found);
+}
+
+double StructureSections::volume_mm3() const {
+  double volume = 0;
+  for (std::uint32_t k = 0; k < sticks_at_.size(); ++k) volume += section(LayerIndex{k}).area_mm2() * thickness_mm_;
+  return volume;
+}
+
+}  // namespace telefab::fab

@@ -1,0 +1,105 @@
+#include <fmt/format.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <telefab/fab/support/support_plan.hpp>
+
+namespace telefab::fab {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+double rounded(double mm) { return std::round(mm * 1e6) / 1e6 + 0.0; }
+Json point(const Point3& p) { return Json::array({rounded(p.x_mm), rounded(p.y_mm), rounded(p.z_mm)}); }
+
+Result<double> number(const nlohmann::json& entry, const char* key) {
+  const auto found = entry.find(key);
+  if (found == entry.end() || !found->is_number())
+    return fail(ErrorCode::InvalidInput, fmt::format("hand list: every entry needs a number \"{}\"", key));
+  return found->get<double>();
+}
+
+Result<std::vector<std::vector<double>>> entries(const nlohmann::json& root, const char* list,
+                                                 std::initializer_list<const char*> keys) {
+  std::vector<std::vector<double>> rows;
+  const auto found = root.find(list);
+  if (found == root.end()) return rows;
+  if (!found->is_array() || found->size() > 10'000)
+    return fail(ErrorCode::InvalidInput, fmt::format("hand list: \"{}\" must be a list of at most 10000", list));
+  for (const auto& entry : *found) {
+    if (!entry.is_object() || entry.size() != keys.size())
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("hand list: an entry of \"{}\" must have exactly {}", list, fmt::join(keys, ", ")));
+    std::vector<double> row;
+    for (const char* key : keys) {
+      auto value = number(entry, key);
+      if (!value) return tl::unexpected{value.error()};
+      row.push_back(*value);
+    }
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
+
+}  // namespace
+
+Result<HandList> hand_list_from_json(std::string_view text) {
+  const auto root = nlohmann::json::parse(text, nullptr, false);
+  if (root.is_discarded() || !root.is_object())
+    return fail(ErrorCode::InvalidInput, "hand list: not a JSON object with \"extra\" and \"forbidden\"");
+  for (const auto& [key, value] : root.items())
+    if (key != "extra" && key != "forbidden")
+      return fail(ErrorCode::InvalidInput, fmt::format("hand list: unknown key \"{}\"", key));
+  HandList list;
+  auto extra = entries(root, "extra", {"x_mm", "y_mm", "z_mm"});
+  if (!extra) return tl::unexpected{extra.error()};
+  for (const auto& row : *extra) list.extra.push_back({{row[0], row[1]}, row[2]});
+  auto forbidden = entries(root, "forbidden", {"x_mm", "y_mm", "radius_mm", "from_z_mm", "to_z_mm"});
+  if (!forbidden) return tl::unexpected{forbidden.error()};
+  for (const auto& row : *forbidden) list.forbidden.push_back({{row[0], row[1]}, row[2], row[3], row[4]});
+  SupportOptions check;
+  check.hand = list;
+  if (auto ok = check.validate(); !ok) return tl::unexpected{ok.error()};
+  return list;
+}
+
+std::string to_json(const SupportPlan& plan) {
+  const SupportFigures& f = plan.figures();
+  Json root;
+  root["lift_layers"] = plan.lift_layers();
+  root["figures"] = {{"anchors", plan.anchors().size()},
+                     {"layers_with_regions", f.layers_with_regions},
+                     {"to_support_mm2", rounded(f.to_support_mm2)},
+                     {"waived_mm2", rounded(f.waived_mm2)},
+                     {"feet_on_part", f.feet_on_part},
+                     {"braces", f.braces},
+                     {"needles", f.needles},
+                     {"part_mm3", rounded(f.part_mm3)},
+                     {"support_mm3", rounded(f.support_mm3)}};
+  Json anchors = Json::array();
+  for (const Anchor& a : plan.anchors())
+    anchors.push_back({{"x_mm", rounded(a.place.x_mm)},
+                       {"y_mm", rounded(a.place.y_mm)},
+                       {"part_layer", a.layer.count()},
+                       {"by_hand", a.by_hand},
+                       {"on_part", a.on_part}});
+  root["anchors"] = std::move(anchors);
+  Json sticks = Json::array();
+  for (const Stick& s : plan.structure().sticks)
+    sticks.push_back({{"kind", name_of(s.kind)},
+                      {"bottom_mm", point(s.bottom)},
+                      {"top_mm", point(s.top)},
+                      {"bottom_radius_mm", rounded(s.bottom_radius_mm)},
+                      {"top_radius_mm", rounded(s.top_radius_mm)}});
+  root["sticks"] = std::move(sticks);
+  Json plates = Json::array();
+  for (const Plate& p : plan.structure().plates)
+    plates.push_back({{"a_mm", {rounded(p.a.x_mm), rounded(p.a.y_mm)}},
+                      {"b_mm", {rounded(p.b.x_mm), rounded(p.b.y_mm)}},
+                      {"radius_mm", rounded(p.radius_mm)},
+                      {"height_mm", rounded(p.height_mm)}});
+  root["plates"] = std::move(plates);
+  return root.dump(1) + "\n";
+}
+
+}  // namespace telefab::fab

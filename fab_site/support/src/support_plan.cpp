@@ -1,0 +1,233 @@
+#include <fmt/format.h>
+#include <tbb/global_control.h>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <cmath>
+#include <telefab/fab/support/support_plan.hpp>
+
+#include "route.hpp"
+
+namespace telefab::fab {
+namespace {
+
+/// An anchor that still has a solid column of part above it.
+struct Standing {
+  Point2 place;
+  std::uint32_t layer = 0;
+};
+
+struct Analysis {
+  std::vector<Region> layers;      ///< simplified, without specks
+  std::vector<Region> to_support;  ///< by layer
+};
+
+class Planner {
+ public:
+  Planner(const StackHeader& header, const MachineProfile& machine, const SupportOptions& options,
+          const ProgressSink& progress, std::stop_token stop)
+      : machine_{machine},
+        options_{options},
+        progress_{progress},
+        stop_{std::move(stop)},
+        t_{header.layer_thickness_mm},
+        reach_{machine.supports.anchor_distance_mm},
+        law_{self_support_law(machine)} {}
+
+  Result<SupportPlan> plan(std::span<const Layer> layers) {
+    auto regions = read(layers);
+    if (!regions) return tl::unexpected{regions.error()};
+    Analysis found;
+    found.layers = without_specks(std::move(*regions), law_.speck_mm2);
+    found.to_support.resize(found.layers.size());
+    for (const Region& layer : found.layers) figures_.part_mm3 += layer.area_mm2() * t_;
+    const std::uint32_t lift = options_.mode == SupportOptions::Mode::None ? 0 : lift_layers(found.layers);
+    if (options_.mode == SupportOptions::Mode::Auto) {
+      report(progress_, "layer regions", 0);
+      tbb::parallel_for(std::size_t{0}, found.layers.size(), [&](std::size_t k) {
+        if (stop_.stop_requested() || (k == 0 && lift == 0)) return;
+        static const Region nothing;
+        found.to_support[k] = analyse_layer(k == 0 ? nothing : found.layers[k - 1], found.layers[k], law_).to_support;
+      });
+      for (std::size_t k = 0; k < found.layers.size(); ++k) {
+        if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "planning supports: stopped");
+        if (auto ok = cover_layer(found, k); !ok) return tl::unexpected{ok.error()};
+        if (k % 16 == 0)
+          report(progress_, "anchors", static_cast<double>(k) / static_cast<double>(found.layers.size()));
+      }
+    }
+    report(progress_, "structure", 0);
+    auto routed = route_supports(anchors_, found.layers, lift, t_, machine_);
+    figures_.feet_on_part = routed.feet_on_part;
+    figures_.braces = routed.braces;
+    figures_.needles = routed.needles;
+    StructureSections sections{std::move(routed.structure), t_, lift + static_cast<std::uint32_t>(found.layers.size()),
+                               Millimetres{machine_.projection.pixel_pitch_mm / 20}};
+    figures_.support_mm3 = sections.volume_mm3();
+    report(progress_, "structure", 1);
+    return SupportPlan{lift, std::move(anchors_), std::move(sections), figures_};
+  }
+
+  Result<std::vector<Region>> read(std::span<const Layer> layers) {
+    std::vector<Region> regions(layers.size());
+    std::vector<std::string> wrong(layers.size());
+    const Millimetres tolerance{machine_.projection.pixel_pitch_mm / 10};
+    tbb::parallel_for(std::size_t{0}, layers.size(), [&](std::size_t k) {
+      if (stop_.stop_requested()) return;
+      if (layers[k].index.count() != k) {
+        wrong[k] =
+            fmt::format("planning supports: layer {} stands in the place of layer {}", layers[k].index.count(), k);
+        return;
+      }
+      auto region = Region::from_contours(layers[k].contours);
+      if (!region)
+        wrong[k] = fmt::format("planning supports: layer {}: {}", k, region.error().what);
+      else
+        regions[k] = simplified(*region, tolerance);
+    });
+    for (const std::string& text : wrong)
+      if (!text.empty()) return fail(ErrorCode::InvalidInput, text);
+    if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "planning supports: stopped");
+    return regions;
+  }
+
+ private:
+  [[nodiscard]] std::uint32_t lift_layers(const std::vector<Region>& layers) const {
+    double largest = 0;
+    for (const Region& layer : layers) largest = std::max(largest, layer.area_mm2());
+    if (largest == 0) return 0;
+    const double stands = layers.front().area_mm2() / largest;
+    const bool lifted = options_.stand == SupportOptions::Stand::Never ||
+                        (options_.stand == SupportOptions::Stand::Auto && stands < machine_.supports.stand_area_share);
+    if (!lifted) return 0;
+    const auto& s = machine_.supports;
+    const double least = s.base_thickness_mm + 2 * s.tip_radius_mm + 2 * t_;
+    return static_cast<std::uint32_t>(std::ceil(std::max(s.lift_off_mm, least) / t_ - 1e-6));
+  }
+
+  Result<void> cover_layer(const Analysis& found, std::size_t k) {
+    const Region& layer = found.layers[k];
+    const double span = reach_ * reach_;
+    std::erase_if(standing_, [&](const Standing& s) {
+      const double rise = (static_cast<double>(k) - s.layer) * t_;
+      return rise * rise >= span || !layer.contains(s.place);
+    });
+    add_by_hand(layer, k);
+    Region wanted = found.to_support[k];
+    if (wanted.empty()) return {};
+    ++figures_.layers_with_regions;
+    figures_.to_support_mm2 += wanted.area_mm2();
+    if (const Region closed = forbidden_at(k); !closed.empty()) {
+      const Region open = subtract(wanted, closed);
+      figures_.waived_mm2 += wanted.area_mm2() - open.area_mm2();
+      wanted = open;
+    }
+    const auto pieces = layer.pieces();
+    for (const Region& piece : pieces) {
+      Region rest = pieces.size() == 1 ? wanted : intersect(wanted, piece);
+      if (rest.empty()) continue;
+      std::vector<Region> held;
+      for (const Standing& s : standing_) {
+        if (pieces.size() > 1 && !piece.contains(s.place)) continue;
+        const double rise = (static_cast<double>(k) - s.layer) * t_;
+        held.push_back(disc(s.place, Millimetres{std::sqrt(span - rise * rise) * 0.999}, Millimetres{reach_ / 500}));
+      }
+      if (!held.empty()) rest = subtract(rest, unite(held));
+      if (rest.empty()) continue;
+      CoveringOptions options;
+      options.anchor_distance = Millimetres{reach_};
+      auto covering = cover_region(rest, options, stop_);
+      if (!covering) return tl::unexpected{covering.error()};
+      for (const Point2& place : covering->anchors) anchor(place, k, false);
+    }
+    return {};
+  }
+
+  void anchor(Point2 place, std::size_t k, bool by_hand) {
+    anchors_.push_back({place, LayerIndex{static_cast<std::uint32_t>(k)}, by_hand, false});
+    standing_.push_back({place, static_cast<std::uint32_t>(k)});
+  }
+
+  void add_by_hand(const Region& layer, std::size_t k) {
+    placed_.resize(options_.hand.extra.size(), 0);
+    for (std::size_t i = 0; i < options_.hand.extra.size(); ++i) {
+      const HandList::Extra& extra = options_.hand.extra[i];
+      if (placed_[i] || cut_height_mm(LayerIndex{static_cast<std::uint32_t>(k)}, t_) < extra.z_mm) continue;
+      if (!layer.contains(extra.place)) continue;
+      placed_[i] = 1;
+      anchor(extra.place, k, true);
+    }
+  }
+
+  [[nodiscard]] Region forbidden_at(std::size_t k) const {
+    const double z = cut_height_mm(LayerIndex{static_cast<std::uint32_t>(k)}, t_);
+    std::vector<Region> closed;
+    for (const HandList::Forbidden& f : options_.hand.forbidden)
+      if (z >= f.from_z_mm && z <= f.to_z_mm)
+        closed.push_back(disc(f.place, Millimetres{f.radius_mm}, Millimetres{f.radius_mm / 500}));
+    return unite(closed);
+  }
+
+  const MachineProfile& machine_;
+  const SupportOptions& options_;
+  const ProgressSink& progress_;
+  std::stop_token stop_;
+  double t_;
+  double reach_;
+  SelfSupportLaw law_;
+  SupportFigures figures_;
+  std::vector<Anchor> anchors_;
+  std::vector<Standing> standing_;
+  std::vector<char> placed_;
+};
+
+}  // namespace
+
+Result<void> SupportOptions::validate() const {
+  if (threads < 0 || threads > 1024) return fail(ErrorCode::InvalidInput, "supports: threads must be 0 to 1024");
+  const auto finite = [](double v) { return std::isfinite(v) && std::abs(v) <= 1e5; };
+  for (const auto& e : hand.extra)
+    if (!finite(e.place.x_mm) || !finite(e.place.y_mm) || !finite(e.z_mm))
+      return fail(ErrorCode::InvalidInput, "supports: an extra place by hand is not a finite number");
+  for (const auto& f : hand.forbidden)
+    if (!finite(f.place.x_mm) || !finite(f.place.y_mm) || !finite(f.from_z_mm) || !finite(f.to_z_mm) ||
+        !(f.radius_mm > 0 && f.radius_mm <= 1e4) || f.from_z_mm > f.to_z_mm)
+      return fail(ErrorCode::InvalidInput,
+                  "supports: a forbidden place by hand needs a radius above 0 and from_z_mm <= to_z_mm");
+  return {};
+}
+
+std::vector<Contour> SupportPlan::section(LayerIndex print_layer) const {
+  return sections_.section(print_layer).to_contours();
+}
+
+Result<SupportPlan> plan_supports(std::span<const Layer> layers, const StackHeader& header,
+                                  const MachineProfile& machine, const SupportOptions& options,
+                                  const ProgressSink& progress, std::stop_token stop) {
+  if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
+  if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
+  Planner planner{header, machine, options, progress, stop};
+  std::optional<Result<SupportPlan>> plan;
+  const int threads = options.threads == 0 ? tbb::task_arena::automatic : options.threads;
+  tbb::task_arena{threads}.execute([&] { plan.emplace(planner.plan(layers)); });
+  return std::move(*plan);
+}
+
+Result<LayerRegions> regions_of_layer(std::span<const Layer> layers, LayerIndex layer, const MachineProfile& machine) {
+  const std::size_t k = layer.count();
+  if (k >= layers.size())
+    return fail(ErrorCode::NotFound, fmt::format("no layer {}; the part has {}", k, layers.size()));
+  const Millimetres tolerance{machine.projection.pixel_pitch_mm / 10};
+  const auto current = Region::from_contours(layers[k].contours);
+  if (!current) return tl::unexpected{current.error()};
+  Region below;
+  if (k > 0) {
+    auto read = Region::from_contours(layers[k - 1].contours);
+    if (!read) return tl::unexpected{read.error()};
+    below = simplified(*read, tolerance);
+  }
+  return analyse_layer(below, simplified(*current, tolerance), self_support_law(machine));
+}
+
+}  // namespace telefab::fab

@@ -1,0 +1,139 @@
+#include <gtest/gtest.h>
+
+#include <telefab/fab/support/support_plan.hpp>
+
+#include "stacks.hpp"
+
+namespace telefab::fab {
+namespace {
+
+SupportPlan planned(const stacks::Stack& s, SupportOptions options = {}) {
+  return plan_supports(s.layers, s.header, stacks::machine(), options, {}, {}).value();
+}
+
+Region part(const stacks::Stack& s, std::size_t k) { return Region::from_contours(s.layers[k].contours).value(); }
+
+/// Pieces of any print layer, part and support together, that rest on nothing.
+int floating_pieces(const stacks::Stack& s, const SupportPlan& plan) {
+  int floating = 0;
+  Region below;
+  const auto lift = plan.lift_layers();
+  for (std::uint32_t k = 0; k < s.layers.size() + lift; ++k) {
+    Region all = plan.section_region(LayerIndex{k});
+    if (k >= lift) all = unite(all, part(s, k - lift));
+    if (k > 0)
+      for (const Region& piece : all.pieces())
+        if (piece.area_mm2() > 0.01 && intersect(piece, below).area_mm2() < 1e-4) ++floating;
+    below = all;
+  }
+  return floating;
+}
+
+TEST(SupportPlan, GivesAPlainVaultNoAnchors) {
+  const auto plan = planned(stacks::vault());
+  EXPECT_EQ(plan.anchors().size(), 0U);
+  EXPECT_EQ(plan.lift_layers(), 0U);
+}
+
+TEST(SupportPlan, HoldsMushroomTableBallHookAndTiltedCylinderWithoutAnythingFloating) {
+  for (const auto& s :
+       {stacks::mushroom(), stacks::table(), stacks::ball(), stacks::hook(), stacks::tilted_cylinder()}) {
+    const auto plan = planned(s);
+    EXPECT_GT(plan.anchors().size(), 0U);
+    EXPECT_EQ(floating_pieces(s, plan), 0);
+  }
+}
+
+TEST(SupportPlan, LiftsABallAndLetsATableStand) {
+  EXPECT_GE(planned(stacks::ball()).lift_layers() * 0.15, 2.0 - 1e-9);
+  EXPECT_EQ(planned(stacks::table()).lift_layers(), 0U);
+  SupportOptions never;
+  never.stand = SupportOptions::Stand::Never;
+  EXPECT_GT(planned(stacks::table(), never).lift_layers(), 0U);
+}
+
+TEST(SupportPlan, StandsAPinOnThePartOnlyWhereNoneCanReachThePlatform) {
+  const auto over_plate = planned(stacks::hook());
+  EXPECT_GT(over_plate.figures().feet_on_part, 0U);
+  EXPECT_EQ(planned(stacks::table()).figures().feet_on_part, 0U);
+}
+
+TEST(SupportPlan, KeepsShaftsClearOfThePart) {
+  for (const auto& s : {stacks::mushroom(), stacks::table(), stacks::tilted_cylinder()}) {
+    const auto plan = planned(s);
+    for (const Stick& stick : plan.structure().sticks) {
+      if (stick.kind != StickKind::Pin) continue;
+      for (double z = stick.bottom.z_mm; z < stick.top.z_mm; z += 0.3) {
+        const auto k = static_cast<std::int64_t>(z / 0.15) - plan.lift_layers();
+        if (k < 0) continue;
+        const Region shaft = disc({stick.bottom.x_mm, stick.bottom.y_mm}, Millimetres{0.6}, Millimetres{0.01});
+        EXPECT_LT(intersect(shaft, part(s, static_cast<std::size_t>(k))).area_mm2(), 1e-6);
+      }
+    }
+  }
+}
+
+TEST(SupportPlan, SharesAnchorsBetweenLayersOfASlope) {
+  // Layer by layer the slope would want its own row; standing anchors count, so there are fewer than layers.
+  const auto plan = planned(stacks::tilted_cylinder());
+  EXPECT_LT(plan.anchors().size(), plan.figures().layers_with_regions / 2);
+}
+
+TEST(SupportPlan, IsTheSameOnAnyNumberOfThreads) {
+  SupportOptions one;
+  one.threads = 1;
+  SupportOptions four;
+  four.threads = 4;
+  EXPECT_EQ(to_json(planned(stacks::ball(), one)), to_json(planned(stacks::ball(), four)));
+}
+
+TEST(SupportPlan, MakesNothingWhenToldSo) {
+  SupportOptions none;
+  none.mode = SupportOptions::Mode::None;
+  const auto plan = planned(stacks::ball(), none);
+  EXPECT_EQ(plan.anchors().size(), 0U);
+  EXPECT_EQ(plan.lift_layers(), 0U);
+  EXPECT_TRUE(plan.section(LayerIndex{0}).empty());
+}
+
+TEST(SupportPlan, ObeysTheHandList) {
+  const auto list = hand_list_from_json(
+      R"({"extra":[{"x_mm":50,"y_mm":50,"z_mm":0}],
+          "forbidden":[{"x_mm":40,"y_mm":50,"radius_mm":4,"from_z_mm":0,"to_z_mm":99}]})");
+  ASSERT_TRUE(list);
+  SupportOptions options;
+  options.hand = *list;
+  const auto plan = planned(stacks::mushroom(), options);
+  EXPECT_TRUE(std::any_of(plan.anchors().begin(), plan.anchors().end(), [](const Anchor& a) { return a.by_hand; }));
+  for (const Anchor& a : plan.anchors()) EXPECT_GE(std::hypot(a.place.x_mm - 40, a.place.y_mm - 50), 3.9);
+  EXPECT_GT(plan.figures().waived_mm2, 10);
+}
+
+TEST(HandList, RefusesUnknownKeysMissingNumbersAndNonsense) {
+  EXPECT_FALSE(hand_list_from_json("[]"));
+  EXPECT_FALSE(hand_list_from_json("{"));
+  EXPECT_FALSE(hand_list_from_json(R"({"extras":[]})"));
+  EXPECT_FALSE(hand_list_from_json(R"({"extra":[{"x_mm":1,"y_mm":2}]})"));
+  EXPECT_FALSE(hand_list_from_json(R"({"extra":[{"x_mm":1,"y_mm":2,"z_mm":1e300}]})"));
+  EXPECT_TRUE(hand_list_from_json("{}"));
+}
+
+TEST(SupportPlan, RefusesLayersOutOfOrder) {
+  auto s = stacks::table();
+  std::swap(s.layers[3], s.layers[4]);
+  const auto plan = plan_supports(s.layers, s.header, stacks::machine(), {}, {}, {});
+  ASSERT_FALSE(plan);
+  EXPECT_EQ(plan.error().code, ErrorCode::InvalidInput);
+}
+
+TEST(SupportPlan, StopsWhenAsked) {
+  std::stop_source source;
+  source.request_stop();
+  const auto s = stacks::ball();
+  const auto plan = plan_supports(s.layers, s.header, stacks::machine(), {}, {}, source.get_token());
+  ASSERT_FALSE(plan);
+  EXPECT_EQ(plan.error().code, ErrorCode::Cancelled);
+}
+
+}  // namespace
+}  // namespace telefab::fab
