@@ -1,0 +1,153 @@
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <openssl/evp.h>
+
+#include <atomic>
+#include <fstream>
+#include <mutex>
+#include <telefab/fab/web/web_server.hpp>
+#include <telefab/test/recording_desk.hpp>
+
+#include "web_driver.hpp"
+
+namespace telefab::fab {
+namespace {
+
+/// A desk whose one job can be paused, resumed and cancelled, with a failed job beside it.
+class LivingDesk final : public RecordingDesk {
+ public:
+  [[nodiscard]] Result<std::vector<JobView>> jobs() override {
+    const std::lock_guard lock{mutex_};
+    JobView failed = job_;
+    failed.id = "job-2";
+    failed.name = "lion.ply";
+    failed.state = "failed";
+    failed.message = "layer 12 has an unsupported island at (12.1, 40.2) mm";
+    return std::vector<JobView>{job_, failed};
+  }
+  [[nodiscard]] Result<JobView> job(std::string_view) override {
+    const std::lock_guard lock{mutex_};
+    return job_;
+  }
+  [[nodiscard]] Result<std::string> layer_json(std::string_view, std::uint32_t layer) override {
+    return fmt::format(
+        R"({{"layer":{},"z_mm":{},"thickness_mm":1,"bounds":[0,0,40,30],"part":[[[10,5],[30,5],[30,25],[10,25]],[[15,10],[15,20],[25,20],[25,10]]],"supports":[[[2,2],[5,2],[5,5]]],"certificate":"certified"}})",
+        layer, layer + 0.5);
+  }
+  [[nodiscard]] Result<void> act(std::string_view id, JobAction action, std::string_view who) override {
+    const std::lock_guard lock{mutex_};
+    (void)RecordingDesk::act(id, action, who);
+    job_.state = action == JobAction::Pause ? "paused" : action == JobAction::Resume ? "printing" : "cancelled";
+    ++revision_;
+    return {};
+  }
+  [[nodiscard]] std::uint64_t revision() override { return revision_; }
+
+ private:
+  static JobView printing() {
+    JobView job;
+    job.id = "job-1";
+    job.name = "statue.ply";
+    job.machine = "machine-a";
+    job.state = "printing";
+    job.layers = 20;
+    job.layers_printed = 7;
+    job.progress = 0.35;
+    job.seconds_left = 125;
+    return job;
+  }
+  std::mutex mutex_;
+  JobView job_ = printing();
+  std::atomic<std::uint64_t> revision_{1};
+};
+
+class PageTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!test::Browser::is_installed()) GTEST_SKIP() << "no chromium and chromedriver on this machine";
+    browser = std::make_unique<test::Browser>();
+    browser->open(fmt::format("http://127.0.0.1:{}/", server->port()));
+    ASSERT_TRUE(browser->becomes_true("return document.querySelector('#job-name').textContent === 'statue.ply';"));
+  }
+  void keep_screenshot(const std::string& name) const {
+    const std::string base64 = browser->screenshot();
+    std::string bytes(base64.size(), '\0');
+    const int size =
+        EVP_DecodeBlock(reinterpret_cast<unsigned char*>(bytes.data()),
+                        reinterpret_cast<const unsigned char*>(base64.data()), static_cast<int>(base64.size()));
+    ASSERT_GT(size, 1000);
+    const std::filesystem::path folder = std::getenv("TELEFAB_SCREENSHOTS") ? std::getenv("TELEFAB_SCREENSHOTS") : ".";
+    std::filesystem::create_directories(folder);
+    std::ofstream{folder / (name + ".png"), std::ios::binary}.write(bytes.data(), size);
+  }
+  [[nodiscard]] bool says(const std::string& css, const std::string& text) const {
+    return browser->becomes_true(
+        fmt::format("return document.querySelector('{}').textContent.includes('{}');", css, text));
+  }
+
+  LivingDesk desk;
+  std::unique_ptr<WebServer> server =
+      WebServer::listen("127.0.0.1", 0, desk, {.token = "secret", .version = "0"}).value();
+  std::unique_ptr<test::Browser> browser;
+};
+
+TEST_F(PageTest, ShowsTheJobItsLayerAndTheMachine) {
+  EXPECT_TRUE(says("#job-count", "layer 7 of 20, 2 min 5 s left"));
+  EXPECT_TRUE(says("#devices", "virtual"));
+  EXPECT_TRUE(
+      browser->becomes_true("const p = document.querySelector('#contours').getContext('2d').getImageData(180, 240, 1, "
+                            "1).data; return p[3] === 255;"));
+  keep_screenshot("page");
+}
+
+TEST_F(PageTest, PausesResumesAndCancelsWithTheOperatorsToken) {
+  browser->click("[data-action=pause]");
+  ASSERT_TRUE(browser->becomes_true("return !document.querySelector('#token-form').hidden;"));
+  browser->type("#token", "secret\n");
+  ASSERT_TRUE(says("#job-line", "paused"));
+  EXPECT_TRUE(browser->becomes_true("return document.querySelector('[data-action=pause]').disabled;"));
+  browser->click("[data-action=resume]");
+  ASSERT_TRUE(says("#job-line", "printing"));
+  browser->click("[data-action=cancel]");
+  browser->accept_dialog();
+  ASSERT_TRUE(says("#job-line", "cancelled"));
+  EXPECT_TRUE(
+      browser->becomes_true("return [...document.querySelectorAll('[data-action]')].every((b) => b.disabled);"));
+  EXPECT_EQ(desk.actions.size(), 3U);
+}
+
+TEST_F(PageTest, RefusesAWrongTokenAndAsksAgain) {
+  browser->click("[data-action=pause]");
+  browser->type("#token", "wrong\n");
+  ASSERT_TRUE(says("#answer", "not the operator"));
+  EXPECT_TRUE(desk.actions.empty());
+}
+
+TEST_F(PageTest, ShowsWhyAJobFailed) {
+  browser->click("[data-job=job-2]");
+  ASSERT_TRUE(says("#job-message", "unsupported island"));
+  keep_screenshot("page-failed");
+}
+
+TEST_F(PageTest, ScrubsToAnyLayerByKeyboard) {
+  browser->type("#layer", "\xEE\x80\x90");  // U+E010, the End key in WebDriver
+  EXPECT_TRUE(says("#layer-number", "19"));
+  EXPECT_TRUE(browser->becomes_true("return !document.querySelector('#follow').checked;"));
+}
+
+TEST_F(PageTest, AsksNobodyButItsOwnSite) {
+  EXPECT_TRUE(says("#devices", "virtual"));
+  EXPECT_EQ(
+      browser->run(
+          "return performance.getEntriesByType('resource').filter((r) => !r.name.startsWith(location.origin)).length;"),
+      0);
+}
+
+TEST_F(PageTest, FitsAPhone) {
+  browser->resize(500, 900);  // the narrowest window of the desktop browser
+  EXPECT_TRUE(browser->becomes_true("return document.documentElement.scrollWidth <= window.innerWidth;"));
+  keep_screenshot("page-phone");
+}
+
+}  // namespace
+}  // namespace telefab::fab

@@ -1,0 +1,169 @@
+#pragma once
+#include <signal.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <arpa/inet.h>
+#include <array>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <string>
+
+namespace telefab::test {
+
+/// A headless Chromium driven over the WebDriver protocol (W3C WebDriver, 2018). Throws where the browser or the
+/// driver does; for tests only.
+class Browser {
+ public:
+  using Json = nlohmann::json;
+
+  [[nodiscard]] static bool is_installed() {
+    return std::filesystem::exists("/usr/bin/chromium") && std::filesystem::exists("/usr/bin/chromedriver");
+  }
+
+  Browser() {
+    std::string name = (std::filesystem::temp_directory_path() / "telefab-browser-XXXXXX").string();
+    if (!::mkdtemp(name.data())) throw std::runtime_error("no temporary folder");
+    profile_ = name;
+    start_driver();
+    const Json wanted{
+        {"browserName", "chrome"},
+        {"goog:chromeOptions",
+         {{"binary", "/usr/bin/chromium"},
+          {"args",
+           {"--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
+            "--disable-component-update", "--disable-sync", "--use-gl=angle", "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader", "--window-size=1200,1400", "--user-data-dir=" + profile_ + "/profile"}}}}};
+    session_ =
+        call("POST", "/session", {{"capabilities", {{"alwaysMatch", wanted}}}}).at("sessionId").get<std::string>();
+  }
+  ~Browser() {
+    try {
+      if (!session_.empty()) (void)call("DELETE", "/session/" + session_, nullptr);
+    } catch (const std::exception& error) {
+      std::fprintf(stderr, "closing the browser: %s\n", error.what());
+    }
+    ::kill(driver_, SIGTERM);
+    ::waitpid(driver_, nullptr, 0);
+    std::filesystem::remove_all(profile_);
+  }
+  Browser(const Browser&) = delete;
+  Browser& operator=(const Browser&) = delete;
+
+  void open(const std::string& address) { (void)in_session("POST", "/url", {{"url", address}}); }
+  /// Runs a function body in the page and gives what it returns.
+  Json run(const std::string& body) {
+    return in_session("POST", "/execute/sync", {{"script", body}, {"args", Json::array()}});
+  }
+  /// Runs `body` until it returns true, for at most ten seconds of the browser's time.
+  bool becomes_true(const std::string& body) {
+    return in_session("POST", "/execute/async",
+                      {{"script", "const done = arguments[0], end = Date.now() + 10000; const test = () => { " + body +
+                                      " }; const look = () => test() ? done(true) : Date.now() > end ? done(false) : "
+                                      "setTimeout(look, 50); look();"},
+                       {"args", Json::array()}})
+        .get<bool>();
+  }
+  void accept_dialog() { (void)in_session("POST", "/alert/accept", Json::object()); }
+  void click(const std::string& css) { (void)in_session("POST", "/element/" + find(css) + "/click", Json::object()); }
+  void type(const std::string& css, const std::string& text) {
+    (void)in_session("POST", "/element/" + find(css) + "/value", {{"text", text}});
+  }
+  void resize(int width_px, int height_px) {
+    (void)in_session("POST", "/window/rect", {{"width", width_px}, {"height", height_px}});
+  }
+  /// Base64 of a PNG.
+  std::string screenshot() { return in_session("GET", "/screenshot", nullptr).get<std::string>(); }
+
+ private:
+  void start_driver() {
+    int ends[2];
+    if (::pipe(ends) != 0) throw std::runtime_error("no pipe");
+    driver_ = ::fork();
+    if (driver_ == 0) {
+      ::dup2(ends[1], STDOUT_FILENO);
+      ::close(ends[0]);
+      ::execl("/usr/bin/chromedriver", "chromedriver", "--port=0", static_cast<char*>(nullptr));
+      ::_exit(127);
+    }
+    ::close(ends[1]);
+    std::string said;
+    char buffer[512];
+    constexpr std::string_view mark = "successfully on port ";
+    while (port_ == 0) {
+      const ssize_t got = ::read(ends[0], buffer, sizeof buffer);
+      if (got <= 0) throw std::runtime_error("chromedriver did not start: " + said);
+      said.append(buffer, static_cast<std::size_t>(got));
+      if (const auto at = said.find(mark); at != std::string::npos && said.find('.', at) != std::string::npos)
+        port_ = static_cast<std::uint16_t>(std::stoi(said.substr(at + mark.size())));
+    }
+    output_ = ends[0];
+  }
+
+  [[nodiscard]] std::string find(const std::string& css) {
+    return in_session("POST", "/element", {{"using", "css selector"}, {"value", css}})
+        .begin()
+        .value()
+        .get<std::string>();
+  }
+  Json in_session(const std::string& method, const std::string& path, const Json& body) {
+    return call(method, "/session/" + session_ + path, body);
+  }
+
+  Json call(const std::string& method, const std::string& path, const Json& body) const {
+    const int fd = ::socket(AF_INET, SOCK_STREAM, 0);
+    const timeval limit{30, 0};
+    ::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(port_);
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    if (::connect(fd, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0) {
+      ::close(fd);
+      throw std::runtime_error("chromedriver is gone");
+    }
+    const std::string text = body.is_null() ? std::string{} : body.dump();
+    const std::string request =
+        method + " " + path +
+        " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Type: application/json\r\nContent-Length: " +
+        std::to_string(text.size()) + "\r\n\r\n" + text;
+    (void)!::write(fd, request.data(), request.size());
+    // The driver keeps the connection open whatever it is asked, so its Content-Length ends the answer.
+    std::string answer;
+    std::array<char, 65536> buffer{};
+    while (!is_whole(answer)) {
+      const ssize_t got = ::read(fd, buffer.data(), buffer.size());
+      if (got <= 0) break;
+      answer.append(buffer.data(), static_cast<std::size_t>(got));
+    }
+    ::close(fd);
+    const auto end = answer.find("\r\n\r\n");
+    if (end == std::string::npos) throw std::runtime_error("chromedriver gave no answer to " + path);
+    const Json value = Json::parse(answer.substr(end + 4)).at("value");
+    if (value.is_object() && value.contains("error")) throw std::runtime_error(path + ": " + value.dump());
+    return value;
+  }
+
+  [[nodiscard]] static bool is_whole(const std::string& answer) {
+    const auto end = answer.find("\r\n\r\n");
+    if (end == std::string::npos) return false;
+    std::string head = answer.substr(0, end);
+    for (char& c : head) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    constexpr std::string_view field = "content-length:";
+    const auto at = head.find(field);
+    return at != std::string::npos && answer.size() - end - 4 >= std::stoul(head.substr(at + field.size()));
+  }
+
+  std::string profile_;
+  std::string session_;
+  pid_t driver_ = -1;
+  int output_ = -1;
+  std::uint16_t port_ = 0;
+};
+
+}  // namespace telefab::test
