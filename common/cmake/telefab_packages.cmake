@@ -12,6 +12,8 @@ find_package(SQLite3 REQUIRED)
 find_package(CLI11 REQUIRED)
 find_package(spdlog REQUIRED)
 find_package(xsimd REQUIRED)
+# Debian's xsimd asks for xtl, which only its complex numbers need and no package provides here.
+set_property(TARGET xsimd PROPERTY INTERFACE_LINK_LIBRARIES "")
 find_package(ZLIB REQUIRED)
 pkg_check_modules(tomlplusplus REQUIRED IMPORTED_TARGET tomlplusplus)
 pkg_check_modules(polyclipping REQUIRED IMPORTED_TARGET polyclipping)
