@@ -1,0 +1,137 @@
+#include <telefab/scan/cloud/normals.hpp>
+
+#include <fmt/format.h>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "orientation.hpp"
+#include "outside_grid.hpp"
+#include "surface_graph.hpp"
+
+namespace telefab::scan {
+namespace {
+
+constexpr std::array kCellsInSpacings{4.0F, 2.5F, 1.6F};  ///< coarse grids close gaps, fine ones tell near walls apart
+constexpr std::size_t kMaxCells = 24'000'000;
+
+/// +1, -1 or 0 a point: the finest grid that can tell decides.
+std::vector<std::int8_t> look_outside(std::span<const Eigen::Vector3f> points, const SurfaceGraph& graph) {
+  std::vector<std::int8_t> side(points.size(), 0);
+  std::vector<OutsideGrid> grids;
+  grids.reserve(kCellsInSpacings.size());
+  for (const float cells : kCellsInSpacings)
+    grids.emplace_back(points, cells * graph.spacing, kMaxCells, grids.empty() ? nullptr : &grids.back());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>{0, points.size(), 4096}, [&](const auto& range) {
+    for (std::size_t i = range.begin(); i < range.end(); ++i)
+      for (auto grid = grids.rbegin(); grid != grids.rend(); ++grid)
+        if (const auto told = grid->outward_side(points[i], graph.normal[i])) {
+          side[i] = static_cast<std::int8_t>(*told);
+          break;
+        }
+  });
+  return side;
+}
+
+/// Share of near pairs that agree, sure pairs counting more.
+double neighbour_agreement(std::span<const Eigen::Vector3f> points, const SurfaceGraph& graph) {
+  double agreeing = 0, all = 0;
+  for (std::size_t i = 0; i < graph.size(); ++i)
+    for (const std::uint32_t j : graph.neighbours_of(i)) {
+      const PairVote vote = pair_vote(points[i], graph.normal[i], points[j], graph.normal[j]);
+      const double weight = static_cast<double>(vote.confidence) * std::abs(vote.agreement);
+      all += weight;
+      if (vote.agreement > 0) agreeing += weight;
+    }
+  return all > 0 ? agreeing / all : 1;
+}
+
+/// Fills what is known about normals that stand as they are; `side` is measured against them.
+void judge(NormalReport& report, std::span<const Eigen::Vector3f> points, const SurfaceGraph& graph,
+           std::span<const std::int8_t> side) {
+  std::size_t known = 0, outward = 0;
+  for (const std::int8_t s : side) {
+    known += s != 0 ? 1 : 0;
+    outward += s > 0 ? 1 : 0;
+  }
+  report.outside_known = static_cast<double>(known) / static_cast<double>(side.size());
+  report.outside_agreement = known > 0 ? static_cast<double>(outward) / static_cast<double>(known) : 1;
+  report.neighbour_agreement = neighbour_agreement(points, graph);
+}
+
+/// Given normals are turned by the piece, and only on good evidence: where the outside is seen by it, where not by the
+/// volume that the whole cloud encloses.
+std::vector<std::uint32_t> points_to_flip(const SurfaceGraph& graph, const Orientation& chosen,
+                                          std::span<const Eigen::Vector3f> points) {
+  std::vector<std::size_t> size(chosen.pieces, 0), turned(chosen.pieces, 0);
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    ++size[chosen.piece[i]];
+    turned[chosen.piece[i]] += chosen.turned[i] ? 1 : 0;
+    middle += points[i].cast<double>() / static_cast<double>(points.size());
+  }
+  const auto seen_inward = [&](std::size_t i) {
+    const std::uint32_t p = chosen.piece[i];
+    return chosen.outside_decides[p] && turned[p] * 2 > size[p];
+  };
+  double enclosed = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const double flux =
+        static_cast<double>(graph.area[i]) * (points[i].cast<double>() - middle).dot(graph.normal[i].cast<double>());
+    enclosed += seen_inward(i) ? -flux : flux;
+  }
+  std::vector<std::uint32_t> flipped;
+  for (std::uint32_t i = 0; i < points.size(); ++i) {
+    if (chosen.outside_decides[chosen.piece[i]] ? seen_inward(i) : enclosed < 0) flipped.push_back(i);
+  }
+  return flipped;
+}
+
+}  // namespace
+
+Result<void> NormalOptions::validate() const {
+  if (neighbours < 6 || neighbours > 64)
+    return fail(ErrorCode::InvalidInput, fmt::format("neighbours is {}; 6 to 64 are possible", neighbours));
+  return {};
+}
+
+Result<NormalResult> with_normals(PointCloud cloud, const NormalOptions& options, std::stop_token stop) {
+  if (auto valid = options.validate(); !valid) return tl::unexpected{valid.error()};
+  auto graph = build_surface_graph(cloud.points, static_cast<std::size_t>(options.neighbours), stop);
+  if (!graph) return tl::unexpected{graph.error()};
+  NormalReport report;
+  report.estimated = !cloud.has_normals() || !options.keep_given;
+  if (!report.estimated) graph->normal = cloud.normals;
+  std::vector<std::int8_t> side = look_outside(cloud.points, *graph);
+  auto chosen = choose_sides(cloud.points, *graph, side, stop);
+  if (!chosen) return tl::unexpected{chosen.error()};
+  report.pieces = chosen->pieces;
+  report.uncertain_points = chosen->uncertain_points;
+  if (report.estimated) {
+    for (std::size_t i = 0; i < cloud.size(); ++i)
+      if (chosen->turned[i]) {
+        graph->normal[i] = -graph->normal[i];
+        side[i] = static_cast<std::int8_t>(-side[i]);
+      }
+  } else {
+    for (const std::uint32_t i : points_to_flip(*graph, *chosen, cloud.points)) {
+      graph->normal[i] = -graph->normal[i];
+      side[i] = static_cast<std::int8_t>(-side[i]);
+      ++report.flipped_points;
+    }
+  }
+  judge(report, cloud.points, *graph, side);
+  cloud.normals = std::move(graph->normal);
+  return NormalResult{std::move(cloud), report};
+}
+
+std::string to_json(const NormalReport& report) {
+  return fmt::format(
+      R"({{"estimated":{},"pieces":{},"flipped_points":{},"neighbour_agreement":{:.6f},"outside_agreement":{:.6f},"outside_known":{:.6f},"uncertain_points":{}}})",
+      report.estimated, report.pieces, report.flipped_points, report.neighbour_agreement, report.outside_agreement,
+      report.outside_known, report.uncertain_points);
+}
+
+}  // namespace telefab::scan
