@@ -1,0 +1,49 @@
+#pragma once
+#include <telefab/net/connection.hpp>
+#include <telefab/net/endpoint.hpp>
+#include <telefab/net/loop.hpp>
+
+namespace telefab::net {
+
+struct ListenOptions {
+  Endpoint endpoint;
+  std::shared_ptr<Trust> trust;  ///< empty: plain TCP, which is refused off loopback
+  ConnectionLimits limits;
+  std::size_t max_connections = 64;
+};
+
+struct ListenEvents {
+  std::function<void(ConnectionPtr)> accepted;  ///< after the TLS handshake; call start() on it
+  std::function<void(const std::string& address, const Error&)> refused;  ///< a stranger: why
+};
+
+/// Accepts connections. Destruction closes the port, not the connections.
+class Listener {
+ public:
+  /// Fails with InvalidInput (address), NotPermitted (plain TCP off loopback, low port), Conflict (port in use).
+  [[nodiscard]] static Result<std::unique_ptr<Listener>> open(Loop& loop, const ListenOptions& options,
+                                                              ListenEvents events);
+  ~Listener();
+  Listener(const Listener&) = delete;
+  Listener& operator=(const Listener&) = delete;
+  [[nodiscard]] std::uint16_t port() const;
+
+ private:
+  struct Impl;
+  explicit Listener(std::shared_ptr<Impl> impl);
+  std::shared_ptr<Impl> impl_;
+};
+
+struct ConnectOptions {
+  Endpoint endpoint;
+  std::shared_ptr<Trust> trust;  ///< empty: plain TCP, which is refused off loopback
+  std::optional<Role> expected;  ///< of the other side's certificate; looked at with TLS only
+  ConnectionLimits limits;
+  Nanoseconds within = std::chrono::seconds{10};
+};
+
+/// Connects, and calls `done` once on the loop's thread: Unreachable, NotTrusted (certificate or role), NotPermitted
+/// (plain TCP off loopback).
+void connect_to(Loop& loop, const ConnectOptions& options, std::function<void(Result<ConnectionPtr>)> done);
+
+}  // namespace telefab::net

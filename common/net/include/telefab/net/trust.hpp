@@ -1,0 +1,52 @@
+#pragma once
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <telefab/base/result.hpp>
+
+namespace telefab::net {
+
+/// What a certificate's holder may be; it stands in the subject's organizational unit.
+enum class Role : std::uint8_t { Operator, ScanSite, FabSite, ReadOnly };
+/// "operator", "scan-site", "fab-site", "read-only".
+[[nodiscard]] std::string_view name_of(Role role);
+[[nodiscard]] std::optional<Role> role_from_name(std::string_view name);
+
+/// Who is at the other end.
+struct Peer {
+  std::string address;       ///< HOST:PORT as the socket says
+  std::string name;          ///< common name of the certificate; "local" without TLS
+  std::optional<Role> role;  ///< empty: plain TCP from loopback, trusted with everything
+};
+
+/// PEM files, as deploy/certs makes them.
+struct TlsFiles {
+  std::filesystem::path certificate;
+  std::filesystem::path key;
+  std::filesystem::path authority;
+  std::filesystem::path revoked;  ///< list of revoked certificates; empty: none
+};
+
+/// One side's certificate and whom it believes: TLS 1.3 only, both sides show certificates of one private authority.
+/// Threads: the loop's only.
+class Trust {
+ public:
+  /// Fails with NotFound, InvalidInput or NotTrusted (key of another certificate); names the file.
+  [[nodiscard]] static Result<std::shared_ptr<Trust>> load(const TlsFiles& files);
+  ~Trust();
+  Trust(const Trust&) = delete;
+  Trust& operator=(const Trust&) = delete;
+  /// Reads the files again where one of them has changed; on failure the old ones stay in force.
+  [[nodiscard]] Result<void> refresh();
+
+  struct Impl;
+  [[nodiscard]] Impl& impl() { return *impl_; }
+
+ private:
+  explicit Trust(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace telefab::net

@@ -1,0 +1,260 @@
+#include <telefab/net/listener.hpp>
+
+#include "loop_impl.hpp"
+#include "stream_connection.hpp"
+#include "trust_impl.hpp"
+
+namespace telefab::net {
+namespace {
+
+namespace asio = boost::asio;
+namespace ssl = boost::asio::ssl;
+using asio::ip::tcp;
+using Code = boost::system::error_code;
+
+std::string text_of(const tcp::socket& socket) {
+  Code error;
+  const auto end = socket.remote_endpoint(error);
+  return error ? std::string{"unknown"} : to_text(Endpoint{end.address().to_string(), end.port()});
+}
+
+bool is_loopback_socket(const tcp::socket& socket) {
+  Code error;
+  const auto end = socket.remote_endpoint(error);
+  return !error && end.address().is_loopback();
+}
+
+Result<void> plain_is_allowed(const Endpoint& endpoint) {
+  if (is_loopback(endpoint)) return {};
+  return fail(ErrorCode::NotPermitted,
+              fmt::format("{} is not on loopback: plain TCP is refused there; give --tls FOLDER with a certificate of "
+                          "deploy/certs",
+                          to_text(endpoint)));
+}
+
+ConnectionPtr plain_connection(tcp::socket socket, const ConnectionLimits& limits) {
+  Code ignored;  // without it the stream is slower, not wrong
+  socket.set_option(tcp::no_delay{true}, ignored);
+  Peer peer{text_of(socket), "local", {}};
+  return std::make_shared<StreamConnection<tcp::socket>>(std::move(socket), std::move(peer), limits);
+}
+
+/// Calls back once: done, or not within the time.
+template <class Done>
+std::shared_ptr<asio::steady_timer> guard_time(Tls& stream, Nanoseconds within, Done on_late) {
+  auto timer = std::make_shared<asio::steady_timer>(stream.get_executor(), within);
+  timer->async_wait([on_late](const Code& error) {
+    if (!error) on_late();
+  });
+  return timer;
+}
+
+/// Shakes hands, then looks at the certificate. `done` is called once.
+void shake_hands(std::shared_ptr<Tls> stream, std::shared_ptr<ssl::context> context,
+                 ssl::stream_base::handshake_type type, const ConnectionLimits& limits,
+                 std::function<void(Result<ConnectionPtr>)> done) {
+  Code ignored;
+  stream->lowest_layer().set_option(tcp::no_delay{true}, ignored);
+  const std::string address = text_of(stream->next_layer());
+  auto timer = guard_time(*stream, limits.greet_within, [stream] {
+    Code closing;
+    stream->lowest_layer().close(closing);
+  });
+  stream->async_handshake(type, [stream, context, timer, address, limits, done](const Code& error) {
+    timer->cancel();
+    if (error) {
+      const long verdict = SSL_get_verify_result(stream->native_handle());
+      std::string why = error == asio::error::bad_descriptor || error == asio::error::operation_aborted
+                            ? std::string{"the TLS handshake took too long"}
+                            : error.message();
+      if (verdict != X509_V_OK) why = X509_verify_cert_error_string(verdict);
+      return done(fail(ErrorCode::NotTrusted, fmt::format("{}: TLS refused: {}", address, why)));
+    }
+    auto peer = peer_of(*stream, address);
+    if (!peer) return done(tl::unexpected{peer.error()});
+    done(ConnectionPtr{std::make_shared<StreamConnection<Tls>>(std::move(*stream), std::move(*peer), limits)});
+  });
+}
+
+}  // namespace
+
+struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
+  Loop& loop;
+  ListenOptions options;
+  ListenEvents events;
+  tcp::acceptor acceptor;
+  asio::steady_timer breath;
+  /// Connections we handed out and handshakes under way; the dead ones are swept before they are counted.
+  std::vector<std::weak_ptr<Connection>> connections;
+  std::size_t handshakes = 0;
+
+  Impl(Loop& with, const ListenOptions& given, ListenEvents told)
+      : loop{with},
+        options{given},
+        events{std::move(told)},
+        acceptor{with.impl().context},
+        breath{with.impl().context} {}
+
+  void accept() {
+    acceptor.async_accept([self = shared_from_this()](const Code& error, tcp::socket socket) {
+      if (error == asio::error::operation_aborted || !self->acceptor.is_open()) return;
+      if (error) return self->rest();
+      self->welcome(std::move(socket));
+      self->accept();
+    });
+  }
+
+  /// Out of file descriptors or memory: wait a little instead of spinning.
+  void rest() {
+    breath.expires_after(std::chrono::milliseconds{100});
+    breath.async_wait([self = shared_from_this()](const Code& error) {
+      if (!error && self->acceptor.is_open()) self->accept();
+    });
+  }
+
+  void welcome(tcp::socket socket) {
+    std::erase_if(connections, [](const auto& each) { return each.expired(); });
+    const std::string address = text_of(socket);
+    if (connections.size() + handshakes >= options.max_connections)
+      return events.refused(address, {ErrorCode::TooLarge, "connection-limit: too many connections"});
+    if (!options.trust) {
+      if (!is_loopback_socket(socket))
+        return events.refused(address, {ErrorCode::NotPermitted, "plain TCP from another machine"});
+      return hand_out(plain_connection(std::move(socket), options.limits));
+    }
+    if (auto fresh = options.trust->refresh(); !fresh) events.refused("certificates", fresh.error());
+    auto context = options.trust->impl().context;
+    auto stream = std::make_shared<Tls>(std::move(socket), *context);
+    ++handshakes;
+    shake_hands(stream, context, ssl::stream_base::server, options.limits,
+                [self = shared_from_this(), address](Result<ConnectionPtr> made) {
+                  --self->handshakes;
+                  if (!made) return self->events.refused(address, made.error());
+                  self->hand_out(std::move(*made));
+                });
+  }
+
+  void hand_out(ConnectionPtr connection) {
+    connections.push_back(connection);
+    events.accepted(std::move(connection));
+  }
+};
+
+Listener::Listener(std::shared_ptr<Impl> impl) : impl_{std::move(impl)} {}
+
+Listener::~Listener() {
+  Code ignored;
+  impl_->acceptor.close(ignored);
+  impl_->breath.cancel();
+}
+
+std::uint16_t Listener::port() const { return impl_->acceptor.local_endpoint().port(); }
+
+Result<std::unique_ptr<Listener>> Listener::open(Loop& loop, const ListenOptions& options, ListenEvents events) {
+  if (!options.trust)
+    if (auto allowed = plain_is_allowed(options.endpoint); !allowed) return tl::unexpected{allowed.error()};
+  auto impl = std::make_shared<Impl>(loop, options, std::move(events));
+  Code error;
+  const std::string host = options.endpoint.host == "localhost" ? "127.0.0.1" : options.endpoint.host;
+  const auto address = asio::ip::make_address(host, error);
+  if (error)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("cannot listen on {}: give an IP address", to_text(options.endpoint)));
+  const tcp::endpoint end{address, options.endpoint.port};
+  impl->acceptor.open(end.protocol(), error);
+  if (!error) impl->acceptor.set_option(asio::socket_base::reuse_address{true}, error);
+  if (!error) impl->acceptor.bind(end, error);
+  if (!error) impl->acceptor.listen(asio::socket_base::max_listen_connections, error);
+  if (error)
+    return fail(error == asio::error::access_denied    ? ErrorCode::NotPermitted
+                : error == asio::error::address_in_use ? ErrorCode::Conflict
+                                                       : ErrorCode::InvalidInput,
+                fmt::format("cannot listen on {}: {}", to_text(options.endpoint), error.message()));
+  impl->accept();
+  return std::unique_ptr<Listener>{new Listener{std::move(impl)}};
+}
+
+namespace {
+
+/// One try to connect; alive as long as an operation of it is under way.
+class Attempt : public std::enable_shared_from_this<Attempt> {
+ public:
+  Attempt(Loop& loop, const ConnectOptions& options, std::function<void(Result<ConnectionPtr>)> done)
+      : options_{options},
+        done_{std::move(done)},
+        resolver_{loop.impl().context},
+        socket_{loop.impl().context},
+        timer_{loop.impl().context} {}
+
+  void begin() {
+    timer_.expires_after(options_.within);
+    timer_.async_wait([self = shared_from_this()](const Code& error) {
+      if (!error) self->finish(self->unreachable("no answer in time"));
+    });
+    resolver_.async_resolve(options_.endpoint.host, std::to_string(options_.endpoint.port),
+                            [self = shared_from_this()](const Code& error, const tcp::resolver::results_type& found) {
+                              if (!self->done_) return;
+                              if (error) return self->finish(self->unreachable(error.message()));
+                              self->connect(found);
+                            });
+  }
+
+ private:
+  tl::unexpected<Error> unreachable(std::string_view why) const {
+    return fail(ErrorCode::Unreachable, fmt::format("cannot reach {}: {}", to_text(options_.endpoint), why));
+  }
+
+  void connect(const tcp::resolver::results_type& found) {
+    asio::async_connect(socket_, found, [self = shared_from_this()](const Code& error, const tcp::endpoint&) {
+      if (!self->done_) return;
+      if (error) return self->finish(self->unreachable(error.message()));
+      self->connected();
+    });
+  }
+
+  void connected() {
+    if (!options_.trust) {
+      if (!is_loopback_socket(socket_))
+        return finish(fail(ErrorCode::NotPermitted, fmt::format("{} is not on loopback: plain TCP is refused there",
+                                                                to_text(options_.endpoint))));
+      return finish(plain_connection(std::move(socket_), options_.limits));
+    }
+    if (auto fresh = options_.trust->refresh(); !fresh) return finish(tl::unexpected{fresh.error()});
+    auto context = options_.trust->impl().context;
+    auto stream = std::make_shared<Tls>(std::move(socket_), *context);
+    (void)SSL_set_tlsext_host_name(stream->native_handle(), options_.endpoint.host.c_str());
+    shake_hands(stream, context, ssl::stream_base::client, options_.limits,
+                [self = shared_from_this()](Result<ConnectionPtr> made) {
+                  if (!self->done_) return;
+                  if (made && self->options_.expected && (*made)->peer().role != self->options_.expected)
+                    made = fail(ErrorCode::NotTrusted,
+                                fmt::format("{} shows the certificate of \"{}\", a {}, where a {} was expected",
+                                            to_text(self->options_.endpoint), (*made)->peer().name,
+                                            name_of(*(*made)->peer().role), name_of(*self->options_.expected)));
+                  self->finish(std::move(made));
+                });
+  }
+
+  void finish(Result<ConnectionPtr> outcome) {
+    const auto done = std::exchange(done_, {});
+    timer_.cancel();
+    resolver_.cancel();
+    Code ignored;
+    if (!outcome) socket_.close(ignored);
+    if (done) done(std::move(outcome));
+  }
+
+  ConnectOptions options_;
+  std::function<void(Result<ConnectionPtr>)> done_;
+  tcp::resolver resolver_;
+  tcp::socket socket_;
+  asio::steady_timer timer_;
+};
+
+}  // namespace
+
+void connect_to(Loop& loop, const ConnectOptions& options, std::function<void(Result<ConnectionPtr>)> done) {
+  std::make_shared<Attempt>(loop, options, std::move(done))->begin();
+}
+
+}  // namespace telefab::net

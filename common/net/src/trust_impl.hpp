@@ -1,0 +1,20 @@
+#pragma once
+#include <array>
+#include <telefab/net/trust.hpp>
+
+#include "asio.hpp"
+
+namespace telefab::net {
+
+using Tls = boost::asio::ssl::stream<boost::asio::ip::tcp::socket>;
+
+struct Trust::Impl {
+  TlsFiles files;
+  std::shared_ptr<boost::asio::ssl::context> context;
+  std::array<std::filesystem::file_time_type, 4> read_at{};
+};
+
+/// Name and role of the certificate the other side showed; NotTrusted where it carries no role of ours.
+[[nodiscard]] Result<Peer> peer_of(Tls& stream, std::string address);
+
+}  // namespace telefab::net
