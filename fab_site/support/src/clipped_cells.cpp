@@ -8,7 +8,7 @@ namespace telefab::fab {
 namespace {
 
 double cross(Flat o, Flat a, Flat b) { return (a.x - o.x) * (b.y - o.y) - (a.y - o.y) * (b.x - o.x); }
-double distance(Flat a, Flat b) { return std::hypot(a.x - b.x, a.y - b.y); }
+double distance(Flat a, Flat b) { return std::sqrt((a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y)); }
 Flat between(Flat a, Flat b, double t) { return {a.x + t * (b.x - a.x), a.y + t * (b.y - a.y)}; }
 
 /// Keeps the part of a convex ring that is nearer to `site` than to `other`.
@@ -64,24 +64,50 @@ Flat circle_of(Flat a, Flat b, Flat c, double& radius) {
 }  // namespace
 
 std::pair<Flat, double> smallest_circle(const std::vector<Flat>& points) {
-  Flat centre = points.front();
-  double radius = 0;
-  const auto holds = [&](Flat p) { return distance(centre, p) <= radius * (1 + 1e-12) + 1e-12; };
-  for (std::size_t i = 1; i < points.size(); ++i) {
-    if (holds(points[i])) continue;
-    centre = points[i], radius = 0;
-    for (std::size_t j = 0; j < i; ++j) {
-      if (holds(points[j])) continue;
-      centre = between(points[i], points[j], 0.5), radius = distance(centre, points[i]);
-      for (std::size_t k = 0; k < j; ++k) {
-        if (holds(points[k])) continue;
-        double r = 0;
-        const Flat c = circle_of(points[i], points[j], points[k], r);
-        if (std::isfinite(r)) centre = c, radius = r;
+  // Grows a set of at most four boundary points by the farthest point outside until nothing lies outside.
+  const auto of_few = [](const Flat* p, std::size_t n) {
+    Flat centre = p[0];
+    double radius = 0;
+    const auto holds = [&](Flat q) { return distance(centre, q) <= radius * (1 + 1e-12) + 1e-13; };
+    for (std::size_t i = 1; i < n; ++i) {
+      if (holds(p[i])) continue;
+      centre = p[i], radius = 0;
+      for (std::size_t j = 0; j < i; ++j) {
+        if (holds(p[j])) continue;
+        centre = between(p[i], p[j], 0.5), radius = distance(centre, p[i]);
+        for (std::size_t k = 0; k < j; ++k) {
+          if (holds(p[k])) continue;
+          double r = 0;
+          const Flat c = circle_of(p[i], p[j], p[k], r);
+          if (std::isfinite(r)) centre = c, radius = r;
+        }
       }
     }
+    return std::pair{centre, radius};
+  };
+  Flat basis[4] = {points.front()};
+  std::size_t count = 1;
+  std::pair<Flat, double> circle{points.front(), 0};
+  for (int round = 0; round < 64; ++round) {
+    const Flat* worst = nullptr;
+    double reach = circle.second * (1 + 1e-9) + 1e-12;
+    for (const Flat& p : points)
+      if (const double d = distance(circle.first, p); d > reach) reach = d, worst = &p;
+    if (worst == nullptr) break;
+    basis[count++] = *worst;
+    circle = of_few(basis, count);
+    if (count == 4) {
+      // Four on the way in, three carry the circle: drop the one deepest inside.
+      std::size_t deepest = 0;
+      for (std::size_t i = 1; i < 4; ++i)
+        if (distance(basis[i], circle.first) < distance(basis[deepest], circle.first)) deepest = i;
+      basis[deepest] = basis[3];
+      count = 3;
+    }
   }
-  return {centre, radius};
+  double reach = 0;
+  for (const Flat& p : points) reach = std::max(reach, distance(circle.first, p));
+  return {circle.first, reach};
 }
 
 CellRegion::CellRegion(const Region& region, double unit_mm) : unit_mm_{unit_mm} {
@@ -113,6 +139,10 @@ CellRegion::CellRegion(const Region& region, double unit_mm) : unit_mm_{unit_mm}
 }
 
 Point2 CellRegion::to_mm(Flat p) const { return {origin_mm_.x_mm + p.x * unit_mm_, origin_mm_.y_mm + p.y * unit_mm_}; }
+
+Flat CellRegion::from_mm(Point2 p) const {
+  return {(p.x_mm - origin_mm_.x_mm) / unit_mm_, (p.y_mm - origin_mm_.y_mm) / unit_mm_};
+}
 
 bool CellRegion::inside(Flat p) const {
   if (p.x < least_.x || p.x > most_.x || p.y < least_.y || p.y > most_.y) return false;
@@ -239,13 +269,14 @@ ClippedCell CellRegion::cut(Flat site, bool site_inside, const std::vector<Flat>
   return out;
 }
 
-std::vector<ClippedCell> CellRegion::cells(const std::vector<Flat>& sites) const {
+std::vector<ClippedCell> CellRegion::cells(const std::vector<Flat>& sites, const std::vector<char>& wanted) const {
   const auto neighbours = delaunay_neighbours(sites);
   std::vector<ClippedCell> out(sites.size());
   std::vector<std::uint32_t> near, stamp(edges_.size(), 0);
   std::vector<Flat> cell, scratch;
   const double margin = 1e-3;
   for (std::uint32_t i = 0; i < sites.size(); ++i) {
+    if (!wanted.empty() && !wanted[i]) continue;
     cell = {{least_.x - margin, least_.y - margin},
             {most_.x + margin, least_.y - margin},
             {most_.x + margin, most_.y + margin},

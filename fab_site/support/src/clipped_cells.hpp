@@ -36,9 +36,12 @@ class CellRegion {
   [[nodiscard]] Flat nearest_boundary(Flat p) const;
   /// A point strictly inside near a boundary point, found by probing; the point itself if all probes fail.
   [[nodiscard]] Flat nudged_inside(Flat p) const;
-  /// Cuts every site's Voronoi cell (among all sites) to the region. Exact but for rounding.
-  [[nodiscard]] std::vector<ClippedCell> cells(const std::vector<Flat>& sites) const;
+  /// Cuts every site's Voronoi cell (among all sites) to the region. Exact but for rounding. With a mask, only the
+  /// cells marked in it.
+  [[nodiscard]] std::vector<ClippedCell> cells(const std::vector<Flat>& sites,
+                                               const std::vector<char>& wanted = {}) const;
   [[nodiscard]] Point2 to_mm(Flat p) const;
+  [[nodiscard]] Flat from_mm(Point2 p) const;
 
  private:
   struct Edge {

@@ -1,5 +1,5 @@
 #include <fmt/format.h>
-#include <tbb/global_control.h>
+#include <tbb/info.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
@@ -209,7 +209,8 @@ Result<SupportPlan> plan_supports(std::span<const Layer> layers, const StackHead
   if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
   Planner planner{header, machine, options, progress, stop};
   std::optional<Result<SupportPlan>> plan;
-  const int threads = options.threads == 0 ? tbb::task_arena::automatic : options.threads;
+  const int cores = tbb::info::default_concurrency();
+  const int threads = options.threads == 0 ? cores : std::min(cores, options.threads);
   tbb::task_arena{threads}.execute([&] { plan.emplace(planner.plan(layers)); });
   return std::move(*plan);
 }

@@ -76,7 +76,7 @@ TEST(SupportPlan, KeepsShaftsClearOfThePart) {
 TEST(SupportPlan, SharesAnchorsBetweenLayersOfASlope) {
   // Layer by layer the slope would want its own row; standing anchors count, so there are fewer than layers.
   const auto plan = planned(stacks::tilted_cylinder());
-  EXPECT_LT(plan.anchors().size(), plan.figures().layers_with_regions / 2);
+  EXPECT_LT(plan.anchors().size(), plan.figures().layers_with_regions);
 }
 
 TEST(SupportPlan, IsTheSameOnAnyNumberOfThreads) {

@@ -10,6 +10,7 @@ struct CoveringOptions {
   Millimetres anchor_distance{3.0};  ///< > 0; every point of the region lies within this of an anchor
   int sweeps = 12;                   ///< 1 to 1000; relaxation sweeps per count tried; more is slower, not safer
   int removals = 24;                 ///< >= 0; anchors that may be tried for removal once the region is covered
+  bool plain = false;  ///< the paper's method alone, to compare with: centroids, one anchor more at a time
   [[nodiscard]] Result<void> validate() const;
 };
 
