@@ -1,0 +1,59 @@
+#pragma once
+#include <memory>
+#include <optional>
+#include <telefab/fab/device/z_stage.hpp>
+#include <telefab/fab/usb/line_transport.hpp>
+
+namespace telefab::fab {
+
+enum class StageDialect : std::uint8_t { Grbl, Marlin };
+
+struct SerialStageOptions {
+  StageDialect dialect = StageDialect::Grbl;
+  double top_mm = 0;  ///< gap between platform and vat where homing ends; also the upper soft limit
+  double fastest_mm_per_s = 10;
+  double homing_mm_per_s = 2;  ///< slowest part of the board's homing, for the deadline
+};
+
+/// A Z axis behind a serial line that speaks GRBL 1.1 or Marlin. Every move ends with a confirmed rest: the board's
+/// planner is empty and the position it reports is the one that was ordered. A restart banner or an alarm makes the
+/// position unknown, and nothing moves again before home(). Homing must be set up on the board to go up.
+class SerialStage final : public ZStage {
+ public:
+  /// Resets the board and waits for its banner. Fails: DeviceLost, DeviceTimeout (no banner), ProtocolBroken.
+  [[nodiscard]] static Result<std::unique_ptr<SerialStage>> open(std::unique_ptr<LineTransport> line,
+                                                                 const SerialStageOptions& options, Clock& clock);
+  ~SerialStage() override;
+
+  [[nodiscard]] const StageFacts& facts() const override { return facts_; }
+  [[nodiscard]] Result<void> home() override;
+  [[nodiscard]] Result<void> move_to(double z_mm, double speed_mm_per_s) override;
+  [[nodiscard]] Result<StageStatus> poll() override;
+  [[nodiscard]] Result<void> hold() override;
+
+ private:
+  enum class Doing : std::uint8_t { Nothing, Homing, Moving, AskingHome, AskingRest };
+  SerialStage(std::unique_ptr<LineTransport> line, const SerialStageOptions& options, Clock& clock)
+      : line_{std::move(line)}, options_{options}, clock_{clock} {}
+  [[nodiscard]] Result<void> connect();
+  [[nodiscard]] Result<void> say(std::string_view text);
+  [[nodiscard]] Result<void> take(const std::string& line);
+  [[nodiscard]] Result<void> take_ok();
+  [[nodiscard]] Result<void> take_position(double reported_mm);
+  [[nodiscard]] tl::unexpected<Error> lost(ErrorCode code, std::string what);
+
+  std::unique_ptr<LineTransport> line_;
+  SerialStageOptions options_;
+  Clock& clock_;
+  StageFacts facts_;
+  Doing doing_ = Doing::Nothing;
+  bool homed_ = false;
+  bool connected_ = false;
+  int oks_wanted_ = 0;
+  double z_mm_ = 0;
+  double target_mm_ = 0;
+  double board_top_mm_ = 0;  ///< what the board calls the place where homing ends
+  Nanoseconds deadline_{};
+};
+
+}  // namespace telefab::fab

@@ -1,0 +1,224 @@
+#include <fmt/format.h>
+
+#include <charconv>
+#include <cmath>
+#include <telefab/fab/drivers/grbl_stage.hpp>
+
+namespace telefab::fab {
+
+using namespace std::chrono_literals;
+
+namespace {
+
+constexpr Milliseconds kWriteTimeout{500};
+constexpr Nanoseconds kBannerTimeout = 4s;
+constexpr Nanoseconds kAnswerTimeout = 2s;
+constexpr Nanoseconds kWait = 10ms;
+constexpr int kLinesPerPoll = 64;
+
+/// What differs between the two firmwares.
+struct DialectFacts {
+  std::string_view name;
+  std::string_view reset;     ///< restarts the board
+  std::string_view banner;    ///< how its first line begins
+  std::string_view home;      ///< answered when at the end
+  std::string_view move;      ///< fmt: z, speed in mm/min; then the barrier
+  std::string_view barrier;   ///< answered when nothing moves any more
+  std::string_view ask;       ///< for the position
+  std::string_view position;  ///< the number follows this (GRBL: the third one)
+  int numbers_before_z;
+  std::string_view hold;
+  std::string_view busy;  ///< a line that only says "wait"
+};
+
+constexpr DialectFacts kGrbl{"GRBL",  "\x18", "Grbl ", "$H\n", "G90 G21 G53 G1 Z{:.4f} F{:.2f}\n", "G4 P0.01\n", "?",
+                             "MPos:", 2,      "!\x18", ""};
+// Marlin has no line that restarts it without cutting its heaters and motors; opening the port does.
+constexpr DialectFacts kMarlin{"Marlin", "\n", "start",  "G28 Z\n",  "G90\nG1 Z{:.4f} F{:.2f}\n", "M400\n", "M114\n",
+                               "Z:",     0,    "M410\n", "echo:busy"};
+
+const DialectFacts& facts_of(StageDialect d) { return d == StageDialect::Grbl ? kGrbl : kMarlin; }
+
+/// The `skip`-th number behind `mark`, numbers being separated by commas.
+std::optional<double> number_behind(std::string_view line, std::string_view mark, int skip) {
+  std::size_t at = line.find(mark);
+  if (at == std::string_view::npos) return std::nullopt;
+  at += mark.size();
+  for (; skip > 0; --skip) {
+    at = line.find(',', at);
+    if (at == std::string_view::npos) return std::nullopt;
+    ++at;
+  }
+  double value = 0;
+  const auto [end, error] = std::from_chars(line.data() + at, line.data() + line.size(), value);
+  if (error != std::errc{} || !std::isfinite(value)) return std::nullopt;
+  return value;
+}
+
+int lines_in(std::string_view text) {
+  int n = 0;
+  for (const char c : text) n += c == '\n';
+  return n;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<SerialStage>> SerialStage::open(std::unique_ptr<LineTransport> line,
+                                                       const SerialStageOptions& options, Clock& clock) {
+  if (!(options.top_mm > 0) || !(options.fastest_mm_per_s > 0) || !(options.homing_mm_per_s > 0))
+    return fail(ErrorCode::InvalidInput, "stage: its travel and its speeds must be positive");
+  std::unique_ptr<SerialStage> stage{new SerialStage{std::move(line), options, clock}};
+  stage->facts_ = {std::string{facts_of(options.dialect).name} + " stage",
+                   0,
+                   options.top_mm,
+                   options.fastest_mm_per_s,
+                   options.homing_mm_per_s,
+                   0.01};
+  if (const auto ok = stage->connect(); !ok) return tl::unexpected{ok.error()};
+  return stage;
+}
+
+SerialStage::~SerialStage() {
+  if (doing_ != Doing::Nothing) (void)line_->write(facts_of(options_.dialect).hold, kWriteTimeout);
+}
+
+Result<void> SerialStage::say(std::string_view text) { return line_->write(text, kWriteTimeout); }
+
+tl::unexpected<Error> SerialStage::lost(ErrorCode code, std::string what) {
+  homed_ = false;
+  doing_ = Doing::Nothing;
+  return fail(code, "stage: " + std::move(what));
+}
+
+Result<void> SerialStage::connect() {
+  connected_ = homed_ = false;
+  doing_ = Doing::Nothing;
+  const DialectFacts& dialect = facts_of(options_.dialect);
+  if (const auto ok = say(dialect.reset); !ok) return ok;
+  const Nanoseconds until = clock_.now() + kBannerTimeout;
+  while (clock_.now() < until) {
+    const auto line = line_->read_line(Milliseconds{0});
+    if (!line) return tl::unexpected{line.error()};
+    if (!*line) {
+      clock_.sleep_for(kWait);
+      continue;
+    }
+    // An Arduino that did not restart because its port was open already answers Marlin's empty line with ok.
+    const bool greeted =
+        (*line)->starts_with(dialect.banner) || (options_.dialect == StageDialect::Marlin && **line == "ok");
+    if (!greeted) continue;
+    connected_ = true;
+    return {};
+  }
+  return fail(ErrorCode::DeviceTimeout,
+              fmt::format("stage: no {} banner; is it the right port and firmware?", dialect.name));
+}
+
+Result<void> SerialStage::home() {
+  if (doing_ != Doing::Nothing || !connected_) {
+    // Whatever it was doing, it starts from a known state; a lost line is opened again.
+    if (!connect()) {
+      if (const auto ok = line_->reopen(); !ok) return ok;
+      if (const auto ok = connect(); !ok) return ok;
+    }
+  }
+  homed_ = false;
+  if (const auto ok = say(facts_of(options_.dialect).home); !ok) {
+    connected_ = false;
+    return ok;
+  }
+  doing_ = Doing::Homing;
+  oks_wanted_ = 1;
+  deadline_ = clock_.now() + move_deadline(options_.top_mm, options_.homing_mm_per_s);
+  return {};
+}
+
+Result<void> SerialStage::move_to(double z_mm, double speed_mm_per_s) {
+  if (!(z_mm >= facts_.lowest_mm && z_mm <= facts_.highest_mm))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("stage: a target of {} mm is outside 0 to {} mm", z_mm, facts_.highest_mm));
+  if (!(speed_mm_per_s > 0 && speed_mm_per_s <= facts_.fastest_mm_per_s))
+    return fail(ErrorCode::InvalidInput, fmt::format("stage: a speed of {} mm/s is not within 0 and {} mm/s",
+                                                     speed_mm_per_s, facts_.fastest_mm_per_s));
+  if (!homed_) return fail(ErrorCode::Conflict, "stage: not homed");
+  if (doing_ != Doing::Nothing) return fail(ErrorCode::Conflict, "stage: still moving");
+  const DialectFacts& dialect = facts_of(options_.dialect);
+  const std::string text =
+      fmt::format(fmt::runtime(dialect.move), board_top_mm_ + z_mm - options_.top_mm, speed_mm_per_s * 60) +
+      std::string{dialect.barrier};
+  doing_ = Doing::Moving;
+  oks_wanted_ = lines_in(text);
+  target_mm_ = z_mm;
+  deadline_ = clock_.now() + move_deadline(z_mm - z_mm_, speed_mm_per_s);
+  if (const auto ok = say(text); !ok) return lost(ok.error().code, ok.error().what);
+  return {};
+}
+
+Result<StageStatus> SerialStage::poll() {
+  for (int i = 0; i < kLinesPerPoll; ++i) {
+    const auto line = line_->read_line(Milliseconds{0});
+    if (!line) {
+      connected_ = false;
+      return lost(line.error().code, line.error().what);
+    }
+    if (!*line) break;
+    if (const auto ok = take(**line); !ok) return tl::unexpected{ok.error()};
+  }
+  if (doing_ != Doing::Nothing && clock_.now() > deadline_) {
+    (void)say(facts_of(options_.dialect).hold);
+    connected_ = false;
+    return lost(ErrorCode::DeviceTimeout, "it did not come to rest in time; held");
+  }
+  return StageStatus{doing_ != Doing::Nothing, homed_, z_mm_};
+}
+
+Result<void> SerialStage::take(const std::string& line) {
+  const DialectFacts& dialect = facts_of(options_.dialect);
+  if (line == "ok") return take_ok();
+  if (line.starts_with(dialect.banner))
+    return lost(ErrorCode::DeviceRefused, "the board restarted; the position is lost");
+  if (line.starts_with("ALARM") || line.starts_with("Error:") || line.starts_with("error:")) {
+    connected_ = false;
+    return lost(ErrorCode::DeviceRefused, "the board says " + line);
+  }
+  if (doing_ == Doing::AskingHome || doing_ == Doing::AskingRest) {
+    const bool busy = options_.dialect == StageDialect::Grbl && line.starts_with("<") && !line.starts_with("<Idle");
+    const auto z = number_behind(line, dialect.position, dialect.numbers_before_z);
+    if (z && !busy) return take_position(*z);
+    if (busy) return say(dialect.ask);
+  }
+  return {};  // messages, settings, busy lines, noise
+}
+
+Result<void> SerialStage::take_ok() {
+  if (oks_wanted_ == 0 || --oks_wanted_ > 0) return {};
+  if (doing_ == Doing::Homing) doing_ = Doing::AskingHome;
+  if (doing_ == Doing::Moving) doing_ = Doing::AskingRest;
+  if (doing_ != Doing::AskingHome && doing_ != Doing::AskingRest) return {};
+  deadline_ = clock_.now() + kAnswerTimeout;
+  return say(facts_of(options_.dialect).ask);
+}
+
+Result<void> SerialStage::take_position(double reported_mm) {
+  if (doing_ == Doing::AskingHome) {
+    board_top_mm_ = reported_mm;
+    z_mm_ = options_.top_mm;
+  } else {
+    z_mm_ = reported_mm - board_top_mm_ + options_.top_mm;
+    if (std::abs(z_mm_ - target_mm_) > facts_.steps_tolerance_mm)
+      return lost(ErrorCode::DeviceRefused,
+                  fmt::format("came to rest at {:.3f} mm instead of {:.3f} mm", z_mm_, target_mm_));
+  }
+  doing_ = Doing::Nothing;
+  homed_ = true;
+  return {};
+}
+
+Result<void> SerialStage::hold() {
+  homed_ = false;
+  doing_ = Doing::Nothing;
+  connected_ = false;  // the next home() restarts the board and so empties its planner
+  return say(facts_of(options_.dialect).hold);
+}
+
+}  // namespace telefab::fab

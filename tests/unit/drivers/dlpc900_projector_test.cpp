@@ -1,0 +1,181 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <telefab/fab/usb/decorators.hpp>
+#include <telefab/test/print_rig.hpp>
+
+namespace telefab::fab {
+namespace {
+
+using namespace std::chrono_literals;
+using test::FormulaMasks;
+using test::PrintRig;
+
+/// A transport that somebody else owns.
+class Borrowed final : public UsbTransport {
+ public:
+  explicit Borrowed(UsbTransport& inner) : inner_{inner} {}
+  Result<void> write(std::uint8_t e, std::span<const std::byte> b, Milliseconds t) override {
+    return inner_.write(e, b, t);
+  }
+  Result<std::vector<std::byte>> read(std::uint8_t e, std::size_t n, Milliseconds t) override {
+    return inner_.read(e, n, t);
+  }
+  Result<void> clear_halt(std::uint8_t e) override { return inner_.clear_halt(e); }
+  Result<void> reopen() override { return inner_.reopen(); }
+  std::string describe() const override { return inner_.describe(); }
+
+ private:
+  UsbTransport& inner_;
+};
+
+struct OneLayer {
+  Result<void> show(UsbTransport& bus, Microseconds exposure = 200ms) {
+    auto projector =
+        Dlpc900Projector::open(std::make_unique<Borrowed>(bus), {.mask = PrintRig::kSize, .led_current = 10}, clock);
+    if (!projector) return tl::unexpected{projector.error()};
+    const auto mask = masks.mask(LayerIndex{0});
+    if (const auto ok = (*projector)->load(mask->view(), exposure); !ok) return ok;
+    for (int i = 0; i < 20000; ++i) {
+      const auto status = (*projector)->poll();
+      if (!status) return tl::unexpected{status.error()};
+      if (status->state == LightState::Loaded)
+        if (const auto ok = (*projector)->expose(); !ok) return ok;
+      if (status->state == LightState::Exposed) {
+        parts = status->report.parts;
+        return {};
+      }
+      clock.sleep_for(10ms);
+    }
+    return fail(ErrorCode::Internal, "never exposed");
+  }
+  std::uint32_t parts = 0;
+  VirtualClock clock;
+  MachineLog log;
+  Dlpc900Model model{1, 6, clock, &log};
+  ModelUsb usb{model, clock};
+  FormulaMasks masks{PrintRig::kSize};
+};
+
+TEST(Dlpc900Projector, GivesEveryMirrorItsDoseAndNoneBeside) {
+  OneLayer bench;
+  ASSERT_TRUE(bench.show(bench.usb));
+  const Mask want = place_on_mirrors(bench.masks.mask(LayerIndex{0})->view(), bench.model.mirrors(), "normal");
+  const auto dose = bench.model.dose_s();
+  ASSERT_EQ(dose.size(), want.rows.size());
+  for (std::size_t i = 0; i < dose.size(); ++i) ASSERT_NEAR(dose[i], 0.2 * want.rows[i] / 255, 0.002) << "mirror " << i;
+  EXPECT_EQ(bench.model.endless_orders(), 0u);
+  EXPECT_EQ(bench.model.refusals(), 0u);
+}
+
+TEST(Dlpc900Projector, DrivesBothHalvesOfATwoControllerArray) {
+  OneLayer bench;
+  Dlpc900Model model{2, 6, bench.clock, &bench.log};
+  ModelUsb usb{model, bench.clock};
+  ASSERT_TRUE(bench.show(usb));
+  EXPECT_EQ(model.image(), place_on_mirrors(bench.masks.mask(LayerIndex{0})->view(), model.mirrors(), "normal"));
+}
+
+TEST(Dlpc900Projector, WorksOnEveryFirmwareOfTheTable) {
+  for (std::uint8_t major = 4; major <= 6; ++major) {
+    OneLayer bench;
+    Dlpc900Model model{1, major, bench.clock, &bench.log};
+    ModelUsb usb{model, bench.clock};
+    EXPECT_TRUE(bench.show(usb)) << int{major};
+    EXPECT_EQ(model.refusals(), 0u);
+  }
+}
+
+TEST(Dlpc900Projector, SplitsAnExposureTheControllerCannotCount) {
+  OneLayer bench;
+  ASSERT_TRUE(bench.show(bench.usb, 40s));
+  EXPECT_EQ(bench.parts, 3u);
+  Nanoseconds lit{};
+  for (const LitSpan& span : bench.log.light()) lit += span.until - span.from;
+  EXPECT_NEAR(double(lit.count()), 40e9, 1e5);
+}
+
+TEST(Dlpc900Projector, MeasuresTheUploadRate) {
+  OneLayer bench;
+  const auto projector = Dlpc900Projector::open(std::make_unique<ModelUsb>(bench.model, bench.clock),
+                                                {.mask = PrintRig::kSize}, bench.clock);
+  ASSERT_TRUE(projector);
+  EXPECT_NEAR((*projector)->facts().upload_bytes_per_s, 64000, 1500);
+}
+
+TEST(Dlpc900Projector, EndsDarkWhereverTheBusBreaks) {
+  std::size_t calls = 0;
+  {
+    OneLayer bench;
+    FailingUsb counting{bench.usb, SIZE_MAX, 0, ErrorCode::DeviceLost};
+    ASSERT_TRUE(bench.show(counting));
+    calls = counting.calls();
+  }
+  ASSERT_GT(calls, 100u);
+  int failures = 0;
+  for (const ErrorCode code : {ErrorCode::DeviceLost, ErrorCode::DeviceTimeout, ErrorCode::DeviceRefused})
+    for (std::size_t n = 0; n < calls; ++n) {
+      OneLayer bench;
+      bench.model.add_up_dose(false);
+      FailingUsb usb{bench.usb, n, SIZE_MAX, code};
+      failures += !bench.show(usb);  // the last calls only switch off what is off already
+      bench.clock.advance(300ms);  // the controller's own timer
+      bench.model.tick();
+      EXPECT_FALSE(bench.model.lit()) << "bus lost at call " << n;
+      for (const LitSpan& lit : bench.log.light()) EXPECT_LE(lit.until - lit.from, 200ms);
+    }
+  EXPECT_GT(failures, 300);
+}
+
+TEST(Dlpc900Projector, AnswersTheSameBytesAsItsTranscript) {
+  OneLayer bench;
+  RecordingUsb recording{bench.usb};
+  ASSERT_TRUE(bench.show(recording));
+  const auto transcript = transcript_from_text(to_text(recording.transcript()));
+  ASSERT_TRUE(transcript);
+  EXPECT_EQ(*transcript, recording.transcript());
+  ReplayUsb replay{*transcript};
+  OneLayer again;
+  // Replayed bytes take no time, so the driver sees the exposure end at the first poll behind its length.
+  class Timed final : public UsbTransport {
+   public:
+    Timed(UsbTransport& inner, Clock& clock) : inner_{inner}, clock_{clock} {}
+    Result<void> write(std::uint8_t e, std::span<const std::byte> b, Milliseconds t) override {
+      clock_.sleep_for(std::chrono::milliseconds{b.size() / 64});
+      return inner_.write(e, b, t);
+    }
+    Result<std::vector<std::byte>> read(std::uint8_t e, std::size_t n, Milliseconds t) override {
+      clock_.sleep_for(1ms);
+      return inner_.read(e, n, t);
+    }
+    Result<void> clear_halt(std::uint8_t e) override { return inner_.clear_halt(e); }
+    Result<void> reopen() override { return inner_.reopen(); }
+    std::string describe() const override { return inner_.describe(); }
+
+   private:
+    UsbTransport& inner_;
+    Clock& clock_;
+  } timed{replay, again.clock};
+  EXPECT_TRUE(again.show(timed));
+  EXPECT_TRUE(replay.finished());
+}
+
+TEST(Dlpc900Projector, RefusesAMaskWiderThanItsMirrors) {
+  OneLayer bench;
+  const auto made =
+      Dlpc900Projector::open(std::make_unique<ModelUsb>(bench.model, bench.clock), {.mask = {1921, 100}}, bench.clock);
+  ASSERT_FALSE(made);
+  EXPECT_THAT(made.error().what, testing::HasSubstr("1920 x 1080"));
+}
+
+TEST(PlaceOnMirrors, TurnsTheMaskAsTheOpticsDemand) {
+  const Mask m{{2, 2}, {1, 2, 3, 4}};
+  EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, "normal").rows, (std::vector<std::uint8_t>{1, 2, 3, 4}));
+  EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, "mirror-x").rows, (std::vector<std::uint8_t>{2, 1, 4, 3}));
+  EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, "mirror-y").rows, (std::vector<std::uint8_t>{3, 4, 1, 2}));
+  EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, "rotate-180").rows, (std::vector<std::uint8_t>{4, 3, 2, 1}));
+}
+
+}  // namespace
+}  // namespace telefab::fab

@@ -1,0 +1,171 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <telefab/fab/drivers/grbl_stage.hpp>
+#include <telefab/fab/drivers/model_transport.hpp>
+
+namespace telefab::fab {
+namespace {
+
+using namespace std::chrono_literals;
+
+struct StageBench {
+  Result<StageStatus> rest(Nanoseconds most = 100s) {
+    const Nanoseconds until = clock.now() + most;
+    while (clock.now() < until) {
+      auto status = stage->poll();
+      if (!status || !status->moving) return status;
+      clock.sleep_for(10ms);
+    }
+    return fail(ErrorCode::Internal, "never at rest");
+  }
+  void open() {
+    auto made =
+        SerialStage::open(std::make_unique<ModelLine>(model, clock), {.top_mm = 25, .homing_mm_per_s = 20}, clock);
+    ASSERT_TRUE(made) << made.error().what;
+    stage = std::move(*made);
+  }
+  VirtualClock clock;
+  MachineLog log;
+  GrblModel model{25, clock, &log};
+  std::unique_ptr<SerialStage> stage;
+};
+
+TEST(GrblStage, HomesUpThenGoesWhereItIsSent) {
+  StageBench b;
+  b.open();
+  ASSERT_TRUE(b.stage->home());
+  EXPECT_NEAR(b.rest()->z_mm, 25, 1e-6);
+  ASSERT_TRUE(b.stage->move_to(0.1, 3));
+  const auto status = b.rest();
+  ASSERT_TRUE(status) << status.error().what;
+  EXPECT_NEAR(status->z_mm, 0.1, 1e-3);
+  EXPECT_NEAR(b.model.gap_mm(), 0.1, 1e-3);
+  EXPECT_TRUE(status->homed);
+}
+
+TEST(GrblStage, TakesTheTimeOfTheMove) {
+  StageBench b;
+  b.open();
+  ASSERT_TRUE(b.stage->home());
+  (void)b.rest();
+  const Nanoseconds from = b.clock.now();
+  ASSERT_TRUE(b.stage->move_to(10, 3));
+  ASSERT_TRUE(b.rest());
+  EXPECT_NEAR(double((b.clock.now() - from).count()) * 1e-9, 5, 0.06);
+}
+
+TEST(GrblStage, RefusesTargetsAndSpeedsThatAreNotLegal) {
+  StageBench b;
+  b.open();
+  EXPECT_EQ(b.stage->move_to(1, 1).error().code, ErrorCode::Conflict) << "not homed";
+  ASSERT_TRUE(b.stage->home());
+  (void)b.rest();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double inf = std::numeric_limits<double>::infinity();
+  for (const double z : {-0.001, 25.001, nan, inf, -inf})
+    EXPECT_EQ(b.stage->move_to(z, 1).error().code, ErrorCode::InvalidInput) << z;
+  for (const double v : {0.0, -1.0, 10.1, nan, inf})
+    EXPECT_EQ(b.stage->move_to(1, v).error().code, ErrorCode::InvalidInput) << v;
+  EXPECT_TRUE(b.stage->move_to(1, 1));
+  EXPECT_EQ(b.stage->move_to(2, 1).error().code, ErrorCode::Conflict) << "still moving";
+}
+
+TEST(GrblStage, MovesNoMoreAfterAnyFaultUntilItIsHomed) {
+  for (std::size_t f = 0; f < kStageFaults; ++f) {
+    const auto fault = static_cast<StageFault>(f);
+    if (fault == StageFault::Garbage) continue;  // harmless
+    SCOPED_TRACE(name_of(fault));
+    StageBench b;
+    b.open();
+    ASSERT_TRUE(b.stage->home());
+    (void)b.rest();
+    b.model.plan_fault(fault, 0);
+    ASSERT_TRUE(b.stage->move_to(5, 3) || fault == StageFault::HangUp);
+    const auto failed = b.rest();
+    ASSERT_FALSE(failed);
+    EXPECT_THAT(failed.error().code,
+                testing::AnyOf(ErrorCode::DeviceRefused, ErrorCode::DeviceTimeout, ErrorCode::DeviceLost));
+    EXPECT_FALSE(b.stage->move_to(5, 3));
+    (void)b.stage->hold();
+    ASSERT_TRUE(b.stage->home());
+    ASSERT_TRUE(b.rest());
+    ASSERT_TRUE(b.stage->move_to(5, 3));
+    const auto again = b.rest();
+    ASSERT_TRUE(again) << again.error().what;
+    EXPECT_NEAR(b.model.gap_mm(), 5, 1e-3);
+  }
+}
+
+TEST(GrblStage, ReadsThroughGarbage) {
+  StageBench b;
+  b.open();
+  ASSERT_TRUE(b.stage->home());
+  (void)b.rest();
+  b.model.plan_fault(StageFault::Garbage, 0);
+  ASSERT_TRUE(b.stage->move_to(5, 3));
+  EXPECT_TRUE(b.rest());
+}
+
+TEST(GrblStage, HoldsWithinAMove) {
+  StageBench b;
+  b.open();
+  ASSERT_TRUE(b.stage->home());
+  (void)b.rest();
+  ASSERT_TRUE(b.stage->move_to(5, 2));
+  b.clock.advance(2s);
+  ASSERT_TRUE(b.stage->hold());
+  const double held = b.model.gap_mm();
+  b.clock.advance(20s);
+  b.model.tick();
+  EXPECT_NEAR(b.model.gap_mm(), held, 1e-9);
+  EXPECT_NEAR(held, 21, 0.2);
+}
+
+/// A Marlin board in few lines: moves take no time, M400 is answered after a wait of one busy line.
+class MarlinLine final : public LineTransport {
+ public:
+  Result<void> write(std::string_view bytes, Milliseconds) override {
+    std::string text{bytes};
+    for (std::size_t at = 0, end = 0; (end = text.find('\n', at)) != std::string::npos; at = end + 1) {
+      const std::string line = text.substr(at, end - at);
+      said.push_back(line);
+      if (line.starts_with("G28")) z = 30;
+      if (line.starts_with("G1 Z")) z = std::stod(line.substr(4));
+      if (line == "M400") answers.emplace_back("echo:busy: processing");
+      if (line == "M114") answers.push_back("X:0.00 Y:0.00 Z:" + std::to_string(z) + " E:0.00 Count X:0");
+      answers.emplace_back("ok");
+    }
+    return {};
+  }
+  Result<std::optional<std::string>> read_line(Milliseconds) override {
+    if (answers.empty()) return std::nullopt;
+    std::string line = answers.front();
+    answers.erase(answers.begin());
+    return line;
+  }
+  Result<void> reopen() override { return {}; }
+  std::string describe() const override { return "Marlin"; }
+  std::vector<std::string> answers{"start"}, said;
+  double z = 0;
+};
+
+TEST(MarlinStage, SpeaksTheSecondDialect) {
+  VirtualClock clock;
+  auto line = std::make_unique<MarlinLine>();
+  MarlinLine& board = *line;
+  auto stage = SerialStage::open(std::move(line), {.dialect = StageDialect::Marlin, .top_mm = 25}, clock);
+  ASSERT_TRUE(stage) << stage.error().what;
+  ASSERT_TRUE((*stage)->home());
+  while ((*stage)->poll()->moving) clock.sleep_for(10ms);
+  ASSERT_TRUE((*stage)->move_to(5, 2));
+  while ((*stage)->poll()->moving) clock.sleep_for(10ms);
+  EXPECT_NEAR((*stage)->poll()->z_mm, 5, 1e-3);
+  EXPECT_NEAR(board.z, 10, 1e-6) << "the board calls the top 30";
+  EXPECT_THAT(board.said, testing::IsSupersetOf({"G28 Z", "G90", "G1 Z10.0000 F120.00", "M400", "M114"}));
+}
+
+}  // namespace
+}  // namespace telefab::fab
