@@ -255,7 +255,10 @@ Result<std::unique_ptr<MlsField>> MlsField::from_cloud(PointCloud placed, const 
   tbb::parallel_sort(parts->rising.begin(), parts->rising.end(), [](const auto& a, const auto& b) {
     return a.z != b.z ? a.z < b.z : a.band != b.band ? a.band < b.band : a.index < b.index;
   });
-  const Vec3 reach = Vec3::Constant(choice.kernel_mm);
+  // Nothing beyond the cut radius of a sample is in reach.
+  float widest = 0;
+  for (const WidthBand& band : parts->field.bands) widest = std::max(widest, band.widest_mm);
+  const Vec3 reach = Vec3::Constant(3.2 * widest);
   parts->bounds = {origin + low - reach, origin + high + reach};
   return std::unique_ptr<MlsField>{new MlsField{std::move(parts)}};
 }
@@ -266,14 +269,16 @@ double MlsField::kernel_width_mm(const Vec3& point_mm) const { return parts_->fi
 const KernelChoice& MlsField::kernel() const { return parts_->choice; }
 std::size_t MlsField::sample_count() const { return parts_->samples; }
 
-void MlsField::samples_between(double low_mm, double high_mm, std::vector<SurfaceSample>& found) const {
-  found.clear();
+void MlsField::samples_between(double low_mm, double high_mm, SurfaceSamples& found) const {
+  found.points.clear();
+  found.normals.clear();
   const double base = parts_->field.origin.z();
   const auto first = std::lower_bound(parts_->rising.begin(), parts_->rising.end(), low_mm - base,
                                       [](const Parts::Place& p, double z) { return p.z < z; });
   for (auto p = first; p != parts_->rising.end() && p->z <= high_mm - base; ++p) {
     const GridSample& s = parts_->field.bands[p->band].grid.samples()[p->index];
-    found.push_back({parts_->field.origin + Vec3{s.x, s.y, s.z}, Vec3{s.nx, s.ny, s.nz}});
+    found.points.push_back(parts_->field.origin + Vec3{s.x, s.y, s.z});
+    found.normals.emplace_back(s.nx, s.ny, s.nz);
   }
 }
 

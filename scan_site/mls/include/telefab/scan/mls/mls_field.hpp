@@ -29,10 +29,10 @@ struct MlsOptions {
   [[nodiscard]] Result<void> validate() const;
 };
 
-/// A point of the scan in the build frame with its outward unit normal.
-struct SurfaceSample {
-  Vec3 position_mm = Vec3::Zero();
-  Vec3 normal = Vec3::UnitZ();
+/// Points of the scan in the build frame, millimetres, with outward unit normals; same length.
+struct SurfaceSamples {
+  std::vector<Vec3> points;
+  std::vector<Vec3> normals;
 };
 
 /// How the kernel was chosen; for the report.
@@ -62,7 +62,7 @@ class MlsField final : public ScalarField {
   [[nodiscard]] const KernelChoice& kernel() const;
   [[nodiscard]] std::size_t sample_count() const;
   /// Samples with low <= z <= high, rising in z; replaces what `found` held.
-  void samples_between(double low_mm, double high_mm, std::vector<SurfaceSample>& found) const;
+  void samples_between(double low_mm, double high_mm, SurfaceSamples& found) const;
 
  private:
   struct Parts;

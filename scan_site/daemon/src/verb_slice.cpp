@@ -1,0 +1,165 @@
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+#include <charconv>
+#include <cmath>
+#include <memory>
+#include <telefab/base/file.hpp>
+#include <telefab/geometry/contour_lines.hpp>
+#include <telefab/machine/machine_profile.hpp>
+#include <telefab/scan/pipeline/slice_scan.hpp>
+
+#include "verbs.hpp"
+
+namespace telefab::scan {
+namespace {
+
+constexpr std::uint64_t kMaxScanBytes = 64ULL << 30U;
+
+struct Options {
+  std::string cloud;
+  std::string machine;
+  std::string machines = default_machine_folder();
+  std::string contours, report;
+  std::optional<double> height_mm, scale, layer_mm, kernel_mm, chord_mm;
+  bool fit = false;
+  bool keep_outliers = false;
+  bool require_certified = false;
+  bool json = false;
+  unsigned threads = 0;
+  std::string method = "auto";
+  std::string surface = std::string{name_of(SurfaceKind::Unbiased)};
+  std::string layers;
+};
+
+/// "FIRST:LAST", both counted from 0 and both cut.
+Result<std::array<std::uint32_t, 2>> range_from(const std::string& text) {
+  std::array<std::uint32_t, 2> range{};
+  const char* at = text.data();
+  const char* const end = at + text.size();
+  for (std::size_t i = 0; i < 2; ++i) {
+    const auto [after, error] = std::from_chars(at, end, range[i]);
+    if (error != std::errc{} || (i == 0 ? after == end || *after != ':' : after != end))
+      return fail(ErrorCode::InvalidInput, fmt::format("--layers {}: must be FIRST:LAST, e.g. 0:99", text));
+    at = after + 1;
+  }
+  return range;
+}
+
+Result<SliceRequest> request_from(const Options& o) {
+  SliceRequest request;
+  const auto machines = load_machine_profiles(o.machines);
+  if (!machines) return tl::unexpected{machines.error()};
+  auto machine = find_machine(*machines, o.machine);
+  if (!machine) return tl::unexpected{machine.error()};
+  request.machine = std::move(*machine);
+  request.height_mm = o.height_mm;
+  request.scale = o.scale;
+  request.fit = o.fit;
+  request.layer_mm = o.layer_mm;
+  request.chord_mm = o.chord_mm;
+  request.threads = o.threads;
+  request.mls.kernel_mm = o.kernel_mm;
+  request.mls.drop_outliers = !o.keep_outliers;
+  const auto method = trace_method_from(o.method);
+  if (!method) return tl::unexpected{method.error()};
+  request.method = *method;
+  const auto surface = surface_kind_from(o.surface);
+  if (!surface) return tl::unexpected{surface.error()};
+  request.mls.surface = *surface;
+  if (!o.layers.empty()) {
+    const auto range = range_from(o.layers);
+    if (!range) return tl::unexpected{range.error()};
+    request.layers = *range;
+  }
+  if (auto ok = request.validate(); !ok) return tl::unexpected{ok.error()};
+  return request;
+}
+
+void print_summary(const SliceReport& report) {
+  double seconds = 0;
+  std::string stages;
+  for (const StageTime& t : report.times) {
+    seconds += t.seconds;
+    stages += fmt::format("{}{} {:.2f} s", stages.empty() ? "" : ", ", t.stage, t.seconds);
+  }
+  fmt::print("{}: {} points, {:.2f} x {:.2f} x {:.2f} mm on {}\n", report.header.scan_name, report.points,
+             report.size_mm[0], report.size_mm[1], report.size_mm[2], report.header.machine);
+  fmt::print("kernel {:.3f} mm{} at a spacing of {:.3f} mm, surface {}\n", report.kernel.kernel_mm,
+             report.kernel.adaptive ? " (median, by local spacing)" : "", report.kernel.spacing_mm, report.surface);
+  fmt::print("{} layers, {} contours, {} vertices in {:.2f} s ({})\n", report.layers_cut, report.contours,
+             report.vertices, seconds, stages);
+  fmt::print("{} layers certified ({} marched), {} flagged\n", report.certified, report.certified_by_march,
+             report.flagged.size());
+  constexpr std::size_t kShown = 5;
+  for (std::size_t i = 0; i < report.flagged.size() && i < kShown; ++i) {
+    const FlaggedLayer& f = report.flagged[i];
+    fmt::print("  layer {} at {:.3f} mm: {}", f.layer.count(), f.z_mm, f.reason);
+    if (f.place) fmt::print(" at ({:.2f}, {:.2f})", f.place->x_mm, f.place->y_mm);
+    fmt::print("\n");
+  }
+  if (report.flagged.size() > kShown) fmt::print("  and {} more; see --report\n", report.flagged.size() - kShown);
+}
+
+Result<ExitCode> run(const Options& o, std::stop_token stop) {
+  const auto request = request_from(o);
+  if (!request) return tl::unexpected{request.error()};
+  const auto scan = read_file(o.cloud, kMaxScanBytes);
+  if (!scan) return tl::unexpected{scan.error()};
+
+  std::string lines;
+  const LayerSink sink = [&](const StackHeader&, Layer&& layer) -> Result<void> {
+    if (!o.contours.empty()) lines += to_json_line(layer) + '\n';
+    return {};
+  };
+  int shown = -1;
+  const ProgressSink progress = [&, bar = on_terminal()](const Progress& p) {
+    const int percent = static_cast<int>(100 * p.fraction);
+    if (!bar || percent == shown) return;
+    shown = percent;
+    fmt::print(stderr, "\r{:<10} {:3} %", p.stage, percent);
+  };
+  const std::string name = std::filesystem::path{o.cloud}.filename().string();
+  const auto report = slice_scan(*scan, name, *request, sink, progress, stop);
+  if (shown >= 0) fmt::print(stderr, "\r{:20}\r", "");
+  if (!report) return tl::unexpected{report.error()};
+
+  const std::string json = to_json(*report);
+  if (!o.contours.empty())
+    if (auto ok = write_file_atomically(o.contours, lines); !ok) return tl::unexpected{ok.error()};
+  if (!o.report.empty())
+    if (auto ok = write_file_atomically(o.report, json + '\n'); !ok) return tl::unexpected{ok.error()};
+  if (o.json)
+    fmt::print("{}\n", json);
+  else
+    print_summary(*report);
+  return o.require_certified && !report->flagged.empty() ? ExitCode::NotCertified : ExitCode::Ok;
+}
+
+}  // namespace
+
+VerbBody declare_slice(CLI::App& options) {
+  auto o = std::make_shared<Options>();
+  options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, OFF, STL, OBJ or text")->required();
+  options.add_option("--machine", o->machine, "machine profile to slice for")->required();
+  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  options.add_option("--contours", o->contours, "write contours here, one JSON line a layer");
+  options.add_option("--report", o->report, "write the report here (JSON)");
+  auto* height = options.add_option("--height-mm", o->height_mm, "scale the part to this height");
+  auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file");
+  auto* fit = options.add_flag("--fit", o->fit, "scale the part to the largest the machine holds");
+  height->excludes(scale)->excludes(fit);
+  scale->excludes(fit);
+  options.add_option("--layer-mm", o->layer_mm, "layer thickness; default: the machine's");
+  options.add_option("--chord-mm", o->chord_mm, "chord tolerance; default: a tenth of the machine's pixel");
+  options.add_option("--threads", o->threads, "worker threads; 0: one a core")->capture_default_str();
+  options.add_option("--layers", o->layers, "cut these layers only, FIRST:LAST, counted from 0");
+  options.add_option("--method", o->method, "auto | reeb | grid")->capture_default_str();
+  options.add_option("--surface", o->surface, "unbiased | paper | paper-literal | imls")->capture_default_str();
+  options.add_option("--kernel-mm", o->kernel_mm, "kernel width; default: from spacing and noise, point by point");
+  options.add_flag("--keep-outliers", o->keep_outliers, "use every point of the scan");
+  options.add_flag("--require-certified", o->require_certified, "exit with code 8 if a layer is flagged");
+  options.add_flag("--json", o->json, "print the report as JSON");
+  return [o](std::stop_token stop) { return run(*o, stop); };
+}
+
+}  // namespace telefab::scan

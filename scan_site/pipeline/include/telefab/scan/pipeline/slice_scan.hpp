@@ -1,0 +1,91 @@
+#pragma once
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <string_view>
+#include <telefab/base/progress.hpp>
+#include <telefab/base/result.hpp>
+#include <telefab/geometry/layer.hpp>
+#include <telefab/machine/machine_profile.hpp>
+#include <telefab/scan/mls/mls_field.hpp>
+#include <vector>
+
+namespace telefab::scan {
+
+/// How contours are found: marched from the Reeb graph, by marching squares, or marched where the result can be
+/// certified and by squares where not.
+enum class TraceMethod : std::uint8_t { Auto = 1, Reeb = 2, Grid = 3 };
+/// "auto", "reeb", "grid"; InvalidInput lists them.
+[[nodiscard]] Result<TraceMethod> trace_method_from(std::string_view name);
+
+/// Everything that decides the layers. At most one of height, scale and fit; none: the file's unit is millimetres.
+struct SliceRequest {
+  MachineProfile machine;
+  std::optional<double> height_mm;  ///< > 0; the scan's z extent becomes this
+  std::optional<double> scale;      ///< > 0; millimetres per unit of the file
+  bool fit = false;                 ///< as large as the platform and the Z travel allow
+  std::optional<double> layer_mm;   ///< (0, 1]; none: the machine's layer thickness
+  TraceMethod method = TraceMethod::Auto;
+  MlsOptions mls;
+  std::optional<double> chord_mm;                      ///< (0, 1]; none: a tenth of the pixel pitch
+  unsigned threads = 0;                                ///< 0: one a core
+  std::optional<std::array<std::uint32_t, 2>> layers;  ///< first and last layer to be cut; none: all
+  bool close_base = false;                             ///< an open underside is closed by a level face at the platform
+  [[nodiscard]] Result<void> validate() const;
+};
+
+/// Where time went, seconds of wall clock.
+struct StageTime {
+  std::string stage;
+  double seconds = 0;
+};
+
+/// A layer that is not certified.
+struct FlaggedLayer {
+  LayerIndex layer;
+  double z_mm = 0;
+  std::string reason;
+  std::optional<Point2> place;
+};
+
+struct SliceReport {
+  StackHeader header;
+  std::size_t points = 0;  ///< read
+  KernelChoice kernel;
+  std::string surface;  ///< name of the surface kind
+  std::string method;
+  std::array<double, 3> size_mm{};  ///< of the placed scan
+  std::string normals_json;         ///< report of the normals, as they came
+  std::uint32_t layers_cut = 0;
+  std::uint32_t certified = 0;
+  std::uint32_t certified_by_march = 0;
+  std::vector<FlaggedLayer> flagged;
+  std::uint64_t contours = 0;
+  std::uint64_t vertices = 0;
+  std::uint64_t evaluations = 0;
+  std::optional<int> surface_euler;  ///< of the whole surface, from its critical points
+  std::size_t critical_points = 0;
+  std::vector<std::string> doubts;  ///< about the topology, for people
+  std::vector<StageTime> times;
+};
+/// One JSON object, fixed key order; scan_to_build is a 4x4 list of rows, build = T * scan.
+[[nodiscard]] std::string to_json(const SliceReport& report);
+
+/// Called once a layer, in order, while slicing goes on, from the calling thread or a worker, never from two at once.
+/// An error ends the slicing and becomes its result.
+using LayerSink = std::function<Result<void>(const StackHeader&, Layer&&)>;
+
+/// Scan file to layers: read, normals, placement (centred on the platform, bottom at z = 0), surface, topology,
+/// contours. Same request and bytes, same layers on any number of threads, and for any range of layers.
+/// Fails: InvalidInput (the file, the request, a part larger than the machine: both sizes in the message), TooLarge,
+/// Cancelled (within 0.2 s of the stop), or the sink's error.
+[[nodiscard]] Result<SliceReport> slice_scan(std::span<const std::byte> scan, std::string_view name,
+                                             const SliceRequest& request, const LayerSink& sink,
+                                             const ProgressSink& progress, std::stop_token stop);
+
+}  // namespace telefab::scan

@@ -1,0 +1,47 @@
+#pragma once
+#include <functional>
+#include <memory>
+#include <optional>
+#include <telefab/geometry/layer.hpp>
+#include <telefab/scan/contour/grid_tracer.hpp>
+#include <telefab/scan/pipeline/slice_scan.hpp>
+#include <telefab/scan/topology/height_topology.hpp>
+
+namespace telefab::scan {
+
+/// What all layers of a part share. Immutable while layers are cut; outlives the cutter.
+struct CutSetting {
+  const ScalarField& field;
+  const HeightTopology* topology = nullptr;  ///< none: nothing is predicted
+  /// Samples with low <= z <= high.
+  std::function<void(double low_mm, double high_mm, SurfaceSamples& found)> samples;
+  double band_mm = 0;  ///< samples this near to a plane must lie beside one of its contours
+  double chord_mm = 0.014;
+  TraceMethod method = TraceMethod::Auto;
+  std::optional<TraceFault> known_fault;  ///< flags every layer: something wrong with the scan as a whole
+};
+
+struct CutLayer {
+  Layer layer;
+  std::uint64_t evaluations = 0;
+};
+
+/// Cuts layers one after another with one cursor; one cutter a thread. What it cut before changes no byte.
+class LayerCutter {
+ public:
+  explicit LayerCutter(const CutSetting& setting);
+  /// The rings at z and what can be vouched for. Fails: TooLarge, Cancelled.
+  [[nodiscard]] Result<CutLayer> cut(LayerIndex index, double z_mm, std::stop_token stop);
+
+ private:
+  struct Candidate;
+  [[nodiscard]] Result<Candidate> marched(double z_mm, std::stop_token stop);
+  [[nodiscard]] Result<Candidate> gridded(double z_mm, std::stop_token stop);
+  void judge(Candidate& candidate, double z_mm) const;
+
+  const CutSetting& setting_;
+  std::unique_ptr<FieldCursor> cursor_;
+  SurfaceSamples near_;
+};
+
+}  // namespace telefab::scan

@@ -1,0 +1,60 @@
+#include "placement.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <telefab/geometry/limits.hpp>
+
+namespace telefab::scan {
+
+Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request) {
+  if (scan.points.empty()) return fail(ErrorCode::InvalidInput, "the scan has no points");
+  Eigen::Vector3f low = scan.points[0];
+  Eigen::Vector3f high = low;
+  for (const auto& p : scan.points) {
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
+  }
+  const Vec3 min = scan.origin + low.cast<double>();
+  const Vec3 size = high.cast<double>() - low.cast<double>();
+  if (!min.allFinite() || !size.allFinite())
+    return fail(ErrorCode::InvalidInput, "the scan has coordinates that are not finite");
+  if (!(size.z() > 0) || !(size.x() > 0) || !(size.y() > 0))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("the scan is flat: its box is {} x {} x {} units", size.x(), size.y(), size.z()));
+
+  const MachineProfile::Platform& platform = request.machine.platform;
+  const Vec3 room{platform.width_mm, platform.depth_mm, platform.z_travel_mm};
+  const double largest = room.cwiseQuotient(size).minCoeff();
+  double scale = 1;
+  if (request.height_mm) scale = *request.height_mm / size.z();
+  if (request.scale) scale = *request.scale;
+  // A hair below what fits, so that rounding cannot push it over.
+  if (request.fit) scale = largest * (1 - 1e-6);
+  const Vec3 size_mm = scale * size;
+  if (!size_mm.allFinite() || (size_mm - room).maxCoeff() > 1e-9 * room.maxCoeff())
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("the part is {:.4g} x {:.4g} x {:.4g} mm, larger than {}: {:.4g} x {:.4g} mm platform, "
+                            "{:.4g} mm travel; give --height-mm {:.4g} or less, or --fit",
+                            size_mm.x(), size_mm.y(), size_mm.z(), request.machine.name, room.x(), room.y(), room.z(),
+                            std::floor(largest * size.z() * 100) / 100));
+  if (size_mm.minCoeff() < 1e-6)
+    return fail(ErrorCode::InvalidInput, fmt::format("the part is {:.3g} x {:.3g} x {:.3g} mm, too small to be cut; "
+                                                     "give --height-mm or --scale",
+                                                     size_mm.x(), size_mm.y(), size_mm.z()));
+
+  const Vec3 middle = min + size / 2;
+  const Vec3 shift{room.x() / 2 - scale * middle.x(), room.y() / 2 - scale * middle.y(), -scale * min.z()};
+  Placement placed;
+  placed.size_mm = size_mm;
+  placed.scan_to_build = {scale, 0, 0, shift.x(), 0, scale, 0, shift.y(), 0, 0, scale, shift.z(), 0, 0, 0, 1};
+  // Relative to the middle of the part: float keeps 10 nm there, wherever the scanner stood.
+  const Vec3 origin{room.x() / 2, room.y() / 2, size_mm.z() / 2};
+  for (auto& p : scan.points) p = (scale * (scan.origin + p.cast<double>()) + shift - origin).cast<float>();
+  placed.cloud = std::move(scan);
+  placed.cloud.origin = origin;
+  return placed;
+}
+
+}  // namespace telefab::scan

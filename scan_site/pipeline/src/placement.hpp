@@ -1,0 +1,18 @@
+#pragma once
+#include <telefab/geometry/layer.hpp>
+#include <telefab/scan/cloud/point_cloud.hpp>
+#include <telefab/scan/pipeline/slice_scan.hpp>
+
+namespace telefab::scan {
+
+struct Placement {
+  PointCloud cloud;  ///< build frame, millimetres
+  Transform4 scan_to_build = kIdentity4;
+  Vec3 size_mm = Vec3::Zero();
+};
+
+/// Scales and moves the scan onto the platform: centred, lowest point at z = 0. Fails: InvalidInput (no points, no
+/// extent, larger than the platform or the Z travel: the message has both sizes and the height that would fit).
+[[nodiscard]] Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request);
+
+}  // namespace telefab::scan

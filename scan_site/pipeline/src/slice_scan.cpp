@@ -1,0 +1,264 @@
+#include <fmt/format.h>
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/global_control.h>
+#include <tbb/info.h>
+#include <tbb/parallel_pipeline.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <telefab/base/clock.hpp>
+#include <telefab/geometry/limits.hpp>
+#include <telefab/scan/cloud/normals.hpp>
+#include <telefab/scan/cloud/read_cloud.hpp>
+#include <telefab/scan/pipeline/slice_scan.hpp>
+#include <telefab/scan/topology/height_topology.hpp>
+
+#include "layer_cutter.hpp"
+#include "placement.hpp"
+
+namespace telefab::scan {
+namespace {
+
+constexpr std::array kMethods{std::pair{TraceMethod::Auto, "auto"}, std::pair{TraceMethod::Reeb, "reeb"},
+                              std::pair{TraceMethod::Grid, "grid"}};
+/// Layers of one task: neighbours share what a cursor has gathered.
+constexpr std::uint32_t kBlock = 4;
+/// Samples this near to a plane (in median kernel widths) must lie beside its contours.
+constexpr double kBandKernels = 0.5;
+/// cos 30 degrees: flatter than this a sample may lie near a critical point.
+constexpr double kNearLevel = 0.866;
+
+class StageClock {
+ public:
+  explicit StageClock(std::vector<StageTime>& times) : times_{times}, since_{clock_.now()} {}
+  void lap(std::string stage) {
+    const Nanoseconds now = clock_.now();
+    times_.push_back({std::move(stage), std::chrono::duration<double>(now - since_).count()});
+    since_ = now;
+  }
+
+ private:
+  SystemClock clock_;
+  std::vector<StageTime>& times_;
+  Nanoseconds since_;
+};
+
+Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) {
+  SurfaceSamples all;
+  const Box3 box = field.bounds();
+  field.samples_between(box.min.z(), box.max.z(), all);
+  SurfaceSamples level;
+  for (std::size_t i = 0; i < all.points.size(); ++i)
+    if (std::abs(all.normals[i].z()) >= kNearLevel) {
+      level.points.push_back(all.points[i]);
+      level.normals.push_back(all.normals[i]);
+    }
+  TopologyOptions options;
+  options.noise_mm = field.kernel().noise_mm;
+  return analyse_height(field, level.points, level.normals, options, stop);
+}
+
+struct Block {
+  std::uint32_t first = 0;
+  Result<std::vector<CutLayer>> cut;
+};
+
+Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, std::array<std::uint32_t, 2> range,
+                        unsigned threads, const LayerSink& sink, const ProgressSink& progress, std::stop_token stop,
+                        SliceReport& report) {
+  std::stop_source halt;
+  const std::stop_callback link{stop, [&] { halt.request_stop(); }};
+  Result<void> outcome;
+  std::uint32_t next = range[0];
+  const std::uint32_t end = range[1] + 1;
+  tbb::enumerable_thread_specific<std::unique_ptr<LayerCutter>> cutters;
+  const auto source = [&](tbb::flow_control& flow) -> std::uint32_t {
+    if (next >= end || halt.stop_requested()) {
+      flow.stop();
+      return 0;
+    }
+    const std::uint32_t first = next;
+    next = std::min(end, next + kBlock);
+    return first;
+  };
+  const auto work = [&](std::uint32_t first) -> std::shared_ptr<Block> {
+    auto& cutter = cutters.local();
+    if (!cutter) cutter = std::make_unique<LayerCutter>(setting);
+    auto block = std::make_shared<Block>();
+    block->first = first;
+    std::vector<CutLayer> cut;
+    for (std::uint32_t i = first; i < std::min(end, first + kBlock); ++i) {
+      const LayerIndex index{i};
+      auto layer = cutter->cut(index, cut_height_mm(index, header.layer_thickness_mm), halt.get_token());
+      if (!layer) {
+        block->cut = fail_in(fmt::format("layer {}", i), layer.error());
+        return block;
+      }
+      cut.push_back(std::move(*layer));
+    }
+    block->cut = std::move(cut);
+    return block;
+  };
+  const auto deliver = [&](const std::shared_ptr<Block>& block) {
+    if (!outcome) return;
+    if (!block->cut) {
+      outcome = tl::unexpected{block->cut.error()};
+      halt.request_stop();
+      return;
+    }
+    for (CutLayer& cut : *block->cut) {
+      Layer& layer = cut.layer;
+      const LayerCertificate& certificate = layer.certificate;
+      ++report.layers_cut;
+      report.evaluations += cut.evaluations;
+      report.contours += layer.contours.size();
+      for (const Contour& c : layer.contours) report.vertices += c.vertices().size();
+      if (certificate.verdict == LayerCertificate::Verdict::Certified) {
+        ++report.certified;
+        if (certificate.method == LayerCertificate::Method::Reeb) ++report.certified_by_march;
+      } else {
+        report.flagged.push_back({layer.index, layer.z_mm, certificate.reason, certificate.place});
+      }
+      const std::uint32_t done = layer.index.count() + 1 - range[0];
+      auto valid = validate_layer(header, layer);
+      if (valid) valid = sink(header, std::move(layer));
+      if (!valid) {
+        outcome = tl::unexpected{valid.error()};
+        halt.request_stop();
+        return;
+      }
+      telefab::report(progress, "contours", static_cast<double>(done) / (end - range[0]));
+    }
+  };
+  tbb::parallel_pipeline(
+      4 * static_cast<std::size_t>(threads),
+      tbb::make_filter<void, std::uint32_t>(tbb::filter_mode::serial_in_order, source) &
+          tbb::make_filter<std::uint32_t, std::shared_ptr<Block>>(tbb::filter_mode::parallel, work) &
+          tbb::make_filter<std::shared_ptr<Block>, void>(tbb::filter_mode::serial_in_order, deliver));
+  if (outcome && stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while cutting layers");
+  return outcome;
+}
+
+Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name, const SliceRequest& request,
+                          unsigned threads, const LayerSink& sink, const ProgressSink& progress, std::stop_token stop) {
+  SliceReport result;
+  StageClock clock{result.times};
+  telefab::report(progress, "reading", 0);
+  auto cloud = read_cloud(scan, name, ReadOptions{}, stop);
+  if (!cloud) return tl::unexpected{cloud.error()};
+  result.points = cloud->size();
+  clock.lap("reading");
+
+  telefab::report(progress, "normals", 0);
+  auto oriented = with_normals(std::move(*cloud), NormalOptions{}, stop);
+  if (!oriented) return tl::unexpected{oriented.error()};
+  result.normals_json = to_json(oriented->report);
+  clock.lap("normals");
+
+  auto placed = place_on_platform(std::move(oriented->cloud), request);
+  if (!placed) return fail_in(name, placed.error());
+  result.size_mm = {placed->size_mm.x(), placed->size_mm.y(), placed->size_mm.z()};
+  StackHeader& header = result.header;
+  header.machine = request.machine.name;
+  header.layer_thickness_mm = request.layer_mm.value_or(request.machine.layers.thickness_mm);
+  header.pixel_pitch_mm = request.machine.projection.pixel_pitch_mm;
+  header.scan_to_build = placed->scan_to_build;
+  header.scan_name = std::string{name};
+  // Every layer whose middle lies inside the part; a part thinner than that still gets one.
+  const double count = std::max(1.0, std::ceil(placed->size_mm.z() / header.layer_thickness_mm - 0.5 - 1e-9));
+  if (count > kMaxLayers)
+    return fail(ErrorCode::TooLarge, fmt::format("{:.0f} layers of {} mm; at most {} are possible", count,
+                                                 header.layer_thickness_mm, kMaxLayers));
+  header.layer_count = static_cast<std::uint32_t>(count);
+  std::array<std::uint32_t, 2> range{0, header.layer_count - 1};
+  if (request.layers) {
+    range = *request.layers;
+    if (range[0] > range[1] || range[1] >= header.layer_count)
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("layers {}:{} are not in 0:{}", range[0], range[1], header.layer_count - 1));
+  }
+  clock.lap("placement");
+
+  telefab::report(progress, "surface", 0);
+  auto field = MlsField::from_cloud(std::move(placed->cloud), request.mls, stop);
+  if (!field) return fail_in(name, field.error());
+  result.kernel = (*field)->kernel();
+  result.surface = std::string{name_of(request.mls.surface)};
+  const Box3 box = (*field)->bounds();
+  header.bounds = {{box.min.x(), box.min.y()}, {box.max.x(), box.max.y()}};
+  if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
+  clock.lap("surface");
+
+  std::optional<HeightTopology> topology;
+  if (request.method != TraceMethod::Grid) {
+    telefab::report(progress, "topology", 0);
+    auto found = topology_of(**field, stop);
+    if (found) {
+      topology = std::move(*found);
+      result.surface_euler = topology->euler();
+      result.critical_points = topology->critical_points().size();
+      result.doubts.assign(topology->doubts().begin(), topology->doubts().end());
+    } else if (found.error().code == ErrorCode::Cancelled) {
+      return tl::unexpected{found.error()};
+    } else {
+      result.doubts.push_back(found.error().what);
+    }
+    clock.lap("topology");
+  }
+
+  CutSetting setting{
+      .field = **field,
+      .topology = topology ? &*topology : nullptr,
+      .samples = [&](double low, double high, SurfaceSamples& found) { (*field)->samples_between(low, high, found); },
+      .band_mm = kBandKernels * result.kernel.kernel_mm,
+      .chord_mm = request.chord_mm.value_or(request.machine.chord_tolerance_mm()),
+      .method = request.method,
+      .known_fault = {}};
+  result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
+  if (auto ok = cut_layers(setting, header, range, threads, sink, progress, stop, result); !ok)
+    return tl::unexpected{ok.error()};
+  clock.lap("contours");
+  return result;
+}
+
+}  // namespace
+
+Result<TraceMethod> trace_method_from(std::string_view name) {
+  for (const auto& [method, text] : kMethods)
+    if (name == text) return method;
+  return fail(ErrorCode::InvalidInput, fmt::format("no method named \"{}\"; there are auto, reeb, grid", name));
+}
+
+Result<void> SliceRequest::validate() const {
+  const auto positive = [](const std::optional<double>& value, double most) {
+    return !value || (std::isfinite(*value) && *value > 0 && *value <= most);
+  };
+  if ((height_mm ? 1 : 0) + (scale ? 1 : 0) + (fit ? 1 : 0) > 1)
+    return fail(ErrorCode::InvalidInput, "give one of height, scale and fit, not several");
+  if (!positive(height_mm, kMaxCoordinateMm))
+    return fail(ErrorCode::InvalidInput, fmt::format("height {} mm is not in (0, {}]", *height_mm, kMaxCoordinateMm));
+  if (!positive(scale, 1e9)) return fail(ErrorCode::InvalidInput, fmt::format("scale {} is not in (0, 1e9]", *scale));
+  if (!positive(layer_mm, 1))
+    return fail(ErrorCode::InvalidInput, fmt::format("layer thickness {} mm is not in (0, 1]", *layer_mm));
+  if (!positive(chord_mm, 1))
+    return fail(ErrorCode::InvalidInput, fmt::format("chord tolerance {} mm is not in (0, 1]", *chord_mm));
+  if (threads > 1024) return fail(ErrorCode::InvalidInput, fmt::format("{} threads; at most 1024", threads));
+  return mls.validate();
+}
+
+Result<SliceReport> slice_scan(std::span<const std::byte> scan, std::string_view name, const SliceRequest& request,
+                               const LayerSink& sink, const ProgressSink& progress, std::stop_token stop) {
+  if (auto ok = request.validate(); !ok) return tl::unexpected{ok.error()};
+  const unsigned threads =
+      request.threads > 0 ? request.threads : static_cast<unsigned>(tbb::info::default_concurrency());
+  // More threads than cores are wanted only by tests of equal bytes; the control lets them exist.
+  const tbb::global_control allow{
+      tbb::global_control::max_allowed_parallelism,
+      std::max<std::size_t>(threads, tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism))};
+  tbb::task_arena arena{static_cast<int>(threads)};
+  return arena.execute([&] { return slice(scan, name, request, threads, sink, progress, stop); });
+}
+
+}  // namespace telefab::scan
