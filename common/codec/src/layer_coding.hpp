@@ -1,0 +1,31 @@
+#pragma once
+#include <optional>
+
+#include "grid.hpp"
+#include "range_coder.hpp"
+
+namespace telefab::codec {
+
+/// A layer on the lattice: what goes into a chunk.
+struct GridLayer {
+  std::vector<std::vector<GridPoint>> rings;
+  LayerCertificate certificate;
+};
+
+/// The adaptive state of one chunk, shared by the layers in it; the encoder's and the decoder's move alike.
+struct ChunkModels {
+  NumberModel<8> small;      ///< counts and the certificate's numbers
+  NumberModel<32> residual;  ///< vertex residuals, by axis and by the size of those before
+  NumberModel<1> text;
+  BitModel flags[4];
+  std::vector<GridPoint> firsts;  ///< first vertices of the rings of the layer below
+};
+
+void encode_layer(RangeEncoder& coder, ChunkModels& models, const GridLayer& layer);
+
+/// Fails with ProtocolBroken. `budget` is the number of vertices that may still be made; it is drawn from before memory
+/// is taken.
+[[nodiscard]] Result<GridLayer> decode_layer(RangeDecoder& coder, ChunkModels& models, GridPoint most,
+                                             std::uint64_t& budget);
+
+}  // namespace telefab::codec

@@ -1,0 +1,92 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <telefab/codec/tfc_file.hpp>
+#include <telefab/test/random_stack.hpp>
+
+namespace telefab {
+namespace {
+
+using test::random_stack;
+using testing::HasSubstr;
+
+TEST(TfcFile, ComesBackWithHeaderLayersAndCertificates) {
+  const LayerStack stack = random_stack(5, 70);
+  const auto bytes = write_tfc(stack, {});
+  ASSERT_TRUE(bytes);
+  const auto back = read_tfc(*bytes);
+  ASSERT_TRUE(back) << back.error().what;
+  EXPECT_EQ(back->header(), stack.header());
+  ASSERT_EQ(back->layers().size(), 70U);
+  for (std::size_t i = 0; i < 70; ++i) EXPECT_EQ(back->layers()[i].certificate, stack.layers()[i].certificate);
+  EXPECT_EQ(write_tfc(*back, {}).value(), *bytes);
+}
+
+TEST(TfcFile, RefusesEveryTruncationAndSaysWhere) {
+  const auto bytes = write_tfc(random_stack(6, 3), {}).value();
+  for (std::size_t size = 0; size < bytes.size(); ++size) {
+    const auto read = read_tfc(std::span{bytes}.first(size));
+    ASSERT_FALSE(read) << size;
+    EXPECT_EQ(read.error().code, ErrorCode::InvalidInput);
+    EXPECT_THAT(read.error().what, HasSubstr("byte "));
+  }
+}
+
+TEST(TfcFile, RefusesEverySingleFlippedBit) {
+  auto bytes = write_tfc(random_stack(7, 2), {}).value();
+  for (std::size_t i = 0; i < bytes.size(); ++i)
+    for (unsigned bit = 0; bit < 8; ++bit) {
+      bytes[i] ^= static_cast<std::byte>(1U << bit);
+      EXPECT_FALSE(read_tfc(bytes)) << i;
+      bytes[i] ^= static_cast<std::byte>(1U << bit);
+    }
+  EXPECT_TRUE(read_tfc(bytes));
+}
+
+TEST(TfcFile, RefusesBytesBehindTheEnd) {
+  auto bytes = write_tfc(random_stack(8, 2), {}).value();
+  bytes.push_back(std::byte{0});
+  EXPECT_THAT(read_tfc(bytes).error().what, HasSubstr("follow the end"));
+}
+
+TEST(TfcFile, RefusesAChunkOfAnotherStack) {
+  // Same header, other layers: record lengths differ, checksums hold, only the chain and the digests can tell.
+  const auto a = write_tfc(random_stack(9, 40), {}).value();
+  LayerStack other = random_stack(9, 40);
+  std::vector<Layer> layers(other.layers().begin(), other.layers().end());
+  std::swap(layers[0].contours, layers[1].contours);
+  layers[0].certificate.measured_euler = layers[1].certificate.measured_euler = 0;
+  const auto b = write_tfc(LayerStack::from_layers(other.header(), layers).value(), {}).value();
+  const auto chunk_at = [](const std::vector<std::byte>& file, int number) {
+    std::size_t at = 8;
+    for (int record = 0; record < number; ++record) {
+      std::size_t length = 0;
+      for (unsigned i = 0; i < 4; ++i) length |= std::to_integer<std::size_t>(file[at + 1 + i]) << (8 * i);
+      at += 9 + length;
+    }
+    return at;
+  };
+  // Header and first chunk of b, second chunk and end of a.
+  std::vector<std::byte> spliced(b.begin(), b.begin() + static_cast<std::ptrdiff_t>(chunk_at(b, 2)));
+  spliced.insert(spliced.end(), a.begin() + static_cast<std::ptrdiff_t>(chunk_at(a, 2)), a.end());
+  EXPECT_THAT(read_tfc(spliced).error().what, HasSubstr("digest chain"));
+}
+
+TEST(TfcFile, RefusesOtherFiles) {
+  for (const std::string_view text : {"", "ply\nformat ascii 1.0\n", "TFC2\r\n\x1a\n", "PK\x03\x04"})
+    EXPECT_THAT(read_tfc(std::as_bytes(std::span{text})).error().what, HasSubstr("no .tfc file"));
+}
+
+TEST(TfcWriter, HandsOnTheSinksError) {
+  const LayerStack stack = random_stack(1, 1);
+  int room = 1;
+  auto writer = TfcWriter::start(stack.header(), {}, [&](std::span<const std::byte>) -> Result<void> {
+    if (room-- > 0) return {};
+    return fail(ErrorCode::StorageFailed, "the disk is full");
+  });
+  ASSERT_FALSE(writer);
+  EXPECT_EQ(writer.error().code, ErrorCode::StorageFailed);
+}
+
+}  // namespace
+}  // namespace telefab
