@@ -29,6 +29,10 @@ class StreamConnection final : public Connection, public std::enable_shared_from
     tick();
   }
 
+  void set_events(ConnectionEvents events) override {
+    if (state_ == State::Open) events_ = std::move(events);
+  }
+
   Result<void> send(const Frame& frame) override {
     if (state_ != State::Open) return fail(ErrorCode::Unreachable, "the connection is closed");
     auto bytes = to_bytes(frame);
@@ -88,7 +92,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
       self->is_writing_ = false;
       if (!self->waiting_.empty()) return self->write();
       if (self->state_ == State::Draining) return self->half_close();
-      if (self->events_.drained) self->events_.drained();
+      if (const auto handler = self->events_.drained) handler();
     });
     if (written_ == 0) last_taken_ = now();
   }

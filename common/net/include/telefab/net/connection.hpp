@@ -36,6 +36,8 @@ class Connection {
 
   /// To be called once, before anything is read.
   virtual void start(ConnectionEvents events) = 0;
+  /// From here on these are called; an event under way ends first.
+  virtual void set_events(ConnectionEvents events) = 0;
   /// Unreachable once closed; TooLarge when the peer does not take what is queued.
   [[nodiscard]] virtual Result<void> send(const Frame& frame) = 0;
   [[nodiscard]] virtual std::size_t queued_bytes() const = 0;
