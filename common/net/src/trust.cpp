@@ -102,6 +102,12 @@ std::optional<Role> role_from_name(std::string_view name) {
   return {};
 }
 
+TlsFiles tls_files_in(const std::filesystem::path& folder, const std::string& name) {
+  TlsFiles files{folder / (name + ".crt"), folder / (name + ".key"), folder / "authority.crt", folder / "revoked.crl"};
+  if (!std::filesystem::exists(files.revoked)) files.revoked.clear();
+  return files;
+}
+
 Trust::Trust(std::unique_ptr<Impl> impl) : impl_{std::move(impl)} {}
 Trust::~Trust() = default;
 

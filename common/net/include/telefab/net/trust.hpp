@@ -29,6 +29,9 @@ struct TlsFiles {
   std::filesystem::path revoked;  ///< list of revoked certificates; empty: none
 };
 
+/// authority.crt, NAME.crt, NAME.key and, where there is one, revoked.crl of a folder.
+[[nodiscard]] TlsFiles tls_files_in(const std::filesystem::path& folder, const std::string& name);
+
 /// One side's certificate and whom it believes: TLS 1.3 only, both sides show certificates of one private authority.
 /// Threads: the loop's only.
 class Trust {
