@@ -1,0 +1,138 @@
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <telefab/fab/verify/layer_runs.hpp>
+
+namespace telefab::fab {
+
+LayerRuns LayerRuns::from_mask(const MaskView& mask, std::uint8_t level) {
+  LayerRuns out;
+  out.size_ = mask.size;
+  const auto width = static_cast<std::int32_t>(mask.size.width_px);
+  out.starts_.reserve(mask.size.height_px + 1);
+  for (std::uint32_t y = 0; y < mask.size.height_px; ++y) {
+    out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
+    // Row 0 of a mask is the back of the platform.
+    const std::uint8_t* row =
+        mask.rows.data() + static_cast<std::size_t>(mask.size.height_px - 1 - y) * mask.size.width_px;
+    for (std::int32_t x = 0; x < width;) {
+      while (x < width && row[x] < level) ++x;
+      if (x == width) break;
+      const std::int32_t first = x;
+      while (x < width && row[x] >= level) ++x;
+      out.runs_.push_back({first, x - 1});
+    }
+  }
+  out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
+  return out;
+}
+
+LayerRuns LayerRuns::from_contours(std::span<const Contour> contours, PixelSize size, double pitch_mm) {
+  LayerRuns out;
+  out.size_ = size;
+  std::vector<std::vector<std::pair<double, int>>> crossings(size.height_px);
+  for (const Contour& contour : contours) {
+    const auto v = contour.vertices();
+    for (std::size_t i = 0; i < v.size(); ++i) {
+      Point2 a = v[i], b = v[i + 1 < v.size() ? i + 1 : 0];
+      const int sign = b.y_mm > a.y_mm ? 1 : -1;
+      if (sign < 0) std::swap(a, b);
+      const double first = std::max(0.0, std::ceil(a.y_mm / pitch_mm - 0.5));
+      for (auto y = static_cast<std::uint32_t>(std::min(first, 1e9)); y < size.height_px; ++y) {
+        const double centre = (y + 0.5) * pitch_mm;
+        if (centre >= b.y_mm) break;
+        if (centre < a.y_mm) continue;
+        crossings[y].emplace_back(a.x_mm + (centre - a.y_mm) / (b.y_mm - a.y_mm) * (b.x_mm - a.x_mm), sign);
+      }
+    }
+  }
+  for (auto& row : crossings) {
+    out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
+    const std::size_t begin = out.runs_.size();
+    std::sort(row.begin(), row.end());
+    // Seen from the left an upward edge of an outer ring closes it: the sum of signs to the right is the winding.
+    int winding = 0;
+    for (std::size_t i = 0; i + 1 < row.size(); ++i) {
+      winding -= row[i].second;
+      if (winding <= 0) continue;
+      const double from = std::ceil(row[i].first / pitch_mm - 0.5),
+                   to = std::ceil(row[i + 1].first / pitch_mm - 0.5) - 1;
+      const auto first = static_cast<std::int32_t>(std::clamp(from, 0.0, size.width_px * 1.0));
+      const auto last = static_cast<std::int32_t>(std::clamp(to, -1.0, size.width_px - 1.0));
+      if (first > last) continue;
+      if (out.runs_.size() > begin && out.runs_.back().last + 1 >= first)
+        out.runs_.back().last = std::max(out.runs_.back().last, last);
+      else
+        out.runs_.push_back({first, last});
+    }
+  }
+  out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
+  return out;
+}
+
+LayerRuns LayerRuns::complement() const {
+  LayerRuns out;
+  out.size_ = size_;
+  const auto width = static_cast<std::int32_t>(size_.width_px);
+  for (std::uint32_t y = 0; y < size_.height_px; ++y) {
+    out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
+    std::int32_t next = 0;
+    for (const Run& run : row(y)) {
+      if (run.first > next) out.runs_.push_back({next, run.first - 1});
+      next = run.last + 1;
+    }
+    if (next < width) out.runs_.push_back({next, width - 1});
+  }
+  out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
+  return out;
+}
+
+std::span<const LayerRuns::Run> LayerRuns::row(std::uint32_t y) const {
+  return {runs_.data() + starts_[y], runs_.data() + starts_[y + 1]};
+}
+
+RunComponents components_of(const LayerRuns& layer, bool diagonal) {
+  RunComponents out;
+  std::vector<std::uint32_t> parent(layer.count());
+  std::iota(parent.begin(), parent.end(), 0U);
+  const auto root = [&](std::uint32_t i) {
+    while (parent[i] != i) i = parent[i] = parent[parent[i]];
+    return i;
+  };
+  const std::int32_t reach = diagonal ? 1 : 0;
+  for (std::uint32_t y = 1; y < layer.size().height_px; ++y) {
+    const auto below = layer.row(y - 1), here = layer.row(y);
+    for (std::size_t i = 0, j = 0; i < below.size() && j < here.size();) {
+      if (below[i].first <= here[j].last + reach && here[j].first <= below[i].last + reach) {
+        const std::uint32_t a = root(layer.row_start(y - 1) + static_cast<std::uint32_t>(i));
+        const std::uint32_t b = root(layer.row_start(y) + static_cast<std::uint32_t>(j));
+        parent[std::max(a, b)] = std::min(a, b);
+      }
+      if (below[i].last < here[j].last)
+        ++i;
+      else
+        ++j;
+    }
+  }
+  out.of_run.resize(layer.count());
+  constexpr std::uint32_t kNone = ~0U;
+  std::vector<std::uint32_t> number(layer.count(), kNone);
+  const auto width = static_cast<std::int32_t>(layer.size().width_px);
+  for (std::uint32_t y = 0; y < layer.size().height_px; ++y) {
+    std::uint32_t index = layer.row_start(y);
+    for (const LayerRuns::Run& run : layer.row(y)) {
+      const std::uint32_t r = root(index);
+      if (number[r] == kNone) {
+        number[r] = static_cast<std::uint32_t>(out.components.size());
+        out.components.push_back({0, run.first, y, false});
+      }
+      auto& component = out.components[number[r]];
+      component.pixels += static_cast<std::uint64_t>(run.last - run.first + 1);
+      component.touches_edge |= run.first == 0 || run.last == width - 1 || y == 0 || y + 1 == layer.size().height_px;
+      out.of_run[index++] = number[r];
+    }
+  }
+  return out;
+}
+
+}  // namespace telefab::fab

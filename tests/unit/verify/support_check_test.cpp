@@ -1,0 +1,80 @@
+#include <gtest/gtest.h>
+
+#include <telefab/fab/support/support_plan.hpp>
+#include <telefab/fab/verify/support_check.hpp>
+
+#include "stacks.hpp"
+
+namespace telefab::fab {
+namespace {
+
+SupportReport checked(const stacks::Stack& s, const SupportPlan& plan) {
+  PrintGeometry print;
+  print.part = s.layers;
+  print.lift_layers = plan.lift_layers();
+  print.support = [&](LayerIndex k) { return plan.section(k); };
+  for (const Anchor& a : plan.anchors()) print.anchors.emplace_back(a.place, a.layer);
+  return check_supports(print, stacks::machine(), {}, {}).value();
+}
+
+SupportPlan planned(const stacks::Stack& s, SupportOptions options = {}) {
+  return plan_supports(s.layers, s.header, stacks::machine(), options, {}, {}).value();
+}
+
+TEST(SupportCheck, PassesWhatThePlannerMakes) {
+  for (const auto& s : {stacks::vault(), stacks::mushroom(), stacks::table(), stacks::ball(), stacks::hook(),
+                        stacks::tilted_cylinder()}) {
+    const auto report = checked(s, planned(s));
+    EXPECT_TRUE(report.passes()) << to_json(report);
+  }
+}
+
+TEST(SupportCheck, FindsTheDropOfAHookThatNobodyHolds) {
+  SupportOptions none;
+  none.mode = SupportOptions::Mode::None;
+  const auto report = checked(stacks::hook(), planned(stacks::hook(), none));
+  ASSERT_EQ(report.count(Finding::Kind::Island), 1U);
+  EXPECT_FALSE(report.passes());
+  EXPECT_GT(report.count(Finding::Kind::OutOfReach), 0U);
+}
+
+TEST(SupportCheck, NoticesAnAnchorThatIsMissing) {
+  const auto s = stacks::mushroom();
+  const auto plan = planned(s);
+  PrintGeometry print;
+  print.part = s.layers;
+  print.lift_layers = plan.lift_layers();
+  print.support = [&](LayerIndex k) { return plan.section(k); };
+  for (const Anchor& a : plan.anchors().subspan(1)) print.anchors.emplace_back(a.place, a.layer);
+  EXPECT_GT(check_supports(print, stacks::machine(), {}, {})->count(Finding::Kind::OutOfReach), 0U);
+}
+
+TEST(SupportCheck, NoticesAPinThatHoldsNothing) {
+  const auto s = stacks::table();
+  PrintGeometry print;
+  print.part = s.layers;
+  print.support = [&](LayerIndex k) {
+    std::vector<Contour> rings;
+    if (k.count() < 20) rings.push_back(Contour::from_vertices(stacks::circle(10, 10, 1)).value());
+    return rings;
+  };
+  EXPECT_EQ(check_supports(print, stacks::machine(), {}, {})->count(Finding::Kind::FreePin), 1U);
+}
+
+TEST(SupportCheck, NoticesASupportInAClosedHollow) {
+  const auto s = stacks::stack(6, [](double z) {
+    auto hole = stacks::box(44, 44, 56, 56);
+    std::reverse(hole.begin(), hole.end());
+    std::vector<std::vector<Point2>> rings{stacks::box(40, 40, 60, 60)};
+    if (z > 1 && z < 5) rings.push_back(hole);
+    return rings;
+  });
+  const auto plan = planned(s);
+  const auto report = checked(s, plan);
+  EXPECT_EQ(report.count(Finding::Kind::ResinTrap), 1U);
+  EXPECT_EQ(report.count(Finding::Kind::TrappedSupport), plan.anchors().empty() ? 0U : 1U);
+  EXPECT_FALSE(plan.anchors().empty());
+}
+
+}  // namespace
+}  // namespace telefab::fab
