@@ -1,0 +1,128 @@
+#include <algorithm>
+#include <cmath>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <string>
+#include <telefab/image/canvas.hpp>
+
+namespace telefab {
+namespace {
+
+constexpr int kShift = 6;  // OpenCV draws at 1/64 pixel
+constexpr std::uint32_t kMaxSide = 16384;
+
+cv::Scalar scalar(Colour c) {
+  return {static_cast<double>(c.red), static_cast<double>(c.green), static_cast<double>(c.blue)};
+}
+
+/// OpenCV's pixel centres lie on whole numbers, ours half a pixel farther. Far points are pulled in, so that they fit
+/// its fixed-point numbers.
+cv::Point fixed(PixelPoint p) {
+  const auto number = [](double v) {
+    return static_cast<int>(std::lround(std::clamp(v - 0.5, -30000.0, 30000.0) * (1 << kShift)));
+  };
+  return {number(p.x_px), number(p.y_px)};
+}
+
+}  // namespace
+
+struct Canvas::Impl {
+  cv::Mat picture;
+};
+
+Canvas::Canvas(std::uint32_t width_px, std::uint32_t height_px, Colour background) : impl_{std::make_unique<Impl>()} {
+  impl_->picture = cv::Mat(static_cast<int>(std::clamp(height_px, 1U, kMaxSide)),
+                           static_cast<int>(std::clamp(width_px, 1U, kMaxSide)), CV_8UC3, scalar(background));
+}
+Canvas::~Canvas() = default;
+Canvas::Canvas(Canvas&&) noexcept = default;
+Canvas& Canvas::operator=(Canvas&&) noexcept = default;
+
+void Canvas::line(PixelPoint from, PixelPoint to, Colour colour, int width_px) {
+  cv::line(impl_->picture, fixed(from), fixed(to), scalar(colour), std::clamp(width_px, 1, 1000), cv::LINE_AA, kShift);
+}
+
+void Canvas::disc(PixelPoint centre, double radius_px, Colour colour) {
+  cv::circle(impl_->picture, fixed(centre),
+             static_cast<int>(std::lround(std::clamp(radius_px, 0.0, 20000.0) * (1 << kShift))), scalar(colour),
+             cv::FILLED, cv::LINE_AA, kShift);
+}
+
+void Canvas::circle(PixelPoint centre, double radius_px, Colour colour, int width_px) {
+  cv::circle(impl_->picture, fixed(centre),
+             static_cast<int>(std::lround(std::clamp(radius_px, 0.0, 20000.0) * (1 << kShift))), scalar(colour),
+             std::clamp(width_px, 1, 1000), cv::LINE_AA, kShift);
+}
+
+void Canvas::fill(std::span<const std::vector<PixelPoint>> rings, Colour colour) {
+  std::vector<std::vector<cv::Point>> polygons;
+  for (const auto& ring : rings) {
+    auto& polygon = polygons.emplace_back();
+    for (const PixelPoint p : ring) polygon.push_back(fixed(p));
+  }
+  std::erase_if(polygons, [](const auto& polygon) { return polygon.size() < 3; });
+  if (!polygons.empty()) cv::fillPoly(impl_->picture, polygons, scalar(colour), cv::LINE_AA, kShift);
+}
+
+void Canvas::outline(std::span<const PixelPoint> ring, Colour colour, int width_px) {
+  for (std::size_t i = 0; i < ring.size(); ++i) line(ring[i], ring[(i + 1) % ring.size()], colour, width_px);
+}
+
+void Canvas::text(PixelPoint at, std::string_view text, Colour colour, double height_px) {
+  std::string plain{text};
+  for (char& c : plain)
+    if (c < 0x20 || c > 0x7e) c = '?';
+  constexpr double cap_height_px = 22;  // of Hershey Simplex at scale 1
+  const cv::Point origin{static_cast<int>(std::lround(std::clamp(at.x_px, -30000.0, 30000.0))),
+                         static_cast<int>(std::lround(std::clamp(at.y_px, -30000.0, 30000.0)))};
+  cv::putText(impl_->picture, plain, origin, cv::FONT_HERSHEY_SIMPLEX, height_px / cap_height_px, scalar(colour),
+              height_px > 30 ? 2 : 1, cv::LINE_AA);
+}
+
+void Canvas::paste(const Image& image, PixelPoint at, std::uint32_t width_px, std::uint32_t height_px) {
+  if (image.pixels.empty() || width_px == 0 || height_px == 0) return;
+  // The matrix only looks at the pixels and is not written.
+  cv::Mat source(static_cast<int>(image.height_px), static_cast<int>(image.width_px),
+                 image.channels == 1 ? CV_8UC1 : CV_8UC3, const_cast<std::uint8_t*>(image.pixels.data()));
+  cv::Mat sized;
+  cv::resize(source, sized,
+             cv::Size{static_cast<int>(std::min(width_px, kMaxSide)), static_cast<int>(std::min(height_px, kMaxSide))},
+             0, 0, cv::INTER_AREA);
+  if (sized.channels() == 1) cv::cvtColor(sized, sized, cv::COLOR_GRAY2RGB);
+  const cv::Rect wanted{static_cast<int>(std::lround(at.x_px)), static_cast<int>(std::lround(at.y_px)), sized.cols,
+                        sized.rows};
+  const cv::Rect seen = wanted & cv::Rect{0, 0, impl_->picture.cols, impl_->picture.rows};
+  if (seen.empty()) return;
+  sized(seen - wanted.tl()).copyTo(impl_->picture(seen));
+}
+
+Image Canvas::image() const {
+  const cv::Mat& m = impl_->picture;
+  Image image{static_cast<std::uint32_t>(m.cols), static_cast<std::uint32_t>(m.rows), 3, {}};
+  image.pixels.assign(m.datastart, m.dataend);
+  return image;
+}
+
+Image contact_sheet(std::span<const Image> tiles, std::span<const std::string> labels, std::uint32_t columns,
+                    std::uint32_t tile_px) {
+  constexpr std::uint32_t gap = 8;
+  constexpr std::uint32_t label = 22;
+  const auto count = static_cast<std::uint32_t>(tiles.size());
+  columns = std::clamp(columns, 1U, std::max(count, 1U));
+  const std::uint32_t rows = std::max(1U, (count + columns - 1) / columns);
+  Canvas canvas{columns * (tile_px + gap) + gap, rows * (tile_px + gap + label) + gap, Colour{250, 250, 249}};
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const Image& tile = tiles[i];
+    const double scale = static_cast<double>(tile_px) / std::max({tile.width_px, tile.height_px, 1U});
+    const auto width = static_cast<std::uint32_t>(std::max(1.0, std::floor(tile.width_px * scale)));
+    const auto height = static_cast<std::uint32_t>(std::max(1.0, std::floor(tile.height_px * scale)));
+    const PixelPoint corner{static_cast<double>(gap + (i % columns) * (tile_px + gap)),
+                            static_cast<double>(gap + (i / columns) * (tile_px + gap + label))};
+    canvas.paste(tile, {corner.x_px + (tile_px - width) / 2, corner.y_px + (tile_px - height) / 2}, width, height);
+    if (i < labels.size())
+      canvas.text({corner.x_px + 2, corner.y_px + tile_px + 16}, labels[i], Colour{87, 83, 78}, 11);
+  }
+  return canvas.image();
+}
+
+}  // namespace telefab
