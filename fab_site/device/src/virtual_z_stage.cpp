@@ -33,6 +33,7 @@ void VirtualZStage::start(double target_mm, double speed_mm_per_s) {
 }
 
 Result<void> VirtualZStage::home() {
+  if (moving_) (void)hold();
   homed_ = false;
   homing_ = true;
   start(facts_.highest_mm, facts_.homing_mm_per_s);

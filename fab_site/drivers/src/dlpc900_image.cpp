@@ -189,7 +189,10 @@ Result<Mask> decode_dlpc900_image(std::span<const std::byte> image) {
       const std::uint32_t n = in.count(third);
       if (in.broken() || !room(n) || mask.rows.size() < width)
         return bad("a copy is cut off, too long or has no row above");
-      for (std::uint32_t i = 0; i < n; ++i) mask.rows.push_back(mask.rows[mask.rows.size() - width]);
+      const std::size_t from = mask.rows.size() - width;
+      mask.rows.resize(mask.rows.size() + n);
+      std::uint8_t* to = mask.rows.data() + from + width;
+      for (std::uint32_t i = 0; i < n; ++i) to[i] = mask.rows[from + i];
       continue;
     }
     const std::uint32_t n = in.count(second);

@@ -16,13 +16,13 @@ constexpr int kForeignReplies = 8;
 }  // namespace
 
 Result<std::vector<std::byte>> Dlpc900Link::once(std::uint8_t flags, Command command, std::span<const std::byte> data,
-                                                 std::size_t at_least_bytes) {
+                                                 std::size_t at_least_bytes, Milliseconds timeout) {
   const std::uint8_t sequence = ++sequence_;
   const auto failed = [&](const Error& e) { return fail_in(fmt::format("projector, {}", name_of(command)), e); };
-  if (const auto ok = usb_->write(kOutEndpoint, frame(flags, sequence, command, data), kTimeout); !ok)
+  if (const auto ok = usb_->write(kOutEndpoint, frame(flags, sequence, command, data), timeout); !ok)
     return failed(ok.error());
   for (int i = 0; i < kForeignReplies; ++i) {
-    const auto report = usb_->read(kInEndpoint, kReportBytes, kTimeout);
+    const auto report = usb_->read(kInEndpoint, kReportBytes, timeout);
     if (!report) return failed(report.error());
     auto reply = parse_reply(*report);
     if (!reply) return failed(reply.error());
@@ -44,9 +44,12 @@ Result<std::vector<std::byte>> Dlpc900Link::once(std::uint8_t flags, Command com
 Result<std::vector<std::byte>> Dlpc900Link::patiently(std::uint8_t flags, Command command,
                                                       std::span<const std::byte> data, std::size_t at_least_bytes) {
   for (int i = 1;; ++i) {
-    auto answer = once(flags, command, data, at_least_bytes);
-    if (answer || i == kTries || answer.error().code == ErrorCode::DeviceLost) return answer;
+    auto answer = once(flags, command, data, at_least_bytes, kTimeout);
+    if (answer || i == kTries) return answer;
     ++retries_;
+    // A broken transfer may be the cable's moment only. What the device lost by it shows in its mode and status.
+    if (answer.error().code == ErrorCode::DeviceLost)
+      if (const auto ok = usb_->reopen(); !ok) return answer;
     if (answer.error().code == ErrorCode::DeviceRefused)
       if (const auto ok = clear_halts(); !ok) return tl::unexpected{ok.error()};
   }
@@ -73,8 +76,8 @@ Result<void> Dlpc900Link::set_byte(Command command, std::uint8_t value) {
   return set(command, data);
 }
 
-Result<void> Dlpc900Link::set_once(Command command, std::span<const std::byte> data) {
-  const auto answer = once(kWriteReplied, command, data, 0);
+Result<void> Dlpc900Link::set_once(Command command, std::span<const std::byte> data, Milliseconds timeout) {
+  const auto answer = once(kWriteReplied, command, data, 0, timeout);
   if (!answer) return tl::unexpected{answer.error()};
   return {};
 }

@@ -276,12 +276,13 @@ Result<void> Dlpc900Projector::pump() {
 Result<void> Dlpc900Projector::start_part() {
   const std::byte start[] = {std::byte{kStart}};
   const Nanoseconds before = clock_.now();
-  const auto started = link_.set_once(Command::PatternStartStop, start);
+  const auto patience =
+      std::clamp<Milliseconds>(std::chrono::duration_cast<Milliseconds>(Microseconds{part_us_ / 4}), 20ms, 1000ms);
+  const auto started = link_.set_once(Command::PatternStartStop, start, patience);
   part_from_ = clock_.now();
   if (started) return {};
-  if (started.error().code == ErrorCode::DeviceLost) return started;
   // The command or its answer was lost: ask before anything is repeated.
-  if (const auto ok = link_.clear_halts(); !ok) return ok;
+  (void)link_.clear_halts();
   const auto status = link_.query_byte(Command::MainStatus);
   if (!status) return tl::unexpected{status.error()};
   if ((*status & kMainRunning) != 0) {
@@ -305,6 +306,9 @@ Result<void> Dlpc900Projector::expose() {
   if (*mode != kModeOnTheFly)
     return fail(ErrorCode::DeviceRefused, "projector: it left the pattern mode; it was reset");
   if (const auto ok = link_.set_byte(Command::LedEnable, kLedsBySequencer); !ok) return surely_dark(ok.error());
+  const auto leds = link_.query_byte(Command::LedEnable);
+  if (!leds) return surely_dark(leds.error());
+  if (*leds != kLedsBySequencer) return fail(ErrorCode::DeviceRefused, "projector: the LEDs cannot be enabled");
   report_.lit_from = clock_.now();
   report_.parts = 1;
   lit_for_ = {};

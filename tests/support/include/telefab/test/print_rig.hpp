@@ -1,5 +1,6 @@
 #pragma once
 #include <chrono>
+#include <map>
 #include <memory>
 #include <span>
 #include <string>
@@ -71,10 +72,15 @@ struct PrintRig {
     fab::PrintRunner runner{*projector, *stage, masks, journal, clock};
     return runner.run(plan, policy, control, sink, {});
   }
-  /// What the mirrors must show for a layer.
+  /// What the mirrors must show for a layer. Digests of two million mirrors are slow, so they are kept.
   [[nodiscard]] Digest mirrors_digest(LayerIndex layer) {
-    const fab::Mask mirrors = fab::place_on_mirrors(masks.mask(layer)->view(), projector_model.mirrors(), "normal");
-    return digest_of(std::as_bytes(std::span{mirrors.rows}));
+    static std::map<std::uint32_t, Digest> kept;
+    const auto [at, fresh] = kept.try_emplace(layer.count());
+    if (fresh) {
+      const fab::Mask mirrors = fab::place_on_mirrors(masks.mask(layer)->view(), projector_model.mirrors(), "normal");
+      at->second = digest_of(std::as_bytes(std::span{mirrors.rows}));
+    }
+    return at->second;
   }
 
   static constexpr PixelSize kSize{48, 32};

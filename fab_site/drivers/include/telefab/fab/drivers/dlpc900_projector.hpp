@@ -8,7 +8,7 @@
 namespace telefab::fab {
 
 /// Commands and replies on one DLPC900, one in flight. Retries what may be repeated: halted endpoints are cleared,
-/// lost and foreign replies asked for again, three times at most.
+/// a broken connection is opened again, lost and foreign replies are asked for again, three times at most.
 class Dlpc900Link {
  public:
   explicit Dlpc900Link(std::unique_ptr<UsbTransport> usb) : usb_{std::move(usb)} {}
@@ -18,7 +18,7 @@ class Dlpc900Link {
   [[nodiscard]] Result<void> set(dlpc900::Command command, std::span<const std::byte> data);
   [[nodiscard]] Result<void> set_byte(dlpc900::Command command, std::uint8_t value);
   /// Once, without a retry: for what must not happen twice.
-  [[nodiscard]] Result<void> set_once(dlpc900::Command command, std::span<const std::byte> data);
+  [[nodiscard]] Result<void> set_once(dlpc900::Command command, std::span<const std::byte> data, Milliseconds timeout);
   /// Sends a ready frame that is not answered.
   [[nodiscard]] Result<void> send(std::span<const std::byte> frame);
   [[nodiscard]] Result<void> clear_halts();
@@ -29,7 +29,8 @@ class Dlpc900Link {
 
  private:
   [[nodiscard]] Result<std::vector<std::byte>> once(std::uint8_t flags, dlpc900::Command command,
-                                                    std::span<const std::byte> data, std::size_t at_least_bytes);
+                                                    std::span<const std::byte> data, std::size_t at_least_bytes,
+                                                    Milliseconds timeout);
   [[nodiscard]] Result<std::vector<std::byte>> patiently(std::uint8_t flags, dlpc900::Command command,
                                                          std::span<const std::byte> data, std::size_t at_least_bytes);
   std::unique_ptr<UsbTransport> usb_;
