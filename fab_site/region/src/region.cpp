@@ -74,6 +74,15 @@ GridPoint lowest(const GridRing& ring) {
                            [](const GridPoint& a, const GridPoint& b) { return a.y != b.y ? a.y < b.y : a.x < b.x; });
 }
 
+std::pair<GridPoint, GridPoint> box_of(const GridRing& ring) {
+  GridPoint least = ring.front(), most = least;
+  for (const GridPoint& p : ring) {
+    least = {std::min(least.x, p.x), std::min(least.y, p.y)};
+    most = {std::max(most.x, p.x), std::max(most.y, p.y)};
+  }
+  return {least, most};
+}
+
 bool boxes_apart(const Region& a, const Region& b) {
   const Bounds2 p = a.bounds(), q = b.bounds();
   return p.max.x_mm < q.min.x_mm || q.max.x_mm < p.min.x_mm || p.max.y_mm < q.min.y_mm || q.max.y_mm < p.min.y_mm;
@@ -221,17 +230,34 @@ std::vector<Region> Region::pieces() const {
     if (!rings_.empty()) found.push_back(*this);
     return found;
   }
-  cl::Clipper clipper;
-  clipper.AddPaths(to_paths(rings_), cl::ptSubject, true);
-  cl::PolyTree tree;
-  clipper.Execute(cl::ctUnion, tree, cl::pftPositive, cl::pftPositive);
-  for (const cl::PolyNode* node = tree.GetFirst(); node != nullptr; node = node->GetNext()) {
-    if (node->IsHole() || node->Contour.size() < 3) continue;
-    std::vector<GridRing> rings{to_ring(node->Contour)};
-    for (const cl::PolyNode* hole : node->Childs)
-      if (hole->Contour.size() >= 3) rings.push_back(to_ring(hole->Contour));
-    found.push_back(Region{std::move(rings)});
+  struct Outer {
+    std::vector<GridRing> rings;
+    GridPoint least, most;
+    double area;
+  };
+  std::vector<Outer> outers;
+  for (const GridRing& ring : rings_)
+    if (const double area = ring_area(ring); area > 0) {
+      const auto [least, most] = box_of(ring);
+      outers.push_back({{ring}, least, most, area});
+    }
+  for (const GridRing& hole : rings_) {
+    if (ring_area(hole) > 0) continue;
+    // The smallest outer ring around it; rings may touch, so the first vertex off the boundary decides.
+    Outer* around = nullptr;
+    for (Outer& outer : outers) {
+      if (around != nullptr && outer.area >= around->area) continue;
+      const GridPoint& p = hole.front();
+      if (p.x < outer.least.x || p.x > outer.most.x || p.y < outer.least.y || p.y > outer.most.y) continue;
+      for (const GridPoint& q : hole) {
+        const Side side = side_of(outer.rings.front(), q);
+        if (side == Side::In) around = &outer;
+        if (side != Side::On) break;
+      }
+    }
+    if (around != nullptr) around->rings.push_back(hole);
   }
+  for (Outer& outer : outers) found.push_back(Region{std::move(outer.rings)});
   std::stable_sort(found.begin(), found.end(), [](const Region& a, const Region& b) {
     const GridPoint p = lowest(a.rings_.front()), q = lowest(b.rings_.front());
     return p.y != q.y ? p.y < q.y : p.x < q.x;
@@ -276,6 +302,26 @@ Region simplified(const Region& region, Millimetres tolerance) {
   for (const GridRing& ring : region.rings())
     if (GridRing thin = thinned(ring, reach * reach); thin.size() >= 3) rings.push_back(std::move(thin));
   return combined(cl::ctUnion, rings, {}, cl::pftPositive);
+}
+
+Point2 inner_point(const Region& region) {
+  if (region.empty()) return {};
+  const auto [least, most] = box_of(region.rings().front());
+  // Between grid lines, so that no vertex lies on the line.
+  const double level = static_cast<double>(least.y) + std::floor(static_cast<double>(most.y - least.y) / 2) + 0.5;
+  std::vector<double> at;
+  for (const GridRing& ring : region.rings())
+    for (std::size_t i = 0; i < ring.size(); ++i) {
+      const GridPoint a = ring[i], b = ring[i + 1 < ring.size() ? i + 1 : 0];
+      const double ay = static_cast<double>(a.y), by = static_cast<double>(b.y);
+      if ((ay < level) == (by < level)) continue;
+      at.push_back(static_cast<double>(a.x) + (level - ay) / (by - ay) * static_cast<double>(b.x - a.x));
+    }
+  std::sort(at.begin(), at.end());
+  double widest = -1, x = static_cast<double>(region.rings().front().front().x);
+  for (std::size_t i = 0; i + 1 < at.size(); i += 2)
+    if (at[i + 1] - at[i] > widest) widest = at[i + 1] - at[i], x = (at[i] + at[i + 1]) / 2;
+  return {x / kGridStepsPerMm, level / kGridStepsPerMm};
 }
 
 Region disc(Point2 centre, Millimetres radius, Millimetres arc_tolerance) {

@@ -47,15 +47,31 @@ struct Checker {
 
   void note(Finding::Kind kind, std::size_t k, const Region& piece) {
     const LayerIndex layer{static_cast<std::uint32_t>(k)};
-    found[k].push_back({kind, layer, layer, to_mm(piece.rings().front().front()), piece.area_mm2()});
+    found[k].push_back({kind, layer, layer, inner_point(piece), piece.area_mm2()});
+  }
+
+  /// One point of every overlap of two layers that is worth naming.
+  [[nodiscard]] std::vector<Point2> contacts_of(const Region& a, const Region& b) const {
+    std::vector<Point2> points;
+    for (const Region& overlap : intersect(a, b).pieces())
+      if (overlap.area_mm2() >= speck / 100) points.push_back(inner_point(overlap));
+    return points;
+  }
+
+  [[nodiscard]] static bool touched(const Region& piece, const std::vector<Point2>& points) {
+    const Bounds2 box = piece.bounds();
+    return std::any_of(points.begin(), points.end(), [&](Point2 p) {
+      return p.x_mm >= box.min.x_mm && p.y_mm >= box.min.y_mm && p.x_mm <= box.max.x_mm && p.y_mm <= box.max.y_mm &&
+             piece.contains(p);
+    });
   }
 
   /// 1. Pieces on nothing.
   void islands(std::size_t k) {
     if (k == 0) return;
+    const auto contacts = contacts_of(all[k], all[k - 1]);
     for (const Region& piece : all[k].pieces())
-      if (piece.area_mm2() >= speck && intersect(piece, all[k - 1]).area_mm2() < speck / 100)
-        note(Finding::Kind::Island, k, piece);
+      if (piece.area_mm2() >= speck && !touched(piece, contacts)) note(Finding::Kind::Island, k, piece);
   }
 
   /// 2. What rule 4.1 leaves, minus a disc around every anchor that may hold it.
@@ -74,6 +90,7 @@ struct Checker {
         if (rest.empty()) return;
       }
     }
+    if (offset(rest, Millimetres{-pixel / 2}, Millimetres{pixel / 20}).empty()) return;
     const auto layer = static_cast<double>(k - print.lift_layers);
     const double t = machine.layers.thickness_mm;
     std::vector<Region> near;
@@ -92,12 +109,11 @@ struct Checker {
   /// 3. Supports with nothing above.
   void free_ends(std::size_t k) {
     if (support[k].empty()) return;
+    const auto contacts = k + 1 < all.size() ? contacts_of(support[k], all[k + 1]) : std::vector<Point2>{};
     for (const Region& piece : support[k].pieces()) {
-      if (piece.area_mm2() < speck) continue;
-      if (k + 1 >= all.size() || intersect(piece, all[k + 1]).area_mm2() < speck / 100) {
-        // A stump inside the part's own material is its contact.
-        if (subtract(piece, part[k]).area_mm2() > speck / 4) note(Finding::Kind::FreePin, k, piece);
-      }
+      if (piece.area_mm2() < speck || touched(piece, contacts)) continue;
+      // A stump inside the part's own material is its contact.
+      if (subtract(piece, part[k]).area_mm2() > speck / 4) note(Finding::Kind::FreePin, k, piece);
     }
   }
 

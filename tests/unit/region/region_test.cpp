@@ -57,6 +57,12 @@ TEST(Region, SimplifiesWithoutMovingTheBoundaryFurtherThanTold) {
 
 TEST(Region, RefusesCoordinatesBeyondTheLimit) { EXPECT_FALSE(Region::from_contours(std::vector{box(0, 0, 1e7)})); }
 
+TEST(Region, KnowsAPointInsideEachPiece) {
+  for (const Region& piece : region({box(0, 0, 10), box(1, 1, 8, true), box(3, 3, 4)}).pieces()) {
+    EXPECT_TRUE(piece.contains(inner_point(piece)));
+  }
+}
+
 TEST(Region, AnswersForNothing) {
   const Region none;
   EXPECT_EQ(none.area_mm2(), 0);

@@ -67,6 +67,10 @@ class Region {
 /// boundary moves by at most `tolerance`; pieces thinner than that may vanish.
 [[nodiscard]] Region simplified(const Region& region, Millimetres tolerance);
 
+/// A point inside, in the middle of the widest stretch of the level line through the middle of the first ring's box.
+/// The origin for an empty region.
+[[nodiscard]] Point2 inner_point(const Region& region);
+
 /// A round polygon of the grid, its vertices on the circle.
 [[nodiscard]] Region disc(Point2 centre, Millimetres radius, Millimetres arc_tolerance);
 
