@@ -4,8 +4,10 @@
 #include <cmath>
 #include <memory>
 #include <telefab/base/file.hpp>
+#include <telefab/codec/tfc_file.hpp>
 #include <telefab/geometry/contour_lines.hpp>
 #include <telefab/machine/machine_profile.hpp>
+#include <telefab/scan/pipeline/preview.hpp>
 #include <telefab/scan/pipeline/slice_scan.hpp>
 
 #include "verbs.hpp"
@@ -19,7 +21,7 @@ struct Options {
   std::string cloud;
   std::string machine;
   std::string machines = default_machine_folder();
-  std::string contours, report;
+  std::string out, contours, report, preview;
   std::optional<double> height_mm, scale, layer_mm, kernel_mm, chord_mm;
   bool fit = false;
   bool keep_outliers = false;
@@ -67,6 +69,8 @@ Result<SliceRequest> request_from(const Options& o) {
   if (!surface) return tl::unexpected{surface.error()};
   request.mls.surface = *surface;
   if (!o.layers.empty()) {
+    if (!o.out.empty())
+      return fail(ErrorCode::InvalidInput, "a .tfc file holds a whole stack: use --contours with --layers");
     const auto range = range_from(o.layers);
     if (!range) return tl::unexpected{range.error()};
     request.layers = *range;
@@ -74,6 +78,60 @@ Result<SliceRequest> request_from(const Options& o) {
   if (auto ok = request.validate(); !ok) return tl::unexpected{ok.error()};
   return request;
 }
+
+/// The files asked for; all of them are written after the last layer, each whole or not at all.
+class Outputs {
+ public:
+  Outputs(const Options& options, const SliceRequest& request) : options_{options}, request_{request} {}
+
+  Result<void> take(const StackHeader& header, const Layer& layer) {
+    if (!started_) {
+      started_ = true;
+      if (!options_.out.empty()) {
+        auto writer =
+            TfcWriter::start(header, CodecOptions{}, [this](std::span<const std::byte> bytes) -> Result<void> {
+              tfc_.insert(tfc_.end(), bytes.begin(), bytes.end());
+              return {};
+            });
+        if (!writer) return tl::unexpected{writer.error()};
+        writer_ = std::move(*writer);
+      }
+      if (!options_.preview.empty()) {
+        const LayerIndex last{request_.layers ? (*request_.layers)[1] : header.layer_count - 1};
+        preview_.emplace(header, layer.index, last);
+      }
+    }
+    if (!options_.contours.empty()) lines_ += to_json_line(layer) + '\n';
+    if (preview_) preview_->add(layer);
+    if (writer_) return writer_->add(layer);
+    return {};
+  }
+
+  Result<void> write(const std::string& report) {
+    if (writer_) {
+      if (auto digest = writer_->finish(); !digest) return tl::unexpected{digest.error()};
+      if (auto ok = write_file_atomically(options_.out, tfc_); !ok) return ok;
+    }
+    if (!options_.contours.empty())
+      if (auto ok = write_file_atomically(options_.contours, lines_); !ok) return ok;
+    if (preview_) {
+      const auto png = preview_->png();
+      if (!png) return tl::unexpected{png.error()};
+      if (auto ok = write_file_atomically(options_.preview, *png); !ok) return ok;
+    }
+    if (!options_.report.empty()) return write_file_atomically(options_.report, report + '\n');
+    return {};
+  }
+
+ private:
+  const Options& options_;
+  const SliceRequest& request_;
+  bool started_ = false;
+  std::string lines_;
+  std::vector<std::byte> tfc_;
+  std::optional<TfcWriter> writer_;
+  std::optional<Preview> preview_;
+};
 
 void print_summary(const SliceReport& report) {
   double seconds = 0;
@@ -106,11 +164,8 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const auto scan = read_file(o.cloud, kMaxScanBytes);
   if (!scan) return tl::unexpected{scan.error()};
 
-  std::string lines;
-  const LayerSink sink = [&](const StackHeader&, Layer&& layer) -> Result<void> {
-    if (!o.contours.empty()) lines += to_json_line(layer) + '\n';
-    return {};
-  };
+  Outputs outputs{o, *request};
+  const LayerSink sink = [&](const StackHeader& header, Layer&& layer) { return outputs.take(header, layer); };
   int shown = -1;
   const ProgressSink progress = [&, bar = on_terminal()](const Progress& p) {
     const int percent = static_cast<int>(100 * p.fraction);
@@ -124,10 +179,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!report) return tl::unexpected{report.error()};
 
   const std::string json = to_json(*report);
-  if (!o.contours.empty())
-    if (auto ok = write_file_atomically(o.contours, lines); !ok) return tl::unexpected{ok.error()};
-  if (!o.report.empty())
-    if (auto ok = write_file_atomically(o.report, json + '\n'); !ok) return tl::unexpected{ok.error()};
+  if (auto ok = outputs.write(json); !ok) return tl::unexpected{ok.error()};
   if (o.json)
     fmt::print("{}\n", json);
   else
@@ -142,6 +194,8 @@ VerbBody declare_slice(CLI::App& options) {
   options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, OFF, STL, OBJ or text")->required();
   options.add_option("--machine", o->machine, "machine profile to slice for")->required();
   options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  options.add_option("--out", o->out, "write the stack here (.tfc)");
+  options.add_option("--preview", o->preview, "write a picture here (PNG)");
   options.add_option("--contours", o->contours, "write contours here, one JSON line a layer");
   options.add_option("--report", o->report, "write the report here (JSON)");
   auto* height = options.add_option("--height-mm", o->height_mm, "scale the part to this height");

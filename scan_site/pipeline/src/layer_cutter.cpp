@@ -10,6 +10,8 @@ namespace {
 
 /// A sample this near (in kernel widths) to a contour of like normal is covered.
 constexpr double kCoverKernels = 0.75;
+/// Samples flatter than this do not tell where, or whether, the surface meets the plane.
+constexpr double kSteepNz = 0.8;
 
 using Verdict = LayerCertificate::Verdict;
 using Method = LayerCertificate::Method;
@@ -32,11 +34,41 @@ struct LayerCutter::Candidate {
 LayerCutter::LayerCutter(const CutSetting& setting) : setting_{setting}, cursor_{setting.field.cursor()} {}
 
 void LayerCutter::judge(Candidate& candidate, double z_mm) const {
-  const auto missed =
-      uncovered_samples(setting_.field, z_mm, candidate.trace.contours, {near_.points, near_.normals}, kCoverKernels);
+  const auto cover = [&](const SurfaceSamples& samples) {
+    return uncovered_samples(setting_.field, z_mm, candidate.trace.contours, {samples.points, samples.normals},
+                             kCoverKernels);
+  };
+  if (cover(steep_).empty()) return;
+  // A noisy sample says little about the surface: ask the surface under it.
+  const SurfaceSamples settled = on_surface(steep_);
+  const auto missed = cover(settled);
   if (!missed.empty())
-    candidate.trace.faults.push_back({fmt::format("{} samples near the plane lie beside no contour", missed.size()),
-                                      {missed[0].x(), missed[0].y()}});
+    candidate.trace.faults.push_back(
+        {fmt::format("{} places of the surface near the plane lie beside no contour", missed.size()),
+         {missed[0].x(), missed[0].y()}});
+}
+
+SurfaceSamples LayerCutter::on_surface(const SurfaceSamples& samples) const {
+  SurfaceSamples settled;
+  for (const Vec3& sample : samples.points) {
+    const double width = setting_.field.kernel_width_mm(sample);
+    Vec3 p = sample;
+    for (int i = 0; i < 8; ++i) {
+      const FieldSample f = cursor_->at(p);
+      const double steep2 = f.gradient.squaredNorm();
+      if (!f.in_reach || !(steep2 > 0.01) || (p - sample).norm() > 2 * width) break;
+      if (std::abs(f.value_mm) < 0.01 * width) {
+        const Vec3 normal = f.gradient / std::sqrt(steep2);
+        if (std::abs(normal.z()) <= kSteepNz) {
+          settled.points.push_back(p);
+          settled.normals.push_back(normal);
+        }
+        break;
+      }
+      p -= f.value_mm / steep2 * f.gradient;
+    }
+  }
+  return settled;
 }
 
 Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::stop_token stop) {
@@ -74,6 +106,13 @@ Result<LayerCutter::Candidate> LayerCutter::gridded(double z_mm, std::stop_token
 Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token stop) {
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while cutting layers");
   setting_.samples(z_mm - setting_.band_mm, z_mm + setting_.band_mm, near_);
+  steep_.points.clear();
+  steep_.normals.clear();
+  for (std::size_t i = 0; i < near_.points.size(); ++i)
+    if (std::abs(near_.normals[i].z()) <= kSteepNz) {
+      steep_.points.push_back(near_.points[i]);
+      steep_.normals.push_back(near_.normals[i]);
+    }
 
   std::optional<int> predicted;
   std::optional<ContourCount> predicted_count;

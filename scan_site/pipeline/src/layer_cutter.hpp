@@ -38,10 +38,13 @@ class LayerCutter {
   [[nodiscard]] Result<Candidate> marched(double z_mm, std::stop_token stop);
   [[nodiscard]] Result<Candidate> gridded(double z_mm, std::stop_token stop);
   void judge(Candidate& candidate, double z_mm) const;
+  /// Where the samples come to lie on g = 0, with the field's normals; level places and strays are left out.
+  [[nodiscard]] SurfaceSamples on_surface(const SurfaceSamples& samples) const;
 
   const CutSetting& setting_;
   std::unique_ptr<FieldCursor> cursor_;
   SurfaceSamples near_;
+  SurfaceSamples steep_;  ///< those of near_ that must lie beside a contour
 };
 
 }  // namespace telefab::scan

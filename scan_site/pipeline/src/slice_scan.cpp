@@ -26,7 +26,7 @@ constexpr std::array kMethods{std::pair{TraceMethod::Auto, "auto"}, std::pair{Tr
 /// Layers of one task: neighbours share what a cursor has gathered.
 constexpr std::uint32_t kBlock = 4;
 /// Samples this near to a plane (in median kernel widths) must lie beside its contours.
-constexpr double kBandKernels = 0.5;
+constexpr double kBandKernels = 0.4;
 /// cos 30 degrees: flatter than this a sample may lie near a critical point.
 constexpr double kNearLevel = 0.866;
 
