@@ -80,11 +80,9 @@ FieldParts parts_for(std::vector<GridSample> samples, const Vec3& origin, double
 
 /// Kernel width over spacing. The unbiased surface wants it narrow: 0.9 on clean scans (measured on scanned meshes,
 /// 0.8 tears holes at uneven places), rising with the noise that has to be averaged out.
-double width_factor(double noise_spacings) {
-  return std::clamp(0.9 + 5.5 * (noise_spacings - 0.05), 0.9, 4.0);
-}
+double width_factor(double noise_spacings) { return std::clamp(0.9 + 5.5 * (noise_spacings - 0.05), 0.9, 4.0); }
 
-/// Robust rms (1.48 median) of the samples' distance to the surface, and it over the local spacing.
+/// Robust rms of the samples' distance to the surface.
 double noise_mm(const FieldParts& parts) {
   MlsCursor cursor{parts};
   std::vector<double> off;
@@ -96,12 +94,20 @@ double noise_mm(const FieldParts& parts) {
       off.push_back(std::abs(cursor.at(parts.origin + Vec3{s.x, s.y, s.z}).value_mm));
     }
   }
-  std::nth_element(off.begin(), off.begin() + off.size() / 2, off.end());
-  return 1.4826 * off[off.size() / 2];
+  // The best quarter decides: on a machined part most samples may lie at edges, which no smooth surface follows.
+  std::nth_element(off.begin(), off.begin() + off.size() / 4, off.end());
+  return off[off.size() / 4] / 0.3186;
 }
 
+/// An outlier at a kernel of two spacings: others weigh less than this (12 on an even surface),
+constexpr double kLeastOthers = 0.7;
+/// its distance to their planes is more widths than this (and more than four times the noise),
+constexpr double kFarthest = 0.6;
+/// or its normal and the surface's agree by less.
+constexpr double kLeastAgreement = -0.3;
+
 /// Keeps the samples that their neighbours explain: enough weight of others, no opposed normals, near the surface.
-std::vector<GridSample> without_outliers(const FieldParts& parts) {
+std::vector<GridSample> without_outliers(const FieldParts& parts, double noise_mm) {
   std::vector<GridSample> kept;
   for (const WidthBand& band : parts.bands) {
     const auto& samples = band.grid.samples();
@@ -112,10 +118,12 @@ std::vector<GridSample> without_outliers(const FieldParts& parts) {
         const GridSample& s = samples[i];
         const KernelOutput out = cursor.raw(parts.origin + Vec3{s.x, s.y, s.z});
         const double others = out.weight - 1;
-        const double width = s.width / parts.scale.reference_mm();
+        const double reference = parts.scale.reference_mm();
         // Its own plane passes through itself: the others' mean distance is larger by weight / others.
-        const double distance = std::abs(out.closeness) * out.weight / std::max(others, 1e-9);
-        keep[i] = others > 0.7 && distance < 0.6 * width;
+        const double distance_mm = reference * std::abs(out.closeness) * out.weight / std::max(others, 1e-9);
+        const double along = out.gradient[0] * s.nx + out.gradient[1] * s.ny + out.gradient[2] * s.nz;
+        keep[i] = others > kLeastOthers && distance_mm < std::max(kFarthest * s.width, 4 * noise_mm) &&
+                  along > kLeastAgreement;
       }
     });
     for (std::size_t i = 0; i < samples.size(); ++i)
@@ -227,7 +235,7 @@ Result<std::unique_ptr<MlsField>> MlsField::from_cloud(PointCloud placed, const 
     if (options.drop_outliers) {
       // The trial's samples are sorted by band; spacing follows width.
       const std::size_t before = samples.size();
-      samples = without_outliers(trial);
+      samples = without_outliers(trial, choice.noise_mm);
       choice.dropped_samples = before - samples.size();
       if (samples.size() < 4)
         return fail(ErrorCode::InvalidInput, "the points of the scan do not lie on a common surface");
