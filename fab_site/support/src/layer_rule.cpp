@@ -17,9 +17,49 @@ SelfSupportLaw self_support_law(const MachineProfile& machine) {
   law.most = Millimetres{machine.supports.self_support_most_mm};
   law.sliver = Millimetres{pixel / 4};
   law.speck_mm2 = 2 * pixel * pixel;
+  law.contact = Millimetres{0.9 * pixel};
+  law.neck = Millimetres{0.45 * pixel};
   law.arc_tolerance = Millimetres{pixel / 10};
   return law;
 }
+
+namespace {
+
+double length_mm(const Region& region) {
+  double length = 0;
+  for (const GridRing& ring : region.rings())
+    for (std::size_t i = 0; i < ring.size(); ++i) {
+      const GridPoint a = ring[i], b = ring[i + 1 < ring.size() ? i + 1 : 0];
+      length += std::hypot(static_cast<double>(b.x - a.x), static_cast<double>(b.y - a.y));
+    }
+  return length / kGridStepsPerMm;
+}
+
+bool holds(const Region& contact, const SelfSupportLaw& law) {
+  const double area = contact.area_mm2();
+  if (area < law.speck_mm2) return false;
+  // The largest disc inside has at least the radius area / boundary: that settles all but the slight ones.
+  if (area >= law.contact.count() * length_mm(contact)) return true;
+  return !offset(contact, Millimetres{-law.contact.count()}, law.arc_tolerance).empty();
+}
+
+/// What stays connected to no contact once the current layer is thinned by the neck's half width.
+std::vector<Region> hanging_by_a_neck(const Region& current, std::span<const Region> contacts,
+                                      const SelfSupportLaw& law) {
+  const Region core = offset(current, Millimetres{-law.neck.count()}, law.arc_tolerance);
+  const auto blobs = core.pieces();
+  if (blobs.size() <= 1 && !contacts.empty()) return {};
+  std::vector<Point2> held;
+  for (const Region& piece : intersect(core, unite(contacts)).pieces()) held.push_back(inner_point(piece));
+  std::vector<Region> hanging;
+  for (const Region& blob : blobs) {
+    if (blob.area_mm2() < law.speck_mm2 / 10) continue;
+    if (std::none_of(held.begin(), held.end(), [&](Point2 p) { return blob.contains(p); })) hanging.push_back(blob);
+  }
+  return hanging;
+}
+
+}  // namespace
 
 LayerRegions analyse_layer(const Region& below, const Region& current, const SelfSupportLaw& law) {
   LayerRegions out;
@@ -30,19 +70,22 @@ LayerRegions analyse_layer(const Region& below, const Region& current, const Sel
     out.self_supported = current;
     return out;
   }
-  std::vector<Region> grown;
-  for (const Region& piece : out.attached.pieces()) {
-    const double area = piece.area_mm2();
-    if (area < law.speck_mm2) continue;
-    grown.push_back(offset(piece, law.reach(area), law.arc_tolerance));
+  std::vector<Region> grown, contacts;
+  for (Region& piece : out.attached.pieces()) {
+    if (!holds(piece, law)) continue;
+    grown.push_back(offset(piece, law.reach(piece.area_mm2()), law.arc_tolerance));
+    contacts.push_back(std::move(piece));
   }
   const Region reach = grown.size() == 1 ? std::move(grown.front()) : unite(grown);
-  out.self_supported = intersect(reach, current);
+  out.islands = hanging_by_a_neck(current, contacts, law);
+  const Region hanging = intersect(offset(unite(out.islands), law.neck, law.arc_tolerance), current);
+  out.self_supported = subtract(intersect(reach, current), hanging);
   out.to_support = subtract(current, reach);
   if (!out.to_support.empty() && law.sliver.count() > 0) {
     const Region core = offset(out.to_support, Millimetres{-law.sliver.count()}, law.arc_tolerance);
     out.to_support = intersect(offset(core, Millimetres{law.sliver.count() * 1.05}, law.arc_tolerance), out.to_support);
   }
+  out.to_support = unite(out.to_support, hanging);
   return out;
 }
 

@@ -19,10 +19,13 @@ struct Shaft {
   std::vector<double> braced_at{};
 };
 
+constexpr std::uint32_t kSink = 3;  ///< layers a foot goes into the part it stands on
+
 class Router {
  public:
   Router(std::span<const Region> layers, std::uint32_t lift, double thickness, const MachineProfile& machine)
-      : lift_{lift},
+      : layers_{layers},
+        lift_{lift},
         t_{thickness},
         machine_{machine},
         p_{machine.supports},
@@ -71,6 +74,23 @@ class Router {
     bool stands_on_part = false;
   };
 
+  /// The highest layer below `layer` whose material truly lies under the place; columns only say where to look.
+  [[nodiscard]] std::optional<std::uint32_t> floor_below(Point2 q, std::int64_t layer) const {
+    for (auto hit = bare_.highest_below(q, layer); hit; hit = bare_.highest_below(q, *hit))
+      if (layers_[*hit].contains(q)) return hit;
+    return std::nullopt;
+  }
+
+  /// True where a foot's whole disc finds material within its sink depth.
+  [[nodiscard]] bool foot_is_held(Point2 q, std::uint32_t floor) const {
+    const std::uint32_t deep = floor >= kSink - 1 ? floor - (kSink - 1) : 0;
+    const double r = 0.7 * p_.tip_radius_mm;
+    int held = 0;
+    for (const auto& [dx, dy] : {std::pair{r, r}, {r, -r}, {-r, r}, {-r, -r}})
+      held += layers_[deep].contains({q.x_mm + dx, q.y_mm + dy}) || layers_[floor].contains({q.x_mm + dx, q.y_mm + dy});
+    return held >= 3;
+  }
+
   /// True where an arm from the tip's end down to the joint keeps clear of the part.
   [[nodiscard]] bool arm_is_clear(Point2 from, double from_mm, Point2 to, double to_mm) const {
     const int steps = std::max(1, static_cast<int>((from_mm - to_mm) / t_));
@@ -107,8 +127,8 @@ class Router {
           return Choice{q, joint, 0, false};
         }
         if (on_part) continue;
-        const auto floor = bare_.highest_below(q, part_layer(joint) + 1);
-        if (!floor) continue;
+        const auto floor = floor_below(q, part_layer(joint) + 1);
+        if (!floor || !foot_is_held(q, *floor)) continue;
         const double floor_mm = top_of(*floor);
         // Room for a full pin on the part: the shaft's clearance is broken only close above its foot.
         if (joint - floor_mm < 2 * p_.pin_radius_mm) continue;
@@ -137,10 +157,10 @@ class Router {
     double bottom = choice->floor_mm;
     if (anchor.on_part) {
       ++out_.feet_on_part;
-      // A small foot, sunk one layer into the part so that it is welded on, as easy to break off as a tip.
+      // A small foot, sunk a few layers into the part so that it is welded on, as easy to break off as a tip.
       const double height = std::min(2 * p_.pin_radius_mm, choice->joint_mm - bottom);
-      add(StickKind::Foot, {top.x_mm, top.y_mm, bottom - t_}, {top.x_mm, top.y_mm, bottom + height},
-          std::min(p_.pin_radius_mm, 1.25 * p_.tip_radius_mm), p_.pin_radius_mm);
+      add(StickKind::Foot, {top.x_mm, top.y_mm, std::max(0.0, bottom - kSink * t_)},
+          {top.x_mm, top.y_mm, bottom + height}, std::min(p_.pin_radius_mm, 1.25 * p_.tip_radius_mm), p_.pin_radius_mm);
       bottom += height;
     } else {
       const double height = std::min(p_.base_thickness_mm + p_.foot_radius_mm, choice->joint_mm);
@@ -156,10 +176,10 @@ class Router {
   void needle(Anchor& anchor, double contact) {
     ++out_.needles;
     const Point2 at = anchor.place;
-    const auto floor = bare_.highest_below(at, anchor.layer.count());
+    const auto floor = floor_below(at, anchor.layer.count());
     anchor.on_part = floor.has_value();
     const double r = p_.tip_radius_mm;
-    const double bottom = floor ? top_of(*floor) - t_ : 0;
+    const double bottom = floor ? std::max(0.0, top_of(*floor) - kSink * t_) : 0;
     out_.feet_on_part += floor.has_value();
     const double length = contact - bottom;
     const double waist = std::min(p_.pin_radius_mm, std::max(r, length / (2 * p_.slenderness)));
@@ -262,6 +282,7 @@ class Router {
     }
   }
 
+  std::span<const Region> layers_;
   std::uint32_t lift_;
   double t_;
   const MachineProfile& machine_;

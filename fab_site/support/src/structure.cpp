@@ -73,9 +73,16 @@ Region StructureSections::section(LayerIndex print_layer) const {
   return unite(found);
 }
 
-double StructureSections::volume_mm3() const {
+double volume_mm3(const Structure& structure) {
   double volume = 0;
-  for (std::uint32_t k = 0; k < sticks_at_.size(); ++k) volume += section(LayerIndex{k}).area_mm2() * thickness_mm_;
+  for (const Stick& s : structure.sticks) {
+    const double a = s.bottom_radius_mm, b = s.top_radius_mm;
+    volume += std::numbers::pi / 3 * (a * a + a * b + b * b) * (s.top.z_mm - s.bottom.z_mm);
+  }
+  for (const Plate& p : structure.plates) {
+    const double length = std::hypot(p.b.x_mm - p.a.x_mm, p.b.y_mm - p.a.y_mm);
+    volume += (2 * p.radius_mm * length + std::numbers::pi * p.radius_mm * p.radius_mm) * p.height_mm;
+  }
   return volume;
 }
 

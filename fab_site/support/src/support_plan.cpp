@@ -20,7 +20,7 @@ struct Standing {
 
 struct Analysis {
   std::vector<Region> layers;      ///< simplified, without specks
-  std::vector<Region> to_support;  ///< by layer
+  std::vector<LayerRegions> rule;  ///< by layer
 };
 
 class Planner {
@@ -40,7 +40,7 @@ class Planner {
     if (!regions) return tl::unexpected{regions.error()};
     Analysis found;
     found.layers = without_specks(std::move(*regions), law_.speck_mm2);
-    found.to_support.resize(found.layers.size());
+    found.rule.resize(found.layers.size());
     for (const Region& layer : found.layers) figures_.part_mm3 += layer.area_mm2() * t_;
     const std::uint32_t lift = options_.mode == SupportOptions::Mode::None ? 0 : lift_layers(found.layers);
     if (options_.mode == SupportOptions::Mode::Auto) {
@@ -48,7 +48,8 @@ class Planner {
       tbb::parallel_for(std::size_t{0}, found.layers.size(), [&](std::size_t k) {
         if (stop_.stop_requested() || (k == 0 && lift == 0)) return;
         static const Region nothing;
-        found.to_support[k] = analyse_layer(k == 0 ? nothing : found.layers[k - 1], found.layers[k], law_).to_support;
+        found.rule[k] = analyse_layer(k == 0 ? nothing : found.layers[k - 1], found.layers[k], law_);
+        found.rule[k].attached = found.rule[k].self_supported = {};
       });
       for (std::size_t k = 0; k < found.layers.size(); ++k) {
         if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "planning supports: stopped");
@@ -64,7 +65,7 @@ class Planner {
     figures_.needles = routed.needles;
     StructureSections sections{std::move(routed.structure), t_, lift + static_cast<std::uint32_t>(found.layers.size()),
                                Millimetres{machine_.projection.pixel_pitch_mm / 20}};
-    figures_.support_mm3 = sections.volume_mm3();
+    figures_.support_mm3 = volume_mm3(sections.structure());
     report(progress_, "structure", 1);
     return SupportPlan{lift, std::move(anchors_), std::move(sections), figures_};
   }
@@ -114,7 +115,7 @@ class Planner {
       return rise * rise >= span || !layer.contains(s.place);
     });
     add_by_hand(layer, k);
-    Region wanted = found.to_support[k];
+    Region wanted = found.rule[k].to_support;
     if (wanted.empty()) return {};
     ++figures_.layers_with_regions;
     figures_.to_support_mm2 += wanted.area_mm2();
@@ -140,6 +141,14 @@ class Planner {
       auto covering = cover_region(rest, options, stop_);
       if (!covering) return tl::unexpected{covering.error()};
       for (const Point2& place : covering->anchors) anchor(place, k, false);
+    }
+    // What shows in the mask as a body of its own must stand on an anchor of its own, however near the next one.
+    const Region closed = forbidden_at(k);
+    for (const Region& island : found.rule[k].islands) {
+      const Region open = closed.empty() ? island : subtract(island, closed);
+      if (open.empty()) continue;
+      if (std::none_of(standing_.begin(), standing_.end(), [&](const Standing& s) { return island.contains(s.place); }))
+        anchor(inner_point(open), k, false);
     }
     return {};
   }

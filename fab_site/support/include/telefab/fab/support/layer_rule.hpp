@@ -1,4 +1,5 @@
 #pragma once
+#include <span>
 #include <telefab/base/quantity.hpp>
 #include <telefab/fab/region/region.hpp>
 #include <telefab/machine/machine_profile.hpp>
@@ -14,6 +15,8 @@ struct SelfSupportLaw {
   Millimetres most{1.5};            ///< >= least; no region reaches further
   Millimetres sliver{0.035};        ///< >= 0; remainders narrower than twice this are nothing a mask could show
   double speck_mm2 = 0.04;          ///< >= 0; contacts and islands smaller than this do not survive the mask
+  Millimetres contact{0.12};        ///< >= 0; a contact holds where a disc of this radius fits: it lights a pixel twice
+  Millimetres neck{0.06};           ///< >= 0; material narrower than twice this does not pass support on
   Millimetres arc_tolerance{0.01};  ///< > 0; of the offset's round joins
 
   [[nodiscard]] Millimetres reach(double attached_area_mm2) const;
@@ -24,13 +27,15 @@ struct SelfSupportLaw {
 
 /// What the paper's rule 4.1 makes of two consecutive layers.
 struct LayerRegions {
-  Region attached;        ///< below AND current
-  Region self_supported;  ///< attached grown by the law, AND current
-  Region to_support;      ///< current minus that, slivers left out
+  Region attached;              ///< below AND current
+  Region self_supported;        ///< attached grown by the law, AND current
+  Region to_support;            ///< current minus that, slivers left out
+  std::vector<Region> islands;  ///< parts of `to_support` that show in a mask joined to nothing held: an anchor each
 };
 
 /// Splits `current` by what lies below it. Each connected piece of the attached region reaches by its own area; a
-/// contact below the speck size reaches nowhere. Nothing below: everything is to be supported.
+/// contact too slight to show in both masks reaches nowhere, and what hangs on the rest by a neck too slight to show is
+/// to be supported whole. Nothing below: everything is to be supported.
 [[nodiscard]] LayerRegions analyse_layer(const Region& below, const Region& current, const SelfSupportLaw& law);
 
 /// The layers as the rule sees them: islands below the speck size that nothing holds are taken out, so that what
