@@ -24,12 +24,10 @@ bool is_loopback_socket(const tcp::socket& socket) {
   return !error && end.address().is_loopback();
 }
 
-Result<void> plain_is_allowed(const Endpoint& endpoint) {
-  if (is_loopback(endpoint)) return {};
-  return fail(ErrorCode::NotPermitted,
-              fmt::format("{} is not on loopback: plain TCP is refused there; give --tls FOLDER with a certificate of "
-                          "deploy/certs",
-                          to_text(endpoint)));
+std::string plain_is_refused(const Endpoint& endpoint) {
+  return fmt::format(
+      "{} is not on loopback: plain TCP is refused there; give --tls FOLDER with a certificate of deploy/certs",
+      to_text(endpoint));
 }
 
 ConnectionPtr plain_connection(tcp::socket socket, const ConnectionLimits& limits) {
@@ -151,8 +149,8 @@ Listener::~Listener() {
 std::uint16_t Listener::port() const { return impl_->acceptor.local_endpoint().port(); }
 
 Result<std::unique_ptr<Listener>> Listener::open(Loop& loop, const ListenOptions& options, ListenEvents events) {
-  if (!options.trust)
-    if (auto allowed = plain_is_allowed(options.endpoint); !allowed) return tl::unexpected{allowed.error()};
+  if (!options.trust && !is_loopback(options.endpoint))
+    return fail(ErrorCode::NotTrusted, plain_is_refused(options.endpoint));
   auto impl = std::make_shared<Impl>(loop, options, std::move(events));
   Code error;
   const std::string host = options.endpoint.host == "localhost" ? "127.0.0.1" : options.endpoint.host;
@@ -205,6 +203,10 @@ class Attempt : public std::enable_shared_from_this<Attempt> {
   }
 
   void connect(const tcp::resolver::results_type& found) {
+    // Looked at before a byte leaves: without TLS nothing goes to another machine, whatever its name is.
+    const bool stays_here = std::all_of(found.begin(), found.end(),
+                                        [](const auto& each) { return each.endpoint().address().is_loopback(); });
+    if (!options_.trust && !stays_here) return finish(fail(ErrorCode::NotTrusted, plain_is_refused(options_.endpoint)));
     asio::async_connect(socket_, found, [self = shared_from_this()](const Code& error, const tcp::endpoint&) {
       if (!self->done_) return;
       if (error) return self->finish(self->unreachable(error.message()));
@@ -214,9 +216,6 @@ class Attempt : public std::enable_shared_from_this<Attempt> {
 
   void connected() {
     if (!options_.trust) {
-      if (!is_loopback_socket(socket_))
-        return finish(fail(ErrorCode::NotPermitted, fmt::format("{} is not on loopback: plain TCP is refused there",
-                                                                to_text(options_.endpoint))));
       return finish(plain_connection(std::move(socket_), options_.limits));
     }
     if (auto fresh = options_.trust->refresh(); !fresh) return finish(tl::unexpected{fresh.error()});

@@ -8,6 +8,7 @@ int main(int argc, char** argv) {
       "Example: telefab-fab plan statue.tfc --machine machine-a --out statue-plan\n"};
   static constexpr telefab::Verb verbs[] = {
       {"machines", "list the machine profiles", declare_machines},
+      {"probe", "ask the machine's devices who they are, LEDs off", declare_probe},
   };
   return telefab::run_program(text, verbs, argc, argv);
 }

@@ -1,10 +1,16 @@
 #include <telefab/fab/device/virtual_projector.hpp>
 #include <telefab/fab/device/virtual_z_stage.hpp>
+#include <telefab/fab/drivers/grbl_stage.hpp>
 #include <telefab/fab/drivers/make_devices.hpp>
+#include <telefab/fab/usb/libusb_transport.hpp>
+#include <telefab/fab/usb/tty_line.hpp>
 
 namespace telefab::fab {
 
 namespace {
+
+constexpr std::uint16_t kTexasInstruments = 0x0451;
+constexpr std::uint16_t kDlpc900 = 0xC900;
 
 bool all_virtual(const MachineProfile& m) { return m.devices.projector == "virtual" && m.devices.stage == "virtual"; }
 
@@ -18,13 +24,49 @@ std::unique_ptr<Clock> make_clock(const MachineProfile& machine) {
 
 double stage_top_mm(const MachineProfile& machine) { return machine.platform.z_travel_mm + machine.motion.lift_mm; }
 
+Result<std::unique_ptr<Dlpc900Projector>> open_projector(const MachineProfile& machine, Clock& clock) {
+  const auto led = dlpc900::led_of(machine.devices.led_colour);
+  if (!led)
+    return fail(ErrorCode::InvalidInput, "machine " + machine.name + ": devices.led_colour is red, green or blue");
+  if (machine.devices.led_current > 255)
+    return fail(ErrorCode::InvalidInput, "machine " + machine.name + ": devices.led_current is above 255");
+  auto usb = open_libusb({kTexasInstruments, kDlpc900, {}});
+  if (!usb) return tl::unexpected{usb.error()};
+  Dlpc900Options options;
+  options.mask = machine.mask_size();
+  options.orientation = machine.projection.orientation;
+  options.led = *led;
+  options.led_current = static_cast<std::uint8_t>(machine.devices.led_current);
+  return Dlpc900Projector::open(std::move(*usb), options, clock);
+}
+
+Result<std::unique_ptr<ZStage>> open_stage(const MachineProfile& machine, Clock& clock) {
+  auto line = open_tty(machine.devices.stage_serial);
+  if (!line) return tl::unexpected{line.error()};
+  SerialStageOptions options;
+  options.dialect = machine.devices.stage == "marlin" ? StageDialect::Marlin : StageDialect::Grbl;
+  options.top_mm = stage_top_mm(machine);
+  return SerialStage::open(std::move(*line), options, clock);
+}
+
 Result<Devices> make_devices(const MachineProfile& machine, Clock& clock) {
-  if (!all_virtual(machine))
-    return fail(ErrorCode::InvalidInput, "machine " + machine.name + ": only virtual devices are built in");
   Devices devices;
   devices.log = std::make_unique<MachineLog>();
-  devices.projector = std::make_unique<VirtualProjector>(machine.mask_size(), 0, clock, *devices.log);
-  devices.stage = std::make_unique<VirtualZStage>(stage_top_mm(machine), clock, *devices.log);
+  // The projector first: it goes dark before anything else happens.
+  if (machine.devices.projector == "virtual") {
+    devices.projector = std::make_unique<VirtualProjector>(machine.mask_size(), 0, clock, *devices.log);
+  } else {
+    auto projector = open_projector(machine, clock);
+    if (!projector) return tl::unexpected{projector.error()};
+    devices.projector = std::move(*projector);
+  }
+  if (machine.devices.stage == "virtual") {
+    devices.stage = std::make_unique<VirtualZStage>(stage_top_mm(machine), clock, *devices.log);
+  } else {
+    auto stage = open_stage(machine, clock);
+    if (!stage) return tl::unexpected{stage.error()};
+    devices.stage = std::move(*stage);
+  }
   return devices;
 }
 

@@ -374,6 +374,20 @@ Result<PrintRecord> PrintRunner::run(const PrintPlan& plan, const PrintPolicy& p
   return record;
 }
 
+Nanoseconds approach_time(const PrintPlan& plan, LayerIndex layer) {
+  const auto& motion = plan.motion;
+  const double z_mm = plan.layers[layer.count()].z_mm;
+  double from_mm = z_mm;
+  Nanoseconds lift{};
+  for (std::size_t k = layer.count(); k-- > 0;)
+    if (plan.layers[k].exposure.count() > 0) {
+      from_mm = plan.layers[k].z_mm;
+      lift = travel(motion.lift_mm, motion.lift_speed_mm_per_s);
+      break;
+    }
+  return lift + travel(from_mm + motion.lift_mm - z_mm, motion.lower_speed_mm_per_s) + seconds(motion.settle_s);
+}
+
 Nanoseconds print_time(const PrintPlan& plan, LayerIndex from, double top_mm, double homing_mm_per_s,
                        std::span<const Nanoseconds> upload) {
   // The platform starts at the vat and homes to the top; the lowest layer's path starts there.

@@ -7,6 +7,7 @@ int main(int argc, char** argv) {
       "Example: telefab-scan slice statue.ply --machine machine-a --height-mm 75 --out statue.tfc --preview "
       "statue.png\n"};
   static constexpr telefab::Verb verbs[] = {
+      {"serve", "take scans from clients, slice them and send the layers to the fab", declare_serve},
       {"slice", "cut a scan into layers of contours", declare_slice},
       {"machines", "list the machine profiles", declare_machines},
   };

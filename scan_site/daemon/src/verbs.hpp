@@ -5,4 +5,5 @@
 namespace telefab::scan {
 [[nodiscard]] VerbBody declare_machines(CLI::App& options);
 [[nodiscard]] VerbBody declare_slice(CLI::App& options);
+[[nodiscard]] VerbBody declare_serve(CLI::App& options);
 }  // namespace telefab::scan

@@ -18,7 +18,8 @@ constexpr double kDifferenceKernels = 0.02;  // of the central differences
 constexpr double kStepKernels = 0.5;
 constexpr double kWanderKernels = 3.0;
 constexpr double kMergeKernels = 0.1;
-constexpr double kDegenerateBend = 1e-3;  // times 1/h: a radius of a thousand kernels
+constexpr double kOtherKindShare = 0.02;
+constexpr double kDegenerateBend = 2e-4;  // times 1/h: what the differences of a float field can still tell from none
 constexpr int kIterations = 25;
 
 bool lower(const Vec3& a, const Vec3& b) { return std::tuple(a.z(), a.x(), a.y()) < std::tuple(b.z(), b.x(), b.y()); }
@@ -149,7 +150,9 @@ Result<std::vector<CriticalPoint>> find_critical_points(const ScalarField& field
     bool known = false;
     around(cell, [&](std::uint64_t key) {
       if (const auto at = taken.find(key); at != taken.end())
-        for (const std::size_t k : at->second) known = known || (points[k].position_mm - c->position_mm).norm() < near;
+        for (const std::size_t k : at->second)  // A birth of two kinds side by side stays two points.
+          known = known || (points[k].position_mm - c->position_mm).norm() <
+                               (points[k].kind == c->kind ? near : kOtherKindShare * near);
     });
     if (known) continue;
     taken[key_of(cell)].push_back(points.size());

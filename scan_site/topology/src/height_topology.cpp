@@ -49,24 +49,25 @@ Result<void> TopologyOptions::validate() const {
 }
 
 HeightTopology::HeightTopology(Parts parts) : parts_{std::move(parts)} {
-  // Sum the steps from below and, behind a plateau whose rings are unknown, from above.
+  // Sum the steps from below, and from above for what lies behind a place in doubt.
   struct Event {
     double z;
-    std::size_t node;
     bool leaves;
+    std::optional<int> step;  ///< none: in doubt
   };
   std::vector<Event> events;
-  for (std::size_t n = 0; n < parts_.nodes.size(); ++n) {
-    events.push_back({parts_.nodes[n].low_mm, n, false});
-    events.push_back({parts_.nodes[n].high_mm, n, true});
-  }
-  std::stable_sort(events.begin(), events.end(), [](const Event& a, const Event& b) { return a.z < b.z; });
-  const auto unknown = [&](const ReebNode& n) { return n.plateau && !n.resolved; };
+  const auto add = [&](double low, double high, std::optional<int> step) {
+    events.push_back({low, false, step});
+    events.push_back({high, true, step});
+  };
+  for (const ReebNode& n : parts_.nodes)
+    add(n.low_mm, n.high_mm, n.resolved ? std::optional{n.euler_step} : std::nullopt);
+  for (const BlindInterval& b : parts_.blind) add(b.low_mm, b.high_mm, std::nullopt);
+  std::stable_sort(events.begin(), events.end(), [](const Event& x, const Event& y) { return x.z < y.z; });
   std::vector<std::optional<int>> from_below(events.size());
   std::optional<int> sum = 0;
   for (std::size_t e = 0; e < events.size(); ++e) {
-    const ReebNode& n = parts_.nodes[events[e].node];
-    if (events[e].leaves && sum) sum = unknown(n) ? std::nullopt : std::optional{*sum + n.euler_step};
+    if (events[e].leaves && sum) sum = events[e].step ? std::optional{*sum + *events[e].step} : std::nullopt;
     from_below[e] = sum;
   }
   if (sum && *sum != 0)
@@ -76,8 +77,7 @@ HeightTopology::HeightTopology(Parts parts) : parts_{std::move(parts)} {
   sum = 0;
   for (std::size_t e = events.size(); e-- > 0;) {
     from_above[e] = sum;
-    const ReebNode& n = parts_.nodes[events[e].node];
-    if (events[e].leaves && sum) sum = unknown(n) ? std::nullopt : std::optional{*sum - n.euler_step};
+    if (events[e].leaves && sum) sum = events[e].step ? std::optional{*sum - *events[e].step} : std::nullopt;
   }
   int inside = 0;
   for (std::size_t e = 0; e < events.size(); ++e) {
@@ -147,29 +147,38 @@ Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const 
   if (surface_samples.size() != sample_normals.size())
     return fail(ErrorCode::InvalidInput, fmt::format("{} samples but {} normals; give one normal a sample",
                                                      surface_samples.size(), sample_normals.size()));
-  HeightTopology::Parts parts;
-  // When what was found cannot be all there is (the slice above the top would not be empty), search more widely.
+  // Where points and graph contradict each other, search more widely and order heights less finely; the first result
+  // without doubts is taken, else the one with the fewest.
+  struct Attempt {
+    topology::SearchWidth width;
+    double run_kernels;
+  };
   const topology::SearchWidth narrow{.least_nz = options.steep_sift_cos};
   const topology::SearchWidth wide{
       .least_nz = 0.5 * options.steep_sift_cos, .cell_kernels = 0.3, .first_step_kernels = 4};
-  for (const topology::SearchWidth& width : {narrow, wide}) {
-    const std::vector<Vec3> starts = topology::sift(field, surface_samples, sample_normals, width);
-    auto points = topology::find_critical_points(field, starts, width, stop);
+  std::optional<HeightTopology> best;
+  for (const Attempt& attempt :
+       {Attempt{narrow, 0.01}, Attempt{narrow, 0.04}, Attempt{wide, 0.01}, Attempt{wide, 0.04}}) {
+    HeightTopology::Parts parts;
+    const std::vector<Vec3> starts = topology::sift(field, surface_samples, sample_normals, attempt.width);
+    auto points = topology::find_critical_points(field, starts, attempt.width, stop);
     if (!points) return tl::unexpected{points.error()};
     if (points->size() > options.max_critical_points)
       return fail(ErrorCode::TooLarge, fmt::format("{} critical points, the limit is {}; use a wider kernel",
                                                    points->size(), options.max_critical_points));
     parts.critical_points = std::move(*points);
     parts.plateaus = topology::gather_plateaus(field, starts, parts.critical_points, options.near_critical_kernels);
-    int steps = 0;
-    for (const CriticalPoint& c : parts.critical_points) steps += c.euler_step();
-    if (steps == 0 || !parts.plateaus.empty()) break;
+    for (const CriticalPoint& c : parts.critical_points)
+      parts.near_mm = std::max(parts.near_mm, options.near_critical_kernels * field.kernel_width_mm(c.position_mm));
+    if (const auto built =
+            topology::build_reeb_graph(field, surface_samples, sample_normals, parts, attempt.run_kernels, stop);
+        !built)
+      return tl::unexpected{built.error()};
+    HeightTopology topology{std::move(parts)};
+    if (!best || topology.doubts().size() < best->doubts().size()) best = std::move(topology);
+    if (best->doubts().empty()) break;
   }
-  for (const CriticalPoint& c : parts.critical_points)
-    parts.near_mm = std::max(parts.near_mm, options.near_critical_kernels * field.kernel_width_mm(c.position_mm));
-  if (const auto built = topology::build_reeb_graph(field, surface_samples, sample_normals, parts, stop); !built)
-    return tl::unexpected{built.error()};
-  return HeightTopology{std::move(parts)};
+  return std::move(*best);
 }
 
 }  // namespace telefab::scan

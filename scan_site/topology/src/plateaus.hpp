@@ -9,9 +9,11 @@ namespace telefab::scan::topology {
 [[nodiscard]] std::vector<Plateau> gather_plateaus(const ScalarField& field, std::span<const Vec3> starts,
                                                    std::vector<CriticalPoint>& points, double gap_kernels);
 
-/// Samples of the surface piece around a plateau: connected to its critical points within a slab of heights.
-[[nodiscard]] std::vector<Vec3> samples_around(const ScalarField& field, std::span<const Vec3> samples,
-                                               std::span<const Vec3> normals, std::span<const CriticalPoint> points,
-                                               std::span<const std::size_t> members, double low_mm, double high_mm);
+/// Points of the surface piece around a plateau: samples moved onto the surface, between the two heights, connected
+/// to its critical points by others.
+[[nodiscard]] std::vector<Vec3> points_around(const ScalarField& field, FieldCursor& cursor,
+                                              std::span<const Vec3> samples, std::span<const Vec3> normals,
+                                              std::span<const CriticalPoint> points,
+                                              std::span<const std::size_t> members, double low_mm, double high_mm);
 
 }  // namespace telefab::scan::topology

@@ -140,9 +140,9 @@ void find_components(HeightTopology::Parts& parts, std::span<const NodeRings> bu
 }  // namespace
 
 Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> samples, std::span<const Vec3> normals,
-                              HeightTopology::Parts& parts, std::stop_token stop) {
+                              HeightTopology::Parts& parts, double run_kernels, std::stop_token stop) {
   const CriticalIndex index{field, parts.critical_points};
-  auto traced = trace_nodes(field, samples, normals, parts.critical_points, parts.plateaus, index, stop);
+  auto traced = trace_nodes(field, samples, normals, parts.critical_points, parts.plateaus, index, run_kernels, stop);
   if (!traced) return tl::unexpected{traced.error()};
   const std::vector<NodeRings>& built = traced->nodes;
 
@@ -178,6 +178,9 @@ Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> sa
     if (!m.node) {
       parts.doubts.push_back(fmt::format("the contour that begins at {} was lost {}", place_text(from.node.place_mm),
                                          m.path.empty() ? "at once" : "at " + place_text(m.path.back())));
+      const double h = field.kernel_width_mm(from.node.place_mm);
+      const double end = m.path.empty() ? from.node.high_mm : m.path.back().z();
+      parts.blind.push_back({end - 0.5 * h, end + 0.5 * h});
       continue;
     }
     if (m.ring)
@@ -191,10 +194,23 @@ Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> sa
     parts.arcs.push_back({ports[k].node, *m.node, from.above[ports[k].ring].is_hole(), std::move(m.path)});
   }
   for (std::size_t n = 0; n < built.size(); ++n)
-    for (const int times : met[n])
-      if (times != 1)
-        parts.doubts.push_back(
-            fmt::format("{} contours arrive at one ring below {}", times, place_text(built[n].node.place_mm)));
+    for (std::size_t r = 0; r < met[n].size(); ++r) {
+      if (met[n][r] == 1) continue;
+      const NodeRings& node = built[n];
+      parts.doubts.push_back(
+          fmt::format("{} contours arrive at one ring below {}", met[n][r], place_text(node.node.place_mm)));
+      // Several: two became one somewhere since the later one began. None: it began unseen on the way down from here.
+      double low = node.node.low_mm;
+      for (const std::size_t a : parts.nodes[n].arcs_below)
+        low = std::min(low, parts.nodes[parts.arcs[a].lower].high_mm);
+      if (met[n][r] == 0) {
+        const Vec2& p = node.below[r].points.front();
+        const SteepestLine down =
+            follow_steepest(field, *cursors.local(), index, {p.x(), p.y(), node.below[r].z_mm}, false, {});
+        if (!down.path_mm.empty()) low = std::min(low, down.path_mm.back().z());
+      }
+      parts.blind.push_back({low, node.node.low_mm});
+    }
 
   for (IntegralLine& line : traced->lines)
     if (parts.critical_points[line.saddle].is_saddle()) parts.lines.push_back(std::move(line));

@@ -11,10 +11,8 @@
 namespace telefab::scan::topology {
 namespace {
 
-constexpr double kRunKernels = 0.01;     // nearer heights are not ordered
 constexpr double kMarginKernels = 0.02;  // rings are traced this far below and above
 constexpr double kPlateauMarginKernels = 0.05;
-constexpr double kSlabKernels = 0.3;  // of samples around a plateau
 constexpr double kSameRingKernels = 0.08;
 constexpr double kSeedLimitKernels = 0.75;
 constexpr double kLeaveKernels = 0.1;  // first step away from a saddle
@@ -27,14 +25,14 @@ struct Level {
 double height(const CriticalPoint& c) { return c.position_mm.z(); }
 
 /// Runs of critical heights too near to be ordered, each with the levels of its rings.
-std::vector<Level> levels_of(const ScalarField& field, std::span<const CriticalPoint> points,
+std::vector<Level> levels_of(const ScalarField& field, std::span<const CriticalPoint> points, double run_kernels,
                              std::vector<std::size_t>& run_of) {
   std::vector<Level> runs;
   std::vector<double> kernels;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const double h = field.kernel_width_mm(points[i].position_mm);
     const double z = height(points[i]);
-    if (runs.empty() || z - runs.back().high > kRunKernels * std::min(h, kernels.back())) {
+    if (runs.empty() || z - runs.back().high > run_kernels * std::min(h, kernels.back())) {
       runs.push_back({z, z, z, z});
       kernels.push_back(h);
     }
@@ -131,8 +129,8 @@ void judge(NodeRings& n) {
 }
 
 NodeRings plateau_node(const ScalarField& field, FieldCursor& cursor, std::span<const Vec3> samples,
-                       std::span<const Vec3> normals, std::span<const CriticalPoint> points, const Plateau& plateau,
-                       std::size_t number) {
+                       std::span<const Vec3> normals, std::span<const CriticalPoint> points, const CriticalIndex& index,
+                       const Plateau& plateau, std::size_t number) {
   NodeRings n;
   n.node.plateau = number;
   n.node.place_mm = plateau.place_mm;
@@ -149,13 +147,39 @@ NodeRings plateau_node(const ScalarField& field, FieldCursor& cursor, std::span<
   }
   n.level_below_mm = plateau.low_mm - std::max(margin_below, 0.003 * h);
   n.level_above_mm = plateau.high_mm + std::max(margin_above, 0.003 * h);
-  const std::vector<Vec3> near = samples_around(field, samples, normals, points, n.node.critical_points,
-                                                plateau.low_mm - kSlabKernels * h, plateau.high_mm + kSlabKernels * h);
-  n.below = distinct_rings(field, cursor, near, n.level_below_mm, kSameRingKernels * h, kSeedLimitKernels);
-  n.above = distinct_rings(field, cursor, near, n.level_above_mm, kSameRingKernels * h, kSeedLimitKernels);
+  // Steepest lines from points between the levels stay on the piece of surface until they leave it at a level.
+  std::vector<Vec3> starts = points_around(field, cursor, samples, normals, points, n.node.critical_points,
+                                           n.level_below_mm, n.level_above_mm);
+  for (const std::size_t c : n.node.critical_points) starts.push_back(points[c].position_mm);
+  for (const bool ascending : {false, true}) {
+    const double level = ascending ? n.level_above_mm : n.level_below_mm;
+    std::vector<Ring>& rings = ascending ? n.above : n.below;
+    for (const Vec3& start : starts) {
+      const SteepestLine line = follow_steepest(field, cursor, index, start, ascending, {}, level);
+      const auto seed = point_at_height(line.path_mm, level);
+      if (!seed) continue;
+      const double same = kSameRingKernels * h;
+      if (std::any_of(rings.begin(), rings.end(),
+                      [&](const Ring& r) { return r.distance_mm(seed->head<2>(), same) < same; }))
+        continue;
+      const Vec3 seeds[] = {*seed};
+      for (Ring& ring : distinct_rings(field, cursor, seeds, level, same, kSeedLimitKernels))
+        if (!shares_ring({ring}, rings, same)) rings.push_back(std::move(ring));
+    }
+  }
   n.line_above.assign(n.above.size(), std::nullopt);
   n.euler = 2 - static_cast<int>(n.below.size() + n.above.size());
   n.euler_step = signed_count(n.above) - signed_count(n.below);
+  // Where its critical points are sound and account for the rings, they also tell of handles inside.
+  int signs = 0;
+  int steps = 0;
+  bool sound = true;
+  for (const std::size_t i : n.node.critical_points) {
+    signs += sign_of(points[i]);
+    steps += points[i].euler_step();
+    sound = sound && !points[i].degenerate;
+  }
+  if (sound && steps == n.euler_step && signs <= n.euler && (signs - n.euler) % 2 == 0) n.euler = signs;
   if (n.below.empty() && n.above.empty()) {
     n.doubt = "no ring leaves it";
     n.node.resolved = false;
@@ -181,9 +205,9 @@ std::optional<Vec3> point_at_height(std::span<const Vec3> path, double z_mm) {
 
 Result<TracedNodes> trace_nodes(const ScalarField& field, std::span<const Vec3> samples, std::span<const Vec3> normals,
                                 std::span<const CriticalPoint> points, std::span<const Plateau> plateaus,
-                                const CriticalIndex& index, std::stop_token stop) {
+                                const CriticalIndex& index, double run_kernels, std::stop_token stop) {
   std::vector<std::size_t> run_of;
-  const std::vector<Level> runs = levels_of(field, points, run_of);
+  const std::vector<Level> runs = levels_of(field, points, run_kernels, run_of);
   std::vector<Around> arounds(points.size());
   std::vector<NodeRings> flat(plateaus.size());
   tbb::enumerable_thread_specific<std::unique_ptr<FieldCursor>> cursors([&] { return field.cursor(); });
@@ -194,7 +218,7 @@ Result<TracedNodes> trace_nodes(const ScalarField& field, std::span<const Vec3> 
     FieldCursor& cursor = *cursors.local();
     if (k >= points.size()) {
       const std::size_t p = k - points.size();
-      flat[p] = plateau_node(field, cursor, samples, normals, points, plateaus[p], p);
+      flat[p] = plateau_node(field, cursor, samples, normals, points, index, plateaus[p], p);
     } else if (!points[k].plateau) {
       arounds[k] = look_around(field, cursor, index, k, runs[run_of[k]]);
     }

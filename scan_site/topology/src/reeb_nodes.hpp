@@ -19,7 +19,7 @@ struct NodeRings {
 };
 
 /// Traces four lines a saddle (outside plateaus) and the rings around every node. Critical points nearly at one
-/// height on one contour become one node. Fails with Cancelled.
+/// height (within `run_kernels` * h) on one contour become one node. Fails with Cancelled.
 struct TracedNodes {
   std::vector<IntegralLine> lines;
   std::vector<NodeRings> nodes;  ///< sorted by level below
@@ -27,7 +27,7 @@ struct TracedNodes {
 [[nodiscard]] Result<TracedNodes> trace_nodes(const ScalarField& field, std::span<const Vec3> samples,
                                               std::span<const Vec3> normals, std::span<const CriticalPoint> points,
                                               std::span<const Plateau> plateaus, const CriticalIndex& index,
-                                              std::stop_token stop);
+                                              double run_kernels, std::stop_token stop);
 
 /// Point of a path strictly monotone in z, at height z; none outside.
 [[nodiscard]] std::optional<Vec3> point_at_height(std::span<const Vec3> path, double z_mm);

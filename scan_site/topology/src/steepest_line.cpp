@@ -43,7 +43,8 @@ CriticalIndex::CriticalIndex(const ScalarField& field, std::span<const CriticalP
 }
 
 SteepestLine follow_steepest(const ScalarField& field, FieldCursor& cursor, const CriticalIndex& index,
-                             const Vec3& start, bool ascending, std::optional<std::size_t> leaving) {
+                             const Vec3& start, bool ascending, std::optional<std::size_t> leaving,
+                             std::optional<double> until_z_mm) {
   const double sign = ascending ? 1 : -1;
   const CriticalKind goal = ascending ? CriticalKind::Maximum : CriticalKind::Minimum;
   const auto left = [&](const CriticalPoint& c) { return leaving && &c == &index[*leaving]; };
@@ -56,6 +57,7 @@ SteepestLine follow_steepest(const ScalarField& field, FieldCursor& cursor, cons
   line.path_mm.push_back(p);
   double step = kStepKernels * h;
   while (line.path_mm.size() < kMaxPoints) {
+    if (until_z_mm && sign * (p.z() - *until_z_mm) >= 0) return line;
     const auto [up, slope] = uphill(*f);
     const auto beyond = [&](const CriticalPoint& c) { return sign * (c.position_mm.z() - p.z()) > 0 && !left(c); };
     const auto caught = index.nearest(p, f->gradient.z() > 0, kCatchKernels * h, [&](const CriticalPoint& c) {

@@ -43,8 +43,9 @@ struct SteepestLine {
 };
 
 /// The line of steepest ascent (or descent) over the surface, from a point on it to the critical point where it
-/// ends. `leaving` is not accepted as an end.
+/// ends, or to the first point at or beyond `until_z_mm`. `leaving` is not accepted as an end.
 [[nodiscard]] SteepestLine follow_steepest(const ScalarField& field, FieldCursor& cursor, const CriticalIndex& index,
-                                           const Vec3& start, bool ascending, std::optional<std::size_t> leaving);
+                                           const Vec3& start, bool ascending, std::optional<std::size_t> leaving,
+                                           std::optional<double> until_z_mm = std::nullopt);
 
 }  // namespace telefab::scan::topology

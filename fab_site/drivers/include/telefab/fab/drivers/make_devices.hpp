@@ -3,6 +3,7 @@
 #include <telefab/fab/device/machine_log.hpp>
 #include <telefab/fab/device/projector.hpp>
 #include <telefab/fab/device/z_stage.hpp>
+#include <telefab/fab/drivers/dlpc900_projector.hpp>
 #include <telefab/machine/machine_profile.hpp>
 
 namespace telefab::fab {
@@ -20,6 +21,10 @@ struct Devices {
 /// Opens the devices of the profile, virtual or real; real ones are dark when this returns. The clock must outlive
 /// them. Fails: DeviceLost (not found; the message says what to look at), DeviceRefused (self-test), InvalidInput.
 [[nodiscard]] Result<Devices> make_devices(const MachineProfile& machine, Clock& clock);
+
+/// The two real devices alone, for `telefab-fab probe`: as make_devices(), whatever the profile calls virtual.
+[[nodiscard]] Result<std::unique_ptr<Dlpc900Projector>> open_projector(const MachineProfile& machine, Clock& clock);
+[[nodiscard]] Result<std::unique_ptr<ZStage>> open_stage(const MachineProfile& machine, Clock& clock);
 
 /// Largest gap the stage can make: the tallest part and one peel above it.
 [[nodiscard]] double stage_top_mm(const MachineProfile& machine);

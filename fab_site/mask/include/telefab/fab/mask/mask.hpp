@@ -6,9 +6,10 @@
 
 namespace telefab::fab {
 
-/// Grey levels of one exposure, row-major, 0 dark .. 255 full. Row 0 is the back of the platform (largest y), column
-/// 0 its left (x = 0), so that a mask viewed as a picture is the layer seen from above. What the optics mirror is
-/// applied by the projector's driver, never here.
+/// Grey levels of one exposure, row-major, 0 dark .. 255 full. Seen as a picture a mask is the layer from above: pixel
+/// (column c, row r) covers x from c to c + 1 and y from height - 1 - r to height - r pitches of the build frame, so a
+/// platform that is no whole number of pixels deep keeps its rest at the back. What the optics mirror is applied by the
+/// projector's driver, never here.
 struct MaskView {
   PixelSize size;
   std::span<const std::uint8_t> rows;

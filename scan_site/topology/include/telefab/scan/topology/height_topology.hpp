@@ -80,6 +80,13 @@ struct SurfaceComponent {
   double high_mm = 0;
 };
 
+/// Heights over which the graph is known to be wrong or incomplete; nothing is predicted inside, and what was summed
+/// on one side does not count on the other.
+struct BlindInterval {
+  double low_mm = 0;
+  double high_mm = 0;
+};
+
 struct ContourCount {
   int outers = 0;
   int holes = 0;
@@ -112,6 +119,7 @@ class HeightTopology {
     std::vector<ReebNode> nodes;
     std::vector<ReebArc> arcs;
     std::vector<SurfaceComponent> components;
+    std::vector<BlindInterval> blind;
     std::vector<std::string> doubts;
     double near_mm = 0;
   };
@@ -131,8 +139,8 @@ class HeightTopology {
 
   /// Of the whole surface, from the graph.
   [[nodiscard]] int euler() const;
-  /// Outer minus hole contours of the slice, by summing what every node below changes. None inside a plateau, and
-  /// at heights that an unresolved plateau hides from both ends. Constant time by bisection.
+  /// Outer minus hole contours of the slice, by summing what every node below changes (or above, where something
+  /// below is in doubt). None inside a plateau, and at heights that doubts hide from both ends. By bisection.
   [[nodiscard]] std::optional<int> predicted_euler(double z_mm) const;
   /// From the arcs; none where they contradict predicted_euler or that has none.
   [[nodiscard]] std::optional<ContourCount> predicted_contours(double z_mm) const;

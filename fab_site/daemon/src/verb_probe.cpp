@@ -1,0 +1,77 @@
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <telefab/fab/drivers/make_devices.hpp>
+
+#include "verbs.hpp"
+
+namespace telefab::fab {
+
+namespace {
+
+void print_projector(const Dlpc900Projector& projector) {
+  const Dlpc900Identity& id = projector.identity();
+  fmt::print("projector: {}\n{}", projector.facts().name, projector.describe());
+  fmt::print("  mirrors {} x {}{}, shortest exposure {} us\n", id.dmd.size.width_px, id.dmd.size.height_px,
+             id.dmd.two_controllers ? " behind two controllers" : "", id.dmd.shortest_exposure_us);
+  fmt::print("  hardware status {:#04x}, system status {:#04x}, main status {:#04x}: self-test passed\n",
+             id.hardware_status, id.system_status, id.main_status);
+  fmt::print("  firmware rule: {}\n", dlpc900::firmware_facts(id.major, id.minor).note);
+  fmt::print("  upload {:.1f} kB/s, measured with the LEDs hard off\n", projector.facts().upload_bytes_per_s / 1000);
+}
+
+}  // namespace
+
+VerbBody declare_probe(CLI::App& options) {
+  struct Options {
+    std::string folder = default_machine_folder();
+    std::string machine;
+    bool home = false;
+  };
+  auto o = std::make_shared<Options>();
+  options.add_option("--machine", o->machine, "profile that names the devices")->required();
+  options.add_option("--machines", o->folder, "folder of machine profiles (*.toml)")->capture_default_str();
+  options.add_flag("--home", o->home, "also home the stage: it MOVES, upwards");
+  return [o](std::stop_token stop) -> Result<ExitCode> {
+    const auto machines = load_machine_profiles(o->folder);
+    if (!machines) return tl::unexpected{machines.error()};
+    const auto machine = find_machine(*machines, o->machine);
+    if (!machine) return tl::unexpected{machine.error()};
+    const auto clock = make_clock(*machine);
+    int silent = 0;
+    if (machine->devices.projector == "virtual") {
+      fmt::print("projector: virtual\n");
+    } else if (const auto projector = open_projector(*machine, *clock)) {
+      print_projector(**projector);
+    } else {
+      fmt::print("projector: {}\n", projector.error().what);
+      ++silent;
+    }
+    if (machine->devices.stage == "virtual") {
+      fmt::print("stage: virtual\n");
+    } else if (auto stage = open_stage(*machine, *clock)) {
+      fmt::print("stage: {}, travel {} to {} mm\n", (*stage)->facts().name, (*stage)->facts().lowest_mm,
+                 (*stage)->facts().highest_mm);
+      if (o->home) {
+        if (const auto ok = (*stage)->home(); !ok) return tl::unexpected{ok.error()};
+        while (true) {
+          const auto status = (*stage)->poll();
+          if (!status) return tl::unexpected{status.error()};
+          if (!status->moving) break;
+          if (stop.stop_requested()) {
+            (void)(*stage)->hold();
+            return fail(ErrorCode::Cancelled, "stopped while homing; held");
+          }
+          clock->sleep_for(std::chrono::milliseconds{20});
+        }
+        fmt::print("  homed\n");
+      }
+    } else {
+      fmt::print("stage: {}\n", stage.error().what);
+      ++silent;
+    }
+    return silent == 0 ? ExitCode::Ok : ExitCode::Device;
+  };
+}
+
+}  // namespace telefab::fab

@@ -1,0 +1,231 @@
+#include "fab_link.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace telefab::scan {
+namespace {
+
+constexpr Nanoseconds kShortestPause = std::chrono::milliseconds{100};
+constexpr Nanoseconds kLongestPause = std::chrono::seconds{2};
+/// Chunks on their way without an acknowledgement; what a cut makes us send again at most.
+constexpr std::uint32_t kWindowChunks = 32;
+constexpr std::size_t kQueueAheadBytes = 1U << 20U;
+
+}  // namespace
+
+FabLink::FabLink(net::Loop& loop, net::ConnectOptions options, FabLinkEvents events)
+    : loop_{loop}, options_{std::move(options)}, events_{std::move(events)}, pause_{kShortestPause} {}
+
+FabLink::~FabLink() {
+  *alive_ = false;
+  if (connection_) connection_->close({});
+}
+
+void FabLink::start() { connect(); }
+
+void FabLink::connect() {
+  net::connect_to(loop_, options_, [this, alive = alive_](Result<net::ConnectionPtr> made) {
+    if (*alive) on_connected(std::move(made));
+  });
+}
+
+void FabLink::on_connected(Result<net::ConnectionPtr> made) {
+  if (!made) return retry(made.error());
+  connection_ = std::move(*made);
+  connection_->start({[this, alive = alive_](const Frame& frame) {
+                        if (*alive) on_frame(frame);
+                      },
+                      [this, alive = alive_] {
+                        if (!*alive) return;
+                        for (auto& [id, sending] : jobs_) pump(sending);
+                      },
+                      [this, alive = alive_](const Error& why) {
+                        if (*alive) on_closed(why);
+                      }});
+  (void)say(Hello{kProtocolVersion, Side::ScanSite, "telefab-scan 0.1.0", {}, {}}, nullptr);
+}
+
+void FabLink::on_closed(const Error& why) {
+  connection_.reset();
+  retry(why);
+}
+
+void FabLink::retry(const Error& why) {
+  const bool was_up = std::exchange(is_greeted_, false);
+  const bool is_news = was_up || why.what != why_down_;
+  why_down_ = why.what;
+  for (auto& [id, sending] : jobs_) sending.is_taken = false;
+  fail_questions(why);
+  if (is_news) events_.changed(false, why.what);
+  pause_ = was_up ? kShortestPause : std::min(pause_ * 2, kLongestPause);
+  loop_.after(pause_, [this, alive = alive_] {
+    if (*alive && !connection_) connect();
+  });
+}
+
+void FabLink::fail_questions(const Error& why) {
+  auto questions = std::exchange(questions_, {});
+  for (auto& [request, answer] : questions) (void)answer(tl::unexpected{why});
+}
+
+bool FabLink::say(const Message& message, Sending* counted) {
+  if (!connection_) return false;
+  const Frame frame = to_frame(message);
+  if (auto sent = connection_->send(frame); !sent) return false;
+  if (counted) counted->bytes += kFrameHeaderBytes + frame.body.size();
+  return true;
+}
+
+void FabLink::on_frame(const Frame& frame) {
+  auto message = from_frame(frame);
+  if (!message || (!is_greeted_ && frame.type != FrameType::Hello && frame.type != FrameType::Fault)) {
+    const Error why =
+        message ? Error{ErrorCode::ProtocolBroken, "greeting: the fab did not say hello first"} : message.error();
+    connection_->close(to_frame(Fault{{}, why, {}}));
+    return on_closed(why);
+  }
+  std::visit([&](auto& heard) { hear(std::move(heard)); }, *message);
+}
+
+template <class Other>
+void FabLink::hear(const Other&) {
+  const Error why{ErrorCode::ProtocolBroken, "message-order: a fab does not send this message"};
+  connection_->close(to_frame(Fault{{}, why, {}}));
+  on_closed(why);
+}
+
+void FabLink::hear(const Hello& hello) {
+  std::vector<MachineProfile> machines;
+  for (const std::string& toml : hello.machine_toml) {
+    auto machine = machine_profile_from_toml(toml, net::to_text(options_.endpoint));
+    if (!machine) {
+      connection_->close(to_frame(Fault{{}, machine.error(), {}}));
+      return on_closed(machine.error());
+    }
+    machines.push_back(std::move(*machine));
+  }
+  machines_ = std::move(machines);
+  is_greeted_ = true;
+  pause_ = kShortestPause;
+  connection_->set_greeted();
+  events_.changed(true, {});
+  for (auto& [id, sending] : jobs_) offer(sending);
+}
+
+void FabLink::add(const Offer& given, std::shared_ptr<LockedSpool> spool) {
+  auto [slot, is_new] = jobs_.try_emplace(given.job);
+  if (!is_new) return;
+  slot->second.offer = given;
+  slot->second.spool = std::move(spool);
+  if (is_greeted_) offer(slot->second);
+}
+
+void FabLink::offer(Sending& sending) {
+  sending.is_taken = sending.is_end_sent = false;
+  (void)say(sending.offer, &sending);  // where it fails the connection is lost, and the job is offered on the next one
+}
+
+void FabLink::pump(const std::string& job) {
+  if (const auto found = jobs_.find(job); found != jobs_.end()) pump(found->second);
+}
+
+void FabLink::pump(Sending& sending) {
+  if (!is_greeted_ || !sending.is_taken || sending.is_end_sent) return;
+  while (connection_ && connection_->queued_bytes() < kQueueAheadBytes) {
+    const auto chunks = sending.spool->with([](const ChunkSpool& spool) { return spool.chunk_count(); });
+    if (sending.next >= chunks || sending.next >= sending.kept + kWindowChunks) break;
+    auto chunk = sending.spool->with([&](const ChunkSpool& spool) { return spool.read(sending.next); });
+    if (!chunk) {
+      // Told later: the event may forget the job while a caller walks over all of them.
+      loop_.post([this, alive = alive_, job = sending.offer.job, why = chunk.error()] {
+        if (*alive) events_.refused(job, why);
+      });
+      return;
+    }
+    if (!say(SendChunk{sending.offer.job, chunk->sequence, chunk->first_layer, chunk->layer_count,
+                       std::move(chunk->payload), chunk->chain},
+             &sending))
+      return;
+    ++sending.next;
+  }
+  sending.spool->with([&](const ChunkSpool& spool) {
+    if (!spool.finished() || sending.kept < spool.chunk_count()) return;
+    sending.is_end_sent =
+        say(StackEnd{sending.offer.job, spool.chunk_count(), spool.chain(), *spool.finished(), {}}, &sending);
+  });
+}
+
+void FabLink::hear(const OfferTaken& taken) {
+  const auto found = jobs_.find(taken.job);
+  if (found == jobs_.end()) return;
+  Sending& sending = found->second;
+  sending.is_taken = true;
+  sending.next = sending.kept = taken.next_sequence;
+  const auto layers = sending.spool->with([&](const ChunkSpool& spool) -> std::uint32_t {
+    if (taken.next_sequence == 0) return 0;
+    const auto last = spool.read(taken.next_sequence - 1);
+    return last ? last->first_layer.count() + last->layer_count : 0;
+  });
+  events_.acknowledged(taken.job, layers, std::exchange(sending.bytes, 0));
+  if (taken.complete) {
+    sending.is_end_sent = true;
+    return events_.kept(taken.job);
+  }
+  pump(sending);
+}
+
+void FabLink::hear(const ChunkKept& chunk) {
+  const auto found = jobs_.find(chunk.job);
+  if (found == jobs_.end() || chunk.sequence < found->second.kept || chunk.sequence >= found->second.next) return;
+  Sending& sending = found->second;
+  sending.kept = chunk.sequence + 1;
+  const auto kept = sending.spool->with([&](const ChunkSpool& spool) { return spool.read(chunk.sequence); });
+  if (kept)
+    events_.acknowledged(chunk.job, kept->first_layer.count() + kept->layer_count, std::exchange(sending.bytes, 0));
+  pump(sending);
+}
+
+void FabLink::hear(const StackKept& stack) {
+  const auto found = jobs_.find(stack.job);
+  if (found == jobs_.end()) return;
+  events_.acknowledged(stack.job, found->second.offer.header.layer_count, std::exchange(found->second.bytes, 0));
+  events_.kept(stack.job);
+}
+
+void FabLink::hear(const JobChanged& change) {
+  if (jobs_.contains(change.job.id)) events_.job_changed(change.job);
+}
+
+void FabLink::hear(const Fault& fault) {
+  if (fault.request != RequestId{}) return answer(fault.request, tl::unexpected{fault.error});
+  if (!fault.job.empty()) {
+    if (jobs_.contains(fault.job)) events_.refused(std::string{fault.job}, fault.error);
+    return;
+  }
+  // About the connection, which the fab closes now.
+  why_down_ = fault.error.what;
+  events_.changed(false, fault.error.what);
+}
+
+void FabLink::ask(RequestId request, const Message& question, Answer on_answer) {
+  if (!is_greeted_ || !say(question, nullptr)) {
+    (void)on_answer(fail(ErrorCode::Unreachable, fmt::format("the fab site {} is not reachable now: {}",
+                                                             net::to_text(options_.endpoint), why_down_)));
+    return;
+  }
+  questions_[request] = std::move(on_answer);
+}
+
+void FabLink::answer(RequestId request, Result<Message> message) {
+  const auto found = questions_.find(request);
+  if (found == questions_.end()) return;
+  // The answer may ask again, which changes the table.
+  const bool is_last_anyway = !message;
+  Answer handler = std::move(found->second);
+  questions_.erase(found);
+  if (!handler(std::move(message)) && !is_last_anyway) questions_[request] = std::move(handler);
+}
+
+}  // namespace telefab::scan

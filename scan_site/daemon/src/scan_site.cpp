@@ -1,0 +1,396 @@
+#include "scan_site.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <fstream>
+
+#include "slice_parameters.hpp"
+
+namespace telefab::scan {
+namespace {
+
+constexpr auto kKeepEvery = std::chrono::milliseconds{100};
+/// Written into a job's folder when it was cancelled here and the fab has not heard of it yet.
+constexpr const char* kCancelMark = "tell-cancelled";
+
+}  // namespace
+
+Result<std::unique_ptr<ScanSite>> ScanSite::open(const ScanSiteConfig& config, const Clock& clock) {
+  auto machines = load_machine_profiles(config.serve.machines);
+  if (!machines) return tl::unexpected{machines.error()};
+  auto folder = DataFolder::open(config.serve.data);
+  if (!folder) return tl::unexpected{folder.error()};
+  std::unique_ptr<ScanSite> site{new ScanSite{std::move(*folder), clock, std::move(*machines)}};
+  if (auto started = site->start(config); !started) return tl::unexpected{started.error()};
+  return site;
+}
+
+Result<void> ScanSite::start(const ScanSiteConfig& config) {
+  auto store = JobStore::open(folder_.path() / "jobs.sqlite", clock_);
+  if (!store) return tl::unexpected{store.error()};
+  store_ = std::move(*store);
+  auto audit = AuditLog::open(folder_.path() / "audit.log", clock_);
+  if (!audit) return tl::unexpected{audit.error()};
+  audit_ = std::move(*audit);
+  auto trust = trust_of(config.serve);
+  if (!trust) return tl::unexpected{trust.error()};
+  const auto fab = net::endpoint_from_text(config.fab);
+  if (!fab) return fail_in("--fab", fab.error());
+  fab_ = config.fab;
+  const auto listen = net::endpoint_from_text(config.serve.listen);
+  if (!listen) return fail_in("--listen", listen.error());
+
+  slicer_ = std::make_unique<Slicer>(shelf_, clock_, slicer_events());
+  link_ = std::make_unique<FabLink>(loop_, net::ConnectOptions{*fab, *trust, net::Role::FabSite, {}}, link_events());
+  const auto left = store_->unfinished();
+  if (!left) return tl::unexpected{left.error()};
+  for (const Job& job : *left)
+    if (auto taken = take_up(job); !taken) end_job(job.id, JobState::Failed, taken.error().what);
+
+  auto listener = net::Listener::open(
+      loop_, {*listen, *trust, {}},
+      {[this](const net::ConnectionPtr& connection) { welcome(connection); },
+       [this](const std::string& address, const Error& why) { note(address, "refused: " + why.what); }});
+  if (!listener) return tl::unexpected{listener.error()};
+  listener_ = std::move(*listener);
+  return {};
+}
+
+ScanSite::~ScanSite() {
+  listener_.reset();
+  link_.reset();
+  slicer_.reset();
+  if (store_) keep_counters();
+}
+
+Result<void> ScanSite::run(std::stop_token stop) {
+  set_thread_name("network");
+  if (auto announced = folder_.announce_port(listener_->port()); !announced) return announced;
+  log_line(fmt::format("telefab-scan listens on port {}, the fab is {}", listener_->port(), fab_));
+  link_->start();
+  // A timer that sets itself again; it dies with the loop.
+  const std::function<void()> keep = [&] {
+    keep_counters();
+    loop_.after(kKeepEvery, keep);
+  };
+  keep();
+  const std::stop_callback on_stop{stop, [this] { loop_.stop(); }};
+  if (!stop.stop_requested()) loop_.run();
+  log_line("telefab-scan ends");
+  return {};
+}
+
+void ScanSite::welcome(const net::ConnectionPtr& connection) {
+  const Hello own{kProtocolVersion, Side::ScanSite, "telefab-scan 0.1.0", {}, {}};
+  const std::weak_ptr<net::Connection> weak = connection;
+  greet(
+      loop_, connection, own,
+      [this, weak](const Hello& theirs) {
+        const auto strong = weak.lock();
+        if (!strong) return;
+        if (theirs.side != Side::Client)
+          return strong->close(
+              to_frame(Fault{{}, {ErrorCode::ProtocolBroken, "greeting: only clients call a scan site"}, {}}));
+        serve_client(loop_, strong, *this, {});
+      },
+      [this, address = connection->peer().address](const Error& why) { note(address, "refused: " + why.what); });
+}
+
+void ScanSite::note(std::string_view who, std::string_view what) {
+  log_line(fmt::format("{}: {}", who, what));
+  if (auto added = audit_->add(who, what); !added) log_warning(added.error().what);
+}
+
+const std::vector<MachineProfile>& ScanSite::known_machines() const {
+  return link_->machines().empty() ? own_machines_ : link_->machines();
+}
+
+Machines ScanSite::machines() {
+  Machines machines;
+  for (const MachineProfile& machine : known_machines()) machines.machine_toml.push_back(to_toml(machine));
+  machines.origin = link_->machines().empty() ? "this scan site; the fab was not reached yet" : "fab " + fab_;
+  return machines;
+}
+
+Result<void> ScanSite::may_submit(const Submit& submit) {
+  const auto machine = find_machine(known_machines(), submit.machine);
+  if (!machine) return tl::unexpected{Error{ErrorCode::InvalidInput, machine.error().what}};
+  if (auto parameters = job_parameters_from(submit.parameters, *machine); !parameters)
+    return tl::unexpected{parameters.error()};
+  std::error_code error;
+  const auto space = std::filesystem::space(folder_.path(), error);
+  if (!error && space.available / 2 < submit.size_bytes)
+    return fail(ErrorCode::StorageFailed, fmt::format("the scan site has no room for {} bytes", submit.size_bytes));
+  return {};
+}
+
+Result<Job> ScanSite::submit(const Submit& submit, const std::filesystem::path& upload, std::string_view owner) {
+  auto job = store_->create({{}, submit.name, submit.machine, submit.parameters, std::string{owner}});
+  if (!job) return job;
+  note(owner, fmt::format("submit {} {} for {} {} sha256 {}", job->id, submit.name, submit.machine, submit.parameters,
+                          to_hex(submit.content)));
+  const auto folder = folder_.job(job->id);
+  if (!folder) return tl::unexpected{folder.error()};
+  std::error_code error;
+  std::filesystem::rename(upload, *folder / "scan", error);
+  if (error) {
+    end_job(job->id, JobState::Failed, "the scan could not be kept: " + error.message());
+    return fail(ErrorCode::StorageFailed, fmt::format("cannot keep {}: {}", submit.name, error.message()));
+  }
+  JobCounters& counters = live_[job->id].counters;
+  counters.scan_bytes = submit.size_bytes;
+  if (auto kept = store_->set_counters(job->id, counters); !kept) return tl::unexpected{kept.error()};
+  if (auto taken = take_up(*job); !taken) end_job(job->id, JobState::Failed, taken.error().what);
+  return store_->find(job->id);
+}
+
+Result<void> ScanSite::take_up(const Job& job) {
+  auto folder = folder_.job(job.id);
+  if (!folder) return tl::unexpected{folder.error()};
+  Live& live = live_[job.id];
+  const std::uint64_t scan_bytes = live.counters.scan_bytes;
+  live.counters = job.counters;
+  live.counters.scan_bytes = std::max(scan_bytes, job.counters.scan_bytes);
+  live.send_began = clock_.now();
+  auto spool = shelf_.of(job.id, *folder);
+  if (!spool) return tl::unexpected{spool.error()};
+  if (const auto offer = saved_offer(*folder)) link_->add(*offer, *spool);
+  if ((*spool)->with([](const ChunkSpool& each) { return each.finished().has_value(); })) return {};
+  auto machine = find_machine(known_machines(), job.machine);
+  if (!machine) return tl::unexpected{machine.error()};
+  slicer_->add({job.id, job.name, job.owner, job.parameters, std::move(*machine), *folder});
+  return {};
+}
+
+void ScanSite::move(const std::string& job, JobState state, std::string_view message) {
+  const auto now = store_->find(job);
+  if (!now || (now->state == state && now->message == message)) return;
+  if (now->state != state && !may_follow(now->state, state)) return;
+  keep_counters();
+  if (auto moved = store_->move(job, state, message); !moved) return log_warning(moved.error().what);
+  log_line(fmt::format("job {} {}{}{}", job, name_of(state), message.empty() ? "" : ": ", message));
+}
+
+void ScanSite::end_job(const std::string& job, JobState state, std::string_view message) {
+  move(job, state, message);
+  link_->forget(job);
+  shelf_.put_away(job);
+  live_.erase(job);
+}
+
+SlicerEvents ScanSite::slicer_events() {
+  // From the slicer's thread to the loop's.
+  return {[this](const std::string& job) { loop_.post([this, job] { move(job, JobState::Slicing, ""); }); },
+          [this](const std::string& job, const Offer& offer) {
+            loop_.post([this, job, offer] {
+              const auto live = live_.find(job);
+              const auto folder = folder_.job(job);
+              if (live == live_.end() || !folder) return;
+              live->second.counters.layers = offer.header.layer_count;
+              live->second.is_dirty = true;
+              live->second.send_began = clock_.now();
+              if (auto spool = shelf_.of(job, *folder)) link_->add(offer, *spool);
+            });
+          },
+          [this](const std::string& job, std::uint32_t layers) {
+            loop_.post([this, job, layers] {
+              const auto live = live_.find(job);
+              if (live == live_.end()) return;
+              live->second.counters.layers_sliced = std::max(live->second.counters.layers_sliced, layers);
+              live->second.is_dirty = true;
+              link_->pump(job);
+            });
+          },
+          [this](const std::string& job, const Result<double>& seconds) {
+            loop_.post([this, job, seconds] {
+              if (!live_.contains(job)) return;
+              if (!seconds) {
+                const bool is_cancelled = seconds.error().code == ErrorCode::Cancelled;
+                return end_job(job, is_cancelled ? JobState::Cancelled : JobState::Failed, seconds.error().what);
+              }
+              if (auto kept = store_->set_stage_seconds(job, "slice", *seconds); !kept) log_warning(kept.error().what);
+              move(job, JobState::Sending, link_->is_up() ? "" : "waits for the fab: " + link_->why_down());
+              link_->pump(job);
+            });
+          }};
+}
+
+FabLinkEvents ScanSite::link_events() {
+  return {[this](bool is_up, const std::string& why) {
+            log_line(is_up ? fmt::format("the fab {} is reached", fab_) : fmt::format("the fab {}: {}", fab_, why));
+            if (is_up) tell_cancelled();
+            for (const auto& [job, live] : live_)
+              if (const auto now = store_->find(job); now && now->state == JobState::Sending)
+                move(job, JobState::Sending, is_up ? "" : "waits for the fab: " + why);
+          },
+          [this](const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
+            const auto live = live_.find(job);
+            if (live == live_.end()) return;
+            live->second.counters.layers_sent = std::max(live->second.counters.layers_sent, layers);
+            live->second.counters.wire_bytes += bytes;
+            live->second.is_dirty = true;
+          },
+          [this](const std::string& job) { on_kept(job); }, [this](const Job& theirs) { on_job_changed(theirs); },
+          [this](const std::string& job, const Error& why) {
+            slicer_->cancel(job);
+            end_job(job, JobState::Failed, "the fab refused it: " + why.what);
+          }};
+}
+
+void ScanSite::on_kept(const std::string& job) {
+  const auto live = live_.find(job);
+  const auto now = store_->find(job);
+  if (live == live_.end() || !now || now->state > JobState::Sending) return;
+  const double seconds = std::chrono::duration<double>(clock_.now() - live->second.send_began).count();
+  if (auto kept = store_->set_stage_seconds(job, "send", seconds); !kept) log_warning(kept.error().what);
+  move(job, JobState::Planning, "");
+}
+
+void ScanSite::on_job_changed(const Job& theirs) {
+  const auto live = live_.find(theirs.id);
+  if (live == live_.end()) return;
+  JobCounters& counters = live->second.counters;
+  counters.print_layers = theirs.counters.print_layers;
+  counters.layers_planned = theirs.counters.layers_planned;
+  counters.layers_printed = theirs.counters.layers_printed;
+  live->second.is_dirty = true;
+  if (theirs.state < JobState::Planning) return;
+  for (const StageSeconds& stage : theirs.stages)
+    if (stage.stage == "plan" || stage.stage == "print")
+      if (auto kept = store_->set_stage_seconds(theirs.id, stage.stage, stage.seconds); !kept)
+        log_warning(kept.error().what);
+  if (is_final(theirs.state)) return end_job(theirs.id, theirs.state, theirs.message);
+  move(theirs.id, theirs.state, theirs.message);
+}
+
+void ScanSite::keep_counters() {
+  for (auto& [job, live] : live_) {
+    if (!std::exchange(live.is_dirty, false)) continue;
+    if (auto kept = store_->set_counters(job, live.counters); !kept) log_warning(kept.error().what);
+  }
+}
+
+void ScanSite::command(const Command& command, std::function<void(Result<Job>)> done) {
+  const auto job = store_->find(command.job);
+  if (!job) return done(job);
+  if (is_final(job->state))
+    return done(fail(ErrorCode::Conflict, fmt::format("job {} is {} already", job->id, name_of(job->state))));
+  if (command.command == JobCommand::Cancel) {
+    const bool is_known_there = link_->knows(job->id);
+    slicer_->cancel(job->id);
+    if (const auto folder = folder_.job(job->id); is_known_there && folder)
+      std::ofstream{*folder / kCancelMark} << command.who << '\n';
+    const bool waits = is_known_there && !link_->is_up();
+    end_job(job->id, JobState::Cancelled,
+            fmt::format("by {}{}", command.who, waits ? "; the fab will be told as soon as it is reached" : ""));
+    tell_cancelled();
+    return done(store_->find(job->id));
+  }
+  if (!link_->knows(job->id) || job->state < JobState::Planning)
+    return done(fail(ErrorCode::Conflict, fmt::format("job {} is {}; there is no print to {} yet", job->id,
+                                                      name_of(job->state), name_of(command.command))));
+  Command forwarded = command;
+  forwarded.request = link_->next_request();
+  link_->ask(forwarded.request, forwarded, [this, id = job->id, done = std::move(done)](Result<Message> answer) {
+    if (!answer) {
+      done(tl::unexpected{answer.error()});
+    } else {
+      if (const auto* jobs = std::get_if<Jobs>(&*answer); jobs && jobs->jobs.size() == 1)
+        on_job_changed(jobs->jobs.front());
+      done(store_->find(id));
+    }
+    return true;
+  });
+}
+
+void ScanSite::tell_cancelled() {
+  if (!link_->is_up()) return;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator{folder_.path() / "jobs", error}) {
+    const auto mark = entry.path() / kCancelMark;
+    if (!std::filesystem::exists(mark, error)) continue;
+    std::string who;
+    std::getline(std::ifstream{mark}, who);
+    const RequestId request = link_->next_request();
+    const std::string job = entry.path().filename().string();
+    link_->ask(request, Command{request, job, JobCommand::Cancel, who}, [mark](const Result<Message>& answer) {
+      // NotFound and Conflict are as good as yes: there is nothing left to cancel.
+      if (answer || answer.error().code == ErrorCode::NotFound || answer.error().code == ErrorCode::Conflict) {
+        std::error_code ignored;  // told twice at worst
+        std::filesystem::remove(mark, ignored);
+      }
+      return true;
+    });
+  }
+}
+
+void ScanSite::files(const std::string& job, std::function<void(Result<std::vector<FileEntry>>)> done) {
+  if (const auto found = store_->find(job); !found) return done(tl::unexpected{found.error()});
+  const auto folder = folder_.job(job);
+  if (!folder) return done(tl::unexpected{folder.error()});
+  auto own = files_of(*folder / "report");
+  const RequestId request = link_->next_request();
+  link_->ask(
+      request, AskFiles{request, job}, [own = std::move(own), done = std::move(done)](Result<Message> answer) mutable {
+        // Without the fab there is what was fetched before.
+        if (answer)
+          if (const auto* theirs = std::get_if<Files>(&*answer))
+            for (const FileEntry& file : theirs->files) {
+              std::erase_if(own, [&](const FileEntry& each) { return each.name == file.name; });
+              own.push_back(file);
+            }
+        std::sort(own.begin(), own.end(), [](const FileEntry& a, const FileEntry& b) { return a.name < b.name; });
+        done(std::move(own));
+        return true;
+      });
+}
+
+void ScanSite::file(const std::string& job, const std::string& name,
+                    std::function<void(Result<std::filesystem::path>)> done) {
+  if (const auto found = store_->find(job); !found) return done(tl::unexpected{found.error()});
+  const auto folder = folder_.job(job);
+  if (!folder) return done(tl::unexpected{folder.error()});
+  std::error_code error;
+  std::filesystem::create_directories(*folder / "report", error);
+  const auto kept = *folder / "report" / name;
+  if (name == "slice.json" || !link_->is_up()) {
+    if (std::filesystem::is_regular_file(kept, error)) return done(kept);
+    return done(fail(ErrorCode::NotFound, fmt::format("job {} has no file {} here{}", job, name,
+                                                      link_->is_up() ? "" : ", and the fab is not reachable now")));
+  }
+  // Fetched anew each time: the fab may have gone on.
+  struct Arriving {
+    std::ofstream file;
+    std::filesystem::path path;
+    std::uint64_t got = 0;
+  };
+  const RequestId request = link_->next_request();
+  auto arriving = std::make_shared<Arriving>();
+  arriving->path = folder_.incoming() / fmt::format("fetched-{}", static_cast<std::uint64_t>(request));
+  arriving->file.open(arriving->path, std::ios::binary);
+  link_->ask(request, AskFile{request, job, name}, [arriving, kept, done = std::move(done)](Result<Message> answer) {
+    std::error_code failed;
+    const auto give_up = [&](Error why) {
+      std::filesystem::remove(arriving->path, failed);
+      done(tl::unexpected{std::move(why)});
+      return true;
+    };
+    if (!answer) return give_up(answer.error());
+    const auto* block = std::get_if<FileBlock>(&*answer);
+    if (!block || block->offset_bytes != arriving->got)
+      return give_up({ErrorCode::ProtocolBroken, "the fab sent something else than the file"});
+    arriving->file.write(reinterpret_cast<const char*>(block->content.data()),
+                         static_cast<std::streamsize>(block->content.size()));
+    arriving->got += block->content.size();
+    if (arriving->got < block->size_bytes) return false;
+    arriving->file.close();
+    std::filesystem::rename(arriving->path, kept, failed);
+    if (arriving->file.fail() || failed)
+      return give_up({ErrorCode::StorageFailed, "the file could not be kept at the scan site"});
+    done(kept);
+    return true;
+  });
+}
+
+}  // namespace telefab::scan

@@ -1,0 +1,74 @@
+#pragma once
+#include <telefab/desk/client_session.hpp>
+#include <telefab/desk/site_runtime.hpp>
+#include <telefab/store/audit_log.hpp>
+
+#include "fab_link.hpp"
+#include "slicer.hpp"
+
+namespace telefab::scan {
+
+struct ScanSiteConfig {
+  ServeOptions serve;
+  std::string fab;  ///< HOST:PORT
+};
+
+/// The daemon: clients' scans in, layers out to the fab, and the fab's news back. Stop order: listener, link, slicer,
+/// store.
+class ScanSite final : public SiteDesk {
+ public:
+  /// Everything is checked and the port is bound when this returns.
+  [[nodiscard]] static Result<std::unique_ptr<ScanSite>> open(const ScanSiteConfig& config, const Clock& clock);
+  ~ScanSite() override;
+  /// Serves until the stop is requested. The calling thread is the loop's.
+  [[nodiscard]] Result<void> run(std::stop_token stop);
+
+  JobStore& store() override { return *store_; }
+  Machines machines() override;
+  Result<void> may_submit(const Submit& submit) override;
+  std::filesystem::path incoming() override { return folder_.incoming(); }
+  Result<Job> submit(const Submit& submit, const std::filesystem::path& upload, std::string_view owner) override;
+  void command(const Command& command, std::function<void(Result<Job>)> done) override;
+  void files(const std::string& job, std::function<void(Result<std::vector<FileEntry>>)> done) override;
+  void file(const std::string& job, const std::string& name,
+            std::function<void(Result<std::filesystem::path>)> done) override;
+  void note(std::string_view who, std::string_view what) override;
+
+ private:
+  ScanSite(DataFolder folder, const Clock& clock, std::vector<MachineProfile> own_machines)
+      : folder_{std::move(folder)}, clock_{clock}, own_machines_{std::move(own_machines)} {}
+  [[nodiscard]] Result<void> start(const ScanSiteConfig& config);
+  void welcome(const net::ConnectionPtr& connection);
+  [[nodiscard]] SlicerEvents slicer_events();
+  [[nodiscard]] FabLinkEvents link_events();
+  [[nodiscard]] const std::vector<MachineProfile>& known_machines() const;
+  [[nodiscard]] Result<void> take_up(const Job& job);
+  void end_job(const std::string& job, JobState state, std::string_view message);
+  void on_job_changed(const Job& theirs);
+  void on_kept(const std::string& job);
+  void move(const std::string& job, JobState state, std::string_view message);
+  void keep_counters();
+  void tell_cancelled();
+
+  /// What changes too often to be stored each time.
+  struct Live {
+    JobCounters counters;
+    bool is_dirty = false;
+    Nanoseconds send_began{};
+  };
+
+  DataFolder folder_;
+  const Clock& clock_;
+  std::vector<MachineProfile> own_machines_;
+  std::string fab_;
+  std::unique_ptr<JobStore> store_;
+  std::unique_ptr<AuditLog> audit_;
+  net::Loop loop_;
+  std::map<std::string, Live> live_;
+  SpoolShelf shelf_;
+  std::unique_ptr<Slicer> slicer_;
+  std::unique_ptr<FabLink> link_;
+  std::unique_ptr<net::Listener> listener_;
+};
+
+}  // namespace telefab::scan

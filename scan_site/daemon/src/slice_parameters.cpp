@@ -1,0 +1,57 @@
+#include "slice_parameters.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+namespace telefab::scan {
+namespace {
+
+using Json = nlohmann::json;
+
+tl::unexpected<Error> bad(std::string_view key, std::string_view claim) {
+  return fail(ErrorCode::InvalidInput, fmt::format("parameter {}: {}", key, claim));
+}
+
+}  // namespace
+
+Result<JobParameters> job_parameters_from(std::string_view json, const MachineProfile& machine) {
+  const Json object = Json::parse(json, nullptr, false);
+  if (!object.is_object()) return fail(ErrorCode::InvalidInput, "the parameters of the job are no JSON object");
+  JobParameters parameters;
+  SliceRequest& slice = parameters.slice;
+  slice.machine = machine;
+  for (const auto& [key, value] : object.items()) {
+    if (key == "height_mm" || key == "scale" || key == "layer_mm") {
+      if (!value.is_number()) return bad(key, "must be a number");
+      auto& field = key == "height_mm" ? slice.height_mm : key == "scale" ? slice.scale : slice.layer_mm;
+      field = value.get<double>();
+    } else if (key == "fit") {
+      if (!value.is_boolean()) return bad(key, "must be true or false");
+      slice.fit = value.get<bool>();
+    } else if (key == "method" || key == "surface" || key == "coding") {
+      if (!value.is_string()) return bad(key, "must be a text");
+      const auto text = value.get<std::string>();
+      if (key == "method") {
+        const auto method = trace_method_from(text);
+        if (!method) return tl::unexpected{method.error()};
+        slice.method = *method;
+      } else if (key == "surface") {
+        const auto surface = surface_kind_from(text);
+        if (!surface) return tl::unexpected{surface.error()};
+        slice.mls.surface = *surface;
+      } else if (text == "exact") {
+        parameters.codec.coding = Coding::Exact;
+      } else {
+        return bad(key, fmt::format("this site does not know the coding \"{}\"", text));
+      }
+    } else {
+      return bad(key, "is not known to this site");
+    }
+  }
+  if (auto valid = slice.validate(); !valid) return tl::unexpected{valid.error()};
+  if (auto valid = parameters.codec.validate(); !valid) return tl::unexpected{valid.error()};
+  return parameters;
+}
+
+}  // namespace telefab::scan

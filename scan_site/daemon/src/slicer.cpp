@@ -1,0 +1,228 @@
+#include "slicer.hpp"
+
+#include <fmt/format.h>
+
+#include <telefab/base/file.hpp>
+#include <telefab/desk/site_runtime.hpp>
+
+#include "slice_parameters.hpp"
+
+namespace telefab::scan {
+namespace {
+
+/// Codes layers into a spool; layers that are in it are coded again in memory only, so that the coder goes on as if it
+/// had never been interrupted.
+class SpoolWriter {
+ public:
+  SpoolWriter(const SliceTask& task, std::shared_ptr<LockedSpool> spool, const SlicerEvents& events, CodecOptions codec)
+      : task_{task}, spool_{std::move(spool)}, events_{events}, codec_{codec} {}
+
+  /// Takes up an interrupted spool; the number of layers it holds.
+  Result<std::uint32_t> take_up() {
+    const auto chunks = spool_->with([](const ChunkSpool& spool) { return spool.chunk_count(); });
+    if (chunks == 0) return 0U;
+    auto offer = saved_offer(task_.folder);
+    if (!offer) return tl::unexpected{offer.error()};
+    if (auto begun = begin(offer->header); !begun) return tl::unexpected{begun.error()};
+    const auto decoder = StackDecoder::start(offer->header);
+    if (!decoder) return tl::unexpected{decoder.error()};
+    for (std::uint32_t sequence = 0; sequence < chunks; ++sequence) {
+      const auto kept = spool_->with([&](const ChunkSpool& spool) { return spool.read(sequence); });
+      if (!kept) return tl::unexpected{kept.error()};
+      const auto layers = decoder->decode({kept->sequence, kept->first_layer, kept->layer_count, kept->payload});
+      if (!layers) return tl::unexpected{layers.error()};
+      for (const Layer& layer : *layers)
+        if (auto added = add(layer); !added) return tl::unexpected{added.error()};
+    }
+    return layers_;
+  }
+
+  Result<void> take(const StackHeader& header, const Layer& layer) {
+    if (!encoder_)
+      if (auto begun = begin(header); !begun) return begun;
+    return add(layer);
+  }
+
+  Result<void> finish() {
+    if (!encoder_) return fail(ErrorCode::InvalidInput, fmt::format("{} has no layer", task_.name));
+    auto chunk = encoder_->finish();
+    if (!chunk) return tl::unexpected{chunk.error()};
+    if (*chunk)
+      if (auto kept = keep(**chunk); !kept) return kept;
+    return spool_->with([&](ChunkSpool& spool) { return spool.finish(encoder_->stack_digest()); });
+  }
+
+  [[nodiscard]] bool is_whole() const { return encoder_ && layers_ == layer_count_; }
+
+ private:
+  Result<void> begin(const StackHeader& header) {
+    auto encoder = StackEncoder::start(header, codec_);
+    if (!encoder) return tl::unexpected{encoder.error()};
+    encoder_.emplace(std::move(*encoder));
+    layer_count_ = header.layer_count;
+    const Offer offer{task_.job,
+                      task_.name,
+                      task_.machine.name,
+                      task_.parameters,
+                      digest_of_profile(task_.machine),
+                      header,
+                      static_cast<std::uint32_t>(codec_.coding),
+                      task_.owner,
+                      {},
+                      {}};
+    const auto bytes = to_bytes(to_frame(offer));
+    if (!bytes) return tl::unexpected{bytes.error()};
+    if (auto saved = write_file_atomically(task_.folder / "offer", std::span<const std::byte>{*bytes}); !saved)
+      return saved;
+    events_.offered(task_.job, offer);
+    return {};
+  }
+
+  Result<void> add(const Layer& layer) {
+    auto chunk = encoder_->add(layer);
+    if (!chunk) return tl::unexpected{chunk.error()};
+    ++layers_;
+    return *chunk ? keep(**chunk) : Result<void>{};
+  }
+
+  Result<void> keep(const Chunk& chunk) {
+    auto kept = spool_->with([&](ChunkSpool& spool) -> Result<void> {
+      if (chunk.sequence < spool.chunk_count()) {
+        const auto before = spool.read(chunk.sequence);
+        if (!before) return tl::unexpected{before.error()};
+        if (before->payload == chunk.payload) return {};
+        return fail(ErrorCode::Internal,
+                    fmt::format("chunk {} of job {} did not come out as before the restart; submit "
+                                "the scan again",
+                                chunk.sequence, task_.job));
+      }
+      auto appended = spool.append(chunk.first_layer, chunk.layer_count, chunk.payload);
+      if (!appended) return tl::unexpected{appended.error()};
+      return {};
+    });
+    if (kept) events_.sliced(task_.job, chunk.first_layer.count() + chunk.layer_count);
+    return kept;
+  }
+
+  const SliceTask& task_;
+  std::shared_ptr<LockedSpool> spool_;
+  const SlicerEvents& events_;
+  CodecOptions codec_;
+  std::optional<StackEncoder> encoder_;
+  std::uint32_t layers_ = 0;
+  std::uint32_t layer_count_ = 0;
+};
+
+}  // namespace
+
+Digest digest_of_profile(MachineProfile machine) {
+  machine.devices = {};
+  Hasher hasher;
+  hasher.feed(to_toml(machine));
+  return hasher.digest();
+}
+
+Result<Offer> saved_offer(const std::filesystem::path& folder) {
+  const auto bytes = read_file(folder / "offer", kMaxBodyBytes + kFrameHeaderBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  FrameReader reader;
+  reader.feed(*bytes);
+  auto frame = reader.take();
+  if (!frame) return fail_in((folder / "offer").string(), frame.error());
+  if (!*frame) return fail(ErrorCode::InvalidInput, fmt::format("{} is truncated", (folder / "offer").string()));
+  auto message = from_frame(**frame);
+  if (!message) return fail_in((folder / "offer").string(), message.error());
+  if (auto* offer = std::get_if<Offer>(&*message)) return std::move(*offer);
+  return fail(ErrorCode::InvalidInput, fmt::format("{} holds no offer", (folder / "offer").string()));
+}
+
+Slicer::Slicer(SpoolShelf& shelf, const Clock& clock, SlicerEvents events)
+    : shelf_{shelf}, clock_{clock}, events_{std::move(events)}, thread_{[this](std::stop_token stop) { run(stop); }} {}
+
+Slicer::~Slicer() {
+  thread_.request_stop();
+  {
+    const std::lock_guard lock{mutex_};
+    current_stop_.request_stop();
+  }
+  changed_.notify_all();
+}
+
+void Slicer::add(SliceTask task) {
+  {
+    const std::lock_guard lock{mutex_};
+    waiting_.push_back(std::move(task));
+  }
+  changed_.notify_all();
+}
+
+void Slicer::cancel(const std::string& job) {
+  const std::lock_guard lock{mutex_};
+  std::erase_if(waiting_, [&](const SliceTask& task) { return task.job == job; });
+  if (current_ == job) current_stop_.request_stop();
+}
+
+void Slicer::run(std::stop_token stop) {
+  set_thread_name("slicer");
+  while (true) {
+    std::unique_lock lock{mutex_};
+    if (!changed_.wait(lock, stop, [&] { return !waiting_.empty(); })) return;
+    const SliceTask task = std::move(waiting_.front());
+    waiting_.pop_front();
+    current_ = task.job;
+    current_stop_ = std::stop_source{};
+    const std::stop_token current_token = current_stop_.get_token();
+    lock.unlock();
+    if (stop.stop_requested()) return;
+
+    const Nanoseconds began = clock_.now();
+    events_.began(task.job);
+    Result<void> outcome;
+    try {
+      outcome = slice(task, current_token);
+    } catch (const std::bad_alloc&) {
+      outcome = fail(ErrorCode::TooLarge, fmt::format("{} does not fit into this machine's memory", task.name));
+    } catch (const std::exception& error) {
+      outcome = fail(ErrorCode::Internal, fmt::format("slicing {}: a fault of Telefab: {}", task.name, error.what()));
+    }
+    lock.lock();
+    current_.clear();
+    lock.unlock();
+    // Interrupted by the end of the daemon: the job goes on at the next start.
+    if (stop.stop_requested() && !outcome) return;
+    if (outcome)
+      events_.ended(task.job, std::chrono::duration<double>(clock_.now() - began).count());
+    else
+      events_.ended(task.job, tl::unexpected{outcome.error()});
+  }
+}
+
+Result<void> Slicer::slice(const SliceTask& task, std::stop_token stop) {
+  auto parameters = job_parameters_from(task.parameters, task.machine);
+  if (!parameters) return tl::unexpected{parameters.error()};
+  auto spool = shelf_.of(task.job, task.folder);
+  if (!spool) return tl::unexpected{spool.error()};
+  SpoolWriter writer{task, *spool, events_, parameters->codec};
+  const auto cut_before = writer.take_up();
+  if (!cut_before) return tl::unexpected{cut_before.error()};
+  if (!writer.is_whole()) {
+    const auto scan = read_file(task.folder / "scan", kMaxScanBytes);
+    if (!scan) return tl::unexpected{scan.error()};
+    if (*cut_before > 0) {
+      const auto offer = saved_offer(task.folder);
+      if (!offer) return tl::unexpected{offer.error()};
+      parameters->slice.layers = {{*cut_before, offer->header.layer_count - 1}};
+    }
+    const auto report = slice_scan(
+        *scan, task.name, parameters->slice,
+        [&](const StackHeader& header, Layer&& layer) { return writer.take(header, layer); }, {}, stop);
+    if (!report) return tl::unexpected{report.error()};
+    std::error_code error;
+    std::filesystem::create_directories(task.folder / "report", error);
+    if (auto kept = write_file_atomically(task.folder / "report" / "slice.json", to_json(*report) + "\n"); !kept)
+      return kept;
+  }
+  return writer.finish();
+}
+
+}  // namespace telefab::scan

@@ -1,0 +1,65 @@
+#pragma once
+#include <condition_variable>
+#include <deque>
+#include <filesystem>
+#include <telefab/base/clock.hpp>
+#include <telefab/machine/machine_profile.hpp>
+#include <telefab/wire/message.hpp>
+#include <thread>
+
+#include "spool_shelf.hpp"
+
+namespace telefab::scan {
+
+/// One scan to be cut.
+struct SliceTask {
+  std::string job;
+  std::string name;
+  std::string owner;
+  std::string parameters;
+  MachineProfile machine;
+  std::filesystem::path folder;  ///< holds `scan`; receives `chunks`, `offer` and report/slice.json
+};
+
+/// Called from the slicer's thread.
+struct SlicerEvents {
+  std::function<void(const std::string& job)> began;
+  std::function<void(const std::string& job, const Offer& offer)> offered;   ///< the header is known
+  std::function<void(const std::string& job, std::uint32_t layers)> sliced;  ///< so many are in the spool
+  std::function<void(const std::string& job, Result<double> seconds)> ended;
+};
+
+/// Cuts one scan after the other on a thread of its own, named "slicer", and fills their spools. Layers that a spool
+/// holds already are not cut again.
+class Slicer {
+ public:
+  Slicer(SpoolShelf& shelf, const Clock& clock, SlicerEvents events);
+  ~Slicer();  ///< stops what is under way; the spool keeps what it has
+  Slicer(const Slicer&) = delete;
+  Slicer& operator=(const Slicer&) = delete;
+  void add(SliceTask task);
+  /// Ends the job's slicing, or takes it out of the queue; no event comes for it any more but `ended` with Cancelled.
+  void cancel(const std::string& job);
+
+ private:
+  void run(std::stop_token stop);
+  [[nodiscard]] Result<void> slice(const SliceTask& task, std::stop_token stop);
+
+  SpoolShelf& shelf_;
+  const Clock& clock_;
+  SlicerEvents events_;
+  std::mutex mutex_;
+  std::condition_variable_any changed_;
+  std::deque<SliceTask> waiting_;
+  std::string current_;
+  std::stop_source current_stop_{std::nostopstate};
+  std::jthread thread_;
+};
+
+/// The profile as both sites compare it: what the virtual devices do is the fab's own matter.
+[[nodiscard]] Digest digest_of_profile(MachineProfile machine);
+
+/// The offer of a job as its folder keeps it; NotFound before the first layer was cut.
+[[nodiscard]] Result<Offer> saved_offer(const std::filesystem::path& folder);
+
+}  // namespace telefab::scan

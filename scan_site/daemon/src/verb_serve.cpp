@@ -1,0 +1,23 @@
+#include <CLI/CLI.hpp>
+#include <memory>
+
+#include "scan_site.hpp"
+#include "verbs.hpp"
+
+namespace telefab::scan {
+
+VerbBody declare_serve(CLI::App& options) {
+  auto o = std::make_shared<ScanSiteConfig>();
+  o->serve = {"127.0.0.1:7410", "", default_machine_folder(), "", "scan-site"};
+  declare_serve_options(options, o->serve);
+  options.add_option("--fab", o->fab, "HOST:PORT of the fab site")->required();
+  return [o](std::stop_token stop) -> Result<ExitCode> {
+    const SystemClock clock;
+    auto site = ScanSite::open(*o, clock);
+    if (!site) return tl::unexpected{site.error()};
+    if (auto served = (*site)->run(std::move(stop)); !served) return tl::unexpected{served.error()};
+    return ExitCode::Ok;
+  };
+}
+
+}  // namespace telefab::scan

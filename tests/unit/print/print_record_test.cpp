@@ -1,0 +1,173 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <telefab/fab/print/print_journal.hpp>
+#include <telefab/fab/print/print_record.hpp>
+
+namespace telefab::fab {
+namespace {
+
+using namespace std::chrono_literals;
+
+// Made with `openssl genpkey -algorithm ed25519` for this test alone.
+constexpr std::string_view kKey =
+    "-----BEGIN PRIVATE KEY-----\nMC4CAQAwBQYDK2VwBCIEIIp4gFV7w6bx46pV/L2QdiMLzK3KZtP/EkIJc3F89GNM\n-----END PRIVATE "
+    "KEY-----\n";
+constexpr std::string_view kPublic =
+    "-----BEGIN PUBLIC KEY-----\nMCowBQYDK2VwAyEAWBAVDO4RlEcnLj8ZXetnjwGUSJn/0mg8+fe2gkOO2Bc=\n-----END PUBLIC "
+    "KEY-----\n";
+constexpr std::string_view kOtherPublic =
+    "-----BEGIN PUBLIC KEY-----\nMCowBQYDK2VwAyEAHDuc+oArr5ZjQEaRzWXfgnj5CsM8hz/F6hLypfkVJCo=\n-----END PUBLIC "
+    "KEY-----\n";
+
+PrintPlan two_layers() {
+  PrintPlan plan;
+  plan.job = "j";
+  plan.machine = "m";
+  plan.mask_size = {4, 3};
+  plan.motion = {5.0, 2.0, 3.0, 0.5};
+  plan.z_travel_mm = 1;
+  plan.layers = {{LayerIndex{0}, 0.1, 2s, {}}, {LayerIndex{1}, 0.2, 1s, {}}};
+  return plan;
+}
+
+PrintRecord record_of(const PrintPlan& plan) {
+  PrintRecord r;
+  r.job = plan.job;
+  r.plan = plan_digest(plan);
+  r.outcome = PrintOutcome::Done;
+  r.next = LayerIndex{2};
+  r.provenance["scan_sha256"] = "ab";
+  for (const PlannedLayer& l : plan.layers)
+    r.layers.push_back({l.index, l.z_mm, l.exposure, l.exposure + 3ms, 5s, 1, 1, l.mask, "exposed", 31.5});
+  return r;
+}
+
+TEST(PrintPlanJson, GivesThePlanBack) {
+  const PrintPlan plan = two_layers();
+  const auto back = print_plan_from_json(to_json(plan));
+  ASSERT_TRUE(back) << back.error().what;
+  EXPECT_EQ(*back, plan);
+  EXPECT_FALSE(print_plan_from_json("{"));
+  EXPECT_FALSE(print_plan_from_json("[]"));
+}
+
+TEST(PrintPlan, NamesTheLayerThatIsWrong) {
+  const auto wrong = [](auto change) {
+    PrintPlan plan = two_layers();
+    change(plan);
+    const auto ok = plan.validate();
+    return ok ? std::string{} : ok.error().what;
+  };
+  EXPECT_THAT(wrong([](PrintPlan& p) { p.layers[1].z_mm = 0.1; }), testing::HasSubstr("layer 1"));
+  EXPECT_THAT(wrong([](PrintPlan& p) { p.layers[1].z_mm = 1.1; }), testing::HasSubstr("travel"));
+  EXPECT_THAT(wrong([](PrintPlan& p) { p.layers[0].exposure = -1us; }), testing::HasSubstr("layer 0"));
+  EXPECT_THAT(wrong([](PrintPlan& p) { p.layers[1].index = LayerIndex{5}; }), testing::HasSubstr("place 1"));
+  EXPECT_THAT(wrong([](PrintPlan& p) { p.layers.clear(); }), testing::HasSubstr("no layer"));
+  EXPECT_THAT(wrong([](PrintPlan& p) { p.motion.lift_mm = 0; }), testing::HasSubstr("lift"));
+}
+
+TEST(PrintRecord, ComesBackFromItsSeal) {
+  const PrintRecord record = record_of(two_layers());
+  const auto sealed = seal(record, kKey);
+  ASSERT_TRUE(sealed) << sealed.error().what;
+  const auto back = unseal(*sealed, kPublic);
+  ASSERT_TRUE(back) << back.error().what;
+  EXPECT_EQ(*back, record);
+  EXPECT_EQ(*unseal(*seal(record, ""), ""), record);
+}
+
+TEST(PrintRecord, IsNotTrustedOnceAnythingInItIsChanged) {
+  const std::string sealed = *seal(record_of(two_layers()), kKey);
+  for (const auto& [from, to] : {std::pair{"\"runs\": 1", "\"runs\": 2"}, std::pair{"2003000", "1003000"},
+                                 std::pair{"\"done\"", "\"faulted\""}}) {
+    std::string forged = sealed;
+    const std::size_t at = forged.find(from);
+    ASSERT_NE(at, std::string::npos) << from;
+    forged.replace(at, std::string_view{from}.size(), to);
+    EXPECT_EQ(unseal(forged, kPublic).error().code, ErrorCode::NotTrusted);
+  }
+  EXPECT_EQ(unseal(sealed, kOtherPublic).error().code, ErrorCode::NotTrusted);
+  EXPECT_EQ(unseal(*seal(record_of(two_layers()), ""), kPublic).error().code, ErrorCode::NotTrusted);
+  EXPECT_EQ(unseal("no json", "").error().code, ErrorCode::InvalidInput);
+}
+
+TEST(PrintRecord, IsComparedWithItsPlanLayerByLayer) {
+  const PrintPlan plan = two_layers();
+  EXPECT_THAT(compare(record_of(plan), plan), testing::IsEmpty());
+  const auto finding = [&](auto change) {
+    PrintRecord r = record_of(plan);
+    change(r);
+    return compare(r, plan);
+  };
+  EXPECT_THAT(finding([](PrintRecord& r) { r.layers.pop_back(); }),
+              testing::Contains(testing::HasSubstr("1 layers were made")));
+  EXPECT_THAT(finding([](PrintRecord& r) { r.layers[1] = r.layers[0]; }),
+              testing::Contains(testing::HasSubstr("layer 1")));
+  EXPECT_THAT(finding([](PrintRecord& r) { r.layers[0].z_mm += 0.05; }), testing::Contains(testing::HasSubstr("0.15")));
+  EXPECT_THAT(finding([](PrintRecord& r) { r.layers[0].mask.bytes[3] = std::byte{9}; }),
+              testing::Contains(testing::HasSubstr("another mask")));
+  EXPECT_THAT(finding([](PrintRecord& r) { r.layers[0].measured = 1s; }),
+              testing::Contains(testing::HasSubstr("lit for")));
+  EXPECT_THAT(finding([](PrintRecord& r) { r.plan = {}; }), testing::Contains(testing::HasSubstr("another plan")));
+}
+
+TEST(PrintJournal, GoesOnBehindATornLine) {
+  const auto path = std::filesystem::temp_directory_path() / ("telefab-journal-" + std::to_string(::getpid()));
+  {
+    auto journal = PrintJournal::open(std::move(*open_journal_file(path)));
+    ASSERT_TRUE(journal);
+    ASSERT_TRUE(journal->write({JournalStep::Planned, {}, 1ns, {}, {}}));
+    ASSERT_TRUE(journal->write({JournalStep::Exposing, LayerIndex{0}, 2ns, {}, {}}));
+  }
+  std::filesystem::resize_file(path, std::filesystem::file_size(path) - 5);
+  {
+    auto journal = PrintJournal::open(std::move(*open_journal_file(path)));
+    ASSERT_TRUE(journal);
+    EXPECT_EQ(journal->resume_point(), (ResumePoint{LayerIndex{0}, false}));
+    ASSERT_TRUE(journal->write({JournalStep::Exposing, LayerIndex{0}, 3ns, {}, {}}));
+  }
+  const auto journal = PrintJournal::open(std::move(*open_journal_file(path)));
+  EXPECT_EQ(journal->resume_point(), (ResumePoint{LayerIndex{0}, true}));
+  EXPECT_EQ(journal->entries().size(), 2u);
+  std::filesystem::remove(path);
+}
+
+/// Takes a few bytes of the n-th line, then says that the disk is full.
+class FullDisk final : public JournalFile {
+ public:
+  explicit FullDisk(std::string& text, int good) : text_{text}, good_{good} {}
+  Result<std::string> read_all() override { return text_; }
+  Result<void> append(std::string_view text) override {
+    if (good_-- == 0) {
+      text_ += text.substr(0, 7);
+      return fail(ErrorCode::StorageFailed, "disk full");
+    }
+    text_ += text;
+    return {};
+  }
+  Result<void> sync() override { return {}; }
+  Result<void> truncate(std::uint64_t bytes) override {
+    text_.resize(bytes);
+    return {};
+  }
+
+ private:
+  std::string& text_;
+  int good_;
+};
+
+TEST(PrintJournal, KeepsEveryLineBehindAWriteThatFailed) {
+  std::string text;
+  auto journal = PrintJournal::open(std::make_unique<FullDisk>(text, 1));
+  ASSERT_TRUE(journal->write({JournalStep::Exposing, LayerIndex{4}, 1ns, {}, {}}));
+  EXPECT_EQ(journal->write({JournalStep::Exposed, LayerIndex{4}, 2ns, {}, {}}).error().code, ErrorCode::StorageFailed);
+  ASSERT_TRUE(journal->write({JournalStep::Exposed, LayerIndex{4}, 3ns, {}, {}}));
+  const auto again = PrintJournal::open(std::make_unique<FullDisk>(text, 9));
+  EXPECT_EQ(again->resume_point(), (ResumePoint{LayerIndex{5}, false}));
+}
+
+}  // namespace
+}  // namespace telefab::fab

@@ -1,0 +1,71 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <stdlib.h>
+
+#include <fstream>
+#include <telefab/store/audit_log.hpp>
+
+namespace telefab {
+namespace {
+
+using testing::HasSubstr;
+
+class AuditLogTest : public testing::Test {
+ protected:
+  AuditLogTest() {
+    std::string pattern = (std::filesystem::temp_directory_path() / "telefab-audit-XXXXXX").string();
+    folder_ = ::mkdtemp(pattern.data());
+  }
+  ~AuditLogTest() override { std::filesystem::remove_all(folder_); }
+  [[nodiscard]] std::filesystem::path path() const { return folder_ / "audit.log"; }
+  [[nodiscard]] std::string text() const {
+    std::ifstream in{path(), std::ios::binary};
+    return {std::istreambuf_iterator<char>{in}, {}};
+  }
+  void write(const std::string& text) const { std::ofstream{path(), std::ios::binary} << text; }
+  void fill() const {
+    const auto log = AuditLog::open(path(), clock).value();
+    for (const char* what : {"submit j1", "pause j1", "cancel j1"}) ASSERT_TRUE(log->add("ana", what));
+  }
+  VirtualClock clock;
+
+ private:
+  std::filesystem::path folder_;
+};
+
+TEST_F(AuditLogTest, GoesOnAfterReopening) {
+  fill();
+  fill();
+  EXPECT_TRUE(AuditLog::open(path(), clock));
+  const std::string all = text();
+  EXPECT_EQ(std::count(all.begin(), all.end(), '\n'), 6);
+}
+
+TEST_F(AuditLogTest, TellsAChangedADroppedAndASwappedLine) {
+  fill();
+  const std::string whole = text();
+  std::string changed = whole;
+  changed.replace(changed.find("pause"), 5, "print");
+  std::string dropped = whole;
+  const auto second = whole.find('\n') + 1;
+  dropped.erase(second, whole.find('\n', second) + 1 - second);
+  const std::string swapped = whole.substr(second) + whole.substr(0, second);
+  for (const std::string& bad : {changed, dropped, swapped}) {
+    write(bad);
+    const auto log = AuditLog::open(path(), clock);
+    ASSERT_FALSE(log);
+    EXPECT_EQ(log.error().code, ErrorCode::NotTrusted);
+    EXPECT_THAT(log.error().what, HasSubstr("line"));
+  }
+}
+
+TEST_F(AuditLogTest, CutsOffALineThatWasNeverFinished) {
+  fill();
+  const std::string whole = text();
+  write(whole + "{\"n\":4,\"who");
+  EXPECT_TRUE(AuditLog::open(path(), clock));
+  EXPECT_EQ(text(), whole);
+}
+
+}  // namespace
+}  // namespace telefab
