@@ -127,7 +127,8 @@ class TtyLine final : public LineTransport {
           fmt::format("stage: cannot open {}: {}{}", path_, std::strerror(errno),
                       errno == EACCES ? "; join the group dialout or install deploy/udev/70-telefab.rules" : ""));
     termios settings{};
-    if (::ioctl(fd_, TIOCEXCL) != 0 || ::tcgetattr(fd_, &settings) != 0) return gone("setting up");
+    (void)::ioctl(fd_, TIOCEXCL);  // where the line knows it; others simply are not exclusive
+    if (::tcgetattr(fd_, &settings) != 0) return gone("setting up");
     ::cfmakeraw(&settings);
     settings.c_cflag |= CLOCAL | CREAD;
     settings.c_cflag &= ~static_cast<tcflag_t>(CRTSCTS | CSTOPB | PARENB);

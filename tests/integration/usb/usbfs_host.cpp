@@ -1,0 +1,348 @@
+#include "usbfs_host.hpp"
+
+#include <fcntl.h>
+#include <linux/usbdevice_fs.h>
+#include <poll.h>
+#include <sys/ioctl.h>
+#include <sys/stat.h>
+#include <termios.h>
+#include <umockdev.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <list>
+#include <vector>
+
+namespace telefab::test {
+
+using fab::UsbOutcome;
+
+namespace {
+
+constexpr const char* kSysPath = "/sys/devices/pci0000:00/0000:00:14.0/usb1/1-1";
+constexpr const char* kNode = "/dev/bus/usb/001/002";
+// Device, configuration, one HID interface, two interrupt endpoints of 64 bytes a millisecond.
+constexpr const char* kDescriptors =
+    "12010002000000405104 00c9 0001 010203 01"
+    "0902 2900 01 01 00 80 32"
+    "0904 00 00 02 03 00 00 00"
+    "0921 1101 00 01 22 2000"
+    "0705 01 03 4000 01"
+    "0705 81 03 4000 01";
+
+std::string without_spaces(std::string text) {
+  std::erase(text, ' ');
+  return text;
+}
+
+std::vector<guint8> string_descriptor(std::string_view text) {
+  std::vector<guint8> d{static_cast<guint8>(2 + 2 * text.size()), 3};
+  for (const char c : text) d.insert(d.end(), {static_cast<guint8>(c), 0});
+  return d;
+}
+
+}  // namespace
+
+struct UsbfsHost::State {
+  struct Urb {
+    UMockdevIoctlData* data;
+    UMockdevIoctlData* buffer;
+    bool done;
+  };
+
+  fab::Dlpc900Model& model;
+  std::mutex& mutex;
+  std::string serial;
+  GMainContext* context = g_main_context_new();
+  GMainLoop* loop = g_main_loop_new(context, FALSE);
+  UMockdevTestbed* testbed = umockdev_testbed_new();
+  UMockdevIoctlBase* handler = umockdev_ioctl_base_new();
+  GSource* timer = nullptr;
+  std::mutex own;
+  std::list<Urb> urbs;
+  std::atomic<std::uint64_t> ioctls = 0;
+  std::atomic<bool> plugged = false;
+  int fifo = -1;
+  bool signalled = true;
+  std::thread thread;
+
+  State(fab::Dlpc900Model& m, std::mutex& x, std::string s) : model{m}, mutex{x}, serial{std::move(s)} {}
+
+  static usbdevfs_urb& urb_of(UMockdevIoctlData* data) { return *reinterpret_cast<usbdevfs_urb*>(data->data); }
+
+  void add_device() {
+    const std::string description =
+        std::string{"P: "} + (kSysPath + 4) + "\nN: " + (kNode + 5) + "\nE: DEVNAME=" + kNode +
+        "\nE: DEVTYPE=usb_device\nE: SUBSYSTEM=usb\nE: BUSNUM=001\nE: DEVNUM=002\nE: MAJOR=189\n"
+        "E: MINOR=1\nA: busnum=1\\n\nA: devnum=2\\n\nA: speed=12\\n\nA: bConfigurationValue=1\\n\n"
+        "A: idVendor=0451\\n\nA: idProduct=c900\\n\nH: descriptors=" +
+        without_spaces(kDescriptors) + "\n";
+    GError* error = nullptr;
+    if (umockdev_testbed_add_from_string(testbed, description.c_str(), &error) == FALSE) {
+      std::fprintf(stderr, "umockdev: %s\n", error->message);
+      std::abort();
+    }
+    if (umockdev_testbed_attach_ioctl(testbed, kNode, handler, &error) == FALSE) {
+      std::fprintf(stderr, "umockdev: %s\n", error->message);
+      std::abort();
+    }
+    make_fifo();
+    plugged = true;
+  }
+
+  /// usbfs says "writable" when a URB can be reaped; a regular file always says so. A pipe kept full until a URB is
+  /// done behaves as usbfs does.
+  void make_fifo() {
+    gchar* root = umockdev_testbed_get_root_dir(testbed);
+    const std::string path = std::string{root} + kNode;
+    g_free(root);
+    if (fifo >= 0) ::close(fifo);
+    ::unlink(path.c_str());
+    if (::mkfifo(path.c_str(), 0600) != 0) std::abort();
+    fifo = ::open(path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
+    if (fifo < 0) std::abort();
+    (void)::fcntl(fifo, F_SETPIPE_SZ, 4096);
+    signalled = true;
+    signal(false);
+  }
+
+  void signal(bool reapable) {
+    if (reapable == signalled) return;
+    std::array<char, 4096> page{};
+    if (reapable)
+      while (::read(fifo, page.data(), page.size()) > 0) {
+      }
+    else
+      while (::write(fifo, page.data(), page.size()) > 0) {
+      }
+    signalled = reapable;
+  }
+
+  void update_signal() {
+    bool any = false;
+    for (const Urb& u : urbs) any = any || u.done;
+    signal(any || !plugged);
+  }
+
+  static void finish(Urb& u, int status, int length) {
+    urb_of(u.data).status = status;
+    urb_of(u.data).actual_length = length;
+    u.done = true;
+  }
+
+  void control(Urb& u) {
+    guint8* b = u.buffer->data;
+    const int want = b[6] | b[7] << 8;
+    if (b[0] == 0x80 && b[1] == 6 && b[3] == 3) {
+      static const std::array<std::string, 2> texts{"Texas Instruments", "DLPC900"};
+      std::vector<guint8> d{4, 3, 9, 4};
+      if (b[2] == 1 || b[2] == 2) d = string_descriptor(texts[b[2] - 1u]);
+      if (b[2] == 3) d = string_descriptor(serial);
+      const int n = std::min<int>(want, static_cast<int>(d.size()));
+      umockdev_ioctl_data_update(u.buffer, 8, d.data(), n);
+      return finish(u, 0, n);
+    }
+    finish(u, -EPIPE, 0);
+  }
+
+  /// Tries to complete an interrupt transfer; what the device does not answer stays in flight.
+  void interrupt(Urb& u) {
+    const std::lock_guard lock{mutex};
+    const usbdevfs_urb& urb = urb_of(u.data);
+    const bool in = (urb.endpoint & 0x80) != 0;
+    std::vector<std::byte> reply;
+    const auto* bytes = reinterpret_cast<const std::byte*>(u.buffer->data);
+    const UsbOutcome outcome = in ? model.in(urb.endpoint, reply)
+                                  : model.out(urb.endpoint, {bytes, static_cast<std::size_t>(urb.buffer_length)});
+    switch (outcome) {
+      case UsbOutcome::Ok:
+        if (in) {
+          const int n = std::min<int>(urb.buffer_length, static_cast<int>(reply.size()));
+          umockdev_ioctl_data_update(u.buffer, 0, reinterpret_cast<guint8*>(reply.data()), n);
+          return finish(u, 0, n);
+        }
+        return finish(u, 0, urb.buffer_length);
+      case UsbOutcome::Nak:
+        return;
+      case UsbOutcome::Stall:
+        return finish(u, -EPIPE, 0);
+      case UsbOutcome::Error:
+        return finish(u, -EPROTO, 0);
+      case UsbOutcome::Gone:
+        return finish(u, -ENODEV, 0);
+    }
+  }
+
+  bool handle(UMockdevIoctlClient* client) {
+    const std::lock_guard one_at_a_time{own};  // umockdev answers each client from where it pleases
+    ++ioctls;
+    const gulong request = umockdev_ioctl_client_get_request(client);
+    UMockdevIoctlData* arg = umockdev_ioctl_client_get_arg(client);
+    const auto complete = [&](glong result, int code = 0) {
+      umockdev_ioctl_client_complete(client, result, code);
+      return true;
+    };
+    if (!plugged && request != USBDEVFS_REAPURBNDELAY && request != USBDEVFS_DISCARDURB) return complete(-1, ENODEV);
+    switch (request) {
+      case USBDEVFS_GET_CAPABILITIES: {
+        UMockdevIoctlData* d = umockdev_ioctl_data_resolve(arg, 0, sizeof(guint32), nullptr);
+        *reinterpret_cast<guint32*>(d->data) = USBDEVFS_CAP_BULK_CONTINUATION | USBDEVFS_CAP_NO_PACKET_SIZE_LIM;
+        return complete(0);
+      }
+      case USBDEVFS_CLEAR_HALT: {
+        const std::lock_guard lock{mutex};
+        model.clear_halt(0);
+        return complete(0);
+      }
+      case USBDEVFS_CLAIMINTERFACE: {
+        const std::lock_guard lock{mutex};
+        model.reopened();
+        return complete(0);
+      }
+      case USBDEVFS_DISCONNECT_CLAIM: {
+        const std::lock_guard lock{mutex};
+        model.reopened();
+        return complete(0);
+      }
+      case USBDEVFS_RELEASEINTERFACE:
+      case USBDEVFS_SETCONFIGURATION:
+      case FIONBIO:
+        return complete(0);
+      case USBDEVFS_GETDRIVER:
+      case USBDEVFS_IOCTL:
+        return complete(-1, ENODATA);
+      case USBDEVFS_SUBMITURB: {
+        UMockdevIoctlData* data = umockdev_ioctl_data_resolve(arg, 0, sizeof(usbdevfs_urb), nullptr);
+        usbdevfs_urb& urb = urb_of(data);
+        UMockdevIoctlData* buffer = umockdev_ioctl_data_resolve(data, G_STRUCT_OFFSET(usbdevfs_urb, buffer),
+                                                                static_cast<gsize>(urb.buffer_length), nullptr);
+        urbs.push_back({UMOCKDEV_IOCTL_DATA(g_object_ref(data)), UMOCKDEV_IOCTL_DATA(g_object_ref(buffer)), false});
+        Urb& u = urbs.back();
+        if (urb.type == USBDEVFS_URB_TYPE_CONTROL)
+          control(u);
+        else
+          interrupt(u);
+        update_signal();
+        return complete(0);
+      }
+      case USBDEVFS_REAPURBNDELAY: {
+        for (auto u = urbs.begin(); u != urbs.end(); ++u) {
+          if (!u->done) continue;
+          UMockdevIoctlData* slot = umockdev_ioctl_data_resolve(arg, 0, sizeof(gpointer), nullptr);
+          (void)umockdev_ioctl_data_set_ptr(slot, 0, u->data);
+          const Urb reaped = *u;
+          urbs.erase(u);
+          update_signal();
+          complete(0);
+          g_object_unref(reaped.buffer);
+          g_object_unref(reaped.data);
+          return true;
+        }
+        return complete(-1, plugged ? EAGAIN : ENODEV);
+      }
+      case USBDEVFS_DISCARDURB: {
+        for (Urb& u : urbs)
+          if (!u.done && *reinterpret_cast<gulong*>(arg->data) == u.data->client_addr) {
+            finish(u, -ENOENT, 0);
+            update_signal();
+            return complete(0);
+          }
+        return complete(-1, EINVAL);
+      }
+      default:
+        return complete(-1, ENOTTY);
+    }
+  }
+
+  gboolean tick() {
+    const std::lock_guard one_at_a_time{own};
+    for (Urb& u : urbs)
+      if (!u.done && !plugged)
+        finish(u, -ENODEV, 0);
+      else if (!u.done && urb_of(u.data).type == USBDEVFS_URB_TYPE_INTERRUPT)
+        interrupt(u);
+    update_signal();
+    return TRUE;
+  }
+
+  static gboolean on_ioctl(UMockdevIoctlBase*, UMockdevIoctlClient* client, gpointer self) {
+    return static_cast<State*>(self)->handle(client) ? TRUE : FALSE;
+  }
+  static gboolean on_tick(gpointer self) { return static_cast<State*>(self)->tick(); }
+};
+
+UsbfsHost::UsbfsHost(fab::Dlpc900Model& model, std::mutex& mutex, std::string serial)
+    : state_{std::make_unique<State>(model, mutex, std::move(serial))} {
+  State& s = *state_;
+  g_main_context_push_thread_default(s.context);
+  g_signal_connect(s.handler, "handle-ioctl", G_CALLBACK(&State::on_ioctl), &s);
+  s.add_device();
+  s.timer = g_timeout_source_new(1);
+  g_source_set_callback(s.timer, &State::on_tick, &s, nullptr);
+  g_source_attach(s.timer, s.context);
+  g_main_context_pop_thread_default(s.context);
+  s.thread = std::thread{[&s] {
+    g_main_context_push_thread_default(s.context);
+    g_main_loop_run(s.loop);
+    g_main_context_pop_thread_default(s.context);
+  }};
+}
+
+UsbfsHost::~UsbfsHost() {
+  State& s = *state_;
+  g_main_loop_quit(s.loop);
+  s.thread.join();
+  g_source_destroy(s.timer);
+  g_source_unref(s.timer);
+  (void)umockdev_testbed_detach_ioctl(s.testbed, kNode, nullptr);
+  g_object_unref(s.handler);
+  g_object_unref(s.testbed);
+  g_main_loop_unref(s.loop);
+  g_main_context_unref(s.context);
+  if (s.fifo >= 0) ::close(s.fifo);
+}
+
+void UsbfsHost::unplug() {
+  state_->plugged = false;
+  umockdev_testbed_uevent(state_->testbed, kSysPath, "remove");
+}
+
+void UsbfsHost::plug() {
+  state_->plugged = true;
+  umockdev_testbed_uevent(state_->testbed, kSysPath, "add");
+}
+
+std::uint64_t UsbfsHost::ioctls() const { return state_->ioctls; }
+
+PtyHost::PtyHost(fab::GrblModel& model, std::mutex& mutex) {
+  master_ = ::posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC | O_NONBLOCK);
+  if (master_ < 0 || ::grantpt(master_) != 0 || ::unlockpt(master_) != 0) std::abort();
+  path_ = ::ptsname(master_);
+  termios raw{};
+  (void)::tcgetattr(master_, &raw);
+  ::cfmakeraw(&raw);
+  (void)::tcsetattr(master_, TCSANOW, &raw);
+  thread_ = std::thread{[this, &model, &mutex] {
+    while (!stop_) {
+      pollfd p{master_, POLLIN, 0};
+      (void)::poll(&p, 1, 2);
+      std::array<char, 256> bytes{};
+      const ssize_t n = ::read(master_, bytes.data(), bytes.size());
+      const std::lock_guard lock{mutex};
+      if (n > 0) (void)model.receive({bytes.data(), static_cast<std::size_t>(n)});
+      const std::string out = model.transmit();
+      if (!out.empty() && ::write(master_, out.data(), out.size()) < 0) return;
+    }
+  }};
+}
+
+PtyHost::~PtyHost() {
+  stop_ = true;
+  thread_.join();
+  ::close(master_);
+}
+
+}  // namespace telefab::test

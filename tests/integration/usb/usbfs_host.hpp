@@ -1,0 +1,45 @@
+#pragma once
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <telefab/fab/drivers/dlpc900_model.hpp>
+#include <telefab/fab/drivers/grbl_model.hpp>
+#include <thread>
+
+namespace telefab::test {
+
+/// A DLPC900 model behind an emulated usbfs node, for unmodified libusb in this process and in its children. Needs
+/// umockdev's library preloaded. The model runs on the clock given and is touched under `mutex` only.
+class UsbfsHost {
+ public:
+  UsbfsHost(fab::Dlpc900Model& model, std::mutex& mutex, std::string serial);
+  ~UsbfsHost();
+  UsbfsHost(const UsbfsHost&) = delete;
+  UsbfsHost& operator=(const UsbfsHost&) = delete;
+
+  /// Pulls the cable: transfers fail, the device leaves sysfs and udev says so.
+  void unplug();
+  void plug();
+  [[nodiscard]] std::uint64_t ioctls() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+/// A GRBL model behind a pseudo terminal.
+class PtyHost {
+ public:
+  PtyHost(fab::GrblModel& model, std::mutex& mutex);
+  ~PtyHost();
+  [[nodiscard]] const std::string& path() const { return path_; }
+
+ private:
+  int master_ = -1;
+  std::string path_;
+  std::atomic<bool> stop_ = false;
+  std::thread thread_;
+};
+
+}  // namespace telefab::test
