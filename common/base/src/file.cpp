@@ -49,6 +49,18 @@ tl::unexpected<Error> fail_errno(std::string_view action, const std::filesystem:
   }
 }
 
+/// 0, or the errno that stopped it.
+int write_all(int fd, std::span<const std::byte> bytes) {
+  std::size_t done = 0;
+  while (done < bytes.size()) {
+    const ssize_t put = ::write(fd, bytes.data() + done, bytes.size() - done);
+    if (put < 0 && errno == EINTR) continue;
+    if (put < 0) return errno;
+    done += static_cast<std::size_t>(put);
+  }
+  return 0;
+}
+
 }  // namespace
 
 Result<std::vector<std::byte>> read_file(const std::filesystem::path& path, std::uint64_t limit_bytes) {
@@ -87,13 +99,7 @@ Result<void> write_file_atomically(const std::filesystem::path& path, std::span<
     ::unlink(temporary.c_str());
     return fail_errno("write", path, error);
   };
-  std::size_t done = 0;
-  while (done < bytes.size()) {
-    const ssize_t put = ::write(file.get(), bytes.data() + done, bytes.size() - done);
-    if (put < 0 && errno == EINTR) continue;
-    if (put < 0) return give_up(errno);
-    done += static_cast<std::size_t>(put);
-  }
+  if (const int error = write_all(file.get(), bytes)) return give_up(error);
   if (::fchmod(file.get(), 0644) != 0) return give_up(errno);  // mkostemp made it 0600
   if (::fsync(file.get()) != 0) return give_up(errno);
   if (!file.close()) return give_up(errno);
@@ -105,6 +111,20 @@ Result<void> write_file_atomically(const std::filesystem::path& path, std::span<
 
 Result<void> write_file_atomically(const std::filesystem::path& path, std::string_view text) {
   return write_file_atomically(path, std::as_bytes(std::span{text}));
+}
+
+Result<void> write_new_file(const std::filesystem::path& path, std::span<const std::byte> bytes) {
+  Descriptor file{::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)};
+  if (file.get() < 0) return fail_errno("write", path, errno);
+  if (const int error = write_all(file.get(), bytes)) return fail_errno("write", path, error);
+  if (!file.close()) return fail_errno("write", path, errno);
+  return {};
+}
+
+Result<void> sync_file_system(const std::filesystem::path& path) {
+  Descriptor file{::open(path.c_str(), O_RDONLY | O_CLOEXEC)};
+  if (file.get() < 0 || ::syncfs(file.get()) != 0) return fail_errno("sync", path, errno);
+  return {};
 }
 
 }  // namespace telefab

@@ -18,4 +18,10 @@ namespace telefab {
 [[nodiscard]] Result<void> write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes);
 [[nodiscard]] Result<void> write_file_atomically(const std::filesystem::path& path, std::string_view text);
 
+/// Writes a file whose name nobody looks at yet; not synced. For folders that are renamed into place after
+/// sync_file_system. Fails as write_file_atomically; leaves a part behind.
+[[nodiscard]] Result<void> write_new_file(const std::filesystem::path& path, std::span<const std::byte> bytes);
+/// Everything written to the file system of `path` is on disk when this returns.
+[[nodiscard]] Result<void> sync_file_system(const std::filesystem::path& path);
+
 }  // namespace telefab

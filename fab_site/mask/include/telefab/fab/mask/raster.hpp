@@ -22,25 +22,4 @@ struct MaskFrame {
 /// Both must have the same size.
 [[nodiscard]] Mask merged(Mask mask, const Mask& other);
 
-/// Some pixels in a row of one layer.
-struct PixelRun {
-  std::uint32_t row = 0;
-  std::uint32_t first = 0;
-  std::uint32_t end = 0;  ///< one behind the last
-  friend bool operator==(const PixelRun&, const PixelRun&) = default;
-};
-/// The runs of pixels at or above `threshold`, by row, then column.
-[[nodiscard]] std::vector<PixelRun> cured_runs(const Mask& mask, std::uint8_t threshold);
-
-/// A patch of a layer that touches nothing below it.
-struct Island {
-  std::uint64_t area_px = 0;
-  double x_px = 0;  ///< centre, columns from the left
-  double y_px = 0;  ///< centre, rows from the top
-};
-/// Connected patches (8 neighbours) of `runs` that share no pixel with `below`, of at least `min_area_px` pixels, by
-/// place of their first pixel. Both lists as cured_runs gives them.
-[[nodiscard]] std::vector<Island> unsupported_islands(std::span<const PixelRun> runs, std::span<const PixelRun> below,
-                                                      std::uint64_t min_area_px);
-
 }  // namespace telefab::fab

@@ -1,0 +1,140 @@
+#include <fmt/format.h>
+
+#include <telefab/base/file.hpp>
+#include <telefab/fab/planning/plan_folder.hpp>
+
+namespace telefab::fab {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::uint64_t kMaxPlanBytes = 256U << 20U;
+constexpr std::uint64_t kMaxMaskBytes = 256U << 20U;
+
+std::string mask_name(LayerIndex layer) { return fmt::format("{:05}.png", layer.count()); }
+
+tl::unexpected<Error> fail_system(std::string_view action, const fs::path& path, const std::error_code& error) {
+  const bool forbidden = error == std::errc::permission_denied || error == std::errc::read_only_file_system;
+  return fail(forbidden ? ErrorCode::NotPermitted : ErrorCode::StorageFailed,
+              fmt::format("cannot {} {}: {}", action, path.string(), error.message()));
+}
+
+/// A folder beside the wanted one, removed unless it took its place.
+class FolderUnderWay {
+ public:
+  explicit FolderUnderWay(fs::path wanted) : wanted_{std::move(wanted)}, path_{wanted_.string() + ".partial"} {}
+  ~FolderUnderWay() {
+    std::error_code ignored;  // what is left is named .partial and says so
+    fs::remove_all(path_, ignored);
+  }
+  FolderUnderWay(const FolderUnderWay&) = delete;
+  FolderUnderWay& operator=(const FolderUnderWay&) = delete;
+
+  [[nodiscard]] const fs::path& path() const { return path_; }
+
+  [[nodiscard]] Result<void> begin() const {
+    std::error_code error;
+    fs::remove_all(path_, error);
+    if (!error) fs::create_directories(path_ / "masks", error);
+    if (error) return fail_system("make the folder", path_, error);
+    return {};
+  }
+
+  /// Takes the place of the wanted folder, which is empty, missing, or holds an older plan.
+  [[nodiscard]] Result<void> arrive() const {
+    if (auto synced = sync_file_system(path_); !synced) return synced;
+    std::error_code error;
+    const fs::path old = wanted_.string() + ".old";
+    fs::remove_all(old, error);
+    if (fs::exists(wanted_)) fs::rename(wanted_, old, error);
+    if (!error) fs::rename(path_, wanted_, error);
+    if (error) return fail_system("replace the folder", wanted_, error);
+    fs::remove_all(old, error);
+    if (error) return fail_system("remove the older plan", old, error);
+    return {};
+  }
+
+ private:
+  fs::path wanted_;
+  fs::path path_;
+};
+
+Result<void> may_be_replaced(const fs::path& folder) {
+  std::error_code error;
+  if (!fs::exists(folder, error)) return {};
+  if (!fs::is_directory(folder, error))
+    return fail(ErrorCode::Conflict, fmt::format("{} is a file; name a folder", folder.string()));
+  if (fs::is_empty(folder, error) || fs::exists(folder / "plan.json", error)) return {};
+  return fail(ErrorCode::Conflict,
+              fmt::format("{} holds something else than a plan; name another folder", folder.string()));
+}
+
+}  // namespace
+
+Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& stack, const MachineProfile& machine,
+                                      const PlanOptions& options, const Clock& clock, const ProgressSink& progress,
+                                      std::stop_token stop) {
+  if (auto ok = may_be_replaced(folder); !ok) return tl::unexpected{ok.error()};
+  // "out/" and "out" are the same folder.
+  const fs::path wanted = folder.has_filename() ? folder : folder.parent_path();
+  const FolderUnderWay under_way{wanted};
+  if (auto ok = under_way.begin(); !ok) return tl::unexpected{ok.error()};
+  const auto keep_mask = [&](LayerIndex layer, std::span<const std::byte> png) {
+    return write_new_file(under_way.path() / "masks" / mask_name(layer), png);
+  };
+  auto summary = plan_job(stack, machine, options, keep_mask, clock, progress, stop);
+  if (!summary) return summary;
+  const auto preview = encode_png(summary->preview);
+  if (!preview) return tl::unexpected{preview.error()};
+  const auto as_bytes = [](const std::string& text) { return std::as_bytes(std::span{text}); };
+  const std::string plan_text = to_json(summary->plan);
+  const std::string report_text = to_json(*summary);
+  const std::pair<const char*, std::span<const std::byte>> files[] = {
+      {"plan.json", as_bytes(plan_text)},
+      {"supports.json", as_bytes(summary->supports_json)},
+      {"report.json", as_bytes(report_text)},
+      {"preview.png", *preview}};
+  for (const auto& [name, bytes] : files)
+    if (auto done = write_new_file(under_way.path() / name, bytes); !done) return tl::unexpected{done.error()};
+  if (auto done = under_way.arrive(); !done) return tl::unexpected{done.error()};
+  return summary;
+}
+
+Result<std::unique_ptr<PlannedJob>> PlannedJob::open(const fs::path& folder) {
+  const auto text = read_file(folder / "plan.json", kMaxPlanBytes);
+  if (!text) return tl::unexpected{text.error()};
+  auto plan = print_plan_from_json({reinterpret_cast<const char*>(text->data()), text->size()});
+  if (!plan) return fail_in((folder / "plan.json").string(), plan.error());
+  auto job = std::unique_ptr<PlannedJob>{new PlannedJob{folder, std::move(*plan)}};
+  std::error_code error;
+  for (const PlannedLayer& layer : job->plan_.layers)
+    if (!fs::is_regular_file(job->mask_path(layer.index), error))
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("the plan has no mask {}; plan the job again", job->mask_path(layer.index).string()));
+  return job;
+}
+
+fs::path PlannedJob::mask_path(LayerIndex layer) const { return folder_ / "masks" / mask_name(layer); }
+
+Result<Mask> PlannedJob::mask(LayerIndex layer) {
+  if (layer.count() >= plan_.layers.size())
+    return fail(ErrorCode::NotFound,
+                fmt::format("the plan has {} layers, no layer {}", plan_.layers.size(), layer.count()));
+  const fs::path path = mask_path(layer);
+  const auto bytes = read_file(path, kMaxMaskBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  auto image = decode_png(*bytes, std::uint64_t{plan_.mask_size.width_px} * plan_.mask_size.height_px);
+  if (!image) return fail_in(path.string(), image.error());
+  if (image->channels != 1 || image->width_px != plan_.mask_size.width_px ||
+      image->height_px != plan_.mask_size.height_px)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("{} has {} x {} pixels, the machine {} x {}; plan the job again", path.string(),
+                            image->width_px, image->height_px, plan_.mask_size.width_px, plan_.mask_size.height_px));
+  Mask mask{plan_.mask_size, std::move(image->pixels)};
+  if (digest_of(std::as_bytes(std::span{mask.rows})) != plan_.layers[layer.count()].mask)
+    return fail(ErrorCode::NotTrusted,
+                fmt::format("{} is not the mask that was planned (digest); plan the job again", path.string()));
+  return mask;
+}
+
+}  // namespace telefab::fab
