@@ -7,6 +7,8 @@ int main(int argc, char** argv) {
       "The fab site of Telefab: plans supports, masks and exposures from layer contours, and prints them.",
       "Example: telefab-fab plan statue.tfc --machine machine-a --out statue-plan\n"};
   static constexpr telefab::Verb verbs[] = {
+      {"plan", "supports, masks and exposures of a contour file, into a folder", declare_plan},
+      {"export", "contours as JSON lines or pictures", declare_export},
       {"machines", "list the machine profiles", declare_machines},
       {"probe", "ask the machine's devices who they are, LEDs off", declare_probe},
   };

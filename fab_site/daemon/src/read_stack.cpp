@@ -1,0 +1,45 @@
+#include "read_stack.hpp"
+
+#include <fmt/format.h>
+
+#include <memory>
+#include <telefab/base/file.hpp>
+#include <telefab/codec/tfc_file.hpp>
+#include <telefab/program/program.hpp>
+
+namespace telefab::fab {
+namespace {
+
+constexpr std::uint64_t kMaxTfcBytes = 4ULL << 30U;
+
+}  // namespace
+
+Result<LayerStack> read_stack(const std::string& path) {
+  const auto bytes = read_file(path, kMaxTfcBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  auto stack = read_tfc(*bytes);
+  if (!stack) return fail_in(path, stack.error());
+  return stack;
+}
+
+Result<MachineProfile> machine_for(const LayerStack& stack, const std::string& name, const std::string& folder) {
+  const auto machines = load_machine_profiles(folder);
+  if (!machines) return tl::unexpected{machines.error()};
+  return find_machine(*machines, name.empty() ? stack.header().machine : name);
+}
+
+ProgressSink progress_line() {
+  if (!on_terminal()) return {};
+  return [shown = std::make_shared<int>(-1)](const Progress& p) {
+    const int percent = static_cast<int>(100 * p.fraction);
+    if (percent == *shown) return;
+    *shown = percent;
+    fmt::print(stderr, "\r{:<22} {:3} %", p.stage, percent);
+  };
+}
+
+void clear_progress() {
+  if (on_terminal()) fmt::print(stderr, "\r{:30}\r", "");
+}
+
+}  // namespace telefab::fab

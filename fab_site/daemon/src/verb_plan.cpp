@@ -1,0 +1,117 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <telefab/base/file.hpp>
+#include <telefab/fab/planning/plan_folder.hpp>
+
+#include "read_stack.hpp"
+#include "verbs.hpp"
+
+namespace telefab::fab {
+namespace {
+
+constexpr std::uint64_t kMaxHandListBytes = 16U << 20U;
+
+struct Options {
+  std::string stack;
+  std::string machine;
+  std::string machines = default_machine_folder();
+  std::string out;
+  std::string masks = "cover";
+  std::string supports = "auto";
+  std::string stand = "auto";
+  std::string hand_list;
+  int threads = 0;
+  bool json = false;
+};
+
+Result<PlanOptions> plan_options(const Options& o) {
+  PlanOptions options;
+  options.job = std::filesystem::path{o.stack}.stem().string();
+  const auto masks = mask_method_from_name(o.masks);
+  if (!masks) return tl::unexpected{masks.error()};
+  options.masks = *masks;
+  options.supports.mode = o.supports == "none" ? SupportOptions::Mode::None : SupportOptions::Mode::Auto;
+  options.supports.stand = o.stand == "always"  ? SupportOptions::Stand::Always
+                           : o.stand == "never" ? SupportOptions::Stand::Never
+                                                : SupportOptions::Stand::Auto;
+  options.threads = o.threads;
+  if (!o.hand_list.empty()) {
+    const auto text = read_file(o.hand_list, kMaxHandListBytes);
+    if (!text) return tl::unexpected{text.error()};
+    auto hand = hand_list_from_json({reinterpret_cast<const char*>(text->data()), text->size()});
+    if (!hand) return fail_in(o.hand_list, hand.error());
+    options.supports.hand = std::move(*hand);
+  }
+  return options;
+}
+
+void print_summary(const PlanSummary& s, const std::string& folder) {
+  fmt::print("{} layers on {} ({} of the part, {} below it), {} anchors\n", s.plan.layers.size(), s.plan.machine,
+             s.part_layers, s.lift_layers, s.anchors);
+  fmt::print("part {:.1f} mm3, supports {:.1f} mm3; {:.0f} min of print, of that {:.0f} min of light\n",
+             s.figures.part_mm3, s.figures.support_mm3, s.print_s / 60, s.exposure_s / 60);
+  fmt::print("supports {:.2f} s, masks {:.2f} s; written to {}\n", s.support_seconds, s.mask_seconds, folder);
+  if (s.check.findings.empty()) {
+    fmt::print("check of the masks: nothing floats, no cup, no trap\n");
+    return;
+  }
+  fmt::print("check of the masks: {}\n", s.check.passes() ? "passed, with warnings" : "FAILED, the job would be held");
+  constexpr std::size_t shown = 8;
+  for (std::size_t i = 0; i < s.check.findings.size() && i < shown; ++i) {
+    const Finding& f = s.check.findings[i];
+    fmt::print("  {} in layers {} to {} at ({:.2f}, {:.2f}) mm, {:.3f} mm2\n", name_of(f.kind), f.layer.count(),
+               f.last.count(), f.place.x_mm, f.place.y_mm, f.size_mm2);
+  }
+  if (s.check.findings.size() > shown) fmt::print("  and {} more; see report.json\n", s.check.findings.size() - shown);
+}
+
+Result<ExitCode> run(const Options& o, std::stop_token stop) {
+  const auto options = plan_options(o);
+  if (!options) return tl::unexpected{options.error()};
+  const auto stack = read_stack(o.stack);
+  if (!stack) return tl::unexpected{stack.error()};
+  const auto machine = machine_for(*stack, o.machine, o.machines);
+  if (!machine) return tl::unexpected{machine.error()};
+  const SystemClock clock;
+  const auto summary = write_plan_folder(o.out, *stack, *machine, *options, clock, progress_line(), stop);
+  clear_progress();
+  if (!summary) return tl::unexpected{summary.error()};
+  if (o.json)
+    fmt::print("{}", to_json(*summary));
+  else
+    print_summary(*summary, o.out);
+  return summary->check.passes() ? ExitCode::Ok : ExitCode::NotCertified;
+}
+
+}  // namespace
+
+VerbBody declare_plan(CLI::App& options) {
+  auto o = std::make_shared<Options>();
+  options.add_option("FILE", o->stack, "contour file (.tfc) of telefab-scan slice")->required();
+  options.add_option("--machine", o->machine, "machine profile; default: the one it was sliced for");
+  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  options.add_option("--out", o->out, "folder for masks, plan.json, supports.json, preview.png, report.json")
+      ->required();
+  options.add_option("--masks", o->masks, "how grey levels are found")
+      ->check(CLI::IsMember({"cover"}))
+      ->capture_default_str();
+  options.add_option("--supports", o->supports, "none or auto")
+      ->check(CLI::IsMember({"none", "auto"}))
+      ->capture_default_str();
+  options
+      .add_option("--stand", o->stand,
+                  "stand on the platform: auto (where the first layer is large enough), always, never")
+      ->check(CLI::IsMember({"auto", "always", "never"}))
+      ->capture_default_str();
+  options.add_option("--hand-list", o->hand_list, "JSON file of extra and forbidden places for anchors");
+  options.add_option("--threads", o->threads, "0: all cores; the plan is the same for any number")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  options.add_flag("--json", o->json, "print the report as JSON");
+  options.footer("Exit code 8: planned and written, but the check found something that floats.");
+  return [o](std::stop_token stop) { return run(*o, stop); };
+}
+
+}  // namespace telefab::fab
