@@ -3,16 +3,13 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <deque>
-#include <fstream>
 #include <map>
 #include <telefab/desk/client_session.hpp>
+#include <telefab/desk/file_sender.hpp>
 
 namespace telefab {
 namespace {
 
-constexpr std::size_t kBlockBytes = 256U << 10U;
-constexpr std::size_t kQueueAheadBytes = 1U << 20U;
 constexpr auto kWatchEvery = std::chrono::milliseconds{50};
 
 /// A scan on its way in. The file is removed unless it was handed over.
@@ -67,13 +64,6 @@ class Upload {
   int file_;
   std::uint64_t got_ = 0;
   Hasher hasher_;
-};
-
-struct Download {
-  RequestId request{};
-  std::ifstream file;
-  std::uint64_t offset = 0;
-  std::uint64_t size = 0;
 };
 
 class ClientSession : public std::enable_shared_from_this<ClientSession> {
@@ -253,34 +243,14 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
       const auto self = weak.lock();
       if (!self) return;
       if (!path) return self->say_fault(question.request, path.error(), question.job);
-      Download download{question.request, std::ifstream{*path, std::ios::binary}, 0, 0};
-      std::error_code error;
-      download.size = std::filesystem::file_size(*path, error);
-      if (error || !download.file)
-        return self->say_fault(question.request,
-                               {ErrorCode::StorageFailed, fmt::format("cannot read {}", question.name)}, question.job);
-      self->downloads_.push_back(std::move(download));
+      if (auto added = self->downloads_.add(question.request, *path); !added)
+        return self->say_fault(question.request, added.error(), question.job);
       self->send_files();
     });
   }
 
   void send_files() {
-    while (is_open_ && !downloads_.empty() && connection_->queued_bytes() < kQueueAheadBytes) {
-      Download& download = downloads_.front();
-      FileBlock block{download.request, download.offset, download.size, {}};
-      block.content.resize(std::min<std::uint64_t>(kBlockBytes, download.size - download.offset));
-      download.file.read(reinterpret_cast<char*>(block.content.data()),
-                         static_cast<std::streamsize>(block.content.size()));
-      if (static_cast<std::size_t>(download.file.gcount()) != block.content.size()) {
-        say_fault(download.request, {ErrorCode::StorageFailed, "the file changed while it was read"});
-        downloads_.pop_front();
-        continue;
-      }
-      download.offset += block.content.size();
-      const bool is_last = download.offset == download.size;
-      say(block);
-      if (is_last && !downloads_.empty()) downloads_.pop_front();
-    }
+    if (is_open_) downloads_.pump(*connection_, [this](const Message& block) { say(block); });
   }
 
   /// What only sites say to each other, or only a site says to a client.
@@ -298,7 +268,7 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
   std::uint64_t seen_revision_ = 0;
   std::map<RequestId, std::unique_ptr<Upload>> uploads_;
   std::map<RequestId, Job> watches_;
-  std::deque<Download> downloads_;
+  FileSender downloads_;
 };
 
 }  // namespace

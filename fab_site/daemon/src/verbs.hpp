@@ -7,4 +7,5 @@ namespace telefab::fab {
 [[nodiscard]] VerbBody declare_machines(CLI::App& options);
 [[nodiscard]] VerbBody declare_plan(CLI::App& options);
 [[nodiscard]] VerbBody declare_probe(CLI::App& options);
+[[nodiscard]] VerbBody declare_serve(CLI::App& options);
 }  // namespace telefab::fab

@@ -1,0 +1,424 @@
+#include "fab_site.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "plan_print.hpp"
+
+namespace telefab::fab {
+namespace {
+
+constexpr auto kKeepEvery = std::chrono::milliseconds{100};
+
+/// The profile as both sites compare it: what the virtual devices do is the fab's own matter.
+Digest digest_of_profile(MachineProfile machine) {
+  machine.devices = {};
+  Hasher hasher;
+  hasher.feed(to_toml(machine));
+  return hasher.digest();
+}
+
+}  // namespace
+
+Result<std::unique_ptr<FabSite>> FabSite::open(const FabSiteConfig& config, const Clock& clock) {
+  auto machines = load_machine_profiles(config.serve.machines);
+  if (!machines) return tl::unexpected{machines.error()};
+  auto folder = DataFolder::open(config.serve.data);
+  if (!folder) return tl::unexpected{folder.error()};
+  std::unique_ptr<FabSite> site{new FabSite{std::move(*folder), clock, std::move(*machines), config}};
+  if (auto started = site->start(); !started) return tl::unexpected{started.error()};
+  return site;
+}
+
+Result<void> FabSite::start() {
+  auto store = JobStore::open(folder_.path() / "jobs.sqlite", clock_);
+  if (!store) return tl::unexpected{store.error()};
+  store_ = std::move(*store);
+  auto audit = AuditLog::open(folder_.path() / "audit.log", clock_);
+  if (!audit) return tl::unexpected{audit.error()};
+  audit_ = std::move(*audit);
+  auto trust = trust_of(config_.serve);
+  if (!trust) return tl::unexpected{trust.error()};
+  const auto listen = net::endpoint_from_text(config_.serve.listen);
+  if (!listen) return fail_in("--listen", listen.error());
+
+  planner_ =
+      std::make_unique<WorkQueue>("planner", [this](const std::string& job, std::stop_token stop) { plan(job, stop); });
+  device_ =
+      std::make_unique<WorkQueue>("device", [this](const std::string& job, std::stop_token stop) { print(job, stop); });
+  const auto left = store_->unfinished();
+  if (!left) return tl::unexpected{left.error()};
+  for (const Job& job : *left)
+    if (auto taken = take_up(job); !taken) end_job(job.id, JobState::Failed, taken.error().what);
+
+  auto listener = net::Listener::open(
+      loop_, {*listen, *trust, {}},
+      {[this](const net::ConnectionPtr& connection) { welcome(connection); },
+       [this](const std::string& address, const Error& why) { note(address, "refused: " + why.what); }});
+  if (!listener) return tl::unexpected{listener.error()};
+  listener_ = std::move(*listener);
+  return {};
+}
+
+FabSite::~FabSite() {
+  listener_.reset();
+  planner_.reset();
+  device_.reset();
+  if (store_) keep_counters();
+}
+
+Result<void> FabSite::run(std::stop_token stop) {
+  set_thread_name("network");
+  if (auto announced = folder_.announce_port(listener_->port()); !announced) return announced;
+  log_line(fmt::format("telefab-fab listens on port {}", listener_->port()));
+  const std::function<void()> keep = [&] {
+    keep_counters();
+    loop_.after(kKeepEvery, keep);
+  };
+  keep();
+  const std::stop_callback on_stop{stop, [this] { loop_.stop(); }};
+  if (!stop.stop_requested()) loop_.run();
+  log_line("telefab-fab ends; a print under way goes dark and is resumed at the next start");
+  return {};
+}
+
+void FabSite::welcome(const net::ConnectionPtr& connection) {
+  Hello own{kProtocolVersion, Side::FabSite, "telefab-fab 0.1.0", machines().machine_toml,
+            config_.start_on_approval ? "on-approval" : "automatic"};
+  const std::weak_ptr<net::Connection> weak = connection;
+  greet(
+      loop_, connection, std::move(own),
+      [this, weak](const Hello& theirs) {
+        const auto strong = weak.lock();
+        if (!strong) return;
+        if (theirs.side == Side::ScanSite)
+          serve_scan_site(loop_, strong, *this);
+        else
+          serve_client(loop_, strong, *this, {});
+      },
+      [this, address = connection->peer().address](const Error& why) { note(address, "refused: " + why.what); });
+}
+
+void FabSite::note(std::string_view who, std::string_view what) {
+  log_line(fmt::format("{}: {}", who, what));
+  if (auto added = audit_->add(who, what); !added) log_warning(added.error().what);
+}
+
+Machines FabSite::machines() {
+  Machines machines;
+  for (const MachineProfile& machine : machines_) machines.machine_toml.push_back(to_toml(machine));
+  machines.origin = "this fab";
+  return machines;
+}
+
+Result<void> FabSite::may_submit(const Submit&) {
+  return fail(ErrorCode::NotPermitted, "a fab takes layers, no scans: submit to a scan site");
+}
+
+Result<Job> FabSite::submit(const Submit& submit, const std::filesystem::path&, std::string_view) {
+  return tl::unexpected{may_submit(submit).error()};
+}
+
+// ---- jobs in ---------------------------------------------------------------------------------------------------
+
+Result<std::shared_ptr<Intake>> FabSite::take_offer(const Offer& offer, const std::string& site) {
+  const auto machine = find_machine(machines_, offer.machine);
+  if (!machine) return tl::unexpected{machine.error()};
+  auto job = store_->find(offer.job);
+  if (job && job->owner != site)
+    return fail(ErrorCode::Conflict, fmt::format("replayed-job: there is a job {} of another site", offer.job));
+  const auto folder = folder_.job(offer.job);
+  if (!folder) return tl::unexpected{folder.error()};
+  if (job && job->state > JobState::Sending) {
+    const auto before = saved_offer(*folder);
+    if (!before || to_frame(*before) != to_frame(offer))
+      return fail(ErrorCode::Conflict, fmt::format("replayed-job: job {} was another one", offer.job));
+    return std::shared_ptr<Intake>{};
+  }
+  if (offer.profile != digest_of_profile(*machine) || offer.header.machine != machine->name)
+    return fail(ErrorCode::Conflict,
+                fmt::format("the profile of {} was changed since the scan was cut; submit it again", machine->name));
+  if (!job) {
+    job = store_->create({offer.job, offer.name, offer.machine, offer.parameters, site});
+    if (!job) return tl::unexpected{job.error()};
+    note(site, fmt::format("offer {} {} for {} by {}", offer.job, offer.name, offer.machine, offer.owner));
+  }
+  Live& live = live_[offer.job];
+  if (!live.intake) {
+    auto intake = Intake::open(*folder, offer);
+    if (!intake) return tl::unexpected{intake.error()};
+    live.intake = std::make_shared<Intake>(std::move(*intake));
+    live.send_began = clock_.now();
+    live.counters = job->counters;
+  } else if (to_frame(live.intake->offer()) != to_frame(offer)) {
+    return fail(ErrorCode::Conflict, fmt::format("replayed-job: job {} is another one", offer.job));
+  }
+  live.counters.layers = offer.header.layer_count;
+  live.counters.layers_sent = live.intake->spool().layer_count();
+  live.is_dirty = true;
+  move(offer.job, JobState::Sending, "");
+  auto intake = live.intake;
+  if (intake->is_complete()) completed(offer.job);
+  return intake;
+}
+
+void FabSite::received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
+  const auto live = live_.find(job);
+  if (live == live_.end()) return;
+  live->second.counters.layers_sent = layers;
+  live->second.counters.wire_bytes += bytes;
+  live->second.is_dirty = true;
+}
+
+void FabSite::completed(const std::string& job) {
+  const auto live = live_.find(job);
+  const auto now = store_->find(job);
+  if (live == live_.end() || !now || now->state > JobState::Sending) return;
+  live->second.intake.reset();
+  const double seconds = std::chrono::duration<double>(clock_.now() - live->second.send_began).count();
+  if (auto kept = store_->set_stage_seconds(job, "send", seconds); !kept) log_warning(kept.error().what);
+  move(job, JobState::Planning, "");
+  planner_->add(job);
+}
+
+void FabSite::broken(const std::string& job, const Error& why) { end_job(job, JobState::Failed, why.what); }
+
+Result<void> FabSite::take_up(const Job& job) {
+  Live& live = live_[job.id];
+  live.counters = job.counters;
+  switch (job.state) {
+    case JobState::Planning:
+      planner_->add(job.id);
+      break;
+    case JobState::Ready:
+      if (job.message.empty()) device_->add(job.id);  // otherwise it says that it waits for approval
+      break;
+    case JobState::Printing:
+    case JobState::Paused:
+      // Its journal knows how far it came.
+      device_->add(job.id);
+      break;
+    default:
+      break;  // the scan site will offer it again
+  }
+  return {};
+}
+
+// ---- planning and printing -------------------------------------------------------------------------------------
+
+void FabSite::plan(const std::string& job, std::stop_token stop) {
+  const Nanoseconds began = clock_.now();
+  const auto attempt = [&]() -> Result<PlanOutcome> {
+    const auto found = store_->find(job);
+    if (!found) return tl::unexpected{found.error()};
+    const auto machine = find_machine(machines_, found->machine);
+    if (!machine) return tl::unexpected{machine.error()};
+    const auto folder = folder_.job(job);
+    if (!folder) return tl::unexpected{folder.error()};
+    const auto stack = received_stack(*folder);
+    if (!stack) return tl::unexpected{stack.error()};
+    const std::uint32_t layers = stack->header().layer_count;
+    return plan_into(
+        *folder, job, *stack, *machine, clock_,
+        [&](const Progress& progress) {
+          if (progress.stage != "making masks") return;
+          // How many layers the supports add is known at the end only.
+          later([this, job, layers, done = static_cast<std::uint32_t>(progress.fraction * layers)] {
+            count_planned(job, done, layers);
+          });
+        },
+        stop);
+  };
+  Result<PlanOutcome> outcome = fail(ErrorCode::Internal, "not begun");
+  try {
+    outcome = attempt();
+  } catch (const std::exception& error) {
+    outcome = fail(ErrorCode::Internal, fmt::format("planning: a fault of Telefab: {}", error.what()));
+  }
+  if (stop.stop_requested()) return;  // planned anew at the next start, or cancelled
+  later([this, job, outcome, seconds = std::chrono::duration<double>(clock_.now() - began).count()] {
+    if (!outcome) return end_job(job, JobState::Failed, outcome.error().what);
+    count_planned(job, outcome->print_layers, outcome->print_layers);
+    if (auto kept = store_->set_stage_seconds(job, "plan", seconds); !kept) log_warning(kept.error().what);
+    planned(job, outcome->doubt);
+  });
+}
+
+void FabSite::count_planned(const std::string& job, std::uint32_t done, std::uint32_t all) {
+  const auto live = live_.find(job);
+  if (live == live_.end()) return;
+  live->second.counters.print_layers = all;
+  live->second.counters.layers_planned = done;
+  live->second.is_dirty = true;
+}
+
+void FabSite::planned(const std::string& job, const std::string& doubt) {
+  if (config_.start_on_approval || !doubt.empty())
+    return move(job, JobState::Ready, fmt::format("waits for `telefab approve`{}{}", doubt.empty() ? "" : ": ", doubt));
+  move(job, JobState::Ready, "");
+  device_->add(job);
+}
+
+void FabSite::on_print_progress(const std::string& job, const PrintProgress& progress) {
+  later([this, job, progress] {
+    const auto live = live_.find(job);
+    const auto now = store_->find(job);
+    if (live == live_.end() || !now) return;
+    live->second.counters.print_layers = progress.layers.count();
+    live->second.counters.layers_printed = progress.layer.count();
+    live->second.is_dirty = true;
+    if (progress.state == "done" || progress.state == "cancelled") return;  // the record follows
+    const bool waits =
+        progress.state == "paused" || progress.state == "awaiting-decision" || progress.state == "faulted";
+    if (waits)
+      move(job, JobState::Paused, progress.message);
+    else if (now->state != JobState::Printing || now->message != progress.message)
+      move(job, JobState::Printing, "");
+  });
+}
+
+void FabSite::print(const std::string& job, std::stop_token stop) {
+  const auto control = std::make_shared<PrintControl>();
+  {
+    const std::lock_guard lock{control_mutex_};
+    printing_ = job;
+    control_ = control;
+  }
+  later([this, job] { move(job, JobState::Printing, ""); });
+  const Nanoseconds began = clock_.now();
+  const auto attempt = [&]() -> Result<PrintRecord> {
+    const auto found = store_->find(job);
+    if (!found) return tl::unexpected{found.error()};
+    const auto machine = find_machine(machines_, found->machine);
+    if (!machine) return tl::unexpected{machine.error()};
+    const auto folder = folder_.job(job);
+    if (!folder) return tl::unexpected{folder.error()};
+    PrintPolicy policy;
+    policy.maybe_exposed = config_.after_crash;
+    return print_from(
+        *folder, *machine, policy, *control, [&](const PrintProgress& progress) { on_print_progress(job, progress); },
+        stop);
+  };
+  Result<PrintRecord> record = fail(ErrorCode::Internal, "not begun");
+  try {
+    record = attempt();
+  } catch (const std::exception& error) {
+    record = fail(ErrorCode::Internal, fmt::format("printing: a fault of Telefab: {}", error.what()));
+  }
+  {
+    const std::lock_guard lock{control_mutex_};
+    printing_.clear();
+    control_.reset();
+  }
+  if (device_->is_ending()) return;  // the journal tells the next start where to go on
+  later([this, job, record, seconds = std::chrono::duration<double>(clock_.now() - began).count()] {
+    if (auto kept = store_->set_stage_seconds(job, "print", seconds); !kept) log_warning(kept.error().what);
+    if (!record) return end_job(job, JobState::Failed, record.error().what);
+    const auto live = live_.find(job);
+    if (live != live_.end()) {
+      live->second.counters.layers_printed = record->next.count();
+      live->second.is_dirty = true;
+    }
+    switch (record->outcome) {
+      case PrintOutcome::Done:
+        return end_job(job, JobState::Done, "");
+      case PrintOutcome::Cancelled:
+        return end_job(job, JobState::Cancelled, fmt::format("at layer {}", record->next.count()));
+      case PrintOutcome::Faulted:
+        return move(job, JobState::Paused,
+                    fmt::format("faulted at layer {}: {}; telefab resume tries again", record->next.count(),
+                                record->cause.what));
+    }
+  });
+}
+
+// ---- commands and files ----------------------------------------------------------------------------------------
+
+void FabSite::command(const Command& command, std::function<void(Result<Job>)> done) {
+  const std::string& id = command.job;
+  const auto job = store_->find(id);
+  if (!job) return done(job);
+  const auto refuse = [&](std::string_view why) {
+    done(fail(ErrorCode::Conflict, fmt::format("job {} is {}: {}", id, name_of(job->state), why)));
+  };
+  if (is_final(job->state)) return refuse("it has ended");
+  std::shared_ptr<PrintControl> control;
+  {
+    const std::lock_guard lock{control_mutex_};
+    if (printing_ == id) control = control_;
+  }
+  switch (command.command) {
+    case JobCommand::Approve:
+      if (job->state != JobState::Ready || job->message.empty()) return refuse("there is nothing to approve");
+      move(id, JobState::Ready, "");
+      device_->add(id);
+      break;
+    case JobCommand::Pause:
+      if (!control || job->state != JobState::Printing) return refuse("only a print can be paused");
+      control->pause();
+      break;
+    case JobCommand::Resume:
+      if (job->state != JobState::Paused) return refuse("it is not paused");
+      if (!control)
+        device_->add(id);  // it had faulted and left the device
+      else if (job->message.empty())
+        control->resume();
+      else
+        control->decide(Decision::TreatAsExposed);
+      break;
+    case JobCommand::Cancel:
+      if (control) {
+        control->cancel();
+        break;
+      }
+      planner_->drop(id);
+      device_->drop(id);
+      end_job(id, JobState::Cancelled, fmt::format("by {}", command.who));
+      break;
+  }
+  done(store_->find(id));
+}
+
+void FabSite::files(const std::string& job, std::function<void(Result<std::vector<FileEntry>>)> done) {
+  if (const auto found = store_->find(job); !found) return done(tl::unexpected{found.error()});
+  const auto folder = folder_.job(job);
+  if (!folder) return done(tl::unexpected{folder.error()});
+  auto files = files_of(*folder / "plan");
+  for (FileEntry& file : files_of(*folder / "report")) files.push_back(std::move(file));
+  done(std::move(files));
+}
+
+void FabSite::file(const std::string& job, const std::string& name,
+                   std::function<void(Result<std::filesystem::path>)> done) {
+  if (const auto found = store_->find(job); !found) return done(tl::unexpected{found.error()});
+  const auto folder = folder_.job(job);
+  if (!folder) return done(tl::unexpected{folder.error()});
+  std::error_code error;
+  for (const char* part : {"plan", "report"})
+    if (const auto path = *folder / part / name; std::filesystem::is_regular_file(path, error)) return done(path);
+  done(fail(ErrorCode::NotFound, fmt::format("job {} has no file {}", job, name)));
+}
+
+void FabSite::move(const std::string& job, JobState state, std::string_view message) {
+  const auto now = store_->find(job);
+  if (!now || (now->state == state && now->message == message)) return;
+  if (now->state != state && !may_follow(now->state, state)) return;
+  keep_counters();
+  if (auto moved = store_->move(job, state, message); !moved) return log_warning(moved.error().what);
+  log_line(fmt::format("job {} {}{}{}", job, name_of(state), message.empty() ? "" : ": ", message));
+}
+
+void FabSite::end_job(const std::string& job, JobState state, std::string_view message) {
+  move(job, state, message);
+  live_.erase(job);
+}
+
+void FabSite::keep_counters() {
+  for (auto& [job, live] : live_) {
+    if (!std::exchange(live.is_dirty, false)) continue;
+    if (auto kept = store_->set_counters(job, live.counters); !kept) log_warning(kept.error().what);
+  }
+}
+
+}  // namespace telefab::fab

@@ -1,0 +1,88 @@
+#pragma once
+#include <map>
+#include <telefab/desk/client_session.hpp>
+#include <telefab/desk/site_runtime.hpp>
+#include <telefab/fab/print/print_runner.hpp>
+#include <telefab/machine/machine_profile.hpp>
+#include <telefab/store/audit_log.hpp>
+
+#include "scan_session.hpp"
+#include "work_queue.hpp"
+
+namespace telefab::fab {
+
+struct FabSiteConfig {
+  ServeOptions serve;
+  bool start_on_approval = false;  ///< a planned job waits for `telefab approve`
+  /// For a layer that was perhaps exposed when the power went; empty: the print waits for an operator.
+  std::optional<Decision> after_crash = Decision::TreatAsExposed;
+};
+
+/// The daemon: layers in from scan sites, planned, printed; commands and questions from clients and scan sites.
+/// Threads: network (everything but the two below), planner, device. Stop order: listener, planner, device, store.
+class FabSite final : public FabDesk {
+ public:
+  /// Everything is checked and the port is bound when this returns.
+  [[nodiscard]] static Result<std::unique_ptr<FabSite>> open(const FabSiteConfig& config, const Clock& clock);
+  ~FabSite() override;
+  /// Serves until the stop is requested. The calling thread is the loop's.
+  [[nodiscard]] Result<void> run(std::stop_token stop);
+
+  JobStore& store() override { return *store_; }
+  Machines machines() override;
+  Result<void> may_submit(const Submit& submit) override;
+  std::filesystem::path incoming() override { return folder_.incoming(); }
+  Result<Job> submit(const Submit& submit, const std::filesystem::path& upload, std::string_view owner) override;
+  void command(const Command& command, std::function<void(Result<Job>)> done) override;
+  void files(const std::string& job, std::function<void(Result<std::vector<FileEntry>>)> done) override;
+  void file(const std::string& job, const std::string& name,
+            std::function<void(Result<std::filesystem::path>)> done) override;
+  void note(std::string_view who, std::string_view what) override;
+
+  Result<std::shared_ptr<Intake>> take_offer(const Offer& offer, const std::string& site) override;
+  void received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) override;
+  void completed(const std::string& job) override;
+  void broken(const std::string& job, const Error& why) override;
+
+ private:
+  FabSite(DataFolder folder, const Clock& clock, std::vector<MachineProfile> machines, FabSiteConfig config)
+      : folder_{std::move(folder)}, clock_{clock}, machines_{std::move(machines)}, config_{std::move(config)} {}
+  [[nodiscard]] Result<void> start();
+  [[nodiscard]] Result<void> take_up(const Job& job);
+  void welcome(const net::ConnectionPtr& connection);
+  void move(const std::string& job, JobState state, std::string_view message);
+  void end_job(const std::string& job, JobState state, std::string_view message);
+  void planned(const std::string& job, const std::string& doubt);
+  void count_planned(const std::string& job, std::uint32_t done, std::uint32_t all);
+  void keep_counters();
+  /// On the planner's and the device's thread.
+  void plan(const std::string& job, std::stop_token stop);
+  void print(const std::string& job, std::stop_token stop);
+  void on_print_progress(const std::string& job, const PrintProgress& progress);
+  /// From any thread to the loop's.
+  void later(std::function<void()> work) { loop_.post(std::move(work)); }
+
+  struct Live {
+    std::shared_ptr<Intake> intake;  ///< until the stack is whole
+    JobCounters counters;
+    bool is_dirty = false;
+    Nanoseconds send_began{};
+  };
+
+  DataFolder folder_;
+  const Clock& clock_;
+  std::vector<MachineProfile> machines_;
+  FabSiteConfig config_;
+  std::unique_ptr<JobStore> store_;
+  std::unique_ptr<AuditLog> audit_;
+  net::Loop loop_;
+  std::map<std::string, Live> live_;
+  std::mutex control_mutex_;
+  std::string printing_;                   ///< guarded by control_mutex_
+  std::shared_ptr<PrintControl> control_;  ///< of the job being printed; guarded by control_mutex_
+  std::unique_ptr<WorkQueue> planner_;
+  std::unique_ptr<WorkQueue> device_;
+  std::unique_ptr<net::Listener> listener_;
+};
+
+}  // namespace telefab::fab

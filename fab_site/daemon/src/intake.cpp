@@ -1,0 +1,123 @@
+#include "intake.hpp"
+
+#include <fmt/format.h>
+
+#include <telefab/base/file.hpp>
+
+namespace telefab::fab {
+
+Result<Offer> saved_offer(const std::filesystem::path& folder) {
+  const auto path = folder / "offer";
+  const auto bytes = read_file(path, kMaxBodyBytes + kFrameHeaderBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  FrameReader reader;
+  reader.feed(*bytes);
+  auto frame = reader.take();
+  if (!frame) return fail_in(path.string(), frame.error());
+  if (!*frame) return fail(ErrorCode::InvalidInput, fmt::format("{} is truncated", path.string()));
+  auto message = from_frame(**frame);
+  if (!message) return fail_in(path.string(), message.error());
+  if (auto* offer = std::get_if<Offer>(&*message)) return std::move(*offer);
+  return fail(ErrorCode::InvalidInput, fmt::format("{} holds no offer", path.string()));
+}
+
+Result<Intake> Intake::open(const std::filesystem::path& folder, const Offer& offer) {
+  const Frame frame = to_frame(offer);
+  if (std::filesystem::exists(folder / "offer")) {
+    const auto before = saved_offer(folder);
+    if (!before) return tl::unexpected{before.error()};
+    if (to_frame(*before) != frame)
+      return fail(ErrorCode::Conflict,
+                  fmt::format("replayed-job: job {} is here already and is another one", offer.job));
+  } else {
+    const auto bytes = to_bytes(frame);
+    if (!bytes) return tl::unexpected{bytes.error()};
+    if (auto saved = write_file_atomically(folder / "offer", std::span<const std::byte>{*bytes}); !saved)
+      return tl::unexpected{saved.error()};
+  }
+  return reopen(folder);
+}
+
+Result<Intake> Intake::reopen(const std::filesystem::path& folder) {
+  auto offer = saved_offer(folder);
+  if (!offer) return tl::unexpected{offer.error()};
+  auto decoder = StackDecoder::start(offer->header);
+  if (!decoder) return tl::unexpected{decoder.error()};
+  auto spool = ChunkSpool::open(folder / "chunks");
+  if (!spool) return tl::unexpected{spool.error()};
+  Intake intake{std::move(*offer), std::move(*spool), std::move(*decoder)};
+  intake.hasher_.feed(canonical_text(intake.offer_.header));
+  if (intake.is_complete()) return intake;
+  for (std::uint32_t sequence = 0; sequence < intake.spool_.chunk_count(); ++sequence) {
+    const auto chunk = intake.spool_.read(sequence);
+    if (!chunk) return tl::unexpected{chunk.error()};
+    if (auto fed = intake.feed({chunk->sequence, chunk->first_layer, chunk->layer_count, chunk->payload}); !fed)
+      return tl::unexpected{fed.error()};
+  }
+  return intake;
+}
+
+Result<void> Intake::feed(const Chunk& chunk) {
+  const auto layers = decoder_.decode(chunk);
+  if (!layers) return tl::unexpected{layers.error()};
+  for (const Layer& layer : *layers) hasher_.feed(canonical_text(layer));
+  return {};
+}
+
+Result<void> Intake::take(const SendChunk& chunk) {
+  if (chunk.sequence > next_sequence())
+    return fail(ErrorCode::ProtocolBroken,
+                fmt::format("chunk-order: chunk {} came where {} was due", chunk.sequence, next_sequence()));
+  if (chunk.sequence < next_sequence()) {
+    const auto before = spool_.read(chunk.sequence);
+    if (!before) return tl::unexpected{before.error()};
+    if (before->chain == chunk.chain && before->payload == chunk.payload) return {};
+    return fail(ErrorCode::NotTrusted,
+                fmt::format("chunk-chain: chunk {} is here already and is another one", chunk.sequence));
+  }
+  if (chunk.first_layer.count() != spool_.layer_count() ||
+      chunk.layer_count > offer_.header.layer_count - spool_.layer_count())
+    return fail(ErrorCode::ProtocolBroken,
+                fmt::format("chunk-layers: chunk {} does not begin at layer {}, or ends above the last", chunk.sequence,
+                            spool_.layer_count()));
+  if (chain_after(spool_.chain(), chunk.sequence, chunk.first_layer, chunk.layer_count, chunk.payload) != chunk.chain)
+    return fail(ErrorCode::NotTrusted,
+                fmt::format("chunk-chain: chunk {} does not follow the chunks that are here", chunk.sequence));
+  if (auto fed = feed({chunk.sequence, chunk.first_layer, chunk.layer_count, chunk.payload}); !fed) return fed;
+  auto kept = spool_.append(chunk.first_layer, chunk.layer_count, chunk.payload);
+  if (!kept) return tl::unexpected{kept.error()};
+  return {};
+}
+
+Result<void> Intake::finish(const StackEnd& end) {
+  if (spool_.layer_count() != offer_.header.layer_count || end.chunk_count != spool_.chunk_count())
+    return fail(ErrorCode::NotTrusted,
+                fmt::format("stack-end: {} of {} layers are here", spool_.layer_count(), offer_.header.layer_count));
+  if (end.chain != spool_.chain()) return fail(ErrorCode::NotTrusted, "stack-chain: the chain of the chunks differs");
+  if (is_complete() ? *spool_.finished() != end.stack : hasher_.digest() != end.stack)
+    return fail(ErrorCode::NotTrusted, "stack-digest: the decoded layers are not those the scan site cut");
+  return spool_.finish(end.stack);
+}
+
+Result<LayerStack> received_stack(const std::filesystem::path& folder) {
+  const auto offer = saved_offer(folder);
+  if (!offer) return tl::unexpected{offer.error()};
+  const auto decoder = StackDecoder::start(offer->header);
+  if (!decoder) return tl::unexpected{decoder.error()};
+  const auto spool = ChunkSpool::open(folder / "chunks");
+  if (!spool) return tl::unexpected{spool.error()};
+  std::vector<Layer> layers;
+  for (std::uint32_t sequence = 0; sequence < spool->chunk_count(); ++sequence) {
+    const auto chunk = spool->read(sequence);
+    if (!chunk) return tl::unexpected{chunk.error()};
+    auto some = decoder->decode({chunk->sequence, chunk->first_layer, chunk->layer_count, chunk->payload});
+    if (!some) return tl::unexpected{some.error()};
+    std::move(some->begin(), some->end(), std::back_inserter(layers));
+  }
+  auto stack = LayerStack::from_layers(offer->header, std::move(layers));
+  if (stack && (!spool->finished() || digest_of(*stack) != *spool->finished()))
+    return fail(ErrorCode::NotTrusted, "stack-digest: the kept layers are not those that were received");
+  return stack;
+}
+
+}  // namespace telefab::fab

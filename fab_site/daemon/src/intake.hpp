@@ -1,0 +1,47 @@
+#pragma once
+#include <telefab/codec/stack_codec.hpp>
+#include <telefab/spool/chunk_spool.hpp>
+#include <telefab/wire/message.hpp>
+
+#include <filesystem>
+
+namespace telefab::fab {
+
+/// One job on its way in: its chunks on disk, every one decoded and checked before it is acknowledged, and the digest
+/// of the layers so far. Threads: one caller at a time.
+class Intake {
+ public:
+  /// A new job, or one whose folder holds chunks already, which are read and checked. The offer is kept in the folder.
+  /// Conflict where the folder holds another offer.
+  [[nodiscard]] static Result<Intake> open(const std::filesystem::path& folder, const Offer& offer);
+  /// Of a job that was offered before; NotFound where it was not.
+  [[nodiscard]] static Result<Intake> reopen(const std::filesystem::path& folder);
+
+  [[nodiscard]] const Offer& offer() const { return offer_; }
+  [[nodiscard]] const ChunkSpool& spool() const { return spool_; }
+  [[nodiscard]] std::uint32_t next_sequence() const { return spool_.chunk_count(); }
+  [[nodiscard]] bool is_complete() const { return spool_.finished().has_value(); }
+  /// Durable when it returns. A chunk that is here already and equal is fine. ProtocolBroken (gap, layers that do not
+  /// decode or leave the bounds), NotTrusted (chain), StorageFailed.
+  [[nodiscard]] Result<void> take(const SendChunk& chunk);
+  /// NotTrusted where count, chain or digest of the decoded layers differ.
+  [[nodiscard]] Result<void> finish(const StackEnd& end);
+
+ private:
+  Intake(Offer offer, ChunkSpool spool, StackDecoder decoder)
+      : offer_{std::move(offer)}, spool_{std::move(spool)}, decoder_{std::move(decoder)} {}
+  [[nodiscard]] Result<void> feed(const Chunk& chunk);
+
+  Offer offer_;
+  ChunkSpool spool_;
+  StackDecoder decoder_;
+  Hasher hasher_;
+};
+
+/// The offer of a job as its folder keeps it.
+[[nodiscard]] Result<Offer> saved_offer(const std::filesystem::path& folder);
+
+/// All layers of a complete job.
+[[nodiscard]] Result<LayerStack> received_stack(const std::filesystem::path& folder);
+
+}  // namespace telefab::fab

@@ -1,0 +1,25 @@
+#pragma once
+#include <filesystem>
+#include <telefab/base/progress.hpp>
+#include <telefab/fab/print/print_runner.hpp>
+#include <telefab/geometry/layer.hpp>
+
+namespace telefab::fab {
+
+/// What the daemon wants to know of a plan.
+struct PlanOutcome {
+  std::uint32_t print_layers = 0;
+  std::string doubt;  ///< what the check of the masks found; empty: nothing
+};
+
+/// Plans a received job into folder/plan: supports, masks, exposures, pictures and reports. Fails as write_plan_folder.
+[[nodiscard]] Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const std::string& job,
+                                            const LayerStack& stack, const MachineProfile& machine, const Clock& clock,
+                                            const ProgressSink& progress, std::stop_token stop);
+
+/// Prints what plan_into planned, or goes on where folder/journal ends. The record goes to folder/report/print.json.
+[[nodiscard]] Result<PrintRecord> print_from(const std::filesystem::path& folder, const MachineProfile& machine,
+                                             const PrintPolicy& policy, PrintControl& control, const PrintSink& sink,
+                                             std::stop_token stop);
+
+}  // namespace telefab::fab

@@ -1,0 +1,205 @@
+#include "scan_session.hpp"
+
+#include <fmt/format.h>
+
+#include <map>
+#include <telefab/desk/file_sender.hpp>
+
+namespace telefab::fab {
+namespace {
+
+constexpr auto kLookEvery = std::chrono::milliseconds{50};
+constexpr std::size_t kMaxJobs = 256;
+
+class ScanSession : public std::enable_shared_from_this<ScanSession> {
+ public:
+  ScanSession(net::Loop& loop, net::ConnectionPtr connection, FabDesk& desk)
+      : loop_{loop}, connection_{std::move(connection)}, desk_{desk} {}
+
+  void begin() {
+    connection_->set_events({[self = shared_from_this()](const Frame& frame) { self->on_frame(frame); },
+                             [self = shared_from_this()] { self->send_files(); },
+                             [self = shared_from_this()](const Error& why) { self->on_closed(why); }});
+    look_again();
+  }
+
+ private:
+  /// A job of this site, as it was last told.
+  struct Told {
+    std::shared_ptr<Intake> intake;
+    std::optional<Job> last;
+  };
+
+  void on_frame(const Frame& frame) {
+    auto message = from_frame(frame);
+    if (!message) return end(message.error());
+    std::visit([&](const auto& said) { hear(said); }, *message);
+  }
+
+  void on_closed(const Error& why) {
+    is_open_ = false;
+    if (why.code == ErrorCode::ProtocolBroken) {
+      desk_.note(connection_->peer().address, why.what);
+      connection_->close(to_frame(Fault{{}, why, {}}));
+    }
+    jobs_.clear();
+    downloads_.clear();
+  }
+
+  void end(const Error& why) {
+    is_open_ = false;
+    desk_.note(connection_->peer().address, why.what);
+    connection_->close(to_frame(Fault{{}, why, {}}));
+    jobs_.clear();
+    downloads_.clear();
+  }
+
+  void say(const Message& message) {
+    if (!is_open_) return;
+    if (auto sent = connection_->send(to_frame(message)); !sent) end(sent.error());
+  }
+
+  void look_again() {
+    loop_.after(kLookEvery, [weak = weak_from_this()] {
+      const auto self = weak.lock();
+      if (!self || !self->is_open_) return;
+      self->tell_changes();
+      self->look_again();
+    });
+  }
+
+  void tell_changes() {
+    const std::uint64_t revision = desk_.store().revision();
+    if (revision == seen_revision_) return;
+    seen_revision_ = revision;
+    for (auto& [id, told] : jobs_) tell(id, told);
+  }
+
+  void tell(const std::string& id, Told& told) {
+    auto job = desk_.store().find(id);
+    if (!job || (told.last && *job == *told.last)) return;
+    told.last = *job;
+    say(JobChanged{std::move(*job)});
+  }
+
+  /// The job, if this site offered it on this connection.
+  Told* mine(const std::string& job) {
+    const auto found = jobs_.find(job);
+    return found == jobs_.end() ? nullptr : &found->second;
+  }
+
+  void hear(const Offer& offer) {
+    const net::Peer& peer = connection_->peer();
+    if (jobs_.size() >= kMaxJobs && !mine(offer.job))
+      return say(Fault{{}, {ErrorCode::TooLarge, "job-limit: too many jobs on one connection"}, offer.job});
+    auto intake = desk_.take_offer(offer, peer.name);
+    if (!intake) return say(Fault{{}, intake.error(), offer.job});
+    Told& told = jobs_[offer.job];
+    told = {*intake, {}};
+    // A job beyond its intake is whole here already.
+    say(OfferTaken{offer.job, *intake ? (*intake)->next_sequence() : 0, !*intake || (*intake)->is_complete()});
+    if (is_open_) tell(offer.job, told);
+  }
+
+  void hear(const SendChunk& chunk) {
+    Told* told = mine(chunk.job);
+    // Chunks of a job that was refused or cancelled may still be on their way.
+    if (!told || !told->intake) return;
+    if (auto taken = told->intake->take(chunk); !taken) {
+      desk_.broken(chunk.job, taken.error());
+      say(Fault{{}, taken.error(), chunk.job});
+      return end(taken.error());
+    }
+    desk_.received(chunk.job, told->intake->spool().layer_count(), kFrameHeaderBytes + chunk.payload.size());
+    say(ChunkKept{chunk.job, chunk.sequence});
+  }
+
+  void hear(const StackEnd& stack) {
+    Told* told = mine(stack.job);
+    if (!told || !told->intake) return;
+    if (auto finished = told->intake->finish(stack); !finished) {
+      desk_.broken(stack.job, finished.error());
+      say(Fault{{}, finished.error(), stack.job});
+      return end(finished.error());
+    }
+    told->intake.reset();
+    say(StackKept{stack.job});
+    desk_.completed(stack.job);
+  }
+
+  /// The job as far as this site may ask about it.
+  [[nodiscard]] Result<Job> own_job(const std::string& id) {
+    auto job = desk_.store().find(id);
+    if (job && job->owner != connection_->peer().name) return fail(ErrorCode::NotFound, fmt::format("no job {}", id));
+    return job;
+  }
+
+  void hear(const Command& command) {
+    if (const auto job = own_job(command.job); !job) return say(Fault{command.request, job.error(), command.job});
+    if (command.command == JobCommand::Approve)
+      return say(Fault{command.request,
+                       {ErrorCode::NotPermitted, "only an operator of the fab may approve: telefab approve --site FAB"},
+                       command.job});
+    Command named = command;
+    named.who = fmt::format("{} at {}", command.who.substr(0, 100), connection_->peer().name);
+    desk_.note(named.who, fmt::format("{} {}", name_of(command.command), command.job));
+    desk_.command(named, [weak = weak_from_this(), request = command.request, id = command.job](Result<Job> job) {
+      const auto self = weak.lock();
+      if (!self) return;
+      if (job)
+        self->say(Jobs{request, {std::move(*job)}});
+      else
+        self->say(Fault{request, job.error(), id});
+    });
+  }
+
+  void hear(const AskFiles& question) {
+    if (const auto job = own_job(question.job); !job) return say(Fault{question.request, job.error(), question.job});
+    desk_.files(question.job, [weak = weak_from_this(), question](Result<std::vector<FileEntry>> files) {
+      const auto self = weak.lock();
+      if (!self) return;
+      if (files)
+        self->say(Files{question.request, std::move(*files)});
+      else
+        self->say(Fault{question.request, files.error(), question.job});
+    });
+  }
+
+  void hear(const AskFile& question) {
+    if (const auto job = own_job(question.job); !job) return say(Fault{question.request, job.error(), question.job});
+    desk_.file(question.job, question.name, [weak = weak_from_this(), question](Result<std::filesystem::path> path) {
+      const auto self = weak.lock();
+      if (!self) return;
+      if (!path) return self->say(Fault{question.request, path.error(), question.job});
+      if (auto added = self->downloads_.add(question.request, *path); !added)
+        return self->say(Fault{question.request, added.error(), question.job});
+      self->send_files();
+    });
+  }
+
+  void send_files() {
+    if (is_open_) downloads_.pump(*connection_, [this](const Message& block) { say(block); });
+  }
+
+  /// What a scan site does not say to a fab.
+  template <class Other>
+  void hear(const Other&) {
+    end({ErrorCode::ProtocolBroken, "message-order: a scan site does not send this message"});
+  }
+
+  net::Loop& loop_;
+  net::ConnectionPtr connection_;
+  FabDesk& desk_;
+  bool is_open_ = true;
+  std::uint64_t seen_revision_ = 0;
+  std::map<std::string, Told> jobs_;
+  FileSender downloads_;
+};
+
+}  // namespace
+
+void serve_scan_site(net::Loop& loop, const net::ConnectionPtr& connection, FabDesk& desk) {
+  std::make_shared<ScanSession>(loop, connection, desk)->begin();
+}
+
+}  // namespace telefab::fab

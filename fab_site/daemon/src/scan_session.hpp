@@ -1,0 +1,27 @@
+#pragma once
+#include <telefab/desk/site_desk.hpp>
+#include <telefab/net/connection.hpp>
+#include <telefab/net/loop.hpp>
+
+#include "intake.hpp"
+
+namespace telefab::fab {
+
+/// The fab as a scan site sees it. Called on the loop's thread.
+class FabDesk : public SiteDesk {
+ public:
+  /// A job that is offered, new or again; its intake lives until the job is planned. Refusals: NotFound (machine),
+  /// Conflict (another profile, another job of that id, another owner's job), TooLarge (too many jobs).
+  [[nodiscard]] virtual Result<std::shared_ptr<Intake>> take_offer(const Offer& offer, const std::string& site) = 0;
+  /// Bytes and layers came in.
+  virtual void received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) = 0;
+  /// The stack is whole and checked; planning may begin.
+  virtual void completed(const std::string& job) = 0;
+  /// The job's data broke a rule; it is at its end.
+  virtual void broken(const std::string& job, const Error& why) = 0;
+};
+
+/// Talks to one greeted scan site until its connection ends. Threads: the loop's only.
+void serve_scan_site(net::Loop& loop, const net::ConnectionPtr& connection, FabDesk& desk);
+
+}  // namespace telefab::fab

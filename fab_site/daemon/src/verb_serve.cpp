@@ -1,0 +1,39 @@
+#include <CLI/CLI.hpp>
+#include <map>
+#include <memory>
+
+#include "fab_site.hpp"
+#include "verbs.hpp"
+
+namespace telefab::fab {
+
+VerbBody declare_serve(CLI::App& options) {
+  struct Options {
+    FabSiteConfig config;
+    std::string start = "automatic";
+    std::string after_crash = "exposed";
+  };
+  auto o = std::make_shared<Options>();
+  o->config.serve = {"127.0.0.1:7420", "", default_machine_folder(), "", "fab-site"};
+  declare_serve_options(options, o->config.serve);
+  options.add_option("--start", o->start, "automatic | on-approval: whether a planned job waits for `telefab approve`")
+      ->check(CLI::IsMember({"automatic", "on-approval"}))
+      ->capture_default_str();
+  options
+      .add_option("--after-crash", o->after_crash,
+                  "exposed | again | ask: what becomes of a layer that was perhaps exposed when the power went")
+      ->check(CLI::IsMember({"exposed", "again", "ask"}))
+      ->capture_default_str();
+  return [o](std::stop_token stop) -> Result<ExitCode> {
+    o->config.start_on_approval = o->start == "on-approval";
+    if (o->after_crash == "ask") o->config.after_crash.reset();
+    if (o->after_crash == "again") o->config.after_crash = Decision::ExposeAgain;
+    const SystemClock clock;
+    auto site = FabSite::open(o->config, clock);
+    if (!site) return tl::unexpected{site.error()};
+    if (auto served = (*site)->run(std::move(stop)); !served) return tl::unexpected{served.error()};
+    return ExitCode::Ok;
+  };
+}
+
+}  // namespace telefab::fab

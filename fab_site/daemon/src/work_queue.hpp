@@ -1,0 +1,73 @@
+#pragma once
+#include <condition_variable>
+#include <deque>
+#include <functional>
+#include <mutex>
+#include <string>
+#include <telefab/desk/site_runtime.hpp>
+#include <thread>
+
+namespace telefab::fab {
+
+/// One thread that takes jobs in the order they came. Destruction stops the work under way and joins.
+class WorkQueue {
+ public:
+  /// Called on the queue's thread; must return soon once the token is stopped.
+  using Work = std::function<void(const std::string& job, std::stop_token stop)>;
+
+  WorkQueue(const char* thread_name, Work work)
+      : work_{std::move(work)}, thread_{[this, thread_name](std::stop_token stop) { run(thread_name, stop); }} {}
+  ~WorkQueue() {
+    thread_.request_stop();
+    const std::lock_guard lock{mutex_};
+    current_stop_.request_stop();
+    changed_.notify_all();
+  }
+  WorkQueue(const WorkQueue&) = delete;
+  WorkQueue& operator=(const WorkQueue&) = delete;
+
+  void add(const std::string& job) {
+    const std::lock_guard lock{mutex_};
+    waiting_.push_back(job);
+    changed_.notify_all();
+  }
+  /// Takes the job out of the queue, or stops its work. True when it was under way.
+  bool drop(const std::string& job) {
+    const std::lock_guard lock{mutex_};
+    std::erase(waiting_, job);
+    if (current_ != job) return false;
+    current_stop_.request_stop();
+    return true;
+  }
+  /// The daemon ends, as opposed to the job.
+  [[nodiscard]] bool is_ending() const { return thread_.get_stop_token().stop_requested(); }
+
+ private:
+  void run(const char* thread_name, std::stop_token stop) {
+    set_thread_name(thread_name);
+    while (true) {
+      std::unique_lock lock{mutex_};
+      if (!changed_.wait(lock, stop, [&] { return !waiting_.empty(); })) return;
+      current_ = std::move(waiting_.front());
+      waiting_.pop_front();
+      current_stop_ = std::stop_source{};
+      const std::stop_token token = current_stop_.get_token();
+      const std::string job = current_;
+      lock.unlock();
+      if (stop.stop_requested()) return;
+      work_(job, token);
+      lock.lock();
+      current_.clear();
+    }
+  }
+
+  Work work_;
+  mutable std::mutex mutex_;
+  std::condition_variable_any changed_;
+  std::deque<std::string> waiting_;
+  std::string current_;
+  std::stop_source current_stop_;
+  std::jthread thread_;  ///< last: everything above is there before it runs
+};
+
+}  // namespace telefab::fab
