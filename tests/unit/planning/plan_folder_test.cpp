@@ -1,0 +1,91 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <stdlib.h>
+
+#include <telefab/base/file.hpp>
+#include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/test/block_stack.hpp>
+
+namespace telefab::fab {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+class PlanFolderTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "telefab-plan-XXXXXX").string();
+    ASSERT_NE(mkdtemp(name.data()), nullptr);
+    root = name;
+  }
+  void TearDown() override { fs::remove_all(root); }
+  Result<PlanSummary> write(const fs::path& folder, std::uint32_t layers = 4, std::stop_token stop = {}) {
+    return write_plan_folder(folder, test::table(layers - 1, 1), test::small_machine(), {}, clock, {}, stop);
+  }
+  fs::path root;
+  VirtualClock clock;
+};
+
+TEST_F(PlanFolderTest, HoldsEverythingAPrintNeedsAndNothingElseIsLeft) {
+  const auto summary = write(root / "plan");
+  ASSERT_TRUE(summary) << summary.error().what;
+  for (const char* name : {"plan.json", "supports.json", "report.json", "preview.png", "masks/00000.png"})
+    EXPECT_TRUE(fs::exists(root / "plan" / name)) << name;
+  EXPECT_EQ(std::distance(fs::directory_iterator{root}, {}), 1);
+  const auto job = PlannedJob::open(root / "plan");
+  ASSERT_TRUE(job) << job.error().what;
+  EXPECT_EQ((*job)->plan(), summary->plan);
+  for (const PlannedLayer& layer : (*job)->plan().layers) EXPECT_TRUE((*job)->mask(layer.index));
+}
+
+TEST_F(PlanFolderTest, ReplacesAnOlderPlanWholly) {
+  ASSERT_TRUE(write(root / "plan", 9));
+  const auto summary = write(root / "plan/", 4);
+  ASSERT_TRUE(summary) << summary.error().what;
+  EXPECT_EQ(static_cast<std::size_t>(std::distance(fs::directory_iterator{root / "plan/masks"}, {})),
+            summary->plan.layers.size());
+  EXPECT_EQ(std::distance(fs::directory_iterator{root}, {}), 1);
+}
+
+TEST_F(PlanFolderTest, RefusesAFolderThatHoldsSomethingElse) {
+  fs::create_directories(root / "photos");
+  ASSERT_TRUE(write_new_file(root / "photos/cat.png", {}));
+  const auto summary = write(root / "photos");
+  ASSERT_FALSE(summary);
+  EXPECT_EQ(summary.error().code, ErrorCode::Conflict);
+  EXPECT_TRUE(fs::exists(root / "photos/cat.png"));
+}
+
+TEST_F(PlanFolderTest, LeavesTheOlderPlanWhereTheNewOneIsCancelled) {
+  ASSERT_TRUE(write(root / "plan"));
+  std::stop_source stop;
+  stop.request_stop();
+  EXPECT_EQ(write(root / "plan", 9, stop.get_token()).error().code, ErrorCode::Cancelled);
+  EXPECT_TRUE(PlannedJob::open(root / "plan"));
+  EXPECT_EQ(std::distance(fs::directory_iterator{root}, {}), 1);
+}
+
+TEST_F(PlanFolderTest, SaysWhichMaskIsMissingOrWasChanged) {
+  ASSERT_TRUE(write(root / "plan"));
+  const auto job = PlannedJob::open(root / "plan").value();
+  const auto other = read_file(job->mask_path(LayerIndex{0}), 1U << 20U).value();
+  const LayerIndex last{static_cast<std::uint32_t>(job->plan().layers.size() - 1)};
+  ASSERT_TRUE(write_file_atomically(job->mask_path(last), other));
+  const auto changed = job->mask(last);
+  ASSERT_FALSE(changed);
+  EXPECT_EQ(changed.error().code, ErrorCode::NotTrusted);
+  fs::remove(job->mask_path(last));
+  EXPECT_THAT(PlannedJob::open(root / "plan").error().what, HasSubstr(job->mask_path(last).filename().string()));
+  EXPECT_EQ(job->mask(LayerIndex{9999}).error().code, ErrorCode::NotFound);
+}
+
+TEST_F(PlanFolderTest, RefusesAPlanThatIsNoPlan) {
+  EXPECT_EQ(PlannedJob::open(root / "none").error().code, ErrorCode::NotFound);
+  fs::create_directories(root / "plan");
+  ASSERT_TRUE(write_file_atomically(root / "plan/plan.json", "{\"layers\":"));
+  EXPECT_EQ(PlannedJob::open(root / "plan").error().code, ErrorCode::InvalidInput);
+}
+
+}  // namespace
+}  // namespace telefab::fab
