@@ -43,9 +43,10 @@ StructureSections::StructureSections(Structure structure, double thickness_mm, s
   sticks_at_.resize(layers);
   for (std::uint32_t i = 0; i < structure_.sticks.size(); ++i) {
     const Stick& stick = structure_.sticks[i];
-    const double first = std::max(0.0, std::ceil(stick.bottom.z_mm / thickness_mm - 0.5));
-    for (auto k = static_cast<std::uint32_t>(first); k < layers && (k + 0.5) * thickness_mm < stick.top.z_mm; ++k)
-      sticks_at_[k].push_back(i);
+    // Half-open and by the same comparison at both ends: where one stick ends and the next begins no layer is lost.
+    const double start = std::max(0.0, std::floor(stick.bottom.z_mm / thickness_mm) - 1);
+    for (auto k = static_cast<std::uint32_t>(start); k < layers && (k + 0.5) * thickness_mm < stick.top.z_mm; ++k)
+      if ((k + 0.5) * thickness_mm >= stick.bottom.z_mm) sticks_at_[k].push_back(i);
   }
   double height = 0;
   for (const Plate& plate : structure_.plates) height = std::max(height, plate.height_mm);

@@ -56,6 +56,16 @@ TEST(SupportPlan, KeepsShaftsClearOfThePart) {
   }
 }
 
+TEST(Structure, LosesNoLayerWhereOneStickEndsAndTheNextBegins) {
+  // 0.285 is the middle of a layer of 0.01 but for rounding.
+  Structure structure;
+  structure.sticks.push_back({StickKind::Pin, {1, 1, 0}, {1, 1, 0.285}, 0.1, 0.1});
+  structure.sticks.push_back({StickKind::Tip, {1, 1, 0.285}, {1, 1, 0.4}, 0.1, 0.05});
+  const StructureSections sections{structure, 0.01, 60, Millimetres{1e-3}};
+  for (std::uint32_t k = 0; k < 40; ++k) EXPECT_GT(sections.section(LayerIndex{k}).area_mm2(), 0.007) << k;
+  EXPECT_TRUE(sections.section(LayerIndex{41}).empty());
+}
+
 TEST(SupportPlan, SharesAnchorsBetweenLayersOfASlope) {
   // Layer by layer the slope would want its own row; standing anchors count, so there are fewer than layers.
   const auto plan = planned(stacks::tilted_cylinder());
