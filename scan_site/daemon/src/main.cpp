@@ -9,6 +9,7 @@ int main(int argc, char** argv) {
   static constexpr telefab::Verb verbs[] = {
       {"serve", "take scans from clients, slice them and send the layers to the fab", declare_serve},
       {"slice", "cut a scan into layers of contours", declare_slice},
+      {"inspect", "show where contours begin, end, part and join", declare_inspect},
       {"machines", "list the machine profiles", declare_machines},
   };
   return telefab::run_program(text, verbs, argc, argv);

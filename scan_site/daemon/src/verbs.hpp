@@ -3,6 +3,7 @@
 
 // One function a verb, each in its own verb_NAME.cpp; main.cpp holds the table.
 namespace telefab::scan {
+[[nodiscard]] VerbBody declare_inspect(CLI::App& options);
 [[nodiscard]] VerbBody declare_machines(CLI::App& options);
 [[nodiscard]] VerbBody declare_slice(CLI::App& options);
 [[nodiscard]] VerbBody declare_serve(CLI::App& options);

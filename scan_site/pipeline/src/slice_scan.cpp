@@ -27,8 +27,8 @@ constexpr std::array kMethods{std::pair{TraceMethod::Auto, "auto"}, std::pair{Tr
 constexpr std::uint32_t kBlock = 4;
 /// Samples this near to a plane (in median kernel widths) must lie beside its contours.
 constexpr double kBandKernels = 0.4;
-/// cos 30 degrees: flatter than this a sample may lie near a critical point.
-constexpr double kNearLevel = 0.866;
+/// Steeper samples than this (65 degrees) never lie near a critical point; the search in doubt looks this widely.
+constexpr double kNearLevel = 0.42;
 
 class StageClock {
  public:

@@ -55,7 +55,8 @@ const std::vector<Heavy> kHeavy{
     {"boost/beast", {"fab_site/web"}},
     {"openssl/", {"common/base", "common/net", "fab_site/web"}},
     {"xsimd/", {"scan_site/mls"}},
-    {"CLI/", {"common/program", "common/cli", "scan_site/daemon", "fab_site/daemon"}},
+    // desk: the options that both serve verbs share.
+    {"CLI/", {"common/program", "common/desk", "common/cli", "scan_site/daemon", "fab_site/daemon"}},
 };
 
 /// Libraries that no public header mentions, whoever uses them.

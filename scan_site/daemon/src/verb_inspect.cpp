@@ -1,0 +1,126 @@
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <memory>
+#include <telefab/base/file.hpp>
+#include <telefab/machine/machine_profile.hpp>
+#include <telefab/scan/pipeline/inspect_scan.hpp>
+
+#include "verbs.hpp"
+
+namespace telefab::scan {
+namespace {
+
+constexpr std::uint64_t kMaxScanBytes = 64ULL << 30U;
+
+struct Options {
+  std::string cloud;
+  std::string machine;
+  std::string machines = default_machine_folder();
+  std::optional<double> height_mm, scale, kernel_mm;
+  std::string surface = std::string{name_of(SurfaceKind::Unbiased)};
+  std::string out_prefix;
+  bool keep_outliers = false;
+  bool json = false;
+};
+
+void print_table(const Inspection& inspection, double noise_mm) {
+  const HeightTopology& t = inspection.topology;
+  const KernelChoice& k = inspection.kernel;
+  fmt::print("{}: {} points, {:.2f} x {:.2f} x {:.2f} mm\n", inspection.scan_name, inspection.points,
+             inspection.size_mm.x(), inspection.size_mm.y(), inspection.size_mm.z());
+  fmt::print("kernel {:.3f} mm{}, spacing {:.3f} mm, noise {:.3f} mm, {} samples dropped, surface {}\n", k.kernel_mm,
+             k.adaptive ? " (median, by local spacing)" : "", k.spacing_mm, k.noise_mm, k.dropped_samples,
+             inspection.surface);
+
+  constexpr std::array kKinds{CriticalKind::Minimum, CriticalKind::BottomSaddle, CriticalKind::TopSaddle,
+                              CriticalKind::Maximum};
+  std::string counts;
+  for (const CriticalKind kind : kKinds)
+    counts += fmt::format("{}{} {}", counts.empty() ? "" : ", ",
+                          std::count_if(t.critical_points().begin(), t.critical_points().end(),
+                                        [&](const auto& c) { return c.kind == kind && !c.plateau; }),
+                          name_of(kind));
+  fmt::print("critical points: {}; {} plateaus\n\n", counts, t.plateaus().size());
+  fmt::print("{:>10} {:>10} {:>10}  {:<14} {:<6} {:>11} {:>12}\n", "z mm", "x mm", "y mm", "kind", "normal", "lives mm",
+             "Euler above");
+  for (const CriticalPoint& c : t.critical_points()) {
+    if (c.plateau) continue;
+    const double above = c.position_mm.z() + 1e-9 * (1 + std::abs(c.position_mm.z()));
+    const auto euler = t.predicted_euler(above);
+    fmt::print("{:>10.4f} {:>10.4f} {:>10.4f}  {:<14} {:<6} {:>11} {:>12}{}\n", c.position_mm.z(), c.position_mm.x(),
+               c.position_mm.y(), name_of(c.kind), c.normal_up ? "up" : "down",
+               std::isfinite(c.persistence_mm) ? fmt::format("{:.4f}", c.persistence_mm) : "for good",
+               euler ? fmt::format("{}", *euler) : "?", c.persistence_mm < noise_mm ? "  (noise)" : "");
+  }
+  for (const Plateau& p : t.plateaus())
+    fmt::print("plateau from {:.4f} to {:.4f} mm near ({:.3f}, {:.3f}), {} critical points\n", p.low_mm, p.high_mm,
+               p.place_mm.x(), p.place_mm.y(), p.critical_points);
+  fmt::print("\nEuler number {}, {} contour arcs between {} nodes\n", t.euler(), t.arcs().size(), t.nodes().size());
+  for (std::size_t i = 0; i < t.components().size(); ++i) {
+    const SurfaceComponent& c = t.components()[i];
+    fmt::print("piece {}: {:.3f} to {:.3f} mm, Euler number {}, genus {}\n", i, c.low_mm, c.high_mm, c.euler, c.genus);
+  }
+  for (const std::string& doubt : t.doubts()) fmt::print("in doubt: {}\n", doubt);
+}
+
+Result<ExitCode> run(const Options& o, std::stop_token stop) {
+  InspectRequest request;
+  if (!o.machine.empty()) {
+    const auto machines = load_machine_profiles(o.machines);
+    if (!machines) return tl::unexpected{machines.error()};
+    auto machine = find_machine(*machines, o.machine);
+    if (!machine) return tl::unexpected{machine.error()};
+    request.machine = std::move(*machine);
+  }
+  request.height_mm = o.height_mm;
+  request.scale = o.scale;
+  request.mls.kernel_mm = o.kernel_mm;
+  request.mls.drop_outliers = !o.keep_outliers;
+  const auto surface = surface_kind_from(o.surface);
+  if (!surface) return tl::unexpected{surface.error()};
+  request.mls.surface = *surface;
+
+  const auto scan = read_file(o.cloud, kMaxScanBytes);
+  if (!scan) return tl::unexpected{scan.error()};
+  const std::string name = std::filesystem::path{o.cloud}.filename().string();
+  const auto inspection = inspect_scan(*scan, name, request, {}, stop);
+  if (!inspection) return tl::unexpected{inspection.error()};
+
+  if (o.json)
+    fmt::print("{}\n", to_json(*inspection));
+  else
+    print_table(*inspection, inspection->kernel.noise_mm);
+  if (o.out_prefix.empty()) return ExitCode::Ok;
+
+  const auto png = encode_png(draw_inspection(*inspection));
+  if (!png) return tl::unexpected{png.error()};
+  if (auto ok = write_file_atomically(o.out_prefix + ".png", *png); !ok) return tl::unexpected{ok.error()};
+  if (auto ok = write_file_atomically(o.out_prefix + ".ply", to_ply(*inspection)); !ok)
+    return tl::unexpected{ok.error()};
+  if (auto ok = write_file_atomically(o.out_prefix + ".vtp", to_vtp(*inspection)); !ok)
+    return tl::unexpected{ok.error()};
+  return ExitCode::Ok;
+}
+
+}  // namespace
+
+VerbBody declare_inspect(CLI::App& options) {
+  auto o = std::make_shared<Options>();
+  options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, OFF, STL, OBJ or text")->required();
+  options.add_option("--machine", o->machine, "place it as it would be sliced for this machine");
+  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  auto* height = options.add_option("--height-mm", o->height_mm, "scale the part to this height");
+  options.add_option("--scale", o->scale, "millimetres per unit of the file")->excludes(height);
+  options.add_option("--surface", o->surface, "unbiased | paper | paper-literal | imls")->capture_default_str();
+  options.add_option("--kernel-mm", o->kernel_mm, "kernel width; default: from spacing and noise, point by point");
+  options.add_flag("--keep-outliers", o->keep_outliers, "use every point of the scan");
+  options.add_option("--out-prefix", o->out_prefix,
+                     "write a picture PREFIX.png and PREFIX.ply, PREFIX.vtp for a viewer");
+  options.add_flag("--json", o->json, "print everything as JSON");
+  return [o](std::stop_token stop) { return run(*o, stop); };
+}
+
+}  // namespace telefab::scan

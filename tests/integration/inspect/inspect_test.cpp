@@ -1,0 +1,102 @@
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <set>
+#include <telefab/scan/pipeline/inspect_scan.hpp>
+#include <telefab/test/surface_samples.hpp>
+
+namespace telefab::test {
+namespace {
+
+using scan::inspect_scan;
+using scan::Inspection;
+using scan::InspectRequest;
+
+/// A scan file as text: x y z nx ny nz a line.
+std::string text_scan(const SurfaceSamples& samples) {
+  std::string text;
+  for (std::size_t i = 0; i < samples.points.size(); ++i) {
+    const Vec3& p = samples.points[i];
+    const Vec3& n = samples.normals[i];
+    text += fmt::format("{:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}\n", p.x(), p.y(), p.z(), n.x(), n.y(), n.z());
+  }
+  return text;
+}
+
+Inspection inspected(const InspectRequest& request) {
+  const std::string text = text_scan(sample_surface(*torus(20, 8, 50, 1), {.spacing_mm = 0.9}));
+  auto inspection = inspect_scan(std::as_bytes(std::span{text}), "ring.xyz", request, {}, {});
+  EXPECT_TRUE(inspection) << inspection.error().what;
+  return std::move(*inspection);
+}
+
+TEST(Inspection, OfARingSeesOneHole) {
+  const Inspection inspection = inspected({});
+  ASSERT_EQ(inspection.topology.components().size(), 1u);
+  EXPECT_EQ(inspection.topology.components()[0].genus, 1);
+  EXPECT_EQ(inspection.topology.critical_points().size(), 4u);
+  EXPECT_TRUE(inspection.topology.doubts().empty());
+}
+
+TEST(Inspection, StandsOnTheGroundAtTheAskedHeight) {
+  const Inspection inspection = inspected({.height_mm = 92.0});
+  EXPECT_NEAR(inspection.size_mm.z(), 92, 1e-4);
+  EXPECT_NEAR(inspection.topology.critical_points().front().position_mm.z(), 0, 0.1);
+  EXPECT_NEAR(inspection.topology.critical_points().back().position_mm.z(), 92, 0.1);
+}
+
+TEST(Inspection, JsonHoldsWhatTheTableShows) {
+  const Inspection inspection = inspected({});
+  const auto json = nlohmann::json::parse(to_json(inspection));
+  EXPECT_EQ(json["euler"], 0);
+  EXPECT_EQ(json["critical_points"].size(), 4u);
+  EXPECT_EQ(json["critical_points"][1]["kind"], "bottom saddle");
+  EXPECT_TRUE(json["critical_points"][0]["persistence_mm"].is_null());
+  EXPECT_EQ(json["arcs"].size(), inspection.topology.arcs().size());
+  EXPECT_EQ(json["components"][0]["genus"], 1);
+}
+
+TEST(Inspection, PictureShowsEveryKindOfCriticalPointAndTheCloud) {
+  const Image image = draw_inspection(inspected({}));
+  ASSERT_EQ(image.channels, 3u);
+  ASSERT_EQ(image.pixels.size(), std::size_t{3} * image.width_px * image.height_px);
+  std::set<std::array<std::uint8_t, 3>> colours;
+  std::size_t grey = 0;
+  for (std::size_t i = 0; i < image.pixels.size(); i += 3) {
+    const std::array colour{image.pixels[i], image.pixels[i + 1], image.pixels[i + 2]};
+    colours.insert(colour);
+    grey += colour[0] == colour[1] && colour[1] == colour[2] && colour[0] < 250;
+  }
+  EXPECT_GT(grey, image.pixels.size() / 60);
+  EXPECT_TRUE(colours.contains({30, 80, 200}));   // minimum
+  EXPECT_TRUE(colours.contains({40, 160, 60}));   // bottom saddle
+  EXPECT_TRUE(colours.contains({235, 150, 20}));  // top saddle
+  EXPECT_TRUE(colours.contains({210, 30, 40}));   // maximum
+}
+
+TEST(Inspection, ViewerFilesHoldAsManyPointsAsTheySay) {
+  const Inspection inspection = inspected({});
+  const std::string ply = to_ply(inspection);
+  const auto start = ply.find("end_header\n") + 11;
+  std::size_t count = inspection.samples.size() + inspection.topology.critical_points().size();
+  for (const auto& line : inspection.topology.integral_lines()) count += line.path_mm.size();
+  for (const auto& arc : inspection.topology.arcs()) count += arc.path_mm.size();
+  EXPECT_NE(ply.find(fmt::format("element vertex {}\n", count)), std::string::npos);
+  EXPECT_EQ(ply.size() - start, count * 27);
+
+  const std::string vtp = to_vtp(inspection);
+  EXPECT_NE(vtp.find(fmt::format("NumberOfPoints=\"{}\"", count - inspection.samples.size())), std::string::npos);
+  EXPECT_NE(vtp.find("NumberOfVerts=\"4\""), std::string::npos);
+  EXPECT_TRUE(vtp.ends_with("</VTKFile>\n"));
+}
+
+TEST(Inspection, RefusesHeightAndScaleTogether) {
+  const std::string text = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
+  const auto result = inspect_scan(std::as_bytes(std::span{text}), "a.xyz", {.height_mm = 10.0, .scale = 2.0}, {}, {});
+  ASSERT_FALSE(result);
+  EXPECT_EQ(result.error().code, ErrorCode::InvalidInput);
+}
+
+}  // namespace
+}  // namespace telefab::test
