@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+#include <array>
 #include <cctype>
 #include <cmath>
 
@@ -10,6 +11,11 @@
 // Files that hold a mesh: OFF, OBJ, STL. Only the vertices are taken; the way from scan to layers knows no mesh.
 namespace telefab::scan {
 namespace {
+
+/// Three corners after one another are a facet.
+void add_facets(ScanBuilder& builder) {
+  for (std::uint64_t i = 0; builder.keeps_faces() && i + 2 < builder.size(); i += 3) builder.add_face(std::array<std::uint64_t, 3>{i, i + 1, i + 2});
+}
 
 tl::unexpected<Error> cancelled() { return fail(ErrorCode::Cancelled, "stopped while reading points"); }
 
@@ -43,6 +49,7 @@ Result<ScanFile> read_binary_stl(std::span<const std::byte> bytes, const ReadOpt
     for (int c = 0; c < 3; ++c, corner += 12)
       builder.add({load<float>(corner, swapped), load<float>(corner + 4, swapped), load<float>(corner + 8, swapped)});
   }
+  add_facets(builder);
   return std::move(builder).finish();
 }
 
@@ -64,6 +71,7 @@ Result<ScanFile> read_text_stl(std::span<const std::byte> bytes, const ReadOptio
     builder.add(*point);
   }
   if (!ended) return fail(ErrorCode::InvalidInput, "STL: no 'endsolid'; the file is truncated");
+  add_facets(builder);
   return std::move(builder).finish();
 }
 
@@ -103,10 +111,21 @@ Result<ScanFile> read_off(std::span<const std::byte> bytes, const ReadOptions& o
     builder.add(*point);
     if (has_normals) builder.add_normal(*normal);
   }
-  for (std::uint64_t i = 0; i < *faces; ++i)
-    if (lines.take_full_line().empty())
-      return fail(ErrorCode::InvalidInput,
-                  fmt::format("the file ends after {} of {} faces: it is truncated", i, *faces));
+  std::vector<std::uint64_t> corners;
+  for (std::uint64_t i = 0; i < *faces; ++i) {
+    const std::string_view line = lines.take_full_line();
+    if (line.empty()) return fail(ErrorCode::InvalidInput, fmt::format("the file ends after {} of {} faces: it is truncated", i, *faces));
+    if (!builder.keeps_faces()) continue;
+    FieldCursor fields{line};
+    corners.clear();
+    const auto count = fields.take<std::uint64_t>();
+    for (std::uint64_t k = 0; count && k < *count; ++k) {
+      const auto corner = fields.take<std::uint64_t>();
+      if (!corner) return fail(ErrorCode::InvalidInput, fmt::format("OFF line {}: face {} is cut short", lines.line_number(), i));
+      corners.push_back(*corner);
+    }
+    builder.add_face(corners);
+  }
   return std::move(builder).finish();
 }
 

@@ -211,10 +211,22 @@ class BinaryPly final : public PlyBody {
       if (stopped(i)) return cancelled();
       for (const PlyProperty& p : element.properties) {
         double ignored = 0;
-        if (p.count_type ? !skip_list(p) : !take(p.type, ignored)) return truncated(i);
+        const bool is_face = builder_.keeps_faces() && element.name == "face" && p.count_type && p.name.starts_with("vertex_ind");
+        if (is_face ? !take_face(p) : p.count_type ? !skip_list(p) : !take(p.type, ignored)) return truncated(i);
       }
     }
     return {};
+  }
+  [[nodiscard]] bool take_face(const PlyProperty& p) {
+    double count = 0, index = 0;
+    if (!take(*p.count_type, count) || count < 0 || count * static_cast<double>(size_of(p.type)) > static_cast<double>(bytes_left())) return false;
+    corners_.clear();
+    for (std::size_t k = 0; k < static_cast<std::size_t>(count); ++k) {
+      if (!take(p.type, index)) return false;
+      corners_.push_back(index < 0 ? UINT64_MAX : static_cast<std::uint64_t>(index));
+    }
+    builder_.add_face(corners_);
+    return true;
   }
 
   [[nodiscard]] bool take(ScalarType type, double& value) {
@@ -234,6 +246,7 @@ class BinaryPly final : public PlyBody {
   const std::byte* at_;
   const std::byte* end_;
   bool swapped_;
+  std::vector<std::uint64_t> corners_;
 };
 
 class AsciiPly final : public PlyBody {
@@ -302,6 +315,7 @@ class AsciiPly final : public PlyBody {
   }
 
   FieldCursor fields_;
+  std::vector<std::uint64_t> corners_;
 };
 
 }  // namespace

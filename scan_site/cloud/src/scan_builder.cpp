@@ -14,7 +14,7 @@ constexpr double kMaxCoordinate = 1e12;
 double origin_of_axis(double low, double high, double extent) {
   const double far = std::max(std::abs(low), std::abs(high));
   if (far <= 8 * extent) return 0;
-  const double grain = std::exp2(std::ceil(std::log2(std::max(extent, far * 1e-7))));
+  const double grain = std::exp2(std::ceil(std::log2(std::max({extent, far * 1e-7, 1e-12}))));
   return std::round((low + high) / 2 / grain) * grain;
 }
 
@@ -31,6 +31,11 @@ Result<void> ScanBuilder::expect(std::uint64_t count, std::uint64_t bytes_left, 
     return fail(ErrorCode::TooLarge, fmt::format("{} points; the limit is {}", count, options_.max_points));
   points_.reserve(points_.size() + count);
   return {};
+}
+
+void ScanBuilder::add_face(std::span<const std::uint64_t> corners) {
+  const auto clipped = [&](std::size_t i) { return static_cast<std::uint32_t>(std::min<std::uint64_t>(corners[i], UINT32_MAX)); };
+  for (std::size_t i = 2; i < corners.size() && options_.keep_faces; ++i) faces_.push_back({clipped(0), clipped(i - 1), clipped(i)});
 }
 
 Result<ScanFile> ScanBuilder::finish() && {
@@ -55,7 +60,12 @@ Result<ScanFile> ScanBuilder::finish() && {
     high = high.cwiseMax(p);
   }
 
+  for (const auto& face : faces_)
+    for (const std::uint32_t corner : face)
+      if (corner >= points_.size()) return fail(ErrorCode::InvalidInput, fmt::format("a face names point {} of {}", corner, points_.size()));
+
   ScanFile file;
+  file.faces = std::move(faces_);
   file.format = format_;
   file.empty_returns = empty_returns_;
   file.views = std::move(views_);

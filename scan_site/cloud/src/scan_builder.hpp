@@ -19,13 +19,16 @@ class ScanBuilder {
   void add_normal(const Vec3& normal) { normals_.push_back(normal.cast<float>()); }
   void add_confidence(float value) { confidence_.push_back(value); }
   void add_view(RangeView view) { views_.push_back(std::move(view)); }
+  /// One polygon by its corners, kept as a fan of triangles if faces are wanted.
+  void add_face(std::span<const std::uint64_t> corners);
+  [[nodiscard]] bool keeps_faces() const { return options_.keep_faces; }
   void add_empty_return() { ++empty_returns_; }
   [[nodiscard]] std::size_t size() const { return points_.size(); }
 
   /// Drops the normals: the file turned out to have none that can be told to belong to the points.
   void forget_normals() { normals_.clear(); }
 
-  /// Fails: InvalidInput (no point, a point that is not finite or beyond 1e12).
+  /// Fails: InvalidInput (no point, a point that is not finite or beyond 1e12, a face that names no point).
   [[nodiscard]] Result<ScanFile> finish() &&;
 
  private:
@@ -35,6 +38,7 @@ class ScanBuilder {
   std::vector<Eigen::Vector3f> normals_;
   std::vector<float> confidence_;
   std::vector<RangeView> views_;
+  std::vector<std::array<std::uint32_t, 3>> faces_;
   std::size_t empty_returns_ = 0;
 };
 

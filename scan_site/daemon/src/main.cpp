@@ -8,8 +8,11 @@ int main(int argc, char** argv) {
       "statue.png\n"};
   static constexpr telefab::Verb verbs[] = {
       {"serve", "take scans from clients, slice them and send the layers to the fab", declare_serve},
+      {"register", "join the range images of a turntable to one cloud", declare_register},
+      {"clean", "remove outliers, small clusters and noise from a cloud", declare_clean},
       {"slice", "cut a scan into layers of contours", declare_slice},
       {"inspect", "show where contours begin, end, part and join", declare_inspect},
+      {"measure", "compare a built part with its reference", declare_measure},
       {"machines", "list the machine profiles", declare_machines},
   };
   return telefab::run_program(text, verbs, argc, argv);

@@ -5,6 +5,9 @@
 namespace telefab::scan {
 [[nodiscard]] VerbBody declare_inspect(CLI::App& options);
 [[nodiscard]] VerbBody declare_machines(CLI::App& options);
+[[nodiscard]] VerbBody declare_clean(CLI::App& options);
+[[nodiscard]] VerbBody declare_measure(CLI::App& options);
+[[nodiscard]] VerbBody declare_register(CLI::App& options);
 [[nodiscard]] VerbBody declare_slice(CLI::App& options);
 [[nodiscard]] VerbBody declare_serve(CLI::App& options);
 }  // namespace telefab::scan

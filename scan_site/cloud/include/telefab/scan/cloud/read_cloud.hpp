@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -18,6 +19,7 @@ enum class ScanFormat { Ply, Pcd, Text, Off, Stl, Obj, Ptx };
 
 struct ReadOptions {
   std::size_t max_points = 400'000'000;  ///< >= 1; a file that claims more is refused (TooLarge)
+  bool keep_faces = false;               ///< for the virtual digitizer and judges only: the way to layers knows no mesh
 };
 
 /// One range image: which cell of the scanner's grid saw which point of the cloud.
@@ -39,11 +41,12 @@ struct ScanFile {
   ScanFormat format = ScanFormat::Text;
   PointCloud cloud;
   std::vector<RangeView> views;   ///< one a range image; empty for plain clouds
+  std::vector<std::array<std::uint32_t, 3>> faces;  ///< corners as indices of points; filled if asked for: PLY, OFF, STL
   std::size_t empty_returns = 0;  ///< points the file marks as not seen (NaN in PCD, 0 0 0 in PTX); left out
 };
 
 /// Reads PLY, PCD, PTX, OFF, STL, OBJ or text (XYZ, PTS, PWN, CSV), told apart by content, then by the suffix of
-/// `file_name`. Faces are skipped: only vertices are taken. Memory is bounded by a small multiple of the bytes given.
+/// `file_name`. Faces are skipped unless asked for. Memory is bounded by a small multiple of the bytes given.
 /// Fails: InvalidInput (empty, truncated, wrong magic, NaN, no point, coordinate beyond 1e12; says line or point),
 /// TooLarge (more than max_points), Cancelled.
 [[nodiscard]] Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_view file_name,

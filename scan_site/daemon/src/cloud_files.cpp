@@ -1,0 +1,38 @@
+#include "cloud_files.hpp"
+
+#include <fmt/format.h>
+#include <filesystem>
+#include <telefab/base/file.hpp>
+#include <telefab/scan/cloud/units.hpp>
+
+namespace telefab::scan {
+
+std::string name_of_file(const std::string& path) { return std::filesystem::path{path}.filename().string(); }
+
+Result<PointCloud> load_cloud(const std::string& path, const std::string& unit, std::stop_token stop) {
+  const auto bytes = read_file(path, kMaxScanFileBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  auto cloud = read_cloud(*bytes, name_of_file(path), {}, stop);
+  if (!cloud || unit.empty()) return cloud;
+  const auto factor = millimetres_per(unit);
+  if (!factor) return tl::unexpected{factor.error()};
+  PointCloud in_mm = scaled(std::move(*cloud), *factor);
+  if (const auto doubt = doubt_about_scale(in_mm)) fmt::print(stderr, "note: {}: {}\n", name_of_file(path), *doubt);
+  return in_mm;
+}
+
+Result<PointCloud> load_oriented(const std::string& path, const std::string& unit, std::stop_token stop) {
+  auto cloud = load_cloud(path, unit, stop);
+  if (!cloud) return tl::unexpected{cloud.error()};
+  auto oriented = with_normals(std::move(*cloud), {}, stop);
+  if (!oriented) return fail_in(name_of_file(path), oriented.error());
+  const NormalReport& r = oriented->report;
+  if (r.flipped_points > 0)
+    fmt::print(stderr, "note: {}: {} normals pointed inward and were turned\n", name_of_file(path), r.flipped_points);
+  if (r.neighbour_agreement < 0.98)
+    fmt::print(stderr, "note: {}: only {:.1f} % of neighbouring normals agree; the orientation is doubtful in places\n",
+               name_of_file(path), 100 * r.neighbour_agreement);
+  return std::move(oriented->cloud);
+}
+
+}  // namespace telefab::scan

@@ -1,0 +1,80 @@
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <telefab/base/file.hpp>
+#include <telefab/scan/cloud/clean.hpp>
+#include <telefab/scan/cloud/write_cloud.hpp>
+#include <telefab/scan/measure/point_picture.hpp>
+
+#include "cloud_files.hpp"
+#include "verbs.hpp"
+
+namespace telefab::scan {
+namespace {
+
+struct Options {
+  std::string cloud, out, report, picture, units;
+  std::string preset = "careful";
+};
+
+PointColour colour_of(PointFate fate) {
+  switch (fate) {
+    case PointFate::Kept:
+      return {200, 200, 205};
+    case PointFate::Duplicate:
+      return {40, 90, 220};
+    case PointFate::Outlier:
+      return {220, 30, 30};
+    case PointFate::SmallCluster:
+      return {240, 150, 0};
+  }
+  return {0, 0, 0};
+}
+
+Result<ExitCode> clean(const Options& o, std::stop_token stop) {
+  if (o.preset != "careful" && o.preset != "strong")
+    return fail(ErrorCode::InvalidInput, fmt::format("--preset {}: careful or strong", o.preset));
+  auto cloud = load_cloud(o.cloud, o.units, stop);
+  if (!cloud) return tl::unexpected{cloud.error()};
+  const auto cleaned =
+      clean_cloud(*cloud, o.preset == "strong" ? CleanOptions::strong() : CleanOptions::careful(), stop);
+  if (!cleaned) return fail_in(name_of_file(o.cloud), cleaned.error());
+  const CleanReport& r = cleaned->report;
+  if (auto ok =
+          write_file_atomically(o.out, write_ply(cleaned->cloud, {}, "cleaned by telefab-scan clean, " + o.preset));
+      !ok)
+    return tl::unexpected{ok.error()};
+  if (!o.report.empty())
+    if (auto ok = write_file_atomically(o.report, to_json(r) + "\n"); !ok) return tl::unexpected{ok.error()};
+  if (!o.picture.empty()) {
+    std::vector<PointColour> colours;
+    for (const PointFate f : cleaned->fate) colours.push_back(colour_of(f));
+    const auto png = encode_png(draw_points(*cloud, colours, {}));
+    if (!png) return tl::unexpected{png.error()};
+    if (auto ok = write_file_atomically(o.picture, *png); !ok) return tl::unexpected{ok.error()};
+  }
+  fmt::print("{} of {} points kept: {} duplicates, {} outliers, {} in {} small clusters removed\n",
+             cleaned->cloud.size(), r.points_in, r.duplicates, r.outliers, r.cluster_points, r.clusters_removed);
+  fmt::print("spacing {:.4g}, unevenness {:.3g}, noise {:.3g} -> {:.3g}, moved {:.3g} rms, {:.3g} at most\n", r.spacing,
+             r.unevenness, r.noise, r.noise_after, r.moved_rms, r.moved_max);
+  return ExitCode::Ok;
+}
+
+}  // namespace
+
+VerbBody declare_clean(CLI::App& options) {
+  auto o = std::make_shared<Options>();
+  options.add_option("cloud", o->cloud, "scan file: PLY, PCD, PTX, XYZ, OFF, STL or OBJ")->required();
+  options.add_option("--out", o->out, "the cleaned cloud, PLY")->required();
+  options
+      .add_option("--preset", o->preset,
+                  "careful: only what is surely wrong, nothing moves; strong: more, and smoothing")
+      ->capture_default_str();
+  options.add_option("--units", o->units,
+                     "unit of the file (mm, cm, m, in); the result is in mm. Unset: lengths stay as they are");
+  options.add_option("--report", o->report, "what was removed and moved, JSON");
+  options.add_option("--picture", o->picture, "PNG: kept grey, outliers red, small clusters orange, duplicates blue");
+  return [o](std::stop_token stop) { return clean(*o, stop); };
+}
+
+}  // namespace telefab::scan

@@ -1,0 +1,91 @@
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <telefab/base/file.hpp>
+#include <telefab/scan/cloud/write_cloud.hpp>
+#include <telefab/scan/measure/measure.hpp>
+#include <telefab/scan/measure/point_picture.hpp>
+
+#include "cloud_files.hpp"
+#include "verbs.hpp"
+
+namespace telefab::scan {
+namespace {
+
+struct Options {
+  std::string reference, built, out, report, picture;
+  std::string reference_units, built_units;
+  std::optional<double> height, range, max_distance;
+  bool no_align = false;
+  bool json = false;
+};
+
+Result<ExitCode> run(const Options& o, std::stop_token stop) {
+  const auto reference = load_oriented(o.reference, o.reference_units, stop);
+  if (!reference) return tl::unexpected{reference.error()};
+  const auto built = load_oriented(o.built, o.built_units, stop);
+  if (!built) return tl::unexpected{built.error()};
+  const auto measured = measure(*reference, *built,
+                                {.align_first = !o.no_align, .height = o.height, .max_distance = o.max_distance}, stop);
+  if (!measured) return tl::unexpected{measured.error()};
+  const Deviation& d = measured->deviation;
+  const double range = o.range.value_or(std::max({std::abs(d.p1), std::abs(d.p99), 1e-12}));
+  const std::vector<PointColour> colours = heat_colours(*measured, range);
+  if (!o.out.empty())
+    if (auto ok = write_file_atomically(
+            o.out, write_ply(*built, colours, fmt::format("deviation, blue to red at +-{:.6g}", range)));
+        !ok)
+      return tl::unexpected{ok.error()};
+  if (!o.picture.empty()) {
+    const auto png = encode_png(draw_points(*built, colours, {}));
+    if (!png) return tl::unexpected{png.error()};
+    if (auto ok = write_file_atomically(o.picture, *png); !ok) return tl::unexpected{ok.error()};
+  }
+  const std::string json = to_json(*measured) + "\n";
+  if (!o.report.empty())
+    if (auto ok = write_file_atomically(o.report, json); !ok) return tl::unexpected{ok.error()};
+  if (o.json) {
+    fmt::print("{}", json);
+    return ExitCode::Ok;
+  }
+  const double percent = 100 / measured->height;
+  const auto row = [&](std::string_view name, double low, double high) {
+    fmt::print("{:<8} [{:+.4f}, {:+.4f}]   [{:+.3f}, {:+.3f}] % of height\n", name, low, high, low * percent,
+               high * percent);
+  };
+  fmt::print("{} points compared, {} without a counterpart; height {:.4g}; pictures are full colour at +-{:.4g}\n",
+             measured->compared, measured->unmatched, measured->height, range);
+  row("all", d.min, d.max);
+  row("1-99 %", d.p1, d.p99);
+  fmt::print("rms      {:.4f} ({:.3f} %)   bias {:+.4f} ({:+.3f} %)\n", d.rms, d.rms * percent, d.bias,
+             d.bias * percent);
+  return ExitCode::Ok;
+}
+
+}  // namespace
+
+VerbBody declare_measure(CLI::App& options) {
+  auto o = std::make_shared<Options>();
+  options.add_option("reference", o->reference, "what it should be: a scan file of any format read")->required();
+  options.add_option("built", o->built, "what it is")->required();
+  options.add_option("--reference-units", o->reference_units,
+                     "unit of the reference (mm, cm, m, in); unset: as it stands");
+  options.add_option("--built-units", o->built_units, "unit of the built cloud");
+  options.add_option("--height", o->height, "length that is 100 %; unset: extent of the reference along z");
+  options.add_option("--max-distance", o->max_distance,
+                     "farther points have no counterpart; unset: 10 % of the height");
+  options.add_option("--range", o->range,
+                     "deviation at which the colours are full; unset: the larger of the 1 % and 99 % values");
+  options.add_flag("--no-align", o->no_align, "compare the files as they stand");
+  options.add_option("--out", o->out, "the built cloud coloured by deviation, PLY");
+  options.add_option("--picture", o->picture,
+                     "heat map from four sides, PNG: red too much, blue too little, grey no counterpart");
+  options.add_option("--report", o->report, "all figures and the motion found, JSON");
+  options.add_flag("--json", o->json, "print the report instead of text");
+  return [o](std::stop_token stop) { return run(*o, stop); };
+}
+
+}  // namespace telefab::scan

@@ -1,0 +1,211 @@
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <telefab/base/file.hpp>
+#include <telefab/scan/cloud/units.hpp>
+#include <telefab/scan/cloud/write_cloud.hpp>
+#include <telefab/scan/measure/point_picture.hpp>
+#include <telefab/scan/registration/merge_views.hpp>
+#include <telefab/scan/registration/pose_file.hpp>
+#include <telefab/scan/registration/register_views.hpp>
+
+#include "cloud_files.hpp"
+#include "verbs.hpp"
+
+namespace telefab::scan {
+namespace {
+
+struct Options {
+  std::vector<std::string> inputs;
+  std::string out, report, picture, poses, poses_out, axis, units;
+  double step_deg = 0;
+  std::optional<double> budget, cut_below;
+  bool json = false;
+};
+
+/// "view_9" before "view_10": runs of digits compare as numbers.
+bool comes_before(const std::string& l, const std::string& r) {
+  std::size_t a = 0, b = 0;
+  const auto digit = [](char c) { return c >= '0' && c <= '9'; };
+  while (a < l.size() && b < r.size()) {
+    if (!digit(l[a]) || !digit(r[b])) {
+      if (l[a] != r[b]) return l[a] < r[b];
+      ++a, ++b;
+      continue;
+    }
+    std::size_t ea = a, eb = b;
+    while (ea < l.size() && digit(l[ea])) ++ea;
+    while (eb < r.size() && digit(r[eb])) ++eb;
+    while (a < ea && l[a] == '0') ++a;
+    while (b < eb && r[b] == '0') ++b;
+    if (ea - a != eb - b) return ea - a < eb - b;
+    if (const int order = l.compare(a, ea - a, r, b, eb - b); order != 0) return order < 0;
+    a = ea, b = eb;
+  }
+  return l.size() - a < r.size() - b;
+}
+
+/// Files as given; folders by their scan files in natural order.
+Result<std::vector<std::string>> files_of(const Options& o) {
+  std::vector<std::string> files;
+  for (const std::string& input : o.inputs) {
+    std::error_code fault;
+    if (!std::filesystem::is_directory(input, fault)) {
+      files.push_back(input);
+      continue;
+    }
+    std::vector<std::string> found;
+    for (const auto& entry : std::filesystem::directory_iterator{input, fault}) {
+      const std::string suffix = entry.path().extension().string();
+      if (suffix == ".ply" || suffix == ".ptx" || suffix == ".pcd") found.push_back(entry.path().string());
+    }
+    if (fault) return fail(ErrorCode::NotPermitted, fmt::format("{}: {}", input, fault.message()));
+    std::sort(found.begin(), found.end(), comes_before);
+    files.insert(files.end(), found.begin(), found.end());
+  }
+  return files;
+}
+
+Result<std::vector<RangeImage>> load_views(const Options& o, std::stop_token stop) {
+  const auto files = files_of(o);
+  if (!files) return tl::unexpected{files.error()};
+  std::vector<RangeImage> views;
+  for (const std::string& path : *files) {
+    const auto bytes = read_file(path, kMaxScanFileBytes);
+    if (!bytes) return tl::unexpected{bytes.error()};
+    const auto file = read_scan_file(*bytes, name_of_file(path), {}, stop);
+    if (!file) return tl::unexpected{file.error()};
+    for (std::size_t v = 0; v < std::max<std::size_t>(1, file->views.size()); ++v) {
+      auto image = make_range_image(*file, v, name_of_file(path));
+      if (!image) return tl::unexpected{image.error()};
+      views.push_back(std::move(*image));
+    }
+  }
+  return views;
+}
+
+Result<RegisterOptions> options_from(const Options& o, const std::vector<RangeImage>& views) {
+  RegisterOptions r;
+  r.step_deg = o.step_deg;
+  if (o.axis == "x")
+    r.axis_direction = Vec3::UnitX();
+  else if (o.axis == "y")
+    r.axis_direction = Vec3::UnitY();
+  else if (o.axis == "z")
+    r.axis_direction = Vec3::UnitZ();
+  else if (!o.axis.empty())
+    return fail(ErrorCode::InvalidInput, fmt::format("--axis {}: x, y or z", o.axis));
+  float spacing = 0;
+  for (const RangeImage& v : views) spacing = std::max(spacing, v.spacing);
+  r.max_rms = o.budget.value_or(0.6 * static_cast<double>(spacing));
+  if (!o.poses.empty()) {
+    const auto bytes = read_file(o.poses, 1U << 24U);
+    if (!bytes) return tl::unexpected{bytes.error()};
+    const auto poses = read_pose_file({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
+    if (!poses) return tl::unexpected{poses.error()};
+    for (const RangeImage& v : views) {
+      const auto found =
+          std::find_if(poses->begin(), poses->end(), [&](const NamedPose& p) { return p.file == v.name; });
+      if (found == poses->end())
+        return fail(ErrorCode::InvalidInput, fmt::format("{} has no pose for {}", o.poses, v.name));
+      r.start.push_back(found->pose);
+    }
+  }
+  return r;
+}
+
+std::string report_of(const Registration& r, const MergeReport& merge, const std::vector<RangeImage>& views) {
+  std::string links;
+  for (const LinkReport& l : r.links)
+    links += fmt::format(
+        R"({}{{"from":"{}","to":"{}","overlap":{:.4f},"pair_rms":{:.6g},"rms":{:.6g},"pair_to_global_deg":{:.4f},"pair_to_global_shift":{:.6g}}})",
+        links.empty() ? "" : ",", views[l.from].name, views[l.to].name, l.overlap, l.pair_rms, l.rms,
+        l.pair_to_global.degrees, l.pair_to_global.shift);
+  return fmt::format(
+      R"({{"views":{},"axis_direction":[{:.6f},{:.6f},{:.6f}],"axis_point":[{:.6g},{:.6g},{:.6g}],"rms":{:.6g},"median_offset":{:.6g},"closure_deg":{:.4f},"closure_shift":{:.6g},"conflict":{:.5f},"links":[{}],"merge":{}}})",
+      r.poses.size(), r.axis.direction.x(), r.axis.direction.y(), r.axis.direction.z(), r.axis.point.x(),
+      r.axis.point.y(), r.axis.point.z(), r.rms, r.median_offset, r.closure.degrees, r.closure.shift, r.conflict, links,
+      to_json(merge));
+}
+
+Result<ExitCode> run(const Options& o, std::stop_token stop) {
+  auto views = load_views(o, stop);
+  if (!views) return tl::unexpected{views.error()};
+  const auto options = options_from(o, *views);
+  if (!options) return tl::unexpected{options.error()};
+  const ProgressSink progress = [](const Progress& p) { fmt::print(stderr, "{}\n", p.stage); };
+  const auto registered = register_views(*views, *options, on_terminal() ? progress : ProgressSink{}, stop);
+  if (!registered) return tl::unexpected{registered.error()};
+  auto merged =
+      merge_views(*views, registered->poses, {.up = registered->axis.direction, .cut_below = o.cut_below}, stop);
+  if (!merged) return tl::unexpected{merged.error()};
+  PointCloud cloud = std::move(merged->cloud);
+  if (!o.units.empty()) {
+    const auto factor = millimetres_per(o.units);
+    if (!factor) return tl::unexpected{factor.error()};
+    cloud = scaled(std::move(cloud), *factor);
+    if (const auto doubt = doubt_about_scale(cloud)) fmt::print(stderr, "note: {}\n", *doubt);
+  }
+  if (auto ok = write_file_atomically(
+          o.out, write_ply(cloud, {}, fmt::format("{} range images registered by telefab-scan", views->size())));
+      !ok)
+    return tl::unexpected{ok.error()};
+  const std::string report = report_of(*registered, merged->report, *views) + "\n";
+  if (!o.report.empty())
+    if (auto ok = write_file_atomically(o.report, report); !ok) return tl::unexpected{ok.error()};
+  if (!o.poses_out.empty()) {
+    std::vector<NamedPose> poses;
+    for (std::size_t i = 0; i < views->size(); ++i) poses.push_back({(*views)[i].name, registered->poses[i]});
+    if (auto ok = write_file_atomically(o.poses_out, to_pose_file(poses)); !ok) return tl::unexpected{ok.error()};
+  }
+  if (!o.picture.empty()) {
+    const std::vector<PointColour> grey(cloud.size(), PointColour{205, 200, 190});
+    const auto png = encode_png(draw_points(cloud, grey, {}));
+    if (!png) return tl::unexpected{png.error()};
+    if (auto ok = write_file_atomically(o.picture, *png); !ok) return tl::unexpected{ok.error()};
+  }
+  if (o.json) {
+    fmt::print("{}", report);
+    return ExitCode::Ok;
+  }
+  fmt::print("{:<28} {:<28} overlap   pair rms     rms\n", "view", "against");
+  for (const LinkReport& l : registered->links)
+    fmt::print("{:<28} {:<28} {:5.1f} %   {:.3e}   {:.3e}\n", (*views)[l.from].name, (*views)[l.to].name,
+               100 * l.overlap, l.pair_rms, l.rms);
+  fmt::print(
+      "{} views, rms {:.4g} (budget {:.4g}), median {:.4g}, closure {:.3f} degrees and {:.4g}, conflicts {:.2f} %\n{} "
+      "points written\n",
+      views->size(), registered->rms, options->max_rms, registered->median_offset, registered->closure.degrees,
+      registered->closure.shift, 100 * registered->conflict, cloud.size());
+  return ExitCode::Ok;
+}
+
+}  // namespace
+
+VerbBody declare_register(CLI::App& options) {
+  auto o = std::make_shared<Options>();
+  options
+      .add_option("views", o->inputs,
+                  "range images in the order of the turn, or a folder of them: PLY with range_grid, PTX, organised PCD")
+      ->required();
+  options.add_option("--out", o->out, "the merged, oriented cloud, PLY")->required();
+  options.add_option("--step-deg", o->step_deg, "turn of the table from one view to the next, degrees");
+  options.add_option("--axis", o->axis, "direction of the table's axis: x, y or z; unset: searched");
+  options.add_option("--poses", o->poses, "poses to start from (Stanford .conf) instead of a search");
+  options.add_option("--budget", o->budget,
+                     "largest rms between the views, unit of the files; worse is refused. Unset: 0.6 grid spacings");
+  options.add_option("--cut-below", o->cut_below,
+                     "removes the stand: what is lower than this above the lowest point, along the axis");
+  options.add_option("--units", o->units,
+                     "unit of the files (mm, cm, m, in); the result is in mm. Unset: lengths stay as they are");
+  options.add_option("--report", o->report, "every pair and the merge, JSON");
+  options.add_option("--poses-out", o->poses_out, "the poses found, Stanford .conf");
+  options.add_option("--picture", o->picture, "the merged cloud from four sides, PNG");
+  options.add_flag("--json", o->json, "print the report instead of the table");
+  return [o](std::stop_token stop) { return run(*o, stop); };
+}
+
+}  // namespace telefab::scan
