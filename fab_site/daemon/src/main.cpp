@@ -13,6 +13,7 @@ int main(int argc, char** argv) {
       {"cover", "place the fewest anchors that hold given regions", declare_cover},
       {"machines", "list the machine profiles", declare_machines},
       {"probe", "ask the machine's devices who they are, LEDs off", declare_probe},
+      {"simulate-usb", "offer a simulated projector and stage over USB/IP", declare_simulate_usb},
   };
   return telefab::run_program(text, verbs, argc, argv);
 }

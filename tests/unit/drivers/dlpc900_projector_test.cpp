@@ -120,7 +120,7 @@ TEST(Dlpc900Projector, EndsDarkWhereverTheBusBreaks) {
       bench.model.add_up_dose(false);
       FailingUsb usb{bench.usb, n, SIZE_MAX, code};
       failures += !bench.show(usb);  // the last calls only switch off what is off already
-      bench.clock.advance(300ms);  // the controller's own timer
+      bench.clock.advance(300ms);    // the controller's own timer
       bench.model.tick();
       EXPECT_FALSE(bench.model.lit()) << "bus lost at call " << n;
       for (const LitSpan& lit : bench.log.light()) EXPECT_LE(lit.until - lit.from, 200ms);
