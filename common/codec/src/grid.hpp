@@ -5,6 +5,12 @@
 
 namespace telefab::codec {
 
+/// A place in lattice steps, not rounded.
+struct Place {
+  double x = 0;
+  double y = 0;
+};
+
 struct GridPoint {
   std::int32_t x = 0;
   std::int32_t y = 0;
@@ -22,6 +28,10 @@ class Grid {
   [[nodiscard]] Point2 point(GridPoint p) const {
     return {origin_.x_mm + p.x * step_mm_, origin_.y_mm + p.y * step_mm_};
   }
+  [[nodiscard]] Place place(Point2 p) const {
+    return {(p.x_mm - origin_.x_mm) / step_mm_, (p.y_mm - origin_.y_mm) / step_mm_};
+  }
+  [[nodiscard]] double step_mm() const { return step_mm_; }
   [[nodiscard]] GridPoint most() const { return most_; }
   /// The ring on the lattice: neighbours that fall together become one; empty where no area of the same sign is left.
   [[nodiscard]] std::vector<GridPoint> snap(const Contour& ring) const;

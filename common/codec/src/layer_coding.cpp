@@ -66,6 +66,10 @@ double decode_double(RangeDecoder& coder) {
   return std::bit_cast<double>((high << 32U) | coder.decode_direct(32));
 }
 
+tl::unexpected<Error> broken(std::string what) { return fail(ErrorCode::ProtocolBroken, std::move(what)); }
+
+}  // namespace
+
 void encode_certificate(RangeEncoder& coder, ChunkModels& models, const LayerCertificate& c) {
   models.small.encode(coder, static_cast<std::uint32_t>(c.verdict), kVerdict);
   models.small.encode(coder, static_cast<std::uint32_t>(c.method), kMethod);
@@ -81,8 +85,6 @@ void encode_certificate(RangeEncoder& coder, ChunkModels& models, const LayerCer
   models.small.encode(coder, static_cast<std::uint32_t>(length), kTextLength);
   for (std::size_t i = 0; i < length; ++i) models.text.encode(coder, static_cast<unsigned char>(c.reason[i]), 0);
 }
-
-tl::unexpected<Error> broken(std::string what) { return fail(ErrorCode::ProtocolBroken, std::move(what)); }
 
 Result<LayerCertificate> decode_certificate(RangeDecoder& coder, ChunkModels& models) {
   LayerCertificate c;
@@ -111,21 +113,44 @@ Result<LayerCertificate> decode_certificate(RangeDecoder& coder, ChunkModels& mo
   return c;
 }
 
-}  // namespace
+void encode_ring(RangeEncoder& coder, ChunkModels& models, const std::vector<GridPoint>& ring, GridPoint guess) {
+  constexpr std::int32_t far = 1 << 29;  // the clamp's limits are not needed to encode: vertices lie inside
+  models.small.encode(coder, static_cast<std::uint32_t>(ring.size() - 3), kVertexCount);
+  Neighbourhood near;
+  encode_residual(coder, models, near, ring[0], guess);
+  near = {};
+  encode_residual(coder, models, near, ring[1], ring[0]);
+  for (std::size_t i = 2; i < ring.size(); ++i)
+    encode_residual(coder, models, near, ring[i], extrapolate(ring[i - 2], ring[i - 1], {far, far}));
+}
+
+Result<std::vector<GridPoint>> decode_ring(RangeDecoder& coder, ChunkModels& models, GridPoint guess, GridPoint most,
+                                           std::uint64_t& budget) {
+  constexpr std::int32_t far = 1 << 29;
+  const std::uint64_t size = std::uint64_t{models.small.decode(coder, kVertexCount)} + 3;
+  if (size > kMaxVerticesPerLayer || size > budget) return broken("more vertices than a layer or chunk may have");
+  budget -= size;
+  std::vector<GridPoint> ring;
+  Neighbourhood near;
+  for (std::uint64_t i = 0; i < size; ++i) {
+    // Checked now and then: past the end the decoder only reads zeros.
+    if (i % 256 == 0 && coder.overrun()) return broken("the chunk ends in the middle of a ring");
+    const auto p = decode_residual(coder, models, near, guess, most);
+    if (!p) return broken("a vertex lies outside the stated bounds");
+    if (!ring.empty() && ring.back() == *p) return broken("two neighbouring vertices are equal");
+    if (i == 0) near = {};
+    guess = i == 0 ? *p : extrapolate(ring.back(), *p, {far, far});
+    ring.push_back(*p);
+  }
+  return ring;
+}
 
 void encode_layer(RangeEncoder& coder, ChunkModels& models, const GridLayer& layer) {
   encode_certificate(coder, models, layer.certificate);
   models.small.encode(coder, static_cast<std::uint32_t>(layer.rings.size()), kRingCount);
-  constexpr std::int32_t far = 1 << 29;  // the clamp's limits are not needed to encode: vertices lie inside
   std::vector<GridPoint> firsts;
   for (const auto& ring : layer.rings) {
-    models.small.encode(coder, static_cast<std::uint32_t>(ring.size() - 3), kVertexCount);
-    Neighbourhood near;
-    encode_residual(coder, models, near, ring[0], first_guess(models, firsts.size(), firsts));
-    near = {};
-    encode_residual(coder, models, near, ring[1], ring[0]);
-    for (std::size_t i = 2; i < ring.size(); ++i)
-      encode_residual(coder, models, near, ring[i], extrapolate(ring[i - 2], ring[i - 1], {far, far}));
+    encode_ring(coder, models, ring, first_guess(models, firsts.size(), firsts));
     firsts.push_back(ring[0]);
   }
   models.firsts = std::move(firsts);
@@ -139,29 +164,15 @@ Result<GridLayer> decode_layer(RangeDecoder& coder, ChunkModels& models, GridPoi
   const std::uint32_t rings = models.small.decode(coder, kRingCount);
   if (rings > kMaxRingsPerLayer)
     return broken(fmt::format("{} rings, at most {} are allowed", rings, kMaxRingsPerLayer));
-  constexpr std::int32_t far = 1 << 29;
   std::vector<GridPoint> firsts;
   std::uint64_t vertices = 0;
   for (std::uint32_t r = 0; r < rings; ++r) {
-    const std::uint64_t size = std::uint64_t{models.small.decode(coder, kVertexCount)} + 3;
-    vertices += size;
-    if (vertices > kMaxVerticesPerLayer || size > budget) return broken("more vertices than a layer or chunk may have");
-    budget -= size;
-    std::vector<GridPoint> ring;
-    Neighbourhood near;
-    GridPoint guess = first_guess(models, firsts.size(), firsts);
-    for (std::uint64_t i = 0; i < size; ++i) {
-      // Checked now and then: past the end the decoder only reads zeros.
-      if (i % 256 == 0 && coder.overrun()) return broken("the chunk ends in the middle of a ring");
-      const auto p = decode_residual(coder, models, near, guess, most);
-      if (!p) return broken("a vertex lies outside the stated bounds");
-      if (!ring.empty() && ring.back() == *p) return broken("two neighbouring vertices are equal");
-      if (i == 0) near = {};
-      guess = i == 0 ? *p : extrapolate(ring.back(), *p, {far, far});
-      ring.push_back(*p);
-    }
-    firsts.push_back(ring[0]);
-    layer.rings.push_back(std::move(ring));
+    auto ring = decode_ring(coder, models, first_guess(models, firsts.size(), firsts), most, budget);
+    if (!ring) return tl::unexpected{ring.error()};
+    vertices += ring->size();
+    if (vertices > kMaxVerticesPerLayer) return broken("more vertices than a layer or chunk may have");
+    firsts.push_back(ring->front());
+    layer.rings.push_back(std::move(*ring));
   }
   if (coder.overrun()) return broken("the chunk ends in the middle of a layer");
   models.firsts = std::move(firsts);

@@ -21,6 +21,14 @@ struct ChunkModels {
   std::vector<GridPoint> firsts;  ///< first vertices of the rings of the layer below
 };
 
+void encode_certificate(RangeEncoder& coder, ChunkModels& models, const LayerCertificate& certificate);
+[[nodiscard]] Result<LayerCertificate> decode_certificate(RangeDecoder& coder, ChunkModels& models);
+
+/// One ring, its first vertex against `guess`. Decoding fails with ProtocolBroken.
+void encode_ring(RangeEncoder& coder, ChunkModels& models, const std::vector<GridPoint>& ring, GridPoint guess);
+[[nodiscard]] Result<std::vector<GridPoint>> decode_ring(RangeDecoder& coder, ChunkModels& models, GridPoint guess,
+                                                         GridPoint most, std::uint64_t& budget);
+
 void encode_layer(RangeEncoder& coder, ChunkModels& models, const GridLayer& layer);
 
 /// Fails with ProtocolBroken. `budget` is the number of vertices that may still be made; it is drawn from before memory

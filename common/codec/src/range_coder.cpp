@@ -1,24 +1,69 @@
 #include "range_coder.hpp"
 
+#include <algorithm>
+#include <array>
+
 namespace telefab::codec {
 namespace {
 
-constexpr unsigned kModelBits = 11;
-constexpr unsigned kAdaptShift = 5;
+constexpr unsigned kModelBits = 16;
+constexpr std::uint8_t kMostSeen = 40;
+constexpr std::uint32_t kLeastProbability = 64;
 constexpr std::uint32_t kTop = 1U << 24U;
 
+/// 65536 / (seen + 1.5)
+constexpr auto kRates = [] {
+  std::array<std::uint32_t, kMostSeen + 1U> rates{};
+  for (std::uint32_t seen = 0; seen <= kMostSeen; ++seen) rates[seen] = 131072U / (2 * seen + 3);
+  return rates;
+}();
+
+/// Entry p: bits that an event of probability (p + 1/2) / 4096 takes; binary logarithm by squaring.
+constexpr auto kCosts = [] {
+  std::array<float, 4096> costs{};
+  for (std::uint32_t p = 0; p < 4096; ++p) {
+    double x = (p + 0.5) / 4096;
+    double bits = 0;
+    while (x < 1) {
+      x *= 2;
+      bits += 1;
+    }
+    double part = 1;
+    for (int i = 0; i < 12; ++i) {
+      x *= x;
+      part /= 2;
+      if (x >= 2) {
+        x /= 2;
+        bits -= part;
+      }
+    }
+    costs[p] = static_cast<float>(bits);
+  }
+  return costs;
+}();
+
 }  // namespace
+
+void BitModel::learn(unsigned bit) {
+  const std::uint32_t rate = kRates[seen];
+  if (seen < kMostSeen) ++seen;
+  const std::uint32_t now = bit == 0 ? zero + ((65536U - zero) * rate >> 16U) : zero - (zero * rate >> 16U);
+  zero = static_cast<std::uint16_t>(std::clamp(now, kLeastProbability, 65536U - kLeastProbability));
+}
+
+double cost_of(const BitModel& model, unsigned bit) {
+  return static_cast<double>(kCosts[(bit == 0 ? model.zero : 65536U - model.zero) >> 4U]);
+}
 
 void RangeEncoder::encode(BitModel& model, unsigned bit) {
   const std::uint32_t bound = (range_ >> kModelBits) * model.zero;
   if (bit == 0) {
     range_ = bound;
-    model.zero = static_cast<std::uint16_t>(model.zero + (((1U << kModelBits) - model.zero) >> kAdaptShift));
   } else {
     low_ += bound;
     range_ -= bound;
-    model.zero = static_cast<std::uint16_t>(model.zero - (model.zero >> kAdaptShift));
   }
+  model.learn(bit);
   while (range_ < kTop) {
     range_ <<= 8U;
     shift_low();
@@ -80,13 +125,12 @@ unsigned RangeDecoder::decode(BitModel& model) {
   unsigned bit = 0;
   if (code_ < bound) {
     range_ = bound;
-    model.zero = static_cast<std::uint16_t>(model.zero + (((1U << kModelBits) - model.zero) >> kAdaptShift));
   } else {
     code_ -= bound;
     range_ -= bound;
-    model.zero = static_cast<std::uint16_t>(model.zero - (model.zero >> kAdaptShift));
     bit = 1;
   }
+  model.learn(bit);
   normalise();
   return bit;
 }

@@ -53,7 +53,7 @@ TEST(RangeCoder, SpendsLittleOnWhatItHasLearnt) {
   RangeEncoder encoder;
   BitModel model;
   for (int i = 0; i < 8000; ++i) encoder.encode(model, 0);
-  EXPECT_LT(encoder.finish().size(), 40U);  // 0.02 bit each at the floor
+  EXPECT_LT(encoder.finish().size(), 40U);  // 0.0014 bit each at the floor
 }
 
 TEST(RangeDecoder, RemembersThatItReadPastTheEnd) {

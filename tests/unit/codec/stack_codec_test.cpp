@@ -1,6 +1,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+#include <numbers>
 #include <telefab/codec/stack_codec.hpp>
 #include <telefab/test/random_stack.hpp>
 
@@ -16,7 +19,10 @@ struct Coded {
   Digest stack;
 };
 
-Coded encode(const LayerStack& stack, const CodecOptions& options = {}) {
+constexpr CodecOptions kExact{.coding = Coding::Exact, .layers_per_chunk = 32};
+constexpr CodecOptions kCurve{.coding = Coding::Curve, .layers_per_chunk = 32, .chord_error_pitch = 0.025};
+
+Coded encode(const LayerStack& stack, const CodecOptions& options = kCurve) {
   StackEncoder encoder = StackEncoder::start(stack.header(), options).value();
   Coded coded;
   const auto keep = [&](const std::optional<Chunk>& chunk) {
@@ -32,9 +38,11 @@ Coded encode(const LayerStack& stack, const CodecOptions& options = {}) {
 
 class StackCodecProperty : public testing::TestWithParam<std::uint64_t> {};
 
+CodecOptions either(std::uint64_t seed) { return seed % 2 ? kExact : kCurve; }
+
 TEST_P(StackCodecProperty, DecodesWhatTheEncoderSaidEachChunkAloneAndInAnyOrder) {
   const LayerStack stack = random_stack(GetParam(), 75);
-  const Coded coded = encode(stack);
+  const Coded coded = encode(stack, either(GetParam()));
   ASSERT_EQ(coded.chunks.size(), 3U);
   const StackDecoder decoder = StackDecoder::start(stack.header()).value();
   std::vector<Layer> layers(75);
@@ -49,7 +57,7 @@ TEST_P(StackCodecProperty, DecodesWhatTheEncoderSaidEachChunkAloneAndInAnyOrder)
 
 TEST_P(StackCodecProperty, MovesNoVertexFartherThanHalfAGridDiagonal) {
   const LayerStack stack = random_stack(GetParam(), 8);
-  const Coded coded = encode(stack);
+  const Coded coded = encode(stack, kExact);
   const double bound_mm = stack.header().pixel_pitch_mm / 16 * std::sqrt(0.5) + 1e-9;
   for (std::size_t i = 0; i < coded.layers.size(); ++i) {
     ASSERT_EQ(coded.layers[i].contours.size(), stack.layers()[i].contours.size());
@@ -64,16 +72,63 @@ TEST_P(StackCodecProperty, MovesNoVertexFartherThanHalfAGridDiagonal) {
   }
 }
 
-TEST_P(StackCodecProperty, CodesItsOwnResultToTheSameBytes) {
+/// Largest distance of a's edges (ends and three places between) to b's.
+double distance_mm(const Layer& a, const Layer& b) {
+  const auto to_edge = [](Point2 p, Point2 e, Point2 f) {
+    const double dx = f.x_mm - e.x_mm;
+    const double dy = f.y_mm - e.y_mm;
+    const double along = std::clamp(((p.x_mm - e.x_mm) * dx + (p.y_mm - e.y_mm) * dy) / (dx * dx + dy * dy), 0.0, 1.0);
+    return std::hypot(p.x_mm - e.x_mm - along * dx, p.y_mm - e.y_mm - along * dy);
+  };
+  double worst = 0;
+  for (const Contour& ring : a.contours)
+    for (std::size_t i = 0; i < ring.vertices().size(); ++i)
+      for (int quarter = 0; quarter < 4; ++quarter) {
+        const Point2 u = ring.vertices()[i];
+        const Point2 v = ring.vertices()[(i + 1) % ring.vertices().size()];
+        const Point2 p{u.x_mm + (v.x_mm - u.x_mm) * quarter / 4, u.y_mm + (v.y_mm - u.y_mm) * quarter / 4};
+        double nearest = 1e9;
+        for (const Contour& other : b.contours)
+          for (std::size_t k = 0; k < other.vertices().size(); ++k)
+            nearest =
+                std::min(nearest, to_edge(p, other.vertices()[k], other.vertices()[(k + 1) % other.vertices().size()]));
+        worst = std::max(worst, nearest);
+      }
+  return worst;
+}
+
+TEST_P(StackCodecProperty, KeepsEveryCurveWithinTheStatedErrorBothWays) {
+  const LayerStack stack = random_stack(GetParam(), 7);
+  for (const double chord : {0.025, 0.1}) {
+    CodecOptions options = kCurve;
+    options.chord_error_pitch = chord;
+    const Coded coded = encode(stack, options);
+    ASSERT_EQ(coded.layers.size(), 7U);
+    const double bound_mm = (options.total_error_pitch - chord) * stack.header().pixel_pitch_mm + 1e-9;
+    for (std::size_t i = 0; i < coded.layers.size(); ++i) {
+      EXPECT_EQ(coded.layers[i].contours.size(), stack.layers()[i].contours.size());
+      EXPECT_EQ(coded.layers[i].certificate, stack.layers()[i].certificate);
+      EXPECT_LE(distance_mm(coded.layers[i], stack.layers()[i]), bound_mm) << i;
+      EXPECT_LE(distance_mm(stack.layers()[i], coded.layers[i]), bound_mm) << i;
+    }
+  }
+}
+
+TEST_P(StackCodecProperty, WritesTheSameCurveBytesTwice) {
+  const LayerStack stack = random_stack(GetParam(), 8);
+  EXPECT_EQ(encode(stack).chunks, encode(stack).chunks);
+}
+
+TEST_P(StackCodecProperty, CodesItsOwnExactResultToTheSameBytes) {
   const LayerStack stack = random_stack(GetParam(), 40);
-  const Coded once = encode(stack);
-  const Coded twice = encode(LayerStack::from_layers(stack.header(), once.layers).value());
+  const Coded once = encode(stack, kExact);
+  const Coded twice = encode(LayerStack::from_layers(stack.header(), once.layers).value(), kExact);
   EXPECT_EQ(once.chunks, twice.chunks);
 }
 
 TEST_P(StackCodecProperty, SurvivesDamageWithoutACrashAndWithinItsBounds) {
   const LayerStack stack = random_stack(GetParam(), 8);
-  const Coded coded = encode(stack);
+  const Coded coded = encode(stack, either(GetParam()));
   const StackDecoder decoder = StackDecoder::start(stack.header()).value();
   std::mt19937_64 rng{GetParam()};
   int refused = 0;
@@ -108,12 +163,69 @@ TEST(StackEncoder, FlagsALayerWhoseRingIsSmallerThanTheGrid) {
   layer.z_mm = cut_height_mm(layer.index, header.layer_thickness_mm);
   layer.contours = {Contour::from_vertices({{10, 10}, {10.001, 10}, {10, 10.001}}).value()};
   layer.certificate = {LayerCertificate::Verdict::Certified, LayerCertificate::Method::Grid, 1, 1, "", std::nullopt};
-  StackEncoder encoder = StackEncoder::start(header, {}).value();
+  StackEncoder encoder = StackEncoder::start(header, kExact).value();
   ASSERT_TRUE(encoder.add(layer));
   ASSERT_TRUE(encoder.finish().value());
   EXPECT_TRUE(encoder.coded_layers()[0].contours.empty());
   EXPECT_EQ(encoder.coded_layers()[0].certificate.verdict, LayerCertificate::Verdict::Flagged);
   EXPECT_EQ(encoder.coded_layers()[0].certificate.measured_euler, 0);
+}
+
+Layer layer_of(std::uint32_t index, std::vector<Contour> contours) {
+  Layer layer;
+  layer.index = LayerIndex{index};
+  layer.z_mm = cut_height_mm(layer.index, 0.15);
+  layer.contours = std::move(contours);
+  layer.certificate = {LayerCertificate::Verdict::Certified, LayerCertificate::Method::Grid, 1, 1, "", std::nullopt};
+  return layer;
+}
+
+Contour ring_of(Point2 centre, double radius_x_mm, double radius_y_mm, int vertices) {
+  std::vector<Point2> ring;
+  for (int k = 0; k < vertices; ++k) {
+    const double angle = 2 * std::numbers::pi * k / vertices;
+    ring.push_back({centre.x_mm + radius_x_mm * std::cos(angle), centre.y_mm + radius_y_mm * std::sin(angle)});
+  }
+  return Contour::from_vertices(std::move(ring)).value();
+}
+
+TEST(StackEncoder, SpendsFarLessOnACurveThatMovesEvenlyThanOnANewOne) {
+  StackHeader header = random_stack(1, 64).header();
+  std::vector<Layer> layers;
+  for (std::uint32_t i = 0; i < 64; ++i) layers.push_back(layer_of(i, {ring_of({100, 80}, 20 + 0.05 * i, 30, 400)}));
+  const auto bytes_of = [&](std::uint32_t layers_per_chunk) {
+    CodecOptions options = kCurve;
+    options.layers_per_chunk = layers_per_chunk;
+    std::size_t bytes = 0;
+    for (const Chunk& c : encode(LayerStack::from_layers(header, layers).value(), options).chunks)
+      bytes += c.payload.size();
+    return bytes;
+  };
+  EXPECT_LT(bytes_of(64), bytes_of(1) / 6);
+}
+
+TEST(StackEncoder, FollowsARingThatSplitsAndOneThatIsNew) {
+  StackHeader header = random_stack(1, 3).header();
+  const std::vector<Layer> layers{
+      layer_of(0, {ring_of({60, 80}, 30, 10, 200)}),
+      layer_of(1, {ring_of({45, 80}, 14, 9, 120), ring_of({75, 80}, 14, 9, 120)}),
+      layer_of(2, {ring_of({45, 80}, 13, 8, 120), ring_of({75, 80}, 13, 8, 120), ring_of({150, 80}, 9, 9, 90)})};
+  const Coded coded = encode(LayerStack::from_layers(header, layers).value());
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_EQ(coded.layers[i].contours.size(), layers[i].contours.size());
+    EXPECT_LE(distance_mm(coded.layers[i], layers[i]), 0.119 * 0.14 + 1e-9);
+    EXPECT_LE(distance_mm(layers[i], coded.layers[i]), 0.119 * 0.14 + 1e-9);
+  }
+}
+
+TEST(StackEncoder, FlagsACertifiedLayerWhoseContoursCross) {
+  StackHeader header = random_stack(1, 1).header();
+  const Layer layer = layer_of(0, {ring_of({60, 80}, 20, 20, 100), ring_of({80, 80}, 20, 20, 100)});
+  for (const CodecOptions& options : {kExact, kCurve}) {
+    const Coded coded = encode(LayerStack::from_layers(header, {layer}).value(), options);
+    EXPECT_EQ(coded.layers[0].certificate.verdict, LayerCertificate::Verdict::Flagged);
+    EXPECT_THAT(coded.layers[0].certificate.reason, HasSubstr("cross"));
+  }
 }
 
 TEST(StackEncoder, KeepsEmptyLayers) {
@@ -165,8 +277,9 @@ TEST(ChunkChain, DependsOnHeaderOrderNumbersAndEveryByte) {
 }
 
 TEST(CodecOptions, RefusesValuesOutOfRange) {
-  EXPECT_FALSE((CodecOptions{.grid_per_pitch = 0}.validate()));
-  EXPECT_FALSE((CodecOptions{.grid_per_pitch = 256}.validate()));
+  EXPECT_FALSE((CodecOptions{.chord_error_pitch = -0.1}.validate()));
+  EXPECT_FALSE((CodecOptions{.chord_error_pitch = 0.14}.validate()));
+  EXPECT_FALSE((CodecOptions{.total_error_pitch = 1.5}.validate()));
   EXPECT_FALSE((CodecOptions{.layers_per_chunk = 0}.validate()));
   EXPECT_FALSE((CodecOptions{.layers_per_chunk = 65}.validate()));
   EXPECT_FALSE((CodecOptions{.coding = static_cast<Coding>(7)}.validate()));

@@ -11,13 +11,15 @@ namespace telefab {
 
 /// How contours are written. Numbers go to disk and over the wire: never renumber.
 enum class Coding : std::uint32_t {
-  Exact = 1,  ///< the slicer's vertices on a grid of pixel pitch / grid_per_pitch
+  Exact = 1,  ///< the slicer's vertices on a grid of pixel pitch / 16
+  Curve = 2,  ///< the curve within a stated error: contours as those of the layer below, moved
 };
 
 struct CodecOptions {
-  Coding coding = Coding::Exact;
-  std::uint32_t grid_per_pitch = 16;    ///< [4, 255]; grid steps a pixel; 16 keeps the rounding below pitch / 22
-  std::uint32_t layers_per_chunk = 32;  ///< [1, 64]; a loss costs at most one chunk
+  Coding coding = Coding::Curve;
+  std::uint32_t layers_per_chunk = 64;  ///< [1, 64]; each chunk begins with a key layer; a loss costs at most one chunk
+  double total_error_pitch = 0.144;  ///< (chord_error_pitch, 1]; Curve: largest distance to the true section, both ways
+  double chord_error_pitch = 0.025;  ///< [0, 1); what the slicer's chords have used of it: its chord tolerance
   [[nodiscard]] Result<void> validate() const;
 };
 
@@ -54,13 +56,16 @@ class StackEncoder {
 
   /// Takes the next layer; gives a chunk when one is full. Fails with InvalidInput for a layer out of order or outside
   /// the header's bounds, TooLarge for a layer that does not fit a chunk.
-  /// A ring that has no area left on the grid is left out, and the layer's certificate says so.
+  /// A ring that has no area left on the grid is left out, and the layer's certificate says so; so it does where the
+  /// contours of a certified layer cross or nest wrongly.
   [[nodiscard]] Result<std::optional<Chunk>> add(const Layer& layer);
   /// Gives the last, shorter chunk if there is one. Fails with InvalidInput where layers are missing.
   [[nodiscard]] Result<std::optional<Chunk>> finish();
 
   /// The layers of the chunk last given, as every decoder sees them. Valid until the next call.
   [[nodiscard]] std::span<const Layer> coded_layers() const;
+  /// Largest distance, both ways, between what was given and what is decoded, in pixel pitches; chords not included.
+  [[nodiscard]] double worst_error_pitch() const;
   /// digest_of the stack as decoded; complete after finish().
   [[nodiscard]] Digest stack_digest() const;
 
@@ -71,7 +76,8 @@ class StackEncoder {
 };
 
 /// Turns chunks back into layers. Stateless between chunks. Safe on hostile bytes: every count is checked before memory
-/// is taken, every vertex lies inside the header's bounds, the whole payload is consumed.
+/// is taken, every vertex lies inside the header's bounds, the whole payload is consumed; contours of a layer that says
+/// it is certified do not cross, and holes lie in outer rings.
 class StackDecoder {
  public:
   /// Fails with InvalidInput for a bad header.

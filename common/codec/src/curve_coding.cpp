@@ -1,0 +1,229 @@
+#include "curve_coding.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <telefab/geometry/limits.hpp>
+
+namespace telefab::codec {
+namespace {
+
+tl::unexpected<Error> broken(std::string what) { return fail(ErrorCode::ProtocolBroken, std::move(what)); }
+
+enum SmallContext : unsigned { kRings, kReference, kStart };
+
+/// The same function writes and reads: with Writing the arguments hold the values, with Reading they take them.
+struct Writing {
+  RangeEncoder& coder;
+  void bit(BitModel& model, bool& value) const { coder.encode(model, value ? 1 : 0); }
+  template <unsigned N>
+  void number(NumberModel<N>& model, std::uint32_t& value, unsigned context) const {
+    model.encode(coder, value, context);
+  }
+  [[nodiscard]] static bool overrun() { return false; }
+};
+
+struct Reading {
+  RangeDecoder& coder;
+  void bit(BitModel& model, bool& value) const { value = coder.decode(model) != 0; }
+  template <unsigned N>
+  void number(NumberModel<N>& model, std::uint32_t& value, unsigned context) const {
+    value = model.decode(coder, context);
+  }
+  [[nodiscard]] bool overrun() const { return coder.overrun(); }
+};
+
+template <class Bits>
+void code_signed(const Bits& bits, NumberModel<4>& model, std::int32_t& value, unsigned context) {
+  std::uint32_t number = zigzag(value);
+  bits.number(model, number, context);
+  value = unzigzag(number);
+}
+
+template <class Bits>
+void code_residual(const Bits& bits, CurveModels& models, const ResidualContext& near, std::int32_t& residual) {
+  bool some = residual != 0;
+  bits.bit(models.quiet[near.own][near.before], some);
+  if (!some) {
+    residual = 0;
+    return;
+  }
+  bool negative = residual < 0;
+  bits.bit(models.sign[near.own_sign][near.before_sign], negative);
+  std::uint32_t size = static_cast<std::uint32_t>(std::abs(residual)) - 1;
+  bits.number(models.size, size, (near.own == 3 ? 3 : 0) + near.before);
+  size = std::min<std::uint32_t>(size, kMaxDistance);
+  residual = static_cast<std::int32_t>(size + 1) * (negative ? -1 : 1);
+}
+
+/// One ring that moves. The source is the reference from `start` on; every source vertex is passed once.
+template <class Bits>
+class RingMotion {
+ public:
+  RingMotion(const Bits& bits, CurveModels& models, CurveSteps steps, GridPoint most, std::uint64_t& budget)
+      : bits_{bits}, models_{models}, steps_{steps}, most_{most}, budget_{budget} {}
+
+  Result<MovingRing> code(const MovingRing& source, RingPlan& plan) {
+    const std::vector<Corner> corners = corners_of(source);
+    const MoveRule rule{steps_.residual};
+    plan.steps.resize(source.size());
+    std::int32_t move_before = 0;
+    std::int32_t residual_before = 0;
+    bool gone_before = false;
+    for (std::size_t k = 0; k < source.size(); ++k) {
+      const std::size_t i = (k + plan.start) % source.size();
+      VertexStep& step = plan.steps[k];
+      if (k % 64 == 0 && bits_.overrun()) return broken("the chunk ends in the middle of a ring");
+      if (k > 0) bits_.bit(models_.gone[gone_before ? 1 : 0][corners[i].bend], step.gone);
+      gone_before = step.gone;
+      if (step.gone) continue;
+      code_residual(bits_, models_, ResidualContext::of(source[i], residual_before), step.residual);
+      MovingVertex v = source[i];
+      const std::int32_t expected = rule.expected(v, move_before);
+      if (!rule.apply(v, corners[i].normal, expected, step.residual, most_))
+        return broken("a vertex lies outside the stated bounds");
+      residual_before = step.residual;
+      move_before = expected + step.residual * steps_.residual * kDistanceUnit;
+      if (!made_.empty())
+        if (auto done = fill(made_.back(), v, plan, 0); !done) return tl::unexpected{done.error()};
+      if (!made_.empty() && made_.back().at == v.at) return broken("two neighbouring vertices are equal");
+      made_.push_back(v);
+    }
+    const MovingVertex last = made_.back();
+    const MovingVertex first = made_.front();
+    if (auto done = fill(last, first, plan, 0); !done) return tl::unexpected{done.error()};
+    if (made_.size() < 3 || made_.back().at == made_.front().at) return broken("a ring without area");
+    return std::move(made_);
+  }
+
+ private:
+  Result<void> fill(const MovingVertex& a, const MovingVertex& b, RingPlan& plan, unsigned depth) {
+    if (depth > kDeepestFill) return {};
+    if (next_fill_ == plan.fills.size()) plan.fills.emplace_back();
+    FillNode node = plan.fills[next_fill_];
+    bits_.bit(models_.split[std::min(depth, 2U)][length_class(a.at, b.at)], node.split);
+    if (!node.split) {
+      plan.fills[next_fill_++] = node;
+      return {};
+    }
+    if (budget_ == 0) return broken("more vertices than a layer or chunk may have");
+    --budget_;
+    std::uint32_t offset = zigzag(node.offset);
+    bits_.number(models_.offset, offset, std::min(depth, 2U));
+    node.offset = unzigzag(offset);
+    plan.fills[next_fill_++] = node;
+    MovingVertex between;
+    if (!make_between(a, b, node.offset, steps_.residual, most_, between))
+      return broken("a vertex lies outside the stated bounds");
+    if (auto done = fill(a, between, plan, depth + 1); !done) return done;
+    made_.push_back(between);
+    return fill(between, b, plan, depth + 1);
+  }
+
+  const Bits& bits_;
+  CurveModels& models_;
+  CurveSteps steps_;
+  GridPoint most_;
+  std::uint64_t& budget_;
+  MovingRing made_;
+  std::size_t next_fill_ = 0;
+};
+
+GridPoint coarser(GridPoint most, std::int32_t step) { return {most.x / step, most.y / step}; }
+
+MovingRing anew(const std::vector<GridPoint>& ring, std::int32_t step) {
+  MovingRing made;
+  made.reserve(ring.size());
+  for (const GridPoint p : ring) made.push_back({{p.x * step, p.y * step}, 0, 0, true});
+  return made;
+}
+
+template <class Bits>
+Result<MovingRing> code_motion(const Bits& bits, CurveState& state, CurveSteps steps, GridPoint most, RingPlan& plan,
+                               std::vector<bool>& used, std::uint32_t& expected, std::uint64_t& budget) {
+  std::int32_t ahead = static_cast<std::int32_t>(plan.reference) - static_cast<std::int32_t>(expected);
+  code_signed(bits, state.models.small, ahead, kReference);
+  const std::int64_t reference = std::int64_t{expected} + ahead;
+  if (reference < 0 || reference >= static_cast<std::int64_t>(state.below.size()) ||
+      used[static_cast<std::size_t>(reference)])
+    return broken("a ring refers to a ring below that is not there or used already");
+  plan.reference = static_cast<std::uint32_t>(reference);
+  used[plan.reference] = true;
+  expected = plan.reference + 1;
+  const MovingRing& source = state.below[plan.reference];
+  if (source.size() > budget) return broken("more vertices than a layer or chunk may have");
+  budget -= source.size();
+  bits.number(state.models.small, plan.start, kStart);
+  if (plan.start >= source.size()) return broken("a ring starts at a vertex that is not there");
+  return RingMotion<Bits>{bits, state.models, steps, most, budget}.code(source, plan);
+}
+
+}  // namespace
+
+ResidualContext ResidualContext::of(const MovingVertex& v, std::int32_t residual_before) {
+  const auto sign = [](std::int32_t r) { return r < 0 ? 0U : r == 0 ? 1U : 2U; };
+  const auto size = [](std::int32_t r) { return static_cast<unsigned>(std::min(std::abs(r), 2)); };
+  return {v.fresh ? 3U : size(v.last), size(residual_before), sign(v.last), sign(residual_before)};
+}
+
+void encode_curve_layer(RangeEncoder& coder, CurveState& state, CurveSteps steps, GridPoint most,
+                        const LayerCertificate& certificate, const std::vector<RingPlan>& plans) {
+  const Writing bits{coder};
+  encode_certificate(coder, state.models.exact, certificate);
+  std::int32_t more = static_cast<std::int32_t>(plans.size()) - static_cast<std::int32_t>(state.below.size());
+  code_signed(bits, state.models.small, more, kRings);
+  std::vector<bool> used(state.below.size());
+  std::uint32_t expected = 0;
+  std::uint64_t no_limit = ~std::uint64_t{0};
+  std::vector<MovingRing> made;
+  GridPoint first{};
+  for (RingPlan plan : plans) {
+    bits.bit(state.models.moves, plan.moves);
+    if (plan.moves) {
+      made.push_back(code_motion(bits, state, steps, most, plan, used, expected, no_limit).value());
+    } else {
+      encode_ring(coder, state.models.exact, plan.anew, first);
+      first = plan.anew[0];
+      made.push_back(anew(plan.anew, steps.anew));
+    }
+  }
+  state.below = std::move(made);
+}
+
+Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& state, CurveSteps steps, GridPoint most,
+                                            std::uint64_t& budget) {
+  const Reading bits{coder};
+  auto certificate = decode_certificate(coder, state.models.exact);
+  if (!certificate) return certificate;
+  std::int32_t more = 0;
+  code_signed(bits, state.models.small, more, kRings);
+  const std::int64_t rings = static_cast<std::int64_t>(state.below.size()) + more;
+  if (rings < 0 || rings > kMaxRingsPerLayer)
+    return broken(fmt::format("{} rings, at most {} are allowed", rings, kMaxRingsPerLayer));
+  std::vector<bool> used(state.below.size());
+  std::uint32_t expected = 0;
+  std::vector<MovingRing> made;
+  GridPoint first{};
+  std::size_t vertices = 0;
+  for (std::int64_t r = 0; r < rings; ++r) {
+    RingPlan plan;
+    bits.bit(state.models.moves, plan.moves);
+    if (plan.moves) {
+      auto ring = code_motion(bits, state, steps, most, plan, used, expected, budget);
+      if (!ring) return tl::unexpected{ring.error()};
+      made.push_back(std::move(*ring));
+    } else {
+      const auto ring = decode_ring(coder, state.models.exact, first, coarser(most, steps.anew), budget);
+      if (!ring) return tl::unexpected{ring.error()};
+      first = ring->front();
+      made.push_back(anew(*ring, steps.anew));
+    }
+    vertices += made.back().size();
+    if (vertices > kMaxVerticesPerLayer) return broken("more vertices than a layer or chunk may have");
+  }
+  if (coder.overrun()) return broken("the chunk ends in the middle of a layer");
+  state.below = std::move(made);
+  return certificate;
+}
+
+}  // namespace telefab::codec

@@ -1,0 +1,74 @@
+#pragma once
+#include "layer_coding.hpp"
+#include "moving_ring.hpp"
+
+// The syntax of the coding `curve`: a ring is given as a ring of the layer below that moves, or anew.
+namespace telefab::codec {
+
+/// Set once a chunk, in its first bytes.
+struct CurveSteps {
+  std::int32_t residual = 4;  ///< lattice steps of one residual
+  std::int32_t anew = 4;      ///< lattice steps of the coarser lattice of rings given anew
+};
+
+/// The adaptive state of one chunk.
+struct CurveModels {
+  ChunkModels exact;  ///< certificates, counts and rings given anew
+  BitModel moves;
+  BitModel gone[2][12];   ///< by the fate of the vertex before, by bend
+  BitModel quiet[4][3];   ///< residual 0: by own last residual (3: fresh), by the residual before
+  BitModel sign[3][3];    ///< by the signs of both
+  NumberModel<6> size;    ///< residual less 1, by freshness and the residual before
+  BitModel split[3][32];  ///< by depth, by length
+  NumberModel<3> offset;  ///< by depth
+  NumberModel<4> small;
+};
+
+/// The fate of one vertex of the ring below.
+struct VertexStep {
+  bool gone = false;
+  std::int32_t residual = 0;
+};
+
+/// A node of the tree that fills the edge between two kept vertices, parents first.
+struct FillNode {
+  bool split = false;
+  std::int32_t offset = 0;
+};
+
+struct RingPlan {
+  bool moves = false;
+  std::uint32_t reference = 0;    ///< of a moving ring: which ring of the layer below
+  std::uint32_t start = 0;        ///< its vertex that comes first and is kept
+  std::vector<VertexStep> steps;  ///< one a vertex of the reference, from `start`
+  std::vector<FillNode> fills;    ///< edge after edge, the closing one last
+  std::vector<GridPoint> anew;    ///< otherwise: vertices on the coarser lattice
+};
+
+inline constexpr unsigned kDeepestFill = 8;
+
+/// What layers of one chunk share: the rings below and the models. Encoder's and decoder's move alike.
+struct CurveState {
+  CurveModels models;
+  std::vector<MovingRing> below;
+};
+
+/// Writes a layer and makes its rings the new `below`. The plan must be one that fits (made by fit_ring).
+void encode_curve_layer(RangeEncoder& coder, CurveState& state, CurveSteps steps, GridPoint most,
+                        const LayerCertificate& certificate, const std::vector<RingPlan>& plans);
+
+/// Reads a layer: its rings are the new `below`. Fails with ProtocolBroken. `budget` is drawn from for every vertex
+/// read or passed over, before memory is taken.
+[[nodiscard]] Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& state, CurveSteps steps,
+                                                          GridPoint most, std::uint64_t& budget);
+
+/// Contexts of the models, shared with the encoder's estimate of costs.
+struct ResidualContext {
+  unsigned own = 0;     ///< 0 to 2; 3 fresh
+  unsigned before = 0;  ///< 0 to 2
+  unsigned own_sign = 1;
+  unsigned before_sign = 1;
+  [[nodiscard]] static ResidualContext of(const MovingVertex& v, std::int32_t residual_before);
+};
+
+}  // namespace telefab::codec

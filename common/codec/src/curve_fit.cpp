@@ -1,0 +1,429 @@
+#include "curve_fit.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace telefab::codec {
+namespace {
+
+constexpr double kNever = std::numeric_limits<double>::infinity();
+constexpr int kMostGone = 4;              ///< vertices dropped in a row
+constexpr int kLongestGap = 256;          ///< the same where there is no other way
+constexpr int kMostGapTrials = 300;       ///< such ways tried for one ring
+constexpr double kLargestMove = 64 * 40;  ///< lattice steps
+constexpr double kTrackingWeight = 0.6;   ///< bits for an error of the whole tolerance: an exact move predicts the next
+constexpr int kNear = 64;                 ///< target segments searched around the last hit
+
+Place place_of(GridPoint p) { return {static_cast<double>(p.x), static_cast<double>(p.y)}; }
+double square(double v) { return v * v; }
+
+double square_distance_to_chord(Place p, Place a, Place b) {
+  const double dx = b.x - a.x;
+  const double dy = b.y - a.y;
+  const double length = dx * dx + dy * dy;
+  const double along = length > 0 ? std::clamp(((p.x - a.x) * dx + (p.y - a.y) * dy) / length, 0.0, 1.0) : 0.0;
+  return square(p.x - a.x - along * dx) + square(p.y - a.y - along * dy);
+}
+
+/// Where a line meets the target: `at` is segment number + share, `distance` along the line's direction.
+struct Hit {
+  double at = -1;
+  double distance = 0;
+  Place place;
+};
+
+/// The ring to be coded.
+class Target {
+ public:
+  explicit Target(std::span<const Place> ring) : ring_{ring} {}
+  [[nodiscard]] std::size_t size() const { return ring_.size(); }
+
+  /// Where the line from p along the normal crosses the ring from right to left, nearest to `expected`.
+  [[nodiscard]] Hit meet(GridPoint p, Normal normal, double expected, std::size_t from, std::size_t count) const {
+    const double nx = normal.x / 16384.0;
+    const double ny = normal.y / 16384.0;
+    Hit best;
+    double best_gap = kNever;
+    std::size_t s = from % size();
+    Place a = ring_[s];
+    double side_a = nx * (a.y - p.y) - ny * (a.x - p.x);
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::size_t e = s + 1 == size() ? 0 : s + 1;
+      const Place b = ring_[e];
+      const double side_b = nx * (b.y - p.y) - ny * (b.x - p.x);
+      if (side_a < 0 && side_b >= 0) {
+        const double share = side_a / (side_a - side_b);
+        const Place q{a.x + share * (b.x - a.x), a.y + share * (b.y - a.y)};
+        const double d = nx * (q.x - p.x) + ny * (q.y - p.y);
+        if (std::abs(d - expected) < best_gap) {
+          best_gap = std::abs(d - expected);
+          best = {static_cast<double>(s) + std::min(share, 0.999999999), d, q};
+        }
+      }
+      s = e;
+      a = b;
+      side_a = side_b;
+    }
+    return best;
+  }
+
+  /// Largest square distance of the vertices strictly between two places to a chord; kNever as soon as it is above.
+  [[nodiscard]] double bulge(GridPoint from, GridPoint to, double at, double end, double most_square) const {
+    const Place a = place_of(from);
+    const Place b = place_of(to);
+    const auto first = static_cast<std::size_t>(std::floor(at)) + 1;
+    const auto last = static_cast<std::size_t>(std::ceil(end));  // exclusive
+    double worst = 0;
+    for (std::size_t i = first; i < last; ++i) {
+      const double d = square_distance_to_chord(ring_[i % size()], a, b);
+      if (d > most_square) return kNever;
+      worst = std::max(worst, d);
+    }
+    return worst;
+  }
+
+ private:
+  std::span<const Place> ring_;
+};
+
+struct Candidate {
+  std::int32_t level = 0;  ///< the residual; of a fresh vertex the move in steps
+  MovingVertex vertex;     ///< after the move
+  double at = 0;           ///< on the target, counted on from the start's place
+  double error_square = 0;
+  double penalty = 0;
+  // The best way here.
+  double cost = kNever;
+  int from_vertex = -1;
+  int from_candidate = -1;
+  std::int32_t residual = 0;
+  std::int32_t move = 0;
+};
+
+struct Fill {
+  std::vector<FillNode> nodes;
+  std::vector<GridPoint> ring;
+  double worst_square = 0;
+};
+
+class Motion {
+ public:
+  Motion(const MovingRing& reference, std::span<const Place> target, const CurveModels& models, const FitRule& rule)
+      : reference_{reference},
+        target_{target},
+        models_{models},
+        rule_{rule},
+        move_rule_{rule.steps.residual},
+        most_square_{square(rule.tolerance)},
+        corners_{corners_of(reference)},
+        hits_(reference.size()) {}
+
+  std::optional<RingFit> fit() {
+    find_hits();
+    if (!choose_start()) return std::nullopt;
+    find_candidates();
+    for (std::size_t k = 1; k < ways_.size(); ++k)
+      for (Candidate& c : ways_[k]) reach(static_cast<int>(k), c);
+    return collect();
+  }
+
+ private:
+  [[nodiscard]] std::size_t index(std::size_t k) const { return (k + start_) % reference_.size(); }
+  [[nodiscard]] double expectation(const MovingVertex& v) const {
+    return v.fresh ? 0.0 : v.velocity / static_cast<double>(kDistanceUnit);
+  }
+
+  void find_hits() {
+    std::size_t last = 0;
+    bool known = false;
+    double fresh_before = 0;
+    for (std::size_t i = 0; i < reference_.size(); ++i) {
+      const MovingVertex& v = reference_[i];
+      const double expected = v.fresh ? fresh_before : expectation(v);
+      Hit hit;
+      const std::size_t size = target_.size();
+      if (known && size > 3 * kNear)
+        hit = target_.meet(v.at, corners_[i].normal, expected, last + size - kNear / 2, 2 * kNear);
+      if (hit.at < 0 || std::abs(hit.distance - expected) > 4 * rule_.tolerance)
+        hit = target_.meet(v.at, corners_[i].normal, expected, 0, size);
+      if (hit.at < 0 || std::abs(hit.distance - expected) > kLargestMove) continue;
+      hits_[i] = hit;
+      last = static_cast<std::size_t>(hit.at);
+      known = true;
+      if (v.fresh) fresh_before = hit.distance;
+    }
+  }
+
+  bool choose_start() {
+    double best = kNever;
+    for (std::size_t i = 0; i < hits_.size(); ++i) {
+      if (hits_[i].at < 0) continue;
+      const double gap = std::abs(hits_[i].distance - expectation(reference_[i]));
+      if (gap < best) {
+        best = gap;
+        start_ = i;
+      }
+      if (gap <= 0.5 * rule_.tolerance) {
+        start_ = i;
+        break;
+      }
+    }
+    return best < kNever;
+  }
+
+  void find_candidates() {
+    ways_.assign(reference_.size(), {});
+    start_at_ = hits_[start_].at;
+    for (std::size_t k = 0; k < ways_.size(); ++k) {
+      const std::size_t i = index(k);
+      const Hit& hit = hits_[i];
+      if (hit.at < 0) continue;
+      double at = hit.at - start_at_;
+      if (at < 0) at += static_cast<double>(target_.size());
+      const double step = rule_.steps.residual;
+      const double base = expectation(reference_[i]);
+      const double wanted = (hit.distance - base) / step;
+      const auto nearest = static_cast<std::int32_t>(std::floor(wanted + 0.5));
+      const std::int32_t toward = nearest > wanted ? nearest - 1 : nearest + 1;
+      std::array<std::int32_t, 3> levels{nearest, toward, 0};
+      const std::size_t count = reference_[i].fresh || nearest == 0 || toward == 0 ? 2 : 3;
+      for (std::size_t l = 0; l < (k == 0 ? 1 : count); ++l) {
+        Candidate c;
+        c.level = levels[l];
+        c.vertex = reference_[i];
+        const std::int32_t expected = reference_[i].fresh ? 0 : reference_[i].velocity;
+        if (!move_rule_.apply(c.vertex, corners_[i].normal, expected, c.level, rule_.most)) continue;
+        c.error_square = square(c.vertex.at.x - hit.place.x) + square(c.vertex.at.y - hit.place.y);
+        if (c.error_square > most_square_) continue;
+        c.penalty = kTrackingWeight * c.error_square / most_square_;
+        c.at = start_at_ + at;
+        if (k == 0) {
+          c.cost = 0;
+          settle(c, reference_[i], 0, 0);
+        }
+        ways_[k].push_back(c);
+      }
+    }
+  }
+
+  /// Fills in residual and move of a candidate whose vertex before moved so.
+  void settle(Candidate& c, const MovingVertex& source, std::int32_t move_before, std::int32_t) const {
+    const std::int32_t unit = rule_.steps.residual * kDistanceUnit;
+    const std::int32_t expected = move_rule_.expected(source, move_before);
+    c.residual = source.fresh ? c.level - expected / unit : c.level;
+    c.move = expected + c.residual * unit;
+  }
+
+  [[nodiscard]] double residual_cost(const MovingVertex& source, std::int32_t residual,
+                                     std::int32_t residual_before) const {
+    const ResidualContext near = ResidualContext::of(source, residual_before);
+    double bits = cost_of(models_.quiet[near.own][near.before], residual != 0 ? 1 : 0);
+    if (residual == 0) return bits;
+    bits += cost_of(models_.sign[near.own_sign][near.before_sign], residual < 0 ? 1 : 0);
+    return bits +
+           models_.size.cost(static_cast<std::uint32_t>(std::abs(residual)) - 1, (near.own == 3 ? 3 : 0) + near.before);
+  }
+
+  /// Cost of the edge between two kept vertices; kNever where it cannot be within the tolerance.
+  double fill(const MovingVertex& a, const MovingVertex& b, double at, double end, unsigned depth, bool may_split,
+              Fill* out) const {
+    if (a.at == b.at || end <= at) return kNever;
+    const double bulge = target_.bulge(a.at, b.at, at, end, most_square_);
+    const auto& split = models_.split[std::min(depth, 2U)][length_class(a.at, b.at)];
+    if (bulge < kNever) {
+      if (out) {
+        if (depth <= kDeepestFill) out->nodes.push_back({});
+        out->worst_square = std::max(out->worst_square, bulge);
+      }
+      return depth <= kDeepestFill ? cost_of(split, 0) : 0;
+    }
+    if (!may_split || depth > kDeepestFill) return kNever;
+    const auto first = static_cast<std::size_t>(std::floor(at));
+    const auto last = static_cast<std::size_t>(std::floor(end));
+    const Hit hit = target_.meet(middle(a.at, b.at), normal_of(a.at, b.at), 0, first, last - first + 1);
+    if (hit.at < 0) return kNever;
+    double meet = hit.at;
+    while (meet < at) meet += static_cast<double>(target_.size());
+    if (meet >= end) return kNever;
+    const auto offset = static_cast<std::int32_t>(std::floor(hit.distance / rule_.steps.residual + 0.5));
+    MovingVertex between;
+    if (!make_between(a, b, offset, rule_.steps.residual, rule_.most, between)) return kNever;
+    const double error = square(between.at.x - hit.place.x) + square(between.at.y - hit.place.y);
+    if (error > most_square_) return kNever;
+    const double own = cost_of(split, 1) + models_.offset.cost(zigzag(offset), std::min(depth, 2U));
+    if (out) {
+      out->nodes.push_back({true, offset});
+      out->worst_square = std::max(out->worst_square, error);
+    }
+    const double left = fill(a, between, at, meet, depth + 1, true, out);
+    if (left == kNever) return kNever;
+    if (out) out->ring.push_back(between.at);
+    const double right = fill(between, b, meet, end, depth + 1, true, out);
+    return own + left + right;
+  }
+
+  [[nodiscard]] double gone_cost(int k, bool gone_before, bool gone) const {
+    return cost_of(models_.gone[gone_before ? 1 : 0][corners_[index(static_cast<std::size_t>(k))].bend], gone ? 1 : 0);
+  }
+
+  /// Cheapest way from an earlier vertex to this one (k may be size(): the start again, a whole turn on).
+  void reach(int k, Candidate& c) {
+    const bool closing = k == static_cast<int>(ways_.size());
+    const MovingVertex& source = reference_[index(static_cast<std::size_t>(k))];
+    double dropped = 0;
+    double run = 0;  // flags of the vertices j + 2 to k - 1
+    for (int j = k - 1;
+         j >= 0 && (j >= k - 1 - kMostGone || (c.cost == kNever && j >= k - 1 - kLongestGap && gap_trials_ > 0)); --j) {
+      // Vertices j + 1 to k - 1 are dropped; the flags behind j depend on j being kept.
+      if (j < k - 2) run += gone_cost(j + 2, true, true);
+      dropped = run;
+      if (j < k - 1) dropped += gone_cost(j + 1, false, true);
+      if (!closing) dropped += gone_cost(k, k > j + 1, false);
+      for (int b = 0; b < static_cast<int>(ways_[static_cast<std::size_t>(j)].size()); ++b) {
+        const Candidate& before = ways_[static_cast<std::size_t>(j)][static_cast<std::size_t>(b)];
+        if (before.cost + dropped >= c.cost || before.at >= c.at) continue;
+        Candidate now = c;
+        double cost = before.cost + dropped;
+        if (!closing) {
+          settle(now, source, before.move, before.residual);
+          cost += c.penalty + residual_cost(source, now.residual, before.residual);
+        }
+        if (cost >= c.cost) continue;
+        if (k - j > kMostGone + 1 && gap_trials_-- <= 0) break;
+        cost += fill(before.vertex, c.vertex, before.at, c.at, 0, k - j <= 2 || k - j > kMostGone + 1, nullptr);
+        if (cost >= c.cost) continue;
+        c = now;
+        c.cost = cost;
+        c.from_vertex = j;
+        c.from_candidate = b;
+      }
+    }
+  }
+
+  std::optional<RingFit> collect() {
+    if (ways_[0].empty()) return std::nullopt;
+    const int size = static_cast<int>(ways_.size());
+    Candidate end = ways_[0][0];
+    end.cost = kNever;
+    end.at += static_cast<double>(target_.size());
+    reach(size, end);
+    if (end.cost == kNever) return std::nullopt;
+
+    std::vector<std::pair<int, const Candidate*>> path;
+    for (const Candidate* c = &end; c->from_vertex >= 0;) {
+      path.emplace_back(c->from_vertex,
+                        &ways_[static_cast<std::size_t>(c->from_vertex)][static_cast<std::size_t>(c->from_candidate)]);
+      c = path.back().second;
+    }
+    std::reverse(path.begin(), path.end());
+    RingFit fit;
+    fit.plan.moves = true;
+    fit.plan.start = static_cast<std::uint32_t>(start_);
+    fit.plan.steps.assign(ways_.size(), {true, 0});
+    Fill fills;
+    for (std::size_t p = 0; p < path.size(); ++p) {
+      const auto [k, c] = path[p];
+      fit.plan.steps[static_cast<std::size_t>(k)] = {false, c->residual};
+      fills.worst_square = std::max(fills.worst_square, c->error_square);
+      fills.ring.push_back(c->vertex.at);
+      const Candidate& next = p + 1 < path.size() ? *path[p + 1].second : end;
+      // fill() sees velocities that are not settled for fresh vertices; it uses positions only.
+      if (fill(c->vertex, next.vertex, c->at, next.at, 0, true, &fills) == kNever) return std::nullopt;
+    }
+    fit.plan.fills = std::move(fills.nodes);
+    fit.ring = std::move(fills.ring);
+    fit.cost_bits = end.cost;
+    fit.error = std::sqrt(fills.worst_square);
+    if (fit.ring.size() < 3) return std::nullopt;
+    return fit;
+  }
+
+  const MovingRing& reference_;
+  Target target_;
+  const CurveModels& models_;
+  const FitRule& rule_;
+  MoveRule move_rule_;
+  double most_square_;
+  std::vector<Corner> corners_;
+  std::vector<Hit> hits_;
+  std::size_t start_ = 0;
+  double start_at_ = 0;
+  int gap_trials_ = kMostGapTrials;
+  std::vector<std::vector<Candidate>> ways_;
+};
+
+template <class Point>
+double twice_area_of(std::span<const Point> ring) {
+  double sum = 0;
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    const Point& a = ring[i];
+    const Point& b = ring[i + 1 == ring.size() ? 0 : i + 1];
+    const double ox = static_cast<double>(ring[0].x);
+    const double oy = static_cast<double>(ring[0].y);
+    sum += (a.x - ox) * (b.y - oy) - (b.x - ox) * (a.y - oy);
+  }
+  return sum;
+}
+
+}  // namespace
+
+double twice_area(std::span<const GridPoint> ring) { return twice_area_of(ring); }
+double twice_area(std::span<const Place> ring) { return twice_area_of(ring); }
+
+std::optional<RingFit> fit_motion(const MovingRing& reference, std::span<const Place> target, const CurveModels& models,
+                                  const FitRule& rule) {
+  if (reference.size() < 3 || target.size() < 3) return std::nullopt;
+  auto fit = Motion{reference, target, models, rule}.fit();
+  if (fit && (twice_area(fit->ring) > 0) != (twice_area(target) > 0)) return std::nullopt;
+  return fit;
+}
+
+std::optional<RingFit> fit_anew(std::span<const Place> target, const FitRule& rule, bool all) {
+  const std::int32_t step = rule.steps.anew;
+  const GridPoint most{rule.most.x / step, rule.most.y / step};
+  const auto snap = [&](Place p) {
+    const auto go = [&](double v, std::int32_t limit) {
+      return static_cast<std::int32_t>(std::clamp(std::floor(v / step + 0.5), 0.0, static_cast<double>(limit)));
+    };
+    return GridPoint{go(p.x, most.x), go(p.y, most.y)};
+  };
+  const auto fine = [&](GridPoint p) { return GridPoint{p.x * step, p.y * step}; };
+  const double most_square = square(rule.tolerance);
+  const Target ring{target};
+  RingFit fit;
+  double worst = 0;
+  const std::size_t n = target.size();
+  for (std::size_t i = 0; i < n;) {
+    const GridPoint here = snap(target[i]);
+    worst = std::max(worst, square(here.x * step - target[i].x) + square(here.y * step - target[i].y));
+    if (fit.plan.anew.empty() || !(fit.plan.anew.back() == here)) fit.plan.anew.push_back(here);
+    std::size_t next = i + 1;
+    if (!all) {
+      constexpr std::size_t kPatience = 6;
+      double bulge = 0;
+      for (std::size_t j = i + 2; j <= n && j <= next + kPatience; ++j) {
+        const GridPoint there = snap(target[j % n]);
+        if (there == here) continue;
+        const double b =
+            ring.bulge(fine(here), fine(there), static_cast<double>(i), static_cast<double>(j), most_square);
+        if (b == kNever) continue;
+        next = j;
+        bulge = b;
+      }
+      worst = std::max(worst, bulge);
+    }
+    i = next;
+  }
+  auto& made = fit.plan.anew;
+  while (made.size() > 1 && made.back() == made.front()) made.pop_back();
+  if (made.size() < 3) return all ? std::nullopt : fit_anew(target, rule, true);
+  for (const GridPoint p : made) fit.ring.push_back(fine(p));
+  if ((twice_area(fit.ring) > 0) != (twice_area(target) > 0) || twice_area(fit.ring) == 0)
+    return all ? std::nullopt : fit_anew(target, rule, true);
+  fit.error = std::sqrt(worst);
+  fit.cost_bits = 11.0 * static_cast<double>(made.size()) + 24;
+  return fit;
+}
+
+}  // namespace telefab::codec
