@@ -42,6 +42,8 @@ Result<JobParameters> job_parameters_from(std::string_view json, const MachinePr
         slice.mls.surface = *surface;
       } else if (text == "exact") {
         parameters.codec.coding = Coding::Exact;
+      } else if (text == "curve") {
+        parameters.codec.coding = Coding::Curve;
       } else {
         return bad(key, fmt::format("this site does not know the coding \"{}\"", text));
       }
@@ -49,6 +51,9 @@ Result<JobParameters> job_parameters_from(std::string_view json, const MachinePr
       return bad(key, "is not known to this site");
     }
   }
+  // Curves are coded within what the chords leave of the whole error, so the chords are short.
+  if (parameters.codec.coding == Coding::Curve)
+    slice.chord_mm = parameters.codec.chord_error_pitch * machine.projection.pixel_pitch_mm;
   if (auto valid = slice.validate(); !valid) return tl::unexpected{valid.error()};
   if (auto valid = parameters.codec.validate(); !valid) return tl::unexpected{valid.error()};
   return parameters;

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <memory>
@@ -59,6 +60,9 @@ Result<SliceRequest> request_from(const Options& o) {
   request.fit = o.fit;
   request.layer_mm = o.layer_mm;
   request.chord_mm = o.chord_mm;
+  // A curve is coded within what the chords leave of the whole error, so the chords of a .tfc file are short.
+  if (!o.chord_mm && !o.out.empty())
+    request.chord_mm = CodecOptions{}.chord_error_pitch * request.machine.projection.pixel_pitch_mm;
   request.threads = o.threads;
   request.mls.kernel_mm = o.kernel_mm;
   request.mls.drop_outliers = !o.keep_outliers;
@@ -89,7 +93,7 @@ class Outputs {
       started_ = true;
       if (!options_.out.empty()) {
         auto writer =
-            TfcWriter::start(header, CodecOptions{}, [this](std::span<const std::byte> bytes) -> Result<void> {
+            TfcWriter::start(header, codec_options(header), [this](std::span<const std::byte> bytes) -> Result<void> {
               tfc_.insert(tfc_.end(), bytes.begin(), bytes.end());
               return {};
             });
@@ -124,6 +128,14 @@ class Outputs {
   }
 
  private:
+  [[nodiscard]] CodecOptions codec_options(const StackHeader& header) const {
+    CodecOptions options;
+    constexpr double least_room_pitch = 0.044;
+    if (request_.chord_mm) options.chord_error_pitch = *request_.chord_mm / header.pixel_pitch_mm;
+    options.total_error_pitch = std::max(options.total_error_pitch, options.chord_error_pitch + least_room_pitch);
+    return options;
+  }
+
   const Options& options_;
   const SliceRequest& request_;
   bool started_ = false;
@@ -204,7 +216,8 @@ VerbBody declare_slice(CLI::App& options) {
   height->excludes(scale)->excludes(fit);
   scale->excludes(fit);
   options.add_option("--layer-mm", o->layer_mm, "layer thickness; default: the machine's");
-  options.add_option("--chord-mm", o->chord_mm, "chord tolerance; default: a tenth of the machine's pixel");
+  options.add_option("--chord-mm", o->chord_mm,
+                     "chord tolerance; default: a tenth of the machine's pixel, with --out a fortieth");
   options.add_option("--threads", o->threads, "worker threads; 0: one a core")->capture_default_str();
   options.add_option("--layers", o->layers, "cut these layers only, FIRST:LAST, counted from 0");
   options.add_option("--method", o->method, "auto | reeb | grid")->capture_default_str();
