@@ -63,8 +63,8 @@ Result<void> FabSite::start() {
 
 FabSite::~FabSite() {
   listener_.reset();
-  planner_.reset();
-  device_.reset();
+  if (planner_) planner_->end();
+  if (device_) device_->end();
   if (store_) keep_counters();
 }
 

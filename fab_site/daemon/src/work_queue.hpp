@@ -17,12 +17,7 @@ class WorkQueue {
 
   WorkQueue(const char* thread_name, Work work)
       : work_{std::move(work)}, thread_{[this, thread_name](std::stop_token stop) { run(thread_name, stop); }} {}
-  ~WorkQueue() {
-    thread_.request_stop();
-    const std::lock_guard lock{mutex_};
-    current_stop_.request_stop();
-    changed_.notify_all();
-  }
+  ~WorkQueue() { end(); }
   WorkQueue(const WorkQueue&) = delete;
   WorkQueue& operator=(const WorkQueue&) = delete;
 
@@ -38,6 +33,16 @@ class WorkQueue {
     if (current_ != job) return false;
     current_stop_.request_stop();
     return true;
+  }
+  /// Stops the work under way and waits for it; nothing is begun any more.
+  void end() {
+    thread_.request_stop();
+    {
+      const std::lock_guard lock{mutex_};
+      current_stop_.request_stop();
+      changed_.notify_all();
+    }
+    if (thread_.joinable()) thread_.join();
   }
   /// The daemon ends, as opposed to the job.
   [[nodiscard]] bool is_ending() const { return thread_.get_stop_token().stop_requested(); }

@@ -260,8 +260,19 @@ void ScanSite::on_job_changed(const Job& theirs) {
     if (stage.stage == "plan" || stage.stage == "print")
       if (auto kept = store_->set_stage_seconds(theirs.id, stage.stage, stage.seconds); !kept)
         log_warning(kept.error().what);
-  if (is_final(theirs.state)) return end_job(theirs.id, theirs.state, theirs.message);
+  if (is_final(theirs.state)) {
+    keep_reports(theirs.id);
+    return end_job(theirs.id, theirs.state, theirs.message);
+  }
   move(theirs.id, theirs.state, theirs.message);
+}
+
+void ScanSite::keep_reports(const std::string& job) {
+  files(job, [this, job](const Result<std::vector<FileEntry>>& list) {
+    if (!list) return;
+    for (const FileEntry& each : *list)
+      file(job, each.name, [](const Result<std::filesystem::path>&) {});  // what fails is fetched when it is asked for
+  });
 }
 
 void ScanSite::keep_counters() {

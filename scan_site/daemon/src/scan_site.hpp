@@ -48,6 +48,8 @@ class ScanSite final : public SiteDesk {
   void on_kept(const std::string& job);
   void move(const std::string& job, JobState state, std::string_view message);
   void keep_counters();
+  /// Brings the fab's reports and pictures of an ended job here, so that they can be had without the fab.
+  void keep_reports(const std::string& job);
   void tell_cancelled();
 
   /// What changes too often to be stored each time.

@@ -1,0 +1,174 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "two_sites.hpp"
+
+namespace telefab::test {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+
+class Fax : public TwoSites {};
+
+TEST_F(Fax, PrintsASubmittedScanAndBringsTheReportsBack) {
+  start_both();
+  const Outcome done =
+      telefab({"submit", torus().string(), "--machine", "toy", "--height-mm", "4", "--watch", "--json"});
+  ASSERT_EQ(done.code, 0) << done.errors;
+  const json job = json::parse(done.output);
+  EXPECT_EQ(job["state"], "done");
+  EXPECT_EQ(job["layers"], 20);
+  EXPECT_EQ(job["layers_sent"], 20);
+  EXPECT_GE(job["layers_printed"], 20);
+  EXPECT_EQ(job["layers_printed"], job["print_layers"]);
+  EXPECT_GT(job["wire_bytes"], 0);
+  EXPECT_LT(job["wire_bytes"], job["scan_bytes"]);
+  for (const char* stage : {"slice", "send", "plan", "print"}) EXPECT_TRUE(job["seconds"].contains(stage)) << stage;
+
+  const auto out = folder() / "out";
+  const Outcome report = telefab({"report", job["id"], "--out", out.string()});
+  ASSERT_EQ(report.code, 0) << report.errors;
+  for (const char* name : {"job.json", "slice.json", "plan.json", "supports.json", "report.json", "print.json"})
+    EXPECT_TRUE(json::accept(text_of(out / name))) << name;
+  EXPECT_THAT(text_of(out / "preview.png"), testing::StartsWith("\x89PNG"));
+}
+
+TEST_F(Fax, PausesResumesAndCancelsThePrintAtTheFab) {
+  set_machine(40);
+  start_both();
+  const std::string job = submit_torus();
+  const auto watch = telefab_begun({"watch", job});
+  EXPECT_THAT(watch->wait_for_error_line("printing: 2"), HasSubstr("printing"));
+  EXPECT_EQ(telefab({"pause", job}).code, 0);
+  EXPECT_THAT(watch->wait_for_error_line("paused"), HasSubstr("paused"));
+  EXPECT_EQ(telefab({"pause", job}).code, 2);
+  EXPECT_EQ(telefab({"resume", job}).code, 0);
+  EXPECT_THAT(watch->wait_for_error_line("printing"), HasSubstr("printing"));
+  EXPECT_EQ(telefab({"cancel", job}).code, 0);
+  EXPECT_EQ(watch->finish(), 6);
+  EXPECT_EQ(telefab({"cancel", job}).code, 2);
+  // The fab heard it too.
+  const auto at_fab = telefab({"watch", job, "--site", fab_site(), "--json"});
+  EXPECT_THAT(at_fab.output, HasSubstr("\"cancelled\"")) << at_fab.errors;
+}
+
+TEST_F(Fax, WaitsForAFabThatIsDownAtSubmit) {
+  start_both();
+  kill_fab();
+  const std::string job = submit_torus();
+  const auto watch = telefab_begun({"watch", job});
+  EXPECT_THAT(watch->wait_for_error_line("waits for the fab"), HasSubstr("waits for the fab"));
+  start_fab();
+  EXPECT_EQ(watch->finish(), 0) << watch->errors();
+}
+
+TEST_F(Fax, GoesOnAfterTheFabWasKilledAndPrintsNoLayerTwice) {
+  set_machine(60);
+  start_both();
+  const std::string job = submit_torus();
+  const auto watch = telefab_begun({"watch", job});
+  EXPECT_THAT(watch->wait_for_error_line("printing: 4"), HasSubstr("printing"));
+  kill_fab();
+  start_fab();
+  EXPECT_THAT(watch->wait_for_error_line("printing: 10"), HasSubstr("printing"));
+  kill_fab();
+  set_machine(5000);
+  start_fab();
+  ASSERT_EQ(watch->finish(), 0) << watch->errors();
+  const auto out = folder() / "out";
+  ASSERT_EQ(telefab({"report", job, "--out", out.string()}).code, 0);
+  const json record = json::parse(text_of(out / "print.json"));
+  std::vector<int> indices;
+  for (const json& layer : record["layers"]) indices.push_back(layer["layer"].get<int>());
+  ASSERT_GE(indices.size(), 20U);
+  for (std::size_t i = 0; i < indices.size(); ++i) EXPECT_EQ(indices[i], static_cast<int>(i));
+}
+
+TEST_F(Fax, GoesOnAfterTheScanSiteWasKilled) {
+  start_both();
+  kill_fab();
+  const std::string job = submit_torus();
+  kill_scan();
+  start_scan();
+  start_fab();
+  const auto watch = telefab_begun({"watch", job});
+  EXPECT_EQ(watch->finish(), 0) << watch->errors();
+}
+
+TEST_F(Fax, EndsCleanlyOnSigtermAndGoesOnWithTheNextStart) {
+  set_machine(60);
+  start_both();
+  const std::string job = submit_torus();
+  {
+    const auto watch = telefab_begun({"watch", job});
+    EXPECT_THAT(watch->wait_for_error_line("printing: 4"), HasSubstr("printing"));
+  }
+  fab().send_signal(SIGTERM);
+  EXPECT_EQ(fab().finish(), 0);
+  scan().send_signal(SIGTERM);
+  EXPECT_EQ(scan().finish(), 0);
+  set_machine(5000);
+  start_both();
+  EXPECT_EQ(telefab({"watch", job}).code, 0);
+}
+
+TEST_F(Fax, StartsAPrintOnlyAfterApprovalWhereTheFabSaysSo) {
+  start_fab({"--start", "on-approval"});
+  start_scan();
+  const std::string job = submit_torus();
+  const auto watch = telefab_begun({"watch", job});
+  EXPECT_THAT(watch->wait_for_error_line("approve"), HasSubstr("ready"));
+  // Not the scan site's to say.
+  EXPECT_NE(telefab({"approve", job}).code, 0);
+  const Outcome approved = telefab({"approve", job, "--site", fab_site()});
+  EXPECT_EQ(approved.code, 0) << approved.errors;
+  EXPECT_EQ(watch->finish(), 0) << watch->errors();
+}
+
+TEST_F(Fax, FailsABadScanWithItsReasonAndExitCode5) {
+  start_both();
+  const auto bad = folder() / "bad.ply";
+  std::ofstream{bad} << "ply\nformat ascii 1.0\nelement vertex 9223372036854775808\nproperty float x\nend_header\n";
+  const Outcome outcome = telefab({"submit", bad.string(), "--machine", "toy", "--watch"});
+  EXPECT_EQ(outcome.code, 5);
+  EXPECT_THAT(outcome.output, HasSubstr("bad.ply")) << outcome.errors;
+}
+
+struct BadSubmit {
+  std::vector<std::string> arguments;
+  int code;
+  const char* says;
+};
+
+TEST_F(Fax, RefusesWhatCannotBecomeAJobAtTheClient) {
+  start_both();
+  const auto empty = folder() / "empty.ply";
+  std::ofstream{empty}.close();
+  const std::string scan = torus().string();
+  const BadSubmit bad[]{
+      {{"submit", (folder() / "none.ply").string(), "--machine", "toy"}, 7, "does not exist"},
+      {{"submit", folder().string(), "--machine", "toy"}, 2, "no regular file"},
+      {{"submit", empty.string(), "--machine", "toy"}, 2, "is empty"},
+      {{"submit", scan, "--machine", "gigantic"}, 2, "toy"},
+      {{"submit", scan, "--machine", "toy", "--method", "magic"}, 2, "reeb"},
+      {{"submit", scan, "--machine", "toy", "--layer-mm", "50"}, 2, "layer"},
+      {{"status", "j0-0"}, 7, "no job"},
+      {{"status", "../../etc"}, 7, "no job"},
+      {{"report", "j0-0", "--out", (folder() / "o").string()}, 7, "no job"},
+  };
+  for (const BadSubmit& each : bad) {
+    const Outcome outcome = telefab(each.arguments);
+    EXPECT_EQ(outcome.code, each.code) << each.arguments[1] << ": " << outcome.errors;
+    EXPECT_THAT(outcome.errors, HasSubstr(each.says));
+  }
+  kill_scan();
+  EXPECT_EQ(telefab({"jobs"}).code, 3);
+}
+
+}  // namespace
+}  // namespace telefab::test

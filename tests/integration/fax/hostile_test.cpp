@@ -1,0 +1,123 @@
+#include <arpa/inet.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <array>
+#include <random>
+#include <telefab/wire/message.hpp>
+
+#include "two_sites.hpp"
+
+namespace telefab::test {
+namespace {
+
+using testing::HasSubstr;
+
+/// A stranger with a socket.
+class Stranger {
+ public:
+  explicit Stranger(const std::string& port) : fd_{::socket(AF_INET, SOCK_STREAM, 0)} {
+    const timeval limit{20, 0};
+    ::setsockopt(fd_, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(static_cast<std::uint16_t>(std::stoi(port)));
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    connected_ = ::connect(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0;
+  }
+  ~Stranger() { ::close(fd_); }
+  Stranger(const Stranger&) = delete;
+  Stranger& operator=(const Stranger&) = delete;
+  [[nodiscard]] bool connected() const { return connected_; }
+  void send(std::span<const std::byte> bytes) const { (void)::send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL); }
+  void send(const Message& message) const { send(to_bytes(to_frame(message)).value()); }
+  void end() const { ::shutdown(fd_, SHUT_WR); }
+  /// Everything the site says until it closes; the named reason is in the clear text of its fault.
+  [[nodiscard]] std::string hear_out() const {
+    std::string heard;
+    std::array<char, 4096> buffer{};
+    ssize_t got = 0;
+    while ((got = ::recv(fd_, buffer.data(), buffer.size(), 0)) > 0)
+      heard.append(buffer.data(), static_cast<std::size_t>(got));
+    return heard;
+  }
+
+ private:
+  int fd_;
+  bool connected_ = false;
+};
+
+class Hostile : public TwoSites {
+ protected:
+  Hostile() { start_both(); }
+  /// Both daemons answer and print as if nothing had been.
+  void expect_unharmed() {
+    const Outcome done = telefab({"submit", torus().string(), "--machine", "toy", "--height-mm", "4", "--watch"});
+    EXPECT_EQ(done.code, 0) << done.errors;
+  }
+  [[nodiscard]] std::vector<std::string> ports() const { return {scan_port(), fab_port()}; }
+};
+
+TEST_F(Hostile, BytesLeaveBothDaemonsUnharmed) {
+  std::mt19937 random{5};
+  for (const std::string& port : ports())
+    for (int i = 0; i < 40; ++i) {
+      const Stranger stranger{port};
+      ASSERT_TRUE(stranger.connected());
+      std::vector<std::byte> noise(1 + random() % 3000);
+      for (std::byte& byte : noise) byte = static_cast<std::byte>(random());
+      if (i % 2 == 0) {
+        noise[0] = std::byte{'T'};
+        if (noise.size() > 1) noise[1] = std::byte{'F'};
+      }
+      stranger.send(noise);
+      stranger.end();
+      (void)stranger.hear_out();
+    }
+  expect_unharmed();
+}
+
+struct Rudeness {
+  const char* reason;
+  std::vector<Message> messages;
+};
+
+TEST_F(Hostile, ConversationsEndWithANamedReason) {
+  const Hello client{kProtocolVersion, Side::Client, "rude", {}, {}};
+  const Hello scan{kProtocolVersion, Side::ScanSite, "rude", {}, {}};
+  const Rudeness to_both[]{
+      {"greeting", {AskJobs{RequestId{1}, {}, 10, false}}},
+      {"protocol-version", {Hello{99, Side::Client, "rude", {}, {}}}},
+      {"greeting", {Hello{kProtocolVersion, Side::FabSite, "rude", {}, {}}}},
+      {"message-order", {client, StackKept{"j1"}}},
+      {"message-field", {client, AskFile{RequestId{1}, "j1", "../../jobs.sqlite"}}},
+      {"no job", {client, AskFile{RequestId{1}, "j1", "plan.json"}, StackKept{"j1"}}},
+  };
+  for (const std::string& port : ports())
+    for (const Rudeness& each : to_both) {
+      const Stranger stranger{port};
+      for (const Message& message : each.messages) stranger.send(message);
+      EXPECT_THAT(stranger.hear_out(), HasSubstr(each.reason));
+    }
+  const Stranger stranger{fab_port()};
+  stranger.send(scan);
+  stranger.send(Message{UploadBlock{RequestId{1}, 0, std::vector<std::byte>(10)}});
+  EXPECT_THAT(stranger.hear_out(), HasSubstr("message-order"));
+  expect_unharmed();
+}
+
+TEST_F(Hostile, FilesOfOtherPlacesAreNotGivenOut) {
+  const std::string job = submit_torus();
+  EXPECT_EQ(telefab({"watch", job}).code, 0);
+  const Stranger stranger{fab_port()};
+  stranger.send(Message{Hello{kProtocolVersion, Side::ScanSite, "rude", {}, {}}});
+  // A plain file name, in the job's folder, and not for others.
+  stranger.send(Message{AskFile{RequestId{1}, job, "journal"}});
+  stranger.send(Message{Submit{RequestId{2}, "a", "toy", "{}", 1, {}}});
+  EXPECT_THAT(stranger.hear_out(), HasSubstr("has no file journal"));
+}
+
+}  // namespace
+}  // namespace telefab::test

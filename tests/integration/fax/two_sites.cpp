@@ -1,0 +1,118 @@
+#include "two_sites.hpp"
+
+#include <fmt/format.h>
+#include <stdlib.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <numbers>
+
+namespace telefab::test {
+
+TwoSites::TwoSites() : bin_{::getenv("TELEFAB_BIN") ? ::getenv("TELEFAB_BIN") : "."} {
+  std::string pattern = (std::filesystem::temp_directory_path() / "telefab-fax-XXXXXX").string();
+  folder_ = ::mkdtemp(pattern.data());
+  std::filesystem::create_directories(folder_ / "machines");
+  set_machine(5000);
+  std::ofstream cloud{torus()};
+  constexpr int kAround = 90;
+  constexpr int kAcross = 36;
+  for (int i = 0; i < kAround; ++i)
+    for (int k = 0; k < kAcross; ++k) {
+      const double u = 2 * std::numbers::pi * i / kAround;
+      const double v = 2 * std::numbers::pi * k / kAcross;
+      const double nx = std::cos(v) * std::cos(u);
+      const double ny = std::cos(v) * std::sin(u);
+      const double nz = std::sin(v);
+      cloud << fmt::format("{:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}\n", 5 * std::cos(u) + 2 * nx,
+                           5 * std::sin(u) + 2 * ny, 2 * nz, nx, ny, nz);
+    }
+}
+
+TwoSites::~TwoSites() {
+  scan_.reset();
+  fab_.reset();
+  std::filesystem::remove_all(folder_);
+}
+
+std::filesystem::path TwoSites::torus() const { return folder_ / "torus.xyz"; }
+
+void TwoSites::set_machine(double speed_up) const {
+  std::ofstream{folder_ / "machines" / "toy.toml"} << fmt::format(R"(name = "toy"
+description = "A small machine for tests"
+[platform]
+width_mm = 20.0
+depth_mm = 20.0
+z_travel_mm = 30.0
+[projection]
+pixel_pitch_mm = 0.1
+irradiance_mw_per_cm2 = 3.0
+[layers]
+thickness_mm = 0.2
+exposure_s = 4.0
+bottom_count = 2
+bottom_exposure_s = 8.0
+[devices]
+speed_up = {:.1f}
+)",
+                                                                  speed_up);
+}
+
+void TwoSites::start_fab(const std::vector<std::string>& more) {
+  std::vector<std::string> command{bin_ + "/telefab-fab",
+                                   "serve",
+                                   "--listen",
+                                   fab_site(),
+                                   "--data",
+                                   (folder_ / "fab").string(),
+                                   "--machines",
+                                   (folder_ / "machines").string()};
+  command.insert(command.end(), more.begin(), more.end());
+  fab_ = std::make_unique<Process>(command);
+  fab_port_ = fab_->read_line();
+  ASSERT_FALSE(fab_port_.empty()) << fab_->errors();
+}
+
+void TwoSites::start_scan(const std::vector<std::string>& more) {
+  std::vector<std::string> command{bin_ + "/telefab-scan",
+                                   "serve",
+                                   "--listen",
+                                   scan_site(),
+                                   "--fab",
+                                   fab_site(),
+                                   "--data",
+                                   (folder_ / "scan").string(),
+                                   "--machines",
+                                   (folder_ / "machines").string()};
+  command.insert(command.end(), more.begin(), more.end());
+  scan_ = std::make_unique<Process>(command);
+  scan_port_ = scan_->read_line();
+  ASSERT_FALSE(scan_port_.empty()) << scan_->errors();
+}
+
+std::unique_ptr<Process> TwoSites::telefab_begun(std::vector<std::string> arguments) const {
+  arguments.insert(arguments.begin(), bin_ + "/telefab");
+  if (std::find(arguments.begin(), arguments.end(), "--site") == arguments.end())
+    arguments.insert(arguments.end(), {"--site", scan_site()});
+  return std::make_unique<Process>(arguments);
+}
+
+Outcome TwoSites::telefab(std::vector<std::string> arguments) const {
+  const auto process = telefab_begun(std::move(arguments));
+  const int code = process->finish();
+  return {code, process->output(), process->errors()};
+}
+
+std::string TwoSites::submit_torus() const {
+  const Outcome outcome = telefab({"submit", torus().string(), "--machine", "toy", "--height-mm", "4"});
+  EXPECT_EQ(outcome.code, 0) << outcome.errors;
+  return outcome.output.substr(0, outcome.output.find('\n'));
+}
+
+std::string TwoSites::text_of(const std::filesystem::path& file) const {
+  std::ifstream in{file, std::ios::binary};
+  return {std::istreambuf_iterator<char>{in}, {}};
+}
+
+}  // namespace telefab::test
