@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <telefab/fab/support/support_plan.hpp>
+#include <telefab/fab/verify/print_files.hpp>
 #include <telefab/fab/verify/support_check.hpp>
 
 #include "stacks.hpp"
@@ -27,6 +28,27 @@ TEST(SupportCheck, PassesWhatThePlannerMakes) {
     const auto report = checked(s, planned(s));
     EXPECT_TRUE(report.passes()) << to_json(report);
   }
+}
+
+TEST(WrittenSupports, CutTheSameSectionsFromTheFileAsThePlanner) {
+  const auto s = stacks::mushroom();
+  const auto plan = planned(s);
+  const auto written = WrittenSupports::from_json(to_json(plan));
+  ASSERT_TRUE(written);
+  EXPECT_EQ(written->lift_layers(), plan.lift_layers());
+  EXPECT_EQ(written->anchors().size(), plan.anchors().size());
+  for (std::uint32_t k = 0; k < 60; k += 7) {
+    const Region ours = Region::from_contours(written->section(LayerIndex{k}, 0.15)).value();
+    const Region theirs = plan.section_region(LayerIndex{k});
+    EXPECT_NEAR(ours.area_mm2(), theirs.area_mm2(), 0.06 * theirs.area_mm2()) << k;
+    EXPECT_LT(subtract(theirs, offset(ours, Millimetres{0.02}, Millimetres{1e-3})).area_mm2(), 1e-6) << k;
+  }
+}
+
+TEST(WrittenSupports, RefuseADamagedFile) {
+  EXPECT_FALSE(WrittenSupports::from_json("{}"));
+  EXPECT_FALSE(WrittenSupports::from_json("{\"lift_layers\":1"));
+  EXPECT_FALSE(WrittenSupports::from_json(R"({"lift_layers":0,"anchors":[{}],"sticks":[],"plates":[]})"));
 }
 
 TEST(SupportCheck, FindsTheDropOfAHookThatNobodyHolds) {

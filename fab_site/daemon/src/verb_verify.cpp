@@ -1,0 +1,126 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <telefab/base/file.hpp>
+#include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/verify/print_files.hpp>
+
+#include "read_stack.hpp"
+#include "verbs.hpp"
+
+namespace telefab::fab {
+namespace {
+
+struct VerifyOptions {
+  std::string folder;
+  std::string machines = "deploy/config/machines";
+  std::string machine;
+  std::optional<std::string> stack, out;
+  std::uint32_t least_pixels = 4;
+  std::optional<std::uint32_t> grey;
+  std::string override_by;
+};
+
+/// The final masks, by flood fill.
+Result<SupportReport> check_masks(PlannedJob& job, const MachineProfile& machine, const VerifyOptions& o,
+                                  const ProgressSink& progress, const std::stop_token& stop) {
+  MaskWatch watch{machine.projection.pixel_pitch_mm, o.least_pixels};
+  const auto level = static_cast<std::uint8_t>(o.grey.value_or(cure_level(machine)));
+  const std::size_t count = job.plan().layers.size();
+  for (std::size_t k = 0; k < count; ++k) {
+    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "verify: stopped");
+    const auto mask = job.mask(LayerIndex{static_cast<std::uint32_t>(k)});
+    if (!mask) return tl::unexpected{mask.error()};
+    if (auto ok = watch.add(LayerRuns::from_mask(mask->view(), level)); !ok) return tl::unexpected{ok.error()};
+    report(progress, "masks", static_cast<double>(k + 1) / static_cast<double>(count));
+  }
+  return watch.finish();
+}
+
+/// The regions, from the layers it was planned of and supports.json.
+Result<SupportReport> check_regions(const VerifyOptions& o, const MachineProfile& machine, const ProgressSink& progress,
+                                    const std::stop_token& stop) {
+  const auto stack = read_stack(*o.stack);
+  if (!stack) return tl::unexpected{stack.error()};
+  const auto path = std::filesystem::path{o.folder} / "supports.json";
+  const auto bytes = read_file(path, 1U << 30U);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  const auto supports = WrittenSupports::from_json({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
+  if (!supports) return fail_in(path.string(), supports.error());
+  PrintGeometry print;
+  print.part = stack->layers();
+  print.lift_layers = supports->lift_layers();
+  print.anchors = supports->anchors();
+  const double thickness = stack->header().layer_thickness_mm;
+  print.support = [&](LayerIndex k) { return supports->section(k, thickness); };
+  return check_supports(print, machine, progress, stop);
+}
+
+void tell(std::string_view what, const SupportReport& report) {
+  fmt::print("{}: {} layers, {}\n", what, report.layers, report.passes() ? "nothing floats" : "NOT SOUND");
+  for (int kind = 1; kind <= 6; ++kind)
+    if (const auto k = static_cast<Finding::Kind>(kind); report.count(k) > 0)
+      fmt::print("  {:<16} {}{}\n", name_of(k), report.count(k), holds_the_job(k) ? "" : " (warning)");
+  int shown = 0;
+  for (const Finding& f : report.findings) {
+    if (!holds_the_job(f.kind)) continue;
+    if (++shown > 10) break;
+    fmt::print("  {} in layer {} at ({:.3f}, {:.3f}) mm, {:.4f} mm2\n", name_of(f.kind), f.layer.count(), f.place.x_mm,
+               f.place.y_mm, f.size_mm2);
+  }
+}
+
+Result<ExitCode> verify(const VerifyOptions& o, std::stop_token stop) {
+  auto job = PlannedJob::open(o.folder);
+  if (!job) return tl::unexpected{job.error()};
+  const auto machines = load_machine_profiles(o.machines);
+  if (!machines) return tl::unexpected{machines.error()};
+  const auto machine = find_machine(*machines, o.machine.empty() ? (*job)->plan().machine : o.machine);
+  if (!machine) return tl::unexpected{machine.error()};
+  const ProgressSink progress = progress_line();
+  const auto masks = check_masks(**job, *machine, o, progress, stop);
+  clear_progress();
+  if (!masks) return tl::unexpected{masks.error()};
+  tell("masks", *masks);
+  bool passes = masks->passes();
+  std::string text = "{\n\"masks\": " + to_json(*masks);
+  if (o.stack) {
+    const auto regions = check_regions(o, *machine, progress, stop);
+    clear_progress();
+    if (!regions) return tl::unexpected{regions.error()};
+    tell("regions", *regions);
+    passes &= regions->passes();
+    text += ",\n\"regions\": " + to_json(*regions);
+  }
+  if (o.out)
+    if (auto ok = write_file_atomically(*o.out, text + "}\n"); !ok) return tl::unexpected{ok.error()};
+  if (passes) return ExitCode::Ok;
+  if (!o.override_by.empty()) {
+    fmt::print("held back, but let through by {}\n", o.override_by);
+    return ExitCode::Ok;
+  }
+  return ExitCode::NotCertified;
+}
+
+}  // namespace
+
+VerbBody declare_verify(CLI::App& options) {
+  auto o = std::make_shared<VerifyOptions>();
+  options.add_option("folder", o->folder, "a plan folder, as `telefab-fab plan` writes it")->required();
+  options.add_option("--stack", o->stack, "the .tfc file it was planned of: checks regions, anchors and pins as well");
+  options.add_option("--machine", o->machine, "profile to judge by; the plan's own where left out");
+  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  options.add_option("--least-pixels", o->least_pixels, "islands of fewer pixels are let pass")
+      ->capture_default_str()
+      ->check(CLI::Range(1U, 1'000'000U));
+  options.add_option("--grey", o->grey, "a pixel is solid from this grey level; the cure level where left out")
+      ->check(CLI::Range(1U, 255U));
+  options.add_option("--out", o->out, "write the findings as JSON here");
+  options.add_option("--override", o->override_by, "name of the operator who lets the job pass all the same");
+  return [o](std::stop_token stop) { return verify(*o, std::move(stop)); };
+}
+
+}  // namespace telefab::fab
