@@ -78,9 +78,12 @@ FieldParts parts_for(std::vector<GridSample> samples, const Vec3& origin, double
   return parts;
 }
 
-/// Kernel width over spacing. The unbiased surface wants it narrow: 0.9 on clean scans (measured on scanned meshes,
-/// 0.8 tears holes at uneven places), rising with the noise that has to be averaged out.
-double width_factor(double noise_spacings) { return std::clamp(0.9 + 5.5 * (noise_spacings - 0.05), 0.9, 4.0); }
+/// Kernel width over spacing for a noise given in spacings. The unbiased surface wants it narrow: 0.9 on clean scans
+/// (measured on scanned meshes; 0.8 tears holes at uneven places), wider where noise has to be averaged out.
+double width_factor(double noise) {
+  if (noise < 0.1) return std::max(0.9, 0.9 + 10 * (noise - 0.03));
+  return std::min(4.5, 1.6 + 6 * (noise - 0.1));
+}
 
 /// Robust rms of the samples' distance to the surface.
 double noise_mm(const FieldParts& parts) {

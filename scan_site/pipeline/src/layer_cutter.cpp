@@ -8,8 +8,6 @@
 namespace telefab::scan {
 namespace {
 
-/// A sample this near (in kernel widths) to a contour of like normal is covered.
-constexpr double kCoverKernels = 0.75;
 /// Samples flatter than this do not tell where, or whether, the surface meets the plane.
 constexpr double kSteepNz = 0.8;
 
@@ -36,16 +34,18 @@ LayerCutter::LayerCutter(const CutSetting& setting) : setting_{setting}, cursor_
 void LayerCutter::judge(Candidate& candidate, double z_mm) const {
   const auto cover = [&](const SurfaceSamples& samples) {
     return uncovered_samples(setting_.field, z_mm, candidate.trace.contours, {samples.points, samples.normals},
-                             kCoverKernels);
+                             setting_.cover_kernels);
   };
-  if (cover(steep_).empty()) return;
-  // A noisy sample says little about the surface: ask the surface under it.
-  const SurfaceSamples settled = on_surface(steep_);
-  const auto missed = cover(settled);
-  if (!missed.empty())
-    candidate.trace.faults.push_back(
-        {fmt::format("{} places of the surface near the plane lie beside no contour", missed.size()),
-         {missed[0].x(), missed[0].y()}});
+  const auto raw = cover(steep_);
+  if (raw.empty()) return;
+  // A noisy sample says little alone: ask the surface under it, and wonder only when many samples disagree.
+  const auto settled = cover(on_surface(steep_));
+  const auto most = static_cast<std::size_t>(setting_.stray_share * static_cast<double>(steep_.points.size()));
+  if (settled.empty() && raw.size() <= most) return;
+  const Vec3& place = settled.empty() ? raw[0] : settled[0];
+  candidate.trace.faults.push_back(
+      {fmt::format("{} samples near the plane lie beside no contour", std::max(raw.size(), settled.size())),
+       {place.x(), place.y()}});
 }
 
 SurfaceSamples LayerCutter::on_surface(const SurfaceSamples& samples) const {

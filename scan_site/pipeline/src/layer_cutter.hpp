@@ -15,7 +15,9 @@ struct CutSetting {
   const HeightTopology* topology = nullptr;  ///< none: nothing is predicted
   /// Samples with low <= z <= high.
   std::function<void(double low_mm, double high_mm, SurfaceSamples& found)> samples;
-  double band_mm = 0;  ///< samples this near to a plane must lie beside one of its contours
+  double band_mm = 0;           ///< samples this near to a plane must lie beside one of its contours
+  double cover_kernels = 0.75;  ///< a sample this near (in kernel widths) to a contour of like normal is covered
+  double stray_share = 0;       ///< share of the samples near a plane that may lie beside its contours: outliers
   double chord_mm = 0.014;
   TraceMethod method = TraceMethod::Auto;
   std::optional<TraceFault> known_fault;  ///< flags every layer: something wrong with the scan as a whole

@@ -29,6 +29,11 @@ constexpr std::uint32_t kBlock = 4;
 constexpr double kBandKernels = 0.4;
 /// Steeper samples than this (65 degrees) never lie near a critical point; the search in doubt looks this widely.
 constexpr double kNearLevel = 0.42;
+/// A sample within this many kernel widths of a contour is covered by it,
+constexpr double kCoverKernels = 0.75;
+/// and all must be, unless the noise exceeds this many spacings: then this share may stray.
+constexpr double kCleanSpacings = 0.1;
+constexpr double kStrayShare = 0.02;
 
 class StageClock {
  public:
@@ -208,11 +213,12 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
     clock.lap("topology");
   }
 
+  const KernelChoice& kernel = result.kernel;
   CutSetting setting{
       .field = **field,
       .topology = topology ? &*topology : nullptr,
       .samples = [&](double low, double high, SurfaceSamples& found) { (*field)->samples_between(low, high, found); },
-      .band_mm = kBandKernels * result.kernel.kernel_mm,
+      .band_mm = kBandKernels * kernel.kernel_mm,
       .chord_mm = request.chord_mm.value_or(request.machine.chord_tolerance_mm()),
       .method = request.method,
       .known_fault = {}};
