@@ -9,8 +9,9 @@
 namespace telefab::scan {
 namespace {
 
-constexpr std::size_t kSlots = 64;
 constexpr std::size_t kArrays = 7;
+/// Side of the gather lattice in reference widths: larger cells are gathered less often and evaluated longer.
+constexpr double kLatticeWidths = 1.5;
 /// Below this sum of weights the field is noise: farther than about two widths from every sample.
 constexpr double kLeastWeight = 0.02;
 const float kCutWidths = std::sqrt(kCut);
@@ -79,7 +80,7 @@ void MlsCursor::Gathered::Free::operator()(float* p) const { std::free(p); }
 
 void MlsCursor::Gathered::reserve(std::size_t wanted) {
   if (wanted <= capacity) return;
-  const std::size_t grown = (std::max(wanted, capacity + capacity / 2) + 63) / 64 * 64;
+  const std::size_t grown = (std::max(wanted, capacity + capacity / 2) + 15) / 16 * 16;
   std::unique_ptr<float[], Free> bigger{static_cast<float*>(std::aligned_alloc(64, kArrays * grown * sizeof(float)))};
   if (!bigger) throw std::bad_alloc{};
   for (std::size_t a = 0; a < kArrays && capacity > 0; ++a)
@@ -88,11 +89,11 @@ void MlsCursor::Gathered::reserve(std::size_t wanted) {
   capacity = grown;
 }
 
-MlsCursor::MlsCursor(const FieldParts& parts) : parts_{parts}, slots_(kSlots) {}
+MlsCursor::MlsCursor(const FieldParts& parts) : parts_{parts}, slots_(parts.slots) {}
 
 MlsCursor::Gathered& MlsCursor::gathered_at(const Vec3& point_mm) {
   const int level = parts_.scale.level(point_mm);
-  const double side = std::ldexp(parts_.scale.reference_mm(), level);
+  const double side = std::ldexp(kLatticeWidths * parts_.scale.reference_mm(), level);
   const Eigen::Array3d cell = ((point_mm - parts_.origin).array() / side).floor();
   const std::array<std::int32_t, 4> key{static_cast<std::int32_t>(std::clamp(cell.x(), -1e9, 1e9)),
                                         static_cast<std::int32_t>(std::clamp(cell.y(), -1e9, 1e9)),
@@ -100,7 +101,7 @@ MlsCursor::Gathered& MlsCursor::gathered_at(const Vec3& point_mm) {
   const std::uint32_t mixed = static_cast<std::uint32_t>(key[0]) * 73856093U ^
                               static_cast<std::uint32_t>(key[1]) * 19349663U ^
                               static_cast<std::uint32_t>(key[2]) * 83492791U ^ static_cast<std::uint32_t>(level) * 7U;
-  Gathered& slot = slots_[(mixed ^ mixed >> 15) % kSlots];
+  Gathered& slot = slots_[(mixed ^ mixed >> 15) & (slots_.size() - 1)];
   if (!slot.filled || slot.key != key) {
     slot.key = key;
     slot.filled = true;
@@ -112,7 +113,7 @@ MlsCursor::Gathered& MlsCursor::gathered_at(const Vec3& point_mm) {
 
 void MlsCursor::gather(Gathered& to) const {
   const double reference = parts_.scale.reference_mm();
-  const auto margin = static_cast<float>(0.8660255 * std::ldexp(reference, to.key[3]));
+  const auto margin = static_cast<float>(0.8660255 * std::ldexp(kLatticeWidths * reference, to.key[3]));
   const Eigen::Vector3f centre = to.centre_mm.cast<float>();
   const auto scale = static_cast<float>(1 / reference);
   std::size_t count = 0;

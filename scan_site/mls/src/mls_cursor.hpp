@@ -44,6 +44,7 @@ struct FieldParts {
   ScaleTable scale{1};
   KernelForm form = KernelForm::Unbiased;
   KernelFunction kernel = nullptr;
+  std::size_t slots = 64;  ///< gathered cells a cursor remembers; a power of two
 };
 
 /// Gathers the neighbours of a lattice cell once and evaluates from the copy while queries stay in cells it

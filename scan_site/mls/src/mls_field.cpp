@@ -33,8 +33,8 @@ KernelForm form_of(SurfaceKind kind) {
   return KernelForm::Unbiased;
 }
 
-/// A grid cell of half the cut radius: the best measured, finer ones lose by short rows.
-double cell_for(double width_mm) { return 0.5 * std::sqrt(static_cast<double>(kCut)) * width_mm; }
+/// A grid cell of 1.2 cut radii: finer ones lose by short rows where kernels are narrow.
+double cell_for(double width_mm) { return 1.2 * std::sqrt(static_cast<double>(kCut)) * width_mm; }
 
 /// Unevenness below which one width serves all.
 constexpr double kEven = 1.3;
@@ -42,13 +42,13 @@ constexpr double kEven = 1.3;
 constexpr double kNarrowest = 0.25;
 constexpr double kWidest = 4;
 
-/// Bands of a factor 1.5 in width; the even cloud has one.
+/// Bands of a factor 2.2 in width; the even cloud has one.
 std::vector<WidthBand> bands_of(const std::vector<GridSample>& samples, const Vec3& origin) {
   float least = samples[0].width;
   for (const GridSample& s : samples) least = std::min(least, s.width);
   std::vector<std::vector<GridSample>> split;
   for (const GridSample& s : samples) {
-    const auto band = static_cast<std::size_t>(std::max(0.0, std::log(s.width / least) / std::log(1.5)));
+    const auto band = static_cast<std::size_t>(std::max(0.0, std::log(s.width / least) / std::log(2.2)));
     if (split.size() <= band) split.resize(band + 1);
     split[band].push_back(s);
   }
@@ -62,12 +62,24 @@ std::vector<WidthBand> bands_of(const std::vector<GridSample>& samples, const Ve
   return bands;
 }
 
+/// As many gathered cells as fit about two megabytes: then the layers of a block share them.
+std::size_t slots_for(const std::vector<GridSample>& samples, double reference_mm) {
+  constexpr double kBytes = 2e6;
+  constexpr double kReachWidths = 4.5;
+  const double spacing_mm = spacing_from_box(samples);
+  const double neighbours = 3.14159 * std::pow(kReachWidths * reference_mm / spacing_mm, 2) + 16;
+  std::size_t slots = 64;
+  while (slots < 4096 && 2 * static_cast<double>(slots) * neighbours * sizeof(GridSample) < kBytes) slots *= 2;
+  return slots;
+}
+
 FieldParts parts_for(std::vector<GridSample> samples, const Vec3& origin, double reference_mm, bool adaptive,
                      KernelForm form) {
   FieldParts parts;
   parts.origin = origin;
   parts.form = form;
   parts.kernel = fastest_kernel();
+  parts.slots = slots_for(samples, reference_mm);
   parts.scale = adaptive ? ScaleTable{samples, origin, reference_mm} : ScaleTable{reference_mm};
   if (adaptive) {
     parts.bands = bands_of(samples, origin);

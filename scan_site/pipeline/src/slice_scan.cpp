@@ -24,7 +24,7 @@ namespace {
 constexpr std::array kMethods{std::pair{TraceMethod::Auto, "auto"}, std::pair{TraceMethod::Reeb, "reeb"},
                               std::pair{TraceMethod::Grid, "grid"}};
 /// Layers of one task: neighbours share what a cursor has gathered.
-constexpr std::uint32_t kBlock = 4;
+constexpr std::uint32_t kBlock = 8;
 /// Samples this near to a plane (in median kernel widths) must lie beside its contours.
 constexpr double kBandKernels = 0.4;
 /// Steeper samples than this (65 degrees) never lie near a critical point; the search in doubt looks this widely.
