@@ -16,7 +16,12 @@ void SegmentGrid::add(std::span<const Point2> ring) {
     const std::pair<std::int64_t, std::int64_t> columns = std::minmax({cell(a.x_mm), cell(b.x_mm)});
     const std::pair<std::int64_t, std::int64_t> rows = std::minmax({cell(a.y_mm), cell(b.y_mm)});
     for (std::int64_t j = rows.first; j <= rows.second; ++j)
-      for (std::int64_t k = columns.first; k <= columns.second; ++k) cells_[key(k, j)].push_back(number);
+      for (std::int64_t k = columns.first; k <= columns.second; ++k) {
+        const auto [at, fresh] = cells_.number(key(k, j));
+        if (fresh) first_.push_back(KeyTable::kNone);
+        entries_.push_back({number, first_[at]});
+        first_[at] = static_cast<std::uint32_t>(entries_.size() - 1);
+      }
   }
 }
 
@@ -25,9 +30,10 @@ bool SegmentGrid::runs_beside(const Vec2& p, const Vec2& outward, double reach_m
   const std::int64_t cj = cell(p.y());
   for (std::int64_t j = cj - 1; j <= cj + 1; ++j)
     for (std::int64_t i = ci - 1; i <= ci + 1; ++i) {
-      const auto at = cells_.find(key(i, j));
-      if (at == cells_.end()) continue;
-      for (const std::uint32_t s : at->second) {
+      const std::uint32_t at = cells_.known(key(i, j));
+      if (at == KeyTable::kNone) continue;
+      for (std::uint32_t e = first_[at]; e != KeyTable::kNone; e = entries_[e].next) {
+        const std::uint32_t s = entries_[e].segment;
         const Vec2 side = segments_[s].to - segments_[s].from;
         if (side.y() * outward.x() - side.x() * outward.y() < 0) continue;  // the right-hand normal looks away
         const Vec2 d = p - segments_[s].from;

@@ -3,8 +3,9 @@
 #include <cstdint>
 #include <span>
 #include <telefab/geometry/contour.hpp>
-#include <unordered_map>
 #include <vector>
+
+#include "key_table.hpp"
 
 namespace telefab::scan::contour {
 
@@ -26,9 +27,15 @@ class SegmentGrid {
   static std::uint64_t key(std::int64_t i, std::int64_t j) {
     return static_cast<std::uint64_t>(i) << 32 ^ (static_cast<std::uint64_t>(j) & 0xffffffffu);
   }
+  struct Entry {
+    std::uint32_t segment;
+    std::uint32_t next;  ///< index into entries_ of the cell's next one
+  };
   double cell_mm_;
   std::vector<Segment> segments_;
-  std::unordered_map<std::uint64_t, std::vector<std::uint32_t>> cells_;
+  KeyTable cells_;
+  std::vector<std::uint32_t> first_;  ///< by number of the cell
+  std::vector<Entry> entries_;
 };
 
 }  // namespace telefab::scan::contour

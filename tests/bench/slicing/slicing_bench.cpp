@@ -1,6 +1,7 @@
 // What slicing costs, stage by stage, on a bumpy ball of 100 mm: layers a second, evaluations a vertex, nanoseconds a
 // neighbour, one thread and two, and the ratio to a straightforward evaluation (nanoflann, double, scalar exp).
 #include <benchmark/benchmark.h>
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 
@@ -80,10 +81,12 @@ struct Cut {
 
 Cut cut_layers(const CutSetting& setting, double low_mm, double high_mm, std::uint32_t layers) {
   std::vector<Cut> cuts(layers);
+  tbb::enumerable_thread_specific<std::unique_ptr<LayerCutter>> cutters;
   tbb::parallel_for(tbb::blocked_range<std::uint32_t>{0, layers, 8}, [&](const auto& range) {
-    LayerCutter cutter{setting};
+    auto& cutter = cutters.local();
+    if (!cutter) cutter = std::make_unique<LayerCutter>(setting);
     for (std::uint32_t i = range.begin(); i < range.end(); ++i) {
-      const auto cut = cutter.cut(LayerIndex{i}, low_mm + (i + 0.5) / layers * (high_mm - low_mm), {});
+      const auto cut = cutter->cut(LayerIndex{i}, low_mm + (i + 0.5) / layers * (high_mm - low_mm), {});
       for (const Contour& c : cut->layer.contours) cuts[i].vertices += c.vertices().size();
       cuts[i].evaluations = cut->evaluations;
     }

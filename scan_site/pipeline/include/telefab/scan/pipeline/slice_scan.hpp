@@ -35,7 +35,6 @@ struct SliceRequest {
   std::optional<double> chord_mm;                      ///< (0, 1]; none: a tenth of the pixel pitch
   unsigned threads = 0;                                ///< 0: one a core
   std::optional<std::array<std::uint32_t, 2>> layers;  ///< first and last layer to be cut; none: all
-  bool close_base = false;                             ///< an open underside is closed by a level face at the platform
   [[nodiscard]] Result<void> validate() const;
 };
 
