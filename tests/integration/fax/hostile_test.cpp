@@ -108,6 +108,22 @@ TEST_F(Hostile, ConversationsEndWithANamedReason) {
   expect_unharmed();
 }
 
+TEST_F(Hostile, AJobOfTheSameIdIsRefusedAsReplayed) {
+  const std::string job = submit_torus();
+  EXPECT_EQ(telefab({"watch", job}).code, 0);
+  StackHeader header;
+  header.machine = "toy";
+  header.layer_thickness_mm = 0.2;
+  header.pixel_pitch_mm = 0.1;
+  header.layer_count = 7;
+  header.bounds = {{1, 1}, {2, 2}};
+  const Stranger stranger{fab_port()};
+  stranger.send(Message{Hello{kProtocolVersion, Side::ScanSite, "rude", {}, {}}});
+  stranger.send(Message{Offer{job, "other.ply", "toy", "{}", {}, header, 1, "mallory", {}, {}}});
+  stranger.send(Message{Submit{RequestId{2}, "a", "toy", "{}", 1, {}}});
+  EXPECT_THAT(stranger.hear_out(), HasSubstr("replayed-job"));
+}
+
 TEST_F(Hostile, FilesOfOtherPlacesAreNotGivenOut) {
   const std::string job = submit_torus();
   EXPECT_EQ(telefab({"watch", job}).code, 0);
