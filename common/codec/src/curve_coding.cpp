@@ -93,6 +93,7 @@ class RingMotion {
     const MovingVertex first = made_.front();
     if (auto done = fill(last, first, plan, 0); !done) return tl::unexpected{done.error()};
     if (made_.size() < 3 || made_.back().at == made_.front().at) return broken("a ring without area");
+    smooth_motion(made_);
     return std::move(made_);
   }
 

@@ -65,12 +65,22 @@ bool MoveRule::apply(MovingVertex& v, Normal normal, std::int32_t expected_move,
   if (move < -kMaxDistance || move > kMaxDistance) return false;
   v.at = moved(v.at, normal, static_cast<std::int32_t>(move));
   if (!inside(v.at, most)) return false;
-  // A known motion takes half of a surprise: the other half is taken for noise.
-  v.velocity = v.fresh ? static_cast<std::int32_t>(move)
-                       : static_cast<std::int32_t>(v.velocity + (extra >= 0 ? extra / 2 : -(-extra / 2)));
+  v.velocity = static_cast<std::int32_t>(move);
   v.last = v.fresh ? 0 : std::clamp(residual, -2, 2);
   v.fresh = false;
   return true;
+}
+
+void smooth_motion(MovingRing& ring) {
+  if (ring.empty()) return;
+  const std::int32_t first = ring.front().velocity;
+  std::int32_t before = ring.back().velocity;
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    const std::int32_t own = ring[i].velocity;
+    const std::int32_t after = i + 1 == ring.size() ? first : ring[i + 1].velocity;
+    ring[i].velocity = own + ((before + after) / 2 - own) * 7 / 8;
+    before = own;
+  }
 }
 
 bool make_between(const MovingVertex& a, const MovingVertex& b, std::int32_t offset, std::int32_t step, GridPoint most,

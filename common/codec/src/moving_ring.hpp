@@ -61,6 +61,10 @@ struct MoveRule {
                            GridPoint most) const;
 };
 
+/// Neighbours move alike: each velocity goes 7/8 of the way to the mean of its two neighbours'. Residuals are coarse,
+/// and this takes their rounding out of the next layer's expectation.
+void smooth_motion(MovingRing& ring);
+
 /// A vertex put between two of the same ring: over their middle, `offset` units aside. False outside the lattice.
 [[nodiscard]] bool make_between(const MovingVertex& a, const MovingVertex& b, std::int32_t offset, std::int32_t step,
                                 GridPoint most, MovingVertex& made);
