@@ -138,25 +138,34 @@ Result<std::vector<CriticalPoint>> find_critical_points(const ScalarField& field
   });
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while searching critical points");
 
-  std::vector<CriticalPoint> points;
-  std::unordered_map<std::uint64_t, std::vector<std::size_t>> taken;
-  double widest = 0;
+  std::vector<CriticalPoint> all;
   for (const auto& c : found)
-    if (c) widest = std::max(widest, field.kernel_width_mm(c->position_mm));
-  for (const auto& c : found) {
-    if (!c) continue;
-    const double near = kMergeKernels * field.kernel_width_mm(c->position_mm);
-    const Cell cell = cell_of(c->position_mm, kMergeKernels * widest);
+    if (c) all.push_back(*c);
+  return merged(field, {}, all);
+}
+
+std::vector<CriticalPoint> merged(const ScalarField& field, std::vector<CriticalPoint> points,
+                                  std::span<const CriticalPoint> more) {
+  double widest = 0;
+  for (const CriticalPoint& c : points) widest = std::max(widest, field.kernel_width_mm(c.position_mm));
+  for (const CriticalPoint& c : more) widest = std::max(widest, field.kernel_width_mm(c.position_mm));
+  if (!(widest > 0)) return points;
+  std::unordered_map<std::uint64_t, std::vector<std::size_t>> taken;
+  const auto cell = [&](const CriticalPoint& c) { return cell_of(c.position_mm, kMergeKernels * widest); };
+  for (std::size_t i = 0; i < points.size(); ++i) taken[key_of(cell(points[i]))].push_back(i);
+  for (const CriticalPoint& c : more) {
+    const double near = kMergeKernels * field.kernel_width_mm(c.position_mm);
     bool known = false;
-    around(cell, [&](std::uint64_t key) {
+    around(cell(c), [&](std::uint64_t key) {
       if (const auto at = taken.find(key); at != taken.end())
-        for (const std::size_t k : at->second)  // A birth of two kinds side by side stays two points.
-          known = known || (points[k].position_mm - c->position_mm).norm() <
-                               (points[k].kind == c->kind ? near : kOtherKindShare * near);
+        for (const std::size_t k : at->second)
+          // A birth of two kinds side by side stays two points.
+          known = known || (points[k].position_mm - c.position_mm).norm() <
+                               (points[k].kind == c.kind ? near : kOtherKindShare * near);
     });
     if (known) continue;
-    taken[key_of(cell)].push_back(points.size());
-    points.push_back(*c);
+    taken[key_of(cell(c))].push_back(points.size());
+    points.push_back(c);
   }
   std::sort(points.begin(), points.end(),
             [](const auto& a, const auto& b) { return lower(a.position_mm, b.position_mm); });

@@ -21,4 +21,8 @@ struct SearchWidth {
                                                                       std::span<const Vec3> starts,
                                                                       const SearchWidth& width, std::stop_token stop);
 
+/// Both lists as one; a point in both is one point. Sorted as above.
+[[nodiscard]] std::vector<CriticalPoint> merged(const ScalarField& field, std::vector<CriticalPoint> points,
+                                                std::span<const CriticalPoint> more);
+
 }  // namespace telefab::scan::topology

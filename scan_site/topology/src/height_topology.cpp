@@ -10,6 +10,12 @@
 
 namespace telefab::scan {
 
+namespace {
+// Critical heights nearer than this (in kernel widths) are not put in order.
+constexpr double kFineRun = 0.01;
+constexpr double kCoarseRun = 0.04;
+}  // namespace
+
 std::string_view name_of(CriticalKind kind) {
   switch (kind) {
     case CriticalKind::Minimum:
@@ -122,6 +128,14 @@ bool HeightTopology::is_near_critical(double z_mm) const {
   });
 }
 
+bool HeightTopology::is_doubtful(double z_mm, double within_mm) const {
+  const auto near = [&](double low, double high) { return low - within_mm <= z_mm && z_mm <= high + within_mm; };
+  return std::any_of(parts_.blind.begin(), parts_.blind.end(),
+                     [&](const auto& b) { return near(b.low_mm, b.high_mm); }) ||
+         std::any_of(parts_.nodes.begin(), parts_.nodes.end(),
+                     [&](const auto& n) { return !n.resolved && near(n.low_mm, n.high_mm); });
+}
+
 std::vector<ContourSeed> HeightTopology::seeds(double z_mm) const {
   std::vector<ContourSeed> found;
   for (std::size_t a = 0; a < parts_.arcs.size(); ++a) {
@@ -147,38 +161,50 @@ Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const 
   if (surface_samples.size() != sample_normals.size())
     return fail(ErrorCode::InvalidInput, fmt::format("{} samples but {} normals; give one normal a sample",
                                                      surface_samples.size(), sample_normals.size()));
-  // Where points and graph contradict each other, search more widely and order heights less finely; the first result
-  // without doubts is taken, else the one with the fewest.
-  struct Attempt {
-    topology::SearchWidth width;
-    double run_kernels;
-  };
   const topology::SearchWidth narrow{.least_nz = options.steep_sift_cos};
   const topology::SearchWidth wide{
       .least_nz = 0.5 * options.steep_sift_cos, .cell_kernels = 0.3, .first_step_kernels = 4};
-  std::optional<HeightTopology> best;
-  for (const Attempt& attempt :
-       {Attempt{narrow, 0.01}, Attempt{narrow, 0.04}, Attempt{wide, 0.01}, Attempt{wide, 0.04}}) {
-    HeightTopology::Parts parts;
-    const std::vector<Vec3> starts = topology::sift(field, surface_samples, sample_normals, attempt.width);
-    auto points = topology::find_critical_points(field, starts, attempt.width, stop);
-    if (!points) return tl::unexpected{points.error()};
+  std::vector<Vec3> starts = topology::sift(field, surface_samples, sample_normals, narrow);
+  auto points = topology::find_critical_points(field, starts, narrow, stop);
+  if (!points) return tl::unexpected{points.error()};
+
+  const auto build = [&](double run_kernels) -> Result<HeightTopology> {
     if (points->size() > options.max_critical_points)
       return fail(ErrorCode::TooLarge, fmt::format("{} critical points, the limit is {}; use a wider kernel",
                                                    points->size(), options.max_critical_points));
-    parts.critical_points = std::move(*points);
+    HeightTopology::Parts parts;
+    parts.critical_points = *points;
     parts.plateaus = topology::gather_plateaus(field, starts, parts.critical_points, options.near_critical_kernels);
     for (const CriticalPoint& c : parts.critical_points)
       parts.near_mm = std::max(parts.near_mm, options.near_critical_kernels * field.kernel_width_mm(c.position_mm));
-    if (const auto built =
-            topology::build_reeb_graph(field, surface_samples, sample_normals, parts, attempt.run_kernels, stop);
+    if (const auto built = topology::build_reeb_graph(field, surface_samples, sample_normals, parts, run_kernels, stop);
         !built)
       return tl::unexpected{built.error()};
-    HeightTopology topology{std::move(parts)};
-    if (!best || topology.doubts().size() < best->doubts().size()) best = std::move(topology);
+    return HeightTopology{std::move(parts)};
+  };
+  // Where points and graph contradict each other: first order heights less finely, then search more widely at the
+  // heights in doubt. The first result without doubts is taken, else the one with the fewest.
+  auto best = build(kFineRun);
+  if (!best || best->doubts().empty()) return best;
+  if (auto coarse = build(kCoarseRun); !coarse)
+    return coarse;
+  else if (coarse->doubts().size() < best->doubts().size())
+    best = std::move(coarse);
+  if (best->doubts().empty()) return best;
+
+  std::vector<Vec3> near_doubt = topology::sift(field, surface_samples, sample_normals, wide);
+  std::erase_if(near_doubt, [&](const Vec3& p) { return !best->is_doubtful(p.z(), field.kernel_width_mm(p)); });
+  auto more = topology::find_critical_points(field, near_doubt, wide, stop);
+  if (!more) return tl::unexpected{more.error()};
+  starts.insert(starts.end(), near_doubt.begin(), near_doubt.end());
+  points = topology::merged(field, std::move(*points), *more);
+  for (const double run : {kFineRun, kCoarseRun}) {
+    auto again = build(run);
+    if (!again) return again;
+    if (again->doubts().size() < best->doubts().size()) best = std::move(again);
     if (best->doubts().empty()) break;
   }
-  return std::move(*best);
+  return best;
 }
 
 }  // namespace telefab::scan

@@ -89,6 +89,7 @@ bool shares_ring(const std::vector<Ring>& a, const std::vector<Ring>& b, double 
 }
 
 struct Around {
+  Level level;
   std::vector<IntegralLine> lines;
   std::vector<Vec3> seeds_below, seeds_above;
   std::vector<Ring> below, above;
@@ -104,6 +105,7 @@ double same_ring_mm(const std::vector<Vec3>& seeds, double h) {
 Around look_around(const ScalarField& field, FieldCursor& cursor, const CriticalIndex& index, std::size_t i,
                    const Level& level) {
   Around a;
+  a.level = level;
   a.lines = lines_of(field, cursor, index, i,
                      std::min(index[i].position_mm.z() - level.below, level.above - index[i].position_mm.z()));
   const double h = field.kernel_width_mm(index[i].position_mm);
@@ -114,6 +116,21 @@ Around look_around(const ScalarField& field, FieldCursor& cursor, const Critical
   a.below = distinct_rings(field, cursor, a.seeds_below, level.below, same_ring_mm(a.seeds_below, h), 0.3);
   a.above = distinct_rings(field, cursor, a.seeds_above, level.above, same_ring_mm(a.seeds_above, h), 0.3);
   return a;
+}
+
+/// The same for a point alone at its height: where rings do not fit its kind at one distance, others are tried.
+Around look_around_alone(const ScalarField& field, FieldCursor& cursor, const CriticalIndex& index, std::size_t i,
+                         const Level& level) {
+  const std::size_t wanted = index[i].is_saddle() ? 3 : 1;
+  Around first;
+  for (const double share : {1.0, 0.3, 0.1, 1.4}) {
+    const Level nearer{level.low, level.high, level.low - share * (level.low - level.below),
+                       level.high + share * (level.above - level.high)};
+    Around a = look_around(field, cursor, index, i, nearer);
+    if (a.below.size() + a.above.size() == wanted) return a;
+    if (share == 1.0) first = std::move(a);
+  }
+  return first;
 }
 
 int sign_of(const CriticalPoint& c) { return c.is_saddle() ? -1 : 1; }
@@ -220,7 +237,9 @@ Result<TracedNodes> trace_nodes(const ScalarField& field, std::span<const Vec3> 
       const std::size_t p = k - points.size();
       flat[p] = plateau_node(field, cursor, samples, normals, points, index, plateaus[p], p);
     } else if (!points[k].plateau) {
-      arounds[k] = look_around(field, cursor, index, k, runs[run_of[k]]);
+      const std::size_t run = run_of[k];
+      arounds[k] = run_size[run] == 1 ? look_around_alone(field, cursor, index, k, runs[run])
+                                      : look_around(field, cursor, index, k, runs[run]);
     }
   });
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while tracing the Morse-Smale complex");
@@ -231,7 +250,7 @@ Result<TracedNodes> trace_nodes(const ScalarField& field, std::span<const Vec3> 
   for (std::size_t begin = 0; begin < points.size();) {
     std::size_t end = begin;
     while (end < points.size() && run_of[end] == run_of[begin]) ++end;
-    const Level& level = runs[run_of[begin]];
+    const Level& level = end - begin == 1 && !points[begin].plateau ? arounds[begin].level : runs[run_of[begin]];
     std::vector<std::size_t> owner(end - begin);
     for (std::size_t i = begin; i < end; ++i) {
       owner[i - begin] = i;

@@ -146,6 +146,8 @@ class HeightTopology {
   [[nodiscard]] std::optional<ContourCount> predicted_contours(double z_mm) const;
   /// True within near_critical_kernels * h of a critical height or inside a plateau.
   [[nodiscard]] bool is_near_critical(double z_mm) const;
+  /// True within `within_mm` of a height where points and graph contradict each other.
+  [[nodiscard]] bool is_doubtful(double z_mm, double within_mm) const;
   /// One seed a contour where predicted_contours has a value; fewer or more where it has none. Ordered by arc.
   [[nodiscard]] std::vector<ContourSeed> seeds(double z_mm) const;
 
