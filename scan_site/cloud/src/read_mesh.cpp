@@ -14,7 +14,8 @@ namespace {
 
 /// Three corners after one another are a facet.
 void add_facets(ScanBuilder& builder) {
-  for (std::uint64_t i = 0; builder.keeps_faces() && i + 2 < builder.size(); i += 3) builder.add_face(std::array<std::uint64_t, 3>{i, i + 1, i + 2});
+  for (std::uint64_t i = 0; builder.keeps_faces() && i + 2 < builder.size(); i += 3)
+    builder.add_face(std::array<std::uint64_t, 3>{i, i + 1, i + 2});
 }
 
 tl::unexpected<Error> cancelled() { return fail(ErrorCode::Cancelled, "stopped while reading points"); }
@@ -114,14 +115,17 @@ Result<ScanFile> read_off(std::span<const std::byte> bytes, const ReadOptions& o
   std::vector<std::uint64_t> corners;
   for (std::uint64_t i = 0; i < *faces; ++i) {
     const std::string_view line = lines.take_full_line();
-    if (line.empty()) return fail(ErrorCode::InvalidInput, fmt::format("the file ends after {} of {} faces: it is truncated", i, *faces));
+    if (line.empty())
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("the file ends after {} of {} faces: it is truncated", i, *faces));
     if (!builder.keeps_faces()) continue;
     FieldCursor fields{line};
     corners.clear();
     const auto count = fields.take<std::uint64_t>();
     for (std::uint64_t k = 0; count && k < *count; ++k) {
       const auto corner = fields.take<std::uint64_t>();
-      if (!corner) return fail(ErrorCode::InvalidInput, fmt::format("OFF line {}: face {} is cut short", lines.line_number(), i));
+      if (!corner)
+        return fail(ErrorCode::InvalidInput, fmt::format("OFF line {}: face {} is cut short", lines.line_number(), i));
       corners.push_back(*corner);
     }
     builder.add_face(corners);

@@ -211,7 +211,8 @@ class BinaryPly final : public PlyBody {
       if (stopped(i)) return cancelled();
       for (const PlyProperty& p : element.properties) {
         double ignored = 0;
-        const bool is_face = builder_.keeps_faces() && element.name == "face" && p.count_type && p.name.starts_with("vertex_ind");
+        const bool is_face =
+            builder_.keeps_faces() && element.name == "face" && p.count_type && p.name.starts_with("vertex_ind");
         if (is_face ? !take_face(p) : p.count_type ? !skip_list(p) : !take(p.type, ignored)) return truncated(i);
       }
     }
@@ -219,7 +220,9 @@ class BinaryPly final : public PlyBody {
   }
   [[nodiscard]] bool take_face(const PlyProperty& p) {
     double count = 0, index = 0;
-    if (!take(*p.count_type, count) || count < 0 || count * static_cast<double>(size_of(p.type)) > static_cast<double>(bytes_left())) return false;
+    if (!take(*p.count_type, count) || count < 0 ||
+        count * static_cast<double>(size_of(p.type)) > static_cast<double>(bytes_left()))
+      return false;
     corners_.clear();
     for (std::size_t k = 0; k < static_cast<std::size_t>(count); ++k) {
       if (!take(p.type, index)) return false;

@@ -34,8 +34,11 @@ Result<void> ScanBuilder::expect(std::uint64_t count, std::uint64_t bytes_left, 
 }
 
 void ScanBuilder::add_face(std::span<const std::uint64_t> corners) {
-  const auto clipped = [&](std::size_t i) { return static_cast<std::uint32_t>(std::min<std::uint64_t>(corners[i], UINT32_MAX)); };
-  for (std::size_t i = 2; i < corners.size() && options_.keep_faces; ++i) faces_.push_back({clipped(0), clipped(i - 1), clipped(i)});
+  const auto clipped = [&](std::size_t i) {
+    return static_cast<std::uint32_t>(std::min<std::uint64_t>(corners[i], UINT32_MAX));
+  };
+  for (std::size_t i = 2; i < corners.size() && options_.keep_faces; ++i)
+    faces_.push_back({clipped(0), clipped(i - 1), clipped(i)});
 }
 
 Result<ScanFile> ScanBuilder::finish() && {
@@ -62,7 +65,8 @@ Result<ScanFile> ScanBuilder::finish() && {
 
   for (const auto& face : faces_)
     for (const std::uint32_t corner : face)
-      if (corner >= points_.size()) return fail(ErrorCode::InvalidInput, fmt::format("a face names point {} of {}", corner, points_.size()));
+      if (corner >= points_.size())
+        return fail(ErrorCode::InvalidInput, fmt::format("a face names point {} of {}", corner, points_.size()));
 
   ScanFile file;
   file.faces = std::move(faces_);

@@ -12,6 +12,7 @@ int main(int argc, char** argv) {
       {"clean", "remove outliers, small clusters and noise from a cloud", declare_clean},
       {"slice", "cut a scan into layers of contours", declare_slice},
       {"inspect", "show where contours begin, end, part and join", declare_inspect},
+      {"digitize", "make virtual range images of a mesh", declare_digitize},
       {"measure", "compare a built part with its reference", declare_measure},
       {"machines", "list the machine profiles", declare_machines},
   };

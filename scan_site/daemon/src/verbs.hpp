@@ -6,6 +6,7 @@ namespace telefab::scan {
 [[nodiscard]] VerbBody declare_inspect(CLI::App& options);
 [[nodiscard]] VerbBody declare_machines(CLI::App& options);
 [[nodiscard]] VerbBody declare_clean(CLI::App& options);
+[[nodiscard]] VerbBody declare_digitize(CLI::App& options);
 [[nodiscard]] VerbBody declare_measure(CLI::App& options);
 [[nodiscard]] VerbBody declare_register(CLI::App& options);
 [[nodiscard]] VerbBody declare_slice(CLI::App& options);

@@ -40,8 +40,9 @@ struct RangeView {
 struct ScanFile {
   ScanFormat format = ScanFormat::Text;
   PointCloud cloud;
-  std::vector<RangeView> views;   ///< one a range image; empty for plain clouds
-  std::vector<std::array<std::uint32_t, 3>> faces;  ///< corners as indices of points; filled if asked for: PLY, OFF, STL
+  std::vector<RangeView> views;  ///< one a range image; empty for plain clouds
+  std::vector<std::array<std::uint32_t, 3>>
+      faces;                      ///< corners as indices of points; filled if asked for: PLY, OFF, STL
   std::size_t empty_returns = 0;  ///< points the file marks as not seen (NaN in PCD, 0 0 0 in PTX); left out
 };
 
