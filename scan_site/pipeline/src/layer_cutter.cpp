@@ -32,6 +32,13 @@ struct LayerCutter::Candidate {
 LayerCutter::LayerCutter(const CutSetting& setting) : setting_{setting}, cursor_{setting.field.cursor()} {}
 
 void LayerCutter::judge(Candidate& candidate, double z_mm) const {
+  if (candidate.trace.contours.empty()) {
+    // near_ rises in z.
+    const bool through = !near_.points.empty() && near_.points.front().z() < z_mm && near_.points.back().z() > z_mm;
+    if (through)
+      candidate.trace.faults.push_back({"samples lie close above and below the plane, but no contour was found",
+                                        {near_.points.front().x(), near_.points.front().y()}});
+  }
   const auto cover = [&](const SurfaceSamples& samples) {
     return uncovered_samples(setting_.field, z_mm, candidate.trace.contours, {samples.points, samples.normals},
                              setting_.cover_kernels);

@@ -13,7 +13,7 @@ namespace telefab::scan {
 struct CutSetting {
   const ScalarField& field;
   const HeightTopology* topology = nullptr;  ///< none: nothing is predicted
-  /// Samples with low <= z <= high.
+  /// Samples with low <= z <= high, rising in z.
   std::function<void(double low_mm, double high_mm, SurfaceSamples& found)> samples;
   double band_mm = 0;           ///< samples this near to a plane must lie beside one of its contours
   double cover_kernels = 0.75;  ///< a sample this near (in kernel widths) to a contour of like normal is covered

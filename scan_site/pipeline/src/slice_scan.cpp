@@ -35,6 +35,16 @@ constexpr double kCoverKernels = 0.75;
 constexpr double kCleanSpacings = 0.1;
 constexpr double kStrayShare = 0.02;
 
+/// Spacing that varies by more than this leaves room for a feature, or a whole wall, that no sample shows.
+constexpr double kMostUneven = 5;
+
+std::optional<TraceFault> fault_of(const KernelChoice& kernel) {
+  if (kernel.unevenness <= kMostUneven) return std::nullopt;
+  return TraceFault{
+      fmt::format("the spacing of the scan varies {:.0f}-fold: walls may lie between its points", kernel.unevenness),
+      {}};
+}
+
 class StageClock {
  public:
   explicit StageClock(std::vector<StageTime>& times) : times_{times}, since_{clock_.now()} {}
@@ -221,7 +231,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       .band_mm = kBandKernels * kernel.kernel_mm,
       .chord_mm = request.chord_mm.value_or(request.machine.chord_tolerance_mm()),
       .method = request.method,
-      .known_fault = {}};
+      .known_fault = fault_of(kernel)};
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
   if (auto ok = cut_layers(setting, header, range, threads, sink, progress, stop, result); !ok)
     return tl::unexpected{ok.error()};

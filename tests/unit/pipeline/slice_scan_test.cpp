@@ -211,6 +211,20 @@ TEST(SliceScan, FlagsAScanWithAGapInsteadOfGuessing) {
     }
 }
 
+TEST(SliceScan, CertifiesNothingWhereWallsMayLieBetweenThePoints) {
+  auto samples = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 1.6, .seed = 13});
+  const auto dense = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.12, .seed = 14});
+  for (std::size_t i = 0; i < dense.points.size(); ++i)
+    if (dense.points[i].x() > 9) {
+      samples.points.push_back(dense.points[i]);
+      samples.normals.push_back(dense.normals[i]);
+    }
+  const Outcome outcome = slice(text_of(samples), request_for());
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  ASSERT_GT(outcome.report->kernel.unevenness, 5);
+  EXPECT_EQ(outcome.report->certified, 0U);
+}
+
 TEST(Preview, PaintsAPicture) {
   StackHeader header;
   header.machine = "bench";
