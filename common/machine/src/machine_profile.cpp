@@ -113,6 +113,8 @@ const std::vector<Key>& keys() {
        TextKey{at(&P::devices, &P::Devices::stage), {"virtual", "grbl", "marlin"}}},
       {"devices", "speed_up", false, "virtual devices: simulated seconds per real second",
        NumberKey{at(&P::devices, &P::Devices::speed_up), 1, 1e6}},
+      {"devices", "allowed_slowdown", false, "a job whose uploads stretch it beyond this is refused",
+       NumberKey{at(&P::devices, &P::Devices::allowed_slowdown), 1, 100}},
       {"devices", "led_current", false, "dlpc900: never sent above",
        CountKey{at(&P::devices, &P::Devices::led_current), 0, 255}},
       {"devices", "led_colour", false, "dlpc900",

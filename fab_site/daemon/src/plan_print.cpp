@@ -5,6 +5,8 @@
 #include <telefab/base/file.hpp>
 #include <telefab/fab/drivers/make_devices.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/print/admission.hpp>
+#include <telefab/fab/print/print_record.hpp>
 
 namespace telefab::fab {
 
@@ -25,6 +27,26 @@ Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const std::st
   return outcome;
 }
 
+namespace {
+
+constexpr std::uint64_t kLargestKey = 64 * 1024;
+
+/// The record sealed, in report/as-built.json; signed where the site has a key, as-built-key.pem beside its jobs.
+Result<void> keep_as_built(const std::filesystem::path& folder, const PrintRecord& record) {
+  const auto key_path = folder.parent_path().parent_path() / "as-built-key.pem";
+  std::string key;
+  if (std::filesystem::exists(key_path)) {
+    const auto bytes = read_file(key_path, kLargestKey);
+    if (!bytes) return tl::unexpected{bytes.error()};
+    key.assign(reinterpret_cast<const char*>(bytes->data()), bytes->size());
+  }
+  const auto sealed = seal(record, key);
+  if (!sealed) return tl::unexpected{sealed.error()};
+  return write_file_atomically(folder / "report" / "as-built.json", *sealed);
+}
+
+}  // namespace
+
 Result<PrintRecord> print_from(const std::filesystem::path& folder, const MachineProfile& machine,
                                const PrintPolicy& policy, PrintControl& control, const PrintSink& sink,
                                std::stop_token stop) {
@@ -39,9 +61,15 @@ Result<PrintRecord> print_from(const std::filesystem::path& folder, const Machin
   if (!journal) return tl::unexpected{journal.error()};
   PrintPolicy scaled = policy;
   // A machine that runs faster than real time is looked at less often in its own time.
-  if (devices->log)
+  if (is_simulated(machine))
     scaled.slice =
         Nanoseconds{static_cast<std::int64_t>(static_cast<double>(policy.slice.count()) * machine.devices.speed_up)};
+  if (!is_simulated(machine) && journal->empty()) {
+    // A job that cannot keep its plan on this projector is refused now, not slowed down unsaid.
+    const auto cost = estimate_print((*job)->plan(), {}, **job, *devices->projector, *devices->stage, {}, stop);
+    if (!cost) return tl::unexpected{cost.error()};
+    if (const auto ok = admit(*cost, machine.devices.allowed_slowdown); !ok) return tl::unexpected{ok.error()};
+  }
   PrintRunner runner{*devices->projector, *devices->stage, **job, *journal, *clock};
   auto record = runner.run((*job)->plan(), scaled, control, sink, std::move(stop));
   if (!record) return record;
@@ -49,6 +77,7 @@ Result<PrintRecord> print_from(const std::filesystem::path& folder, const Machin
   std::filesystem::create_directories(folder / "report", error);
   if (auto kept = write_file_atomically(folder / "report" / "print.json", to_json(*record) + "\n"); !kept)
     return tl::unexpected{kept.error()};
+  if (auto kept = keep_as_built(folder, *record); !kept) return tl::unexpected{kept.error()};
   return record;
 }
 

@@ -12,12 +12,14 @@ namespace {
 constexpr std::uint16_t kTexasInstruments = 0x0451;
 constexpr std::uint16_t kDlpc900 = 0xC900;
 
-bool all_virtual(const MachineProfile& m) { return m.devices.projector == "virtual" && m.devices.stage == "virtual"; }
-
 }  // namespace
 
+bool is_simulated(const MachineProfile& machine) {
+  return machine.devices.projector == "virtual" && machine.devices.stage == "virtual";
+}
+
 std::unique_ptr<Clock> make_clock(const MachineProfile& machine) {
-  if (all_virtual(machine) && machine.devices.speed_up != 1)
+  if (is_simulated(machine) && machine.devices.speed_up != 1)
     return std::make_unique<ScaledClock>(machine.devices.speed_up);
   return std::make_unique<SystemClock>();
 }

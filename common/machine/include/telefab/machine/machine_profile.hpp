@@ -83,6 +83,7 @@ struct MachineProfile {
     double speed_up = 1.0;              ///< virtual devices only: simulated seconds per real second
     std::uint32_t led_current = 0;      ///< dlpc900: 0..255, never sent above
     std::string led_colour = "blue";    ///< dlpc900: red | green | blue
+    double allowed_slowdown = 1.1;      ///< real projectors: a job whose uploads stretch it beyond this is refused
     std::string stage_serial;           ///< USB serial number of the stage's tty; empty: the only one found
     friend bool operator==(const Devices&, const Devices&) = default;
   } devices;

@@ -10,10 +10,13 @@ namespace telefab::fab {
 
 /// The machine's two devices as its profile names them.
 struct Devices {
-  std::unique_ptr<MachineLog> log;  ///< what virtual devices did; empty for real ones
+  std::unique_ptr<MachineLog> log;  ///< what virtual devices did; real ones write nothing into it
   std::unique_ptr<Projector> projector;
   std::unique_ptr<ZStage> stage;
 };
+
+/// Both devices are virtual: time may run faster than it does.
+[[nodiscard]] bool is_simulated(const MachineProfile& machine);
 
 /// The clock a machine's print runs on: sped up by devices.speed_up where both devices are virtual, else the system's.
 [[nodiscard]] std::unique_ptr<Clock> make_clock(const MachineProfile& machine);
