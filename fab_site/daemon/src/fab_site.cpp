@@ -4,11 +4,15 @@
 
 #include <algorithm>
 
+#include <telefab/base/file.hpp>
+
 #include "plan_print.hpp"
 
 namespace telefab::fab {
 namespace {
 
+constexpr const char* kThreeJs = "/usr/share/javascript/three/three.min.js";  // Debian libjs-three
+constexpr std::uint64_t kMaxThreeJsBytes = 4U << 20U;
 constexpr auto kKeepEvery = std::chrono::milliseconds{100};
 
 /// The profile as both sites compare it: what the virtual devices do is the fab's own matter.
@@ -58,10 +62,35 @@ Result<void> FabSite::start() {
        [this](const std::string& address, const Error& why) { note(address, "refused: " + why.what); }});
   if (!listener) return tl::unexpected{listener.error()};
   listener_ = std::move(*listener);
-  return {};
+  return start_web();
+}
+
+Result<void> FabSite::start_web() {
+  if (config_.web.empty()) return {};
+  const auto address = net::endpoint_from_text(config_.web);
+  if (!address) return fail_in("--web", address.error());
+  auto token = web_token(folder_.path());
+  if (!token) return tl::unexpected{token.error()};
+  web_desk_ = std::make_unique<WebDesk>(*store_, folder_, machines_,
+                                        [this](const Command& asked, std::function<void(Result<Job>)> done) {
+                                          later([this, asked, done = std::move(done)] {
+                                            note(asked.who, fmt::format("{} {}", name_of(asked.command), asked.job));
+                                            command(asked, done);
+                                          });
+                                        });
+  std::string three_js;
+  if (const auto library = read_file(kThreeJs, kMaxThreeJsBytes))
+    three_js.assign(reinterpret_cast<const char*>(library->data()), library->size());
+  auto server =
+      WebServer::listen(address->host, address->port, *web_desk_, {std::move(*token), "0.1.0", std::move(three_js)});
+  if (!server) return tl::unexpected{server.error()};
+  web_ = std::move(*server);
+  log_line(fmt::format("the page is at http://{}:{}/", address->host, web_->port()));
+  return write_file_atomically(folder_.path() / "web-port", std::string_view{fmt::format("{}\n", web_->port())});
 }
 
 FabSite::~FabSite() {
+  web_.reset();
   listener_.reset();
   if (planner_) planner_->end();
   if (device_) device_->end();

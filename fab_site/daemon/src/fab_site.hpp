@@ -3,23 +3,27 @@
 #include <telefab/desk/client_session.hpp>
 #include <telefab/desk/site_runtime.hpp>
 #include <telefab/fab/print/print_runner.hpp>
+#include <telefab/fab/web/web_server.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/store/audit_log.hpp>
 
 #include "scan_session.hpp"
+#include "web_desk.hpp"
 #include "work_queue.hpp"
 
 namespace telefab::fab {
 
 struct FabSiteConfig {
   ServeOptions serve;
+  std::string web;                 ///< HOST:PORT of the page and the API; empty: none
   bool start_on_approval = false;  ///< a planned job waits for `telefab approve`
   /// For a layer that was perhaps exposed when the power went; empty: the print waits for an operator.
   std::optional<Decision> after_crash = Decision::TreatAsExposed;
 };
 
 /// The daemon: layers in from scan sites, planned, printed; commands and questions from clients and scan sites.
-/// Threads: network (everything but the two below), planner, device. Stop order: listener, planner, device, store.
+/// Threads: network (everything but the three below), planner, device, web. Stop order: web, listener, planner, device,
+/// store.
 class FabSite final : public FabDesk {
  public:
   /// Everything is checked and the port is bound when this returns.
@@ -48,6 +52,7 @@ class FabSite final : public FabDesk {
   FabSite(DataFolder folder, const Clock& clock, std::vector<MachineProfile> machines, FabSiteConfig config)
       : folder_{std::move(folder)}, clock_{clock}, machines_{std::move(machines)}, config_{std::move(config)} {}
   [[nodiscard]] Result<void> start();
+  [[nodiscard]] Result<void> start_web();
   [[nodiscard]] Result<void> take_up(const Job& job);
   void welcome(const net::ConnectionPtr& connection);
   void move(const std::string& job, JobState state, std::string_view message);
@@ -83,6 +88,8 @@ class FabSite final : public FabDesk {
   std::unique_ptr<WorkQueue> planner_;
   std::unique_ptr<WorkQueue> device_;
   std::unique_ptr<net::Listener> listener_;
+  std::unique_ptr<WebDesk> web_desk_;
+  std::unique_ptr<WebServer> web_;
 };
 
 }  // namespace telefab::fab

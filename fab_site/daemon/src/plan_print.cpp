@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include <telefab/base/file.hpp>
 #include <telefab/fab/drivers/make_devices.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
@@ -19,7 +21,9 @@ Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const std::st
   if (!summary) return tl::unexpected{summary.error()};
   PlanOutcome outcome{static_cast<std::uint32_t>(summary->plan.layers.size()), {}};
   if (!summary->check.passes()) {
-    const Finding& first = summary->check.findings.front();
+    const auto& findings = summary->check.findings;
+    const Finding& first =
+        *std::find_if(findings.begin(), findings.end(), [](const Finding& f) { return holds_the_job(f.kind); });
     outcome.doubt = fmt::format(
         "the check of the masks has {} findings, the first: {} in layer {} at ({:.1f}, {:.1f}) mm",
         summary->check.findings.size(), name_of(first.kind), first.layer.count(), first.place.x_mm, first.place.y_mm);

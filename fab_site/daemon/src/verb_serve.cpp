@@ -16,6 +16,9 @@ VerbBody declare_serve(CLI::App& options) {
   auto o = std::make_shared<Options>();
   o->config.serve = {"127.0.0.1:7420", "", default_machine_folder(), "", "fab-site"};
   declare_serve_options(options, o->config.serve);
+  options.add_option("--web", o->config.web,
+                     "HOST:PORT of the web page and its API, e.g. 127.0.0.1:7480; default: none. What changes a job "
+                     "needs the token in DATA/web-token");
   options.add_option("--start", o->start, "automatic | on-approval: whether a planned job waits for `telefab approve`")
       ->check(CLI::IsMember({"automatic", "on-approval"}))
       ->capture_default_str();

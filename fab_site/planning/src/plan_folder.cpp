@@ -2,6 +2,7 @@
 
 #include <telefab/base/file.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/geometry/contour_lines.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -79,10 +80,16 @@ Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& 
   const fs::path wanted = folder.has_filename() ? folder : folder.parent_path();
   const FolderUnderWay under_way{wanted};
   if (auto ok = under_way.begin(); !ok) return tl::unexpected{ok.error()};
-  const auto keep_mask = [&](LayerIndex layer, std::span<const std::byte> png) {
-    return write_new_file(under_way.path() / "masks" / mask_name(layer), png);
+  std::string support_lines;
+  const auto keep = [&](const PlannedSheet& sheet) -> Result<void> {
+    Layer supports;
+    supports.index = sheet.index;
+    supports.z_mm = cut_height_mm(sheet.index, stack.header().layer_thickness_mm);
+    supports.contours.assign(sheet.supports.begin(), sheet.supports.end());
+    support_lines += to_json_line(supports) + '\n';
+    return write_new_file(under_way.path() / "masks" / mask_name(sheet.index), sheet.png);
   };
-  auto summary = plan_job(stack, machine, options, keep_mask, clock, progress, stop);
+  auto summary = plan_job(stack, machine, options, keep, clock, progress, stop);
   if (!summary) return summary;
   const auto preview = encode_png(summary->preview);
   if (!preview) return tl::unexpected{preview.error()};
@@ -92,6 +99,7 @@ Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& 
   const std::pair<const char*, std::span<const std::byte>> files[] = {
       {"plan.json", as_bytes(plan_text)},
       {"supports.json", as_bytes(summary->supports_json)},
+      {"supports.jsonl", as_bytes(support_lines)},
       {"report.json", as_bytes(report_text)},
       {"preview.png", *preview}};
   for (const auto& [name, bytes] : files)

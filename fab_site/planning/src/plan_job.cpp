@@ -23,6 +23,7 @@ constexpr std::uint32_t kLayersPerBlock = 16;
 struct LayerWork {
   Result<void> outcome;
   std::vector<std::byte> png;
+  std::vector<Contour> supports;
   Digest digest;
   LayerRuns runs;
   std::uint64_t grey_sum = 0;
@@ -149,7 +150,7 @@ double layer_seconds(const MachineProfile::Motion& motion, std::chrono::microsec
 }
 
 Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& machine, const PlanOptions& options,
-                             const MaskSink& sink, const Clock& clock, const ProgressSink& progress,
+                             const PlanSink& sink, const Clock& clock, const ProgressSink& progress,
                              std::stop_token stop) {
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
   const StackHeader& header = stack.header();
@@ -194,7 +195,8 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
     LayerWork work;
     const Layer* part =
         print_layer >= summary.lift_layers ? &stack.layers()[print_layer - summary.lift_layers] : nullptr;
-    auto mask = mask_of(part, supports->section_region(LayerIndex{print_layer}), frame);
+    const Region section = supports->section_region(LayerIndex{print_layer});
+    auto mask = mask_of(part, section, frame);
     if (!mask) {
       work.outcome = tl::unexpected{mask.error()};
       return work;
@@ -205,6 +207,7 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
       return work;
     }
     work.png = std::move(*png);
+    work.supports = section.to_contours();
     work.digest = digest_of(bytes_of(*mask));
     work.runs = LayerRuns::from_mask(mask->view(), cured_from);
     for (const std::uint8_t level : mask->rows) work.grey_sum += level;
@@ -225,7 +228,7 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
       LayerWork& work = block[i];
       if (!work.outcome) return tl::unexpected{work.outcome.error()};
       const LayerIndex index{first + i};
-      if (auto done = sink(index, work.png); !done) return tl::unexpected{done.error()};
+      if (auto done = sink({index, work.png, work.supports}); !done) return tl::unexpected{done.error()};
       PlannedLayer planned;
       planned.index = index;
       planned.z_mm = (index.count() + 1) * header.layer_thickness_mm;

@@ -21,9 +21,9 @@ Planned plan(const LayerStack& stack, PlanOptions options = {}, const MachinePro
              std::stop_token stop = {}) {
   const VirtualClock clock;
   Planned planned{fail(ErrorCode::Internal, ""), {}};
-  const auto keep = [&](LayerIndex layer, std::span<const std::byte> png) -> Result<void> {
-    EXPECT_EQ(layer.count(), planned.pngs.size());
-    planned.pngs.emplace_back(png.begin(), png.end());
+  const auto keep = [&](const PlannedSheet& sheet) -> Result<void> {
+    EXPECT_EQ(sheet.index.count(), planned.pngs.size());
+    planned.pngs.emplace_back(sheet.png.begin(), sheet.png.end());
     return {};
   };
   planned.summary = plan_job(stack, machine, options, keep, clock, {}, stop);
@@ -110,7 +110,7 @@ TEST(PlanJob, StopsWhenAskedAndHandsOnTheSinksError) {
   EXPECT_EQ(plan(test::table(3, 3), {}, test::small_machine(), stop.get_token()).summary.error().code,
             ErrorCode::Cancelled);
   const VirtualClock clock;
-  const auto full = [](LayerIndex, std::span<const std::byte>) -> Result<void> {
+  const auto full = [](const PlannedSheet&) -> Result<void> {
     return fail(ErrorCode::StorageFailed, "the disk is full");
   };
   EXPECT_EQ(plan_job(test::table(3, 3), test::small_machine(), {}, full, clock, {}, {}).error().code,

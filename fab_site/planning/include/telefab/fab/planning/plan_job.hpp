@@ -44,8 +44,14 @@ struct PlanSummary {
   double mask_seconds = 0;
 };
 
-/// Takes the mask of the next print layer as a PNG. Called in order, from one thread.
-using MaskSink = std::function<Result<void>(LayerIndex, std::span<const std::byte> png)>;
+/// One print layer as it leaves the planner. Views live as long as the call.
+struct PlannedSheet {
+  LayerIndex index;
+  std::span<const std::byte> png;     ///< of the mask
+  std::span<const Contour> supports;  ///< the support's rings, canonical order
+};
+/// Takes the next print layer. Called in order, from one thread.
+using PlanSink = std::function<Result<void>(const PlannedSheet&)>;
 
 /// Plans a print: supports (section 4), one mask a layer with part and supports merged (section 5), exposures with
 /// longer bottom layers, and an independent check of the final masks. The stack must fit the machine: bounds on its
@@ -53,7 +59,7 @@ using MaskSink = std::function<Result<void>(LayerIndex, std::span<const std::byt
 /// Fails: InvalidInput (does not fit, thickness differs from the machine's; both figures are named), Cancelled, and
 /// whatever the sink fails with. Deterministic on any number of threads.
 [[nodiscard]] Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& machine,
-                                           const PlanOptions& options, const MaskSink& sink, const Clock& clock,
+                                           const PlanOptions& options, const PlanSink& sink, const Clock& clock,
                                            const ProgressSink& progress, std::stop_token stop);
 
 /// report.json of the plan.

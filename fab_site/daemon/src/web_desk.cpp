@@ -1,0 +1,276 @@
+#include "web_desk.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/random.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <future>
+#include <nlohmann/json.hpp>
+#include <numeric>
+#include <telefab/base/file.hpp>
+#include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/geometry/contour_lines.hpp>
+
+#include "intake.hpp"
+
+namespace telefab::fab {
+namespace {
+
+using nlohmann::ordered_json;
+
+constexpr std::uint64_t kMaxFileBytes = 256U << 20U;
+constexpr std::size_t kMostJobs = 200;
+constexpr std::size_t kMostEvents = 500;
+constexpr auto kCommandTimeout = std::chrono::seconds{5};
+
+Result<std::string> text_of(const std::filesystem::path& path) {
+  const auto bytes = read_file(path, kMaxFileBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  return std::string{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+}
+
+ordered_json rings_json(std::span<const Contour> contours) {
+  ordered_json rings = ordered_json::array();
+  for (const Contour& contour : contours) {
+    ordered_json ring = ordered_json::array();
+    for (const Point2 p : contour.vertices()) ring.push_back({p.x_mm, p.y_mm});
+    rings.push_back(std::move(ring));
+  }
+  return rings;
+}
+
+std::string certificate_text(const LayerCertificate& c) {
+  switch (c.verdict) {
+    case LayerCertificate::Verdict::Certified:
+      return "certified";
+    case LayerCertificate::Verdict::Flagged:
+      return "flagged: " + c.reason;
+    case LayerCertificate::Verdict::Unchecked:
+      break;
+  }
+  return "not checked";
+}
+
+void widen(Bounds2& all, std::span<const Contour> rings) {
+  for (const Contour& ring : rings) {
+    const Bounds2 b = ring.bounds();
+    all.min = {std::min(all.min.x_mm, b.min.x_mm), std::min(all.min.y_mm, b.min.y_mm)};
+    all.max = {std::max(all.max.x_mm, b.max.x_mm), std::max(all.max.y_mm, b.max.y_mm)};
+  }
+}
+
+/// A report on disk as JSON; null where there is none yet.
+ordered_json report_part(const std::filesystem::path& path) {
+  const auto text = text_of(path);
+  if (!text) return {};
+  ordered_json value = ordered_json::parse(*text, nullptr, false);
+  return value.is_discarded() ? ordered_json{} : value;
+}
+
+}  // namespace
+
+double WebDesk::seconds_left(const Job& job) {
+  if (job.state != JobState::Printing && job.state != JobState::Paused && job.state != JobState::Ready) return -1;
+  auto known = seconds_.find(job.id);
+  if (known == seconds_.end()) {
+    const auto folder = folder_.job(job.id);
+    const auto machine = find_machine(machines_, job.machine);
+    if (!folder || !machine) return -1;
+    const auto text = text_of(*folder / "plan" / "plan.json");
+    if (!text) return -1;
+    const auto plan = print_plan_from_json(*text);
+    if (!plan) return -1;
+    std::vector<double> seconds;
+    for (const PlannedLayer& layer : plan->layers)
+      seconds.push_back(layer_seconds(plan->motion, layer.exposure) / machine->devices.speed_up);
+    if (seconds_.size() > kMostJobs) seconds_.clear();
+    known = seconds_.emplace(job.id, std::move(seconds)).first;
+  }
+  const auto& seconds = known->second;
+  const std::size_t printed = std::min<std::size_t>(job.counters.layers_printed, seconds.size());
+  return std::accumulate(seconds.begin() + static_cast<std::ptrdiff_t>(printed), seconds.end(), 0.0);
+}
+
+JobView WebDesk::view_of(const Job& job) {
+  const JobCounters& c = job.counters;
+  const auto share = [](std::uint32_t done, std::uint32_t all) {
+    return all == 0 ? 0.0 : std::min(1.0, static_cast<double>(done) / all);
+  };
+  JobView view;
+  view.id = job.id;
+  view.name = job.name;
+  view.machine = job.machine;
+  view.state = name_of(job.state);
+  view.message = job.message;
+  // Until the plan is on disk there is no print layer to look at.
+  view.layers = job.state >= JobState::Ready ? c.print_layers : 0;
+  view.layers_received = c.layers_sent;
+  view.layers_printed = c.layers_printed;
+  view.bytes_received = c.wire_bytes;
+  view.progress = job.state == JobState::Sending    ? share(c.layers_sent, c.layers)
+                  : job.state == JobState::Planning ? share(c.layers_planned, c.print_layers)
+                                                    : share(c.layers_printed, c.print_layers);
+  view.seconds_left = seconds_left(job);
+  view.created_unix_s = job.created_unix_ms / 1000;
+  return view;
+}
+
+Result<std::vector<JobView>> WebDesk::jobs() {
+  const auto jobs = store_.list(kMostJobs);
+  if (!jobs) return tl::unexpected{jobs.error()};
+  std::vector<JobView> views;
+  for (const Job& job : *jobs) views.push_back(view_of(job));
+  return views;
+}
+
+Result<JobView> WebDesk::job(std::string_view id) {
+  const auto job = store_.find(id);
+  if (!job) return tl::unexpected{job.error()};
+  return view_of(*job);
+}
+
+Result<std::vector<JobEventView>> WebDesk::events(std::string_view id) {
+  if (const auto job = store_.find(id); !job) return tl::unexpected{job.error()};
+  const auto events = store_.events(id, 0, kMostEvents);
+  if (!events) return tl::unexpected{events.error()};
+  std::vector<JobEventView> views;
+  for (const JobEvent& event : *events) views.push_back({event.unix_ms, event.text});
+  return views;
+}
+
+Result<std::filesystem::path> WebDesk::plan_file(std::string_view id, std::string_view name) {
+  if (const auto job = store_.find(id); !job) return tl::unexpected{job.error()};
+  const auto folder = folder_.job(id);
+  if (!folder) return tl::unexpected{folder.error()};
+  return *folder / "plan" / name;
+}
+
+Result<std::string> WebDesk::report(std::string_view id) {
+  const auto path = plan_file(id, "report.json");
+  if (!path) return tl::unexpected{path.error()};
+  const auto folder = path->parent_path().parent_path();
+  ordered_json print = report_part(folder / "report" / "print.json");
+  if (print.is_object()) print.erase("layers");  // hundreds of rows; `telefab report` fetches the whole file
+  const ordered_json value{{"plan", report_part(*path)}, {"print", print}};
+  if (value["plan"].is_null()) return fail(ErrorCode::NotFound, "there is no report before the job is planned");
+  return value.dump();
+}
+
+Result<std::vector<std::byte>> WebDesk::mask_png(std::string_view id, std::uint32_t layer) {
+  const auto path = plan_file(id, fmt::format("masks/{:05}.png", layer));
+  if (!path) return tl::unexpected{path.error()};
+  return read_file(*path, kMaxFileBytes);
+}
+
+Result<std::vector<std::byte>> WebDesk::preview_png(std::string_view id) {
+  const auto path = plan_file(id, "preview.png");
+  if (!path) return tl::unexpected{path.error()};
+  return read_file(*path, kMaxFileBytes);
+}
+
+Result<const WebDesk::Sheets*> WebDesk::sheets_of(std::string_view id) {
+  if (sheets_ && sheets_->job == id) return &*sheets_;
+  const auto path = plan_file(id, "supports.jsonl");
+  if (!path) return tl::unexpected{path.error()};
+  const auto lines = text_of(*path);
+  if (!lines) return fail(ErrorCode::NotFound, "the layers can be looked at once the job is planned");
+  auto part = received_stack(path->parent_path().parent_path());
+  if (!part) return tl::unexpected{part.error()};
+  Sheets sheets{std::string{id}, std::move(*part), {}, {{1e9, 1e9}, {-1e9, -1e9}}};
+  for (std::string_view rest = *lines; !rest.empty();) {
+    const auto end = std::min(rest.find('\n'), rest.size());
+    auto layer = layer_from_json_line(rest.substr(0, end));
+    if (!layer) return fail_in(path->string(), layer.error());
+    widen(sheets.bounds, layer->contours);
+    sheets.supports.push_back(std::move(*layer));
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+  }
+  for (const Layer& layer : sheets.part.layers()) widen(sheets.bounds, layer.contours);
+  sheets_ = std::move(sheets);
+  return &*sheets_;
+}
+
+Result<std::string> WebDesk::layer_json(std::string_view id, std::uint32_t layer) {
+  const auto found = sheets_of(id);
+  if (!found) return tl::unexpected{found.error()};
+  const Sheets& s = **found;
+  if (layer >= s.supports.size())
+    return fail(ErrorCode::NotFound, fmt::format("the print has {} layers", s.supports.size()));
+  const std::size_t lift = s.supports.size() - s.part.layers().size();
+  const Layer* part = layer >= lift ? &s.part.layers()[layer - lift] : nullptr;
+  const double thickness_mm = s.part.header().layer_thickness_mm;
+  return ordered_json{{"layer", layer},
+                      {"z_mm", cut_height_mm(LayerIndex{layer}, thickness_mm)},
+                      {"thickness_mm", thickness_mm},
+                      {"bounds", {s.bounds.min.x_mm, s.bounds.min.y_mm, s.bounds.max.x_mm, s.bounds.max.y_mm}},
+                      {"part", part ? rings_json(part->contours) : ordered_json::array()},
+                      {"supports", rings_json(s.supports[layer].contours)},
+                      {"certificate", part ? certificate_text(part->certificate) : "below the part"}}
+      .dump();
+}
+
+Result<void> WebDesk::act(std::string_view id, JobAction action, std::string_view who) {
+  Command command;
+  command.job = id;
+  command.who = who;
+  switch (action) {
+    case JobAction::Approve:
+      command.command = JobCommand::Approve;
+      break;
+    case JobAction::Pause:
+      command.command = JobCommand::Pause;
+      break;
+    case JobAction::Resume:
+      command.command = JobCommand::Resume;
+      break;
+    case JobAction::Cancel:
+      command.command = JobCommand::Cancel;
+      break;
+  }
+  // Shared, for an answer that comes after this call gave up.
+  const auto answered = std::make_shared<std::promise<Result<Job>>>();
+  auto answer = answered->get_future();
+  post_(command, [answered](Result<Job> job) { answered->set_value(std::move(job)); });
+  if (answer.wait_for(kCommandTimeout) != std::future_status::ready)
+    return fail(ErrorCode::Unreachable, "the daemon is busy; look at the job before you try again");
+  const auto job = answer.get();
+  if (!job) return tl::unexpected{job.error()};
+  return {};
+}
+
+std::string WebDesk::devices_json() {
+  ordered_json value;
+  for (const MachineProfile& machine : machines_)
+    value[machine.name] = fmt::format("projector {}, stage {}, {} x {} pixels, layers of {} mm",
+                                      machine.devices.projector, machine.devices.stage, machine.mask_size().width_px,
+                                      machine.mask_size().height_px, machine.layers.thickness_mm);
+  return value.dump();
+}
+
+Result<std::string> web_token(const std::filesystem::path& data) {
+  const auto path = data / "web-token";
+  if (auto kept = text_of(path)) {
+    while (!kept->empty() && (kept->back() == '\n' || kept->back() == ' ')) kept->pop_back();
+    if (kept->size() < 16)
+      return fail(
+          ErrorCode::InvalidInput,
+          fmt::format("{} holds no token of at least 16 characters; remove it to have one made", path.string()));
+    return *kept;
+  }
+  std::array<unsigned char, 16> random{};
+  if (::getrandom(random.data(), random.size(), 0) != static_cast<ssize_t>(random.size()))
+    return fail(ErrorCode::Internal, "no random numbers for the web token");
+  std::string token;
+  for (const unsigned char byte : random) token += fmt::format("{:02x}", byte);
+  // Never readable by others, not even for a moment.
+  const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+  const std::string line = token + "\n";
+  const bool written = fd >= 0 && ::write(fd, line.data(), line.size()) == static_cast<ssize_t>(line.size());
+  if (fd >= 0) ::close(fd);
+  if (!written) return fail(ErrorCode::StorageFailed, fmt::format("cannot write {}", path.string()));
+  return token;
+}
+
+}  // namespace telefab::fab

@@ -1,0 +1,60 @@
+#pragma once
+#include <functional>
+#include <map>
+#include <optional>
+#include <telefab/desk/site_runtime.hpp>
+#include <telefab/fab/print/print_plan.hpp>
+#include <telefab/fab/web/job_desk.hpp>
+#include <telefab/geometry/layer.hpp>
+#include <telefab/machine/machine_profile.hpp>
+#include <telefab/store/job_store.hpp>
+#include <telefab/wire/message.hpp>
+
+namespace telefab::fab {
+
+/// Hands a command to the daemon's loop; the answer comes on the loop's thread.
+using CommandPost = std::function<void(const Command&, std::function<void(Result<Job>)>)>;
+
+/// The daemon as its web page sees it: reads the store and the job folders itself, passes commands on. Lives on the
+/// thread "web"; keeps the layers of the job last looked at.
+class WebDesk final : public JobDesk {
+ public:
+  /// Store and folder must outlive the desk.
+  WebDesk(JobStore& store, const DataFolder& folder, std::vector<MachineProfile> machines, CommandPost post)
+      : store_{store}, folder_{folder}, machines_{std::move(machines)}, post_{std::move(post)} {}
+
+  Result<std::vector<JobView>> jobs() override;
+  Result<JobView> job(std::string_view id) override;
+  Result<std::vector<JobEventView>> events(std::string_view id) override;
+  Result<std::string> report(std::string_view id) override;
+  Result<std::vector<std::byte>> mask_png(std::string_view id, std::uint32_t layer) override;
+  Result<std::vector<std::byte>> preview_png(std::string_view id) override;
+  Result<std::string> layer_json(std::string_view id, std::uint32_t layer) override;
+  Result<void> act(std::string_view id, JobAction action, std::string_view who) override;
+  std::string devices_json() override;
+  std::uint64_t revision() override { return store_.revision(); }
+
+ private:
+  struct Sheets {
+    std::string job;
+    LayerStack part;
+    std::vector<Layer> supports;  ///< by print layer
+    Bounds2 bounds;               ///< of part and supports
+  };
+  [[nodiscard]] JobView view_of(const Job& job);
+  [[nodiscard]] double seconds_left(const Job& job);
+  [[nodiscard]] Result<std::filesystem::path> plan_file(std::string_view id, std::string_view name);
+  [[nodiscard]] Result<const Sheets*> sheets_of(std::string_view id);
+
+  JobStore& store_;
+  const DataFolder& folder_;
+  std::vector<MachineProfile> machines_;
+  CommandPost post_;
+  std::optional<Sheets> sheets_;
+  std::map<std::string, std::vector<double>> seconds_;  ///< by job: time of each layer, from its plan
+};
+
+/// The token of DATA/web-token; made, readable by the daemon's user alone, where there is none.
+[[nodiscard]] Result<std::string> web_token(const std::filesystem::path& data);
+
+}  // namespace telefab::fab
