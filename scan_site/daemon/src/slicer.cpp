@@ -10,7 +10,7 @@
 namespace telefab::scan {
 namespace {
 
-/// Codes layers into a spool; layers that are in it are coded again in memory only, so that the coder goes on as if it
+/// Codes layers into a spool; chunks that are in it already are not written again, so that the coder goes on as if it
 /// had never been interrupted.
 class SpoolWriter {
  public:
@@ -20,7 +20,9 @@ class SpoolWriter {
   /// Takes up an interrupted spool; the number of layers it holds.
   Result<std::uint32_t> take_up() {
     const auto chunks = spool_->with([](const ChunkSpool& spool) { return spool.chunk_count(); });
-    if (chunks == 0) return 0U;
+    // Decoded curves are not the contours they were coded from: such a scan is cut again from its first layer, and
+    // the chunks that are there already must come out the same.
+    if (chunks == 0 || codec_.coding != Coding::Exact) return 0U;
     auto offer = saved_offer(task_.folder);
     if (!offer) return tl::unexpected{offer.error()};
     if (auto begun = begin(offer->header); !begun) return tl::unexpected{begun.error()};

@@ -80,7 +80,7 @@ void TwoSites::start_scan(const std::vector<std::string>& more) {
                                    "--listen",
                                    scan_site(),
                                    "--fab",
-                                   fab_site(),
+                                   way_to_fab_.empty() ? fab_site() : way_to_fab_,
                                    "--data",
                                    (folder_ / "scan").string(),
                                    "--machines",

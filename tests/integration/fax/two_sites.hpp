@@ -29,6 +29,8 @@ class TwoSites : public testing::Test {
   [[nodiscard]] Process& scan() { return *scan_; }
   [[nodiscard]] std::string fab_site() const { return "127.0.0.1:" + fab_port_; }
   [[nodiscard]] std::string scan_site() const { return "127.0.0.1:" + scan_port_; }
+  /// Where the scan site looks for the fab, when something stands between them.
+  void set_way_to_fab(const std::string& site) { way_to_fab_ = site; }
   [[nodiscard]] const std::string& fab_port() const { return fab_port_; }
   [[nodiscard]] const std::string& scan_port() const { return scan_port_; }
 
@@ -46,6 +48,7 @@ class TwoSites : public testing::Test {
   std::string bin_;
   std::string fab_port_ = "0";
   std::string scan_port_ = "0";
+  std::string way_to_fab_;
   std::unique_ptr<Process> fab_;
   std::unique_ptr<Process> scan_;
 };
