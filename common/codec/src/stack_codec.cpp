@@ -159,6 +159,20 @@ struct StackEncoder::State {
     return chunk;
   }
 
+  /// Closes the chunk and decodes it: what was not written as meant never leaves.
+  Result<std::optional<Chunk>> give() {
+    Chunk chunk = close();
+    const auto decoder = StackDecoder::start(header);
+    if (!decoder) return tl::unexpected{decoder.error()};
+    const auto decoded = decoder->decode(chunk);
+    if (!decoded) return fail(ErrorCode::Internal, fmt::format("own {}", decoded.error().what));
+    if (*decoded != given)
+      return fail(
+          ErrorCode::Internal,
+          fmt::format("chunk {} decodes to other layers than it was made of; please report it", chunk.sequence));
+    return std::optional<Chunk>{std::move(chunk)};
+  }
+
   [[nodiscard]] PayloadHead head() const {
     return {options.coding, options.coding == Coding::Curve ? kCurvePerPitch : kExactPerPitch, rule.steps};
   }
@@ -244,7 +258,7 @@ Result<std::optional<Chunk>> StackEncoder::add(const Layer& layer) {
                 fmt::format("layer {} does not fit a chunk of {} bytes", layer.index.count(), kMaxPayloadBytes));
   if (s.pending.size() < s.options.layers_per_chunk && s.coder.size() < kClosePayloadBytes)
     return std::optional<Chunk>{};
-  return std::optional<Chunk>{s.close()};
+  return s.give();
 }
 
 Result<std::optional<Chunk>> StackEncoder::finish() {
@@ -256,7 +270,7 @@ Result<std::optional<Chunk>> StackEncoder::finish() {
     s.given.clear();
     return std::optional<Chunk>{};
   }
-  return std::optional<Chunk>{s.close()};
+  return s.give();
 }
 
 std::span<const Layer> StackEncoder::coded_layers() const { return state_->given; }
