@@ -177,6 +177,11 @@ Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const 
     parts.plateaus = topology::gather_plateaus(field, starts, parts.critical_points, options.near_critical_kernels);
     for (const CriticalPoint& c : parts.critical_points)
       parts.near_mm = std::max(parts.near_mm, options.near_critical_kernels * field.kernel_width_mm(c.position_mm));
+    if (parts.critical_points.empty()) {
+      const Box3 box = field.bounds();
+      parts.blind.push_back({box.min.z(), box.max.z()});
+      parts.doubts.push_back("no critical point was found, a closed surface has at least two; the samples are too few");
+    }
     if (const auto built = topology::build_reeb_graph(field, surface_samples, sample_normals, parts, run_kernels, stop);
         !built)
       return tl::unexpected{built.error()};

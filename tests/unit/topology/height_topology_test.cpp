@@ -227,6 +227,16 @@ TEST(HeightTopology, OrderOfTheSamplesDoesNotMatter) {
     EXPECT_EQ(forward.critical_points()[i].position_mm, backward.critical_points()[i].position_mm);
 }
 
+TEST(HeightTopology, PredictsNothingWhereNoSampleIsNearLevel) {
+  const Shape shape = sphere(20, 1);
+  const std::vector<Vec3> belt{{20, 0, 0}, {0, 20, 0}, {-20, 0, 0}};
+  const std::vector<Vec3> normals{{1, 0, 0}, {0, 1, 0}, {-1, 0, 0}};
+  const HeightTopology topology = analyse_height(*shape, belt, normals, {}, {}).value();
+  EXPECT_FALSE(topology.predicted_euler(0));
+  EXPECT_FALSE(topology.predicted_contours(0));
+  EXPECT_FALSE(topology.doubts().empty());
+}
+
 TEST(HeightTopology, StopsWhenAsked) {
   const Shape shape = sphere(20, 1);
   const SurfaceSamples samples = sample_surface(*shape, {.spacing_mm = 2});
