@@ -6,6 +6,7 @@
 #include <optional>
 #include <telefab/base/file.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/print/print_record.hpp>
 #include <telefab/fab/verify/print_files.hpp>
 
 #include "read_stack.hpp"
@@ -18,7 +19,7 @@ struct VerifyOptions {
   std::string folder;
   std::string machines = "deploy/config/machines";
   std::string machine;
-  std::optional<std::string> stack, out;
+  std::optional<std::string> stack, out, as_built, key;
   std::uint32_t least_pixels = 4;
   std::optional<std::uint32_t> grey;
   std::string override_by;
@@ -73,6 +74,26 @@ void tell(std::string_view what, const SupportReport& report) {
   }
 }
 
+/// The sealed record of the print against its plan. True: nothing is wrong with it.
+Result<bool> check_as_built(const PrintPlan& plan, const VerifyOptions& o) {
+  constexpr std::uint64_t kLargestRecord = 1U << 28U;
+  const auto text = read_file(*o.as_built, kLargestRecord);
+  if (!text) return tl::unexpected{text.error()};
+  std::string key;
+  if (o.key) {
+    const auto pem = read_file(*o.key, 64U * 1024U);
+    if (!pem) return tl::unexpected{pem.error()};
+    key.assign(reinterpret_cast<const char*>(pem->data()), pem->size());
+  }
+  const auto record = unseal({reinterpret_cast<const char*>(text->data()), text->size()}, key);
+  if (!record) return tl::unexpected{record.error()};
+  const auto findings = compare(*record, plan);
+  fmt::print("as built: {} layers in {} runs, {}\n", record->layers.size(), record->runs,
+             findings.empty() ? "made as planned" : "NOT AS PLANNED");
+  for (const std::string& finding : findings) fmt::print("  {}\n", finding);
+  return findings.empty();
+}
+
 Result<ExitCode> verify(const VerifyOptions& o, std::stop_token stop) {
   auto job = PlannedJob::open(o.folder);
   if (!job) return tl::unexpected{job.error()};
@@ -95,6 +116,11 @@ Result<ExitCode> verify(const VerifyOptions& o, std::stop_token stop) {
     passes &= regions->passes();
     text += ",\n\"regions\": " + to_json(*regions);
   }
+  if (o.as_built) {
+    const auto sound = check_as_built((*job)->plan(), o);
+    if (!sound) return tl::unexpected{sound.error()};
+    passes &= *sound;
+  }
   if (o.out)
     if (auto ok = write_file_atomically(*o.out, text + "}\n"); !ok) return tl::unexpected{ok.error()};
   if (passes) return ExitCode::Ok;
@@ -111,6 +137,9 @@ VerbBody declare_verify(CLI::App& options) {
   auto o = std::make_shared<VerifyOptions>();
   options.add_option("folder", o->folder, "a plan folder, as `telefab-fab plan` writes it")->required();
   options.add_option("--stack", o->stack, "the .tfc file it was planned of: checks regions, anchors and pins as well");
+  options.add_option("--as-built", o->as_built, "the sealed record of the print, report/as-built.json of the job");
+  options.add_option("--key", o->key,
+                     "public key (PEM) the record must be signed with; without it the hash alone is checked");
   options.add_option("--machine", o->machine, "profile to judge by; the plan's own where left out");
   options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
   options.add_option("--least-pixels", o->least_pixels, "islands of fewer pixels are let pass")
