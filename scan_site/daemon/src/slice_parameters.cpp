@@ -51,9 +51,6 @@ Result<JobParameters> job_parameters_from(std::string_view json, const MachinePr
       return bad(key, "is not known to this site");
     }
   }
-  // Curves are coded within what the chords leave of the whole error, so the chords are short.
-  if (parameters.codec.coding == Coding::Curve)
-    slice.chord_mm = parameters.codec.chord_error_pitch * machine.projection.pixel_pitch_mm;
   // A curve is coded within what the chords leave of the whole error, so its chords are short.
   if (parameters.codec.coding == Coding::Curve)
     slice.chord_mm = parameters.codec.chord_error_pitch * machine.projection.pixel_pitch_mm;
