@@ -47,7 +47,8 @@ Result<std::vector<std::byte>> encode(std::uint32_t width, std::uint32_t height,
 
   std::vector<std::byte> out;
   out.reserve(most + 64);
-  for (const unsigned c : {0x89U, 0x50U, 0x4eU, 0x47U, 0x0dU, 0x0aU, 0x1aU, 0x0aU}) out.push_back(static_cast<std::byte>(c));
+  for (const unsigned c : {0x89U, 0x50U, 0x4eU, 0x47U, 0x0dU, 0x0aU, 0x1aU, 0x0aU})
+    out.push_back(static_cast<std::byte>(c));
   put_chunk(out, "IHDR", [&] {
     put_number(out, width);
     put_number(out, height);

@@ -23,8 +23,8 @@ using Strings = std::vector<std::string>;
 const std::array<Strings, 3> kOrder{
     Strings{"common/base", "common/geometry", "common/machine", "common/image", "common/codec", "common/program",
             "common/store", "common/spool", "common/wire", "common/net", "common/desk", "common/cli"},
-    Strings{"scan_site/cloud", "scan_site/digitize", "scan_site/registration", "scan_site/mls", "scan_site/topology", "scan_site/contour",
-            "scan_site/measure", "scan_site/pipeline", "scan_site/daemon"},
+    Strings{"scan_site/cloud", "scan_site/digitize", "scan_site/registration", "scan_site/mls", "scan_site/topology",
+            "scan_site/contour", "scan_site/measure", "scan_site/pipeline", "scan_site/daemon"},
     Strings{"fab_site/region", "fab_site/support", "fab_site/mask", "fab_site/verify", "fab_site/cure",
             "fab_site/device", "fab_site/print", "fab_site/planning", "fab_site/usb", "fab_site/drivers",
             "fab_site/spool", "fab_site/web", "fab_site/daemon"}};

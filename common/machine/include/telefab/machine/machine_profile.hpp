@@ -65,7 +65,7 @@ struct MachineProfile {
     double slenderness = 25.0;    ///< free pin length over diameter at most
     double base_thickness_mm = 0.6;
     double stand_area_share = 0.03;  ///< a first layer of at least this share of the largest stands on the platform
-    double lift_off_mm = 2.0;       ///< the part starts this far above the platform when it needs a base
+    double lift_off_mm = 2.0;        ///< the part starts this far above the platform when it needs a base
     friend bool operator==(const Supports&, const Supports&) = default;
   } supports;
 
