@@ -91,6 +91,11 @@ Result<std::vector<std::byte>> read_file(const std::filesystem::path& path, std:
 }
 
 Result<void> write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes) {
+  // A rename would put a plain file in the place of a folder or device.
+  struct stat status {};
+  if (::stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("cannot write {}: it is not a regular file; name another", path.string()));
   const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path{"."};
   std::string temporary = path.string() + ".XXXXXX";
   Descriptor file{::mkostemp(temporary.data(), O_CLOEXEC)};

@@ -35,6 +35,14 @@ TEST_F(WriteFileAtomically, NamesTheFolderThatIsNotThere) {
   EXPECT_EQ(done.error().code, ErrorCode::NotFound);
 }
 
+TEST_F(WriteFileAtomically, PutsNothingInThePlaceOfAFolderOrDevice) {
+  ASSERT_TRUE(std::filesystem::create_directory(folder / "kept"));
+  EXPECT_EQ(write_file_atomically(folder / "kept", "text").error().code, ErrorCode::InvalidInput);
+  std::filesystem::create_symlink("/dev/null", folder / "device");
+  EXPECT_EQ(write_file_atomically(folder / "device", "text").error().code, ErrorCode::InvalidInput);
+  EXPECT_TRUE(std::filesystem::is_symlink(folder / "device"));
+}
+
 TEST_F(ReadFile, RefusesAFolderAMissingFileAndAFileAboveTheLimit) {
   EXPECT_EQ(read_file(folder, 100).error().code, ErrorCode::InvalidInput);
   EXPECT_EQ(read_file(folder / "none", 100).error().code, ErrorCode::NotFound);
