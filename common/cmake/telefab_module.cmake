@@ -23,7 +23,8 @@ function(telefab_module name)
   add_library(telefab::${name} ALIAS telefab_${name})
 endfunction()
 
-# telefab_program(NAME COMPONENT package SOURCES .. HIDES ..): an executable NAME in bin/, installed with its package.
+# telefab_program(NAME COMPONENT package SOURCES .. HIDES ..): an executable NAME in bin/, installed with its package,
+# together with the manual page and the completions that it prints about itself.
 function(telefab_program name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "COMPONENT" "SOURCES;HIDES")
   string(REPLACE "-" "_" target "program_${name}")
@@ -31,6 +32,23 @@ function(telefab_program name)
   set_target_properties(${target} PROPERTIES OUTPUT_NAME ${name})
   target_link_libraries(${target} PRIVATE telefab_flags ${arg_HIDES})
   install(TARGETS ${target} RUNTIME DESTINATION bin COMPONENT ${arg_COMPONENT})
+  set(folder ${CMAKE_BINARY_DIR}/manuals)
+  file(MAKE_DIRECTORY ${folder})
+  # It runs in its own folder, so that no default shows where this checkout happens to lie.
+  add_custom_command(
+    OUTPUT ${folder}/${name}.1.gz ${folder}/${name}.bash ${folder}/_${name} ${folder}/${name}.fish
+    COMMAND $<TARGET_FILE:${target}> manual > ${name}.1
+    COMMAND gzip --best --no-name --force ${name}.1
+    COMMAND $<TARGET_FILE:${target}> completion bash > ${name}.bash
+    COMMAND $<TARGET_FILE:${target}> completion zsh > _${name}
+    COMMAND $<TARGET_FILE:${target}> completion fish > ${name}.fish
+    DEPENDS ${target} WORKING_DIRECTORY ${folder} VERBATIM COMMENT "Manual page and completions of ${name}")
+  add_custom_target(${target}_manual ALL DEPENDS ${folder}/${name}.1.gz)
+  install(FILES ${folder}/${name}.1.gz DESTINATION share/man/man1 COMPONENT ${arg_COMPONENT})
+  install(FILES ${folder}/${name}.bash DESTINATION share/bash-completion/completions RENAME ${name}
+    COMPONENT ${arg_COMPONENT})
+  install(FILES ${folder}/_${name} DESTINATION share/zsh/vendor-completions COMPONENT ${arg_COMPONENT})
+  install(FILES ${folder}/${name}.fish DESTINATION share/fish/vendor_completions.d COMPONENT ${arg_COMPONENT})
 endfunction()
 
 # telefab_test(KIND NAME SOURCES .. USES ..): one test program a module and kind; KIND becomes the CTest label.

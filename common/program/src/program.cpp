@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <exception>
+#include <telefab/program/manual.hpp>
 #include <telefab/program/program.hpp>
 #include <thread>
 
@@ -48,6 +49,77 @@ int finish(std::string_view program, const Result<ExitCode>& outcome) {
   return static_cast<int>(exit_code_for(outcome.error().code));
 }
 
+constexpr std::string_view kVersion = "0.1.0";
+
+/// The values of "{a,b}" in a type name as CLI11 composes it, e.g. "TEXT:{exact,curve}".
+std::vector<std::string> choices_in(const std::string& type) {
+  const std::size_t open = type.find('{');
+  const std::size_t close = type.find('}');
+  std::vector<std::string> choices;
+  if (open == std::string::npos || close == std::string::npos) return choices;
+  for (const std::string& part : CLI::detail::split(type.substr(open + 1, close - open - 1), ',')) {
+    // A map of names to values shows as "name->value".
+    choices.push_back(part.substr(0, part.find("->")));
+  }
+  return choices;
+}
+
+OptionManual describe(const CLI::Option& option) {
+  OptionManual manual;
+  manual.positional = !option.nonpositional();
+  manual.name = manual.positional ? option.get_name(true)
+                                  : "--" + (option.get_lnames().empty() ? std::string{} : option.get_lnames().front());
+  if (!manual.positional && option.get_lnames().empty()) manual.name = "-" + option.get_snames().front();
+  if (!option.get_snames().empty() && !option.get_lnames().empty())
+    manual.short_name = "-" + option.get_snames().front();
+  if (option.get_items_expected_max() > 0) {
+    const std::string type = option.get_type_name();
+    manual.choices = choices_in(type);
+    manual.value = type.substr(0, type.find(':'));
+  }
+  manual.description = option.get_description();
+  manual.default_value = option.get_default_str();
+  manual.environment = option.get_envname();
+  manual.required = option.get_required();
+  return manual;
+}
+
+ProgramManual describe(const ProgramText& text, CLI::App& app) {
+  ProgramManual manual{
+      std::string{text.name}, std::string{kVersion}, std::string{text.summary}, std::string{text.examples}, {}};
+  for (const CLI::App* verb : app.get_subcommands({})) {
+    VerbManual page{verb->get_name(), verb->get_description(), {}};
+    for (const CLI::Option* option : verb->get_options())
+      if (option != verb->get_help_ptr()) page.options.push_back(describe(*option));
+    manual.verbs.push_back(std::move(page));
+  }
+  return manual;
+}
+
+/// The two verbs that every program has.
+void declare_about_itself(const ProgramText& text, CLI::App& app, VerbBody& chosen) {
+  CLI::App* manual = app.add_subcommand("manual", "print the manual page; read it with `man -l -`");
+  manual->callback([&text, &app, &chosen] {
+    chosen = [&text, &app](std::stop_token) -> Result<ExitCode> {
+      fmt::print("{}", man_page(describe(text, app)));
+      return ExitCode::Ok;
+    };
+  });
+  CLI::App* completion = app.add_subcommand("completion", "print a script that completes this program's command lines");
+  auto shell = std::make_shared<std::string>("bash");
+  completion->add_option("SHELL", *shell, "whose script")
+      ->check(CLI::IsMember({"bash", "zsh", "fish"}))
+      ->capture_default_str();
+  completion->callback([&text, &app, &chosen, shell] {
+    chosen = [&text, &app, shell](std::stop_token) -> Result<ExitCode> {
+      const auto known = shell_from_name(*shell);
+      if (!known) return tl::unexpected{known.error()};
+      fmt::print("{}", completion_script(describe(text, app), *known));
+      return ExitCode::Ok;
+    };
+  });
+}
+
 }  // namespace
 
 int run_program(const ProgramText& text, std::span<const Verb> verbs, int argc, char** argv) {
@@ -55,12 +127,13 @@ int run_program(const ProgramText& text, std::span<const Verb> verbs, int argc, 
     CLI::App app{std::string{text.summary}, std::string{text.name}};
     app.require_subcommand(1);
     app.footer(fmt::format("{}\n{}", text.examples, exit_code_table()));
-    app.set_version_flag("--version", "telefab 0.1.0");
+    app.set_version_flag("--version", fmt::format("telefab {}", kVersion));
     VerbBody chosen;
     for (const Verb& verb : verbs) {
       CLI::App* options = app.add_subcommand(std::string{verb.name}, std::string{verb.summary});
       options->callback([body = verb.declare(*options), &chosen] { chosen = body; });
     }
+    declare_about_itself(text, app, chosen);
     try {
       app.parse(argc, argv);
     } catch (const CLI::ParseError& error) {
