@@ -9,7 +9,7 @@ namespace telefab::cli {
 
 /// What every verb takes: --site, --tls, --json.
 struct CommonOptions {
-  std::string site = "127.0.0.1:7410";
+  std::string site;  ///< HOST:PORT, or a name of the site book; empty: its default, else this machine
   std::string tls_folder;
   std::string tls_name = "operator";
   double timeout_s = 10;

@@ -17,6 +17,7 @@ int main(int argc, char** argv) {
       {"cancel", "end a job for good", declare_cancel},
       {"report", "fetch reports and pictures of a job", declare_report},
       {"machines", "list the machines one can print on", declare_machines},
+      {"sites", "keep names, addresses and certificates of sites", declare_sites},
   };
   return telefab::run_program(text, verbs, argc, argv);
 }

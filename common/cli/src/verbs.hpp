@@ -13,4 +13,5 @@ namespace telefab::cli {
 [[nodiscard]] VerbBody declare_resume(CLI::App& options);
 [[nodiscard]] VerbBody declare_cancel(CLI::App& options);
 [[nodiscard]] VerbBody declare_report(CLI::App& options);
+[[nodiscard]] VerbBody declare_sites(CLI::App& options);
 }  // namespace telefab::cli
