@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <set>
 #include <telefab/base/file.hpp>
 #include <telefab/machine/machine_profile.hpp>
@@ -26,13 +27,25 @@ struct TextKey {
   std::function<std::string&(MachineProfile&)> field;
   std::vector<std::string_view> choices;  ///< empty: any text
 };
+/// Numbers from 0 to 1 that never fall, or none.
+struct CurveKey {
+  std::function<std::vector<double>&(MachineProfile&)> field;
+};
+/// Rows of equal length, or none.
+struct GridKey {
+  std::function<std::vector<std::vector<double>>&(MachineProfile&)> field;
+  double least;
+  double most;
+};
+constexpr std::size_t kMostCurve = 256;
+constexpr std::size_t kMostGridSide = 64;
 
 struct Key {
   std::string_view section;
   std::string_view name;
   bool required;
   std::string_view reason;
-  std::variant<NumberKey, CountKey, TextKey> kind;
+  std::variant<NumberKey, CountKey, TextKey, CurveKey, GridKey> kind;
 };
 
 using P = MachineProfile;
@@ -56,10 +69,15 @@ const std::vector<Key>& keys() {
        TextKey{at(&P::projection, &P::Projection::orientation), {"normal", "mirror-x", "mirror-y", "rotate-180"}}},
       {"projection", "spread_px", false, "sigma of one pixel's Gaussian light spot",
        NumberKey{at(&P::projection, &P::Projection::spread_px), 0.05, 5}},
-      {"projection", "gamma", false, "relative irradiance = (grey/255)^gamma",
+      {"projection", "gamma", false, "relative irradiance = (grey/255)^gamma, unless there is a curve",
        NumberKey{at(&P::projection, &P::Projection::gamma), 0.3, 4}},
+      {"projection", "curve", false, "measured relative irradiance at equally spaced greys, instead of gamma",
+       CurveKey{at(&P::projection, &P::Projection::curve)}},
       {"projection", "leak", false, "share of full irradiance that black leaks",
        NumberKey{at(&P::projection, &P::Projection::leak), 0, 0.1}},
+      // Below a twentieth an edge has no light to speak of: that is a broken lens, not a field.
+      {"projection", "field", false, "share of the irradiance at the middles of equal cells, rows from back to front",
+       GridKey{at(&P::projection, &P::Projection::field), 0.05, 1}},
       {"projection", "irradiance_mw_per_cm2", true, "of a white area on the vat",
        NumberKey{at(&P::projection, &P::Projection::irradiance_mw_per_cm2), 0.01, 1000}},
       {"layers", "thickness_mm", true, "height of one layer",
@@ -128,12 +146,50 @@ const std::vector<Key>& keys() {
 std::string range_of(const Key& key) {
   if (const auto* n = std::get_if<NumberKey>(&key.kind)) return fmt::format("{} to {}", n->least, n->most);
   if (const auto* c = std::get_if<CountKey>(&key.kind)) return fmt::format("{} to {}, whole", c->least, c->most);
+  if (std::holds_alternative<CurveKey>(key.kind))
+    return fmt::format("2 to {} numbers that never fall, the first 0, the last 1; or none", kMostCurve);
+  if (const auto* g = std::get_if<GridKey>(&key.kind))
+    return fmt::format("up to {0} rows of equal length up to {0}, numbers {1} to {2}; or none", kMostGridSide, g->least,
+                       g->most);
   const auto& choices = std::get<TextKey>(key.kind).choices;
   return choices.empty() ? std::string{"text"} : fmt::format("{}", fmt::join(choices, " | "));
 }
 
 tl::unexpected<Error> refuse(std::string_view origin, const toml::source_region& at, std::string what) {
   return fail(ErrorCode::InvalidInput, fmt::format("machine profile {}, line {}: {}", origin, at.begin.line, what));
+}
+
+/// Nothing where the node is no array of finite numbers within the range.
+std::optional<std::vector<double>> numbers_of(const toml::node& node, double least, double most, std::size_t count) {
+  const toml::array* array = node.as_array();
+  if (!array || array->size() > count) return std::nullopt;
+  std::vector<double> numbers;
+  for (const toml::node& item : *array) {
+    const auto value = item.value<double>();
+    if (!item.is_number() || !value || !std::isfinite(*value) || *value < least || *value > most) return std::nullopt;
+    numbers.push_back(*value);
+  }
+  return numbers;
+}
+
+std::optional<std::vector<double>> curve_of(const toml::node& node) {
+  auto curve = numbers_of(node, 0, 1, kMostCurve);
+  if (!curve || curve->empty()) return curve;
+  const bool fits =
+      curve->size() >= 2 && curve->front() == 0 && curve->back() == 1 && std::is_sorted(curve->begin(), curve->end());
+  return fits ? std::move(curve) : std::nullopt;
+}
+
+std::optional<std::vector<std::vector<double>>> grid_of(const toml::node& node, const GridKey& key) {
+  const toml::array* array = node.as_array();
+  if (!array || array->size() > kMostGridSide) return std::nullopt;
+  std::vector<std::vector<double>> rows;
+  for (const toml::node& item : *array) {
+    auto row = numbers_of(item, key.least, key.most, kMostGridSide);
+    if (!row || row->empty() || (!rows.empty() && row->size() != rows.front().size())) return std::nullopt;
+    rows.push_back(std::move(*row));
+  }
+  return rows;
 }
 
 Result<void> read_value(const Key& key, const toml::node& node, MachineProfile& profile, std::string_view origin) {
@@ -150,6 +206,14 @@ Result<void> read_value(const Key& key, const toml::node& node, MachineProfile& 
     const auto value = node.value_exact<std::int64_t>();
     if (!value || *value < count->least || *value > count->most) return out_of_range();
     count->field(profile) = static_cast<std::uint32_t>(*value);
+  } else if (const auto* curve = std::get_if<CurveKey>(&key.kind)) {
+    auto values = curve_of(node);
+    if (!values) return out_of_range();
+    curve->field(profile) = std::move(*values);
+  } else if (const auto* grid = std::get_if<GridKey>(&key.kind)) {
+    auto rows = grid_of(node, *grid);
+    if (!rows) return out_of_range();
+    grid->field(profile) = std::move(*rows);
   } else {
     const auto& text = std::get<TextKey>(key.kind);
     const auto value = node.value_exact<std::string>();
@@ -237,6 +301,11 @@ std::string to_toml(const MachineProfile& profile) {
     std::string out = fmt::format("{}", value);
     return out.find_first_of(".e") == std::string::npos ? out + ".0" : out;
   };
+  const auto list = [&](const std::vector<double>& values) {
+    std::vector<std::string> items;
+    for (const double value : values) items.push_back(number(value));
+    return fmt::format("[{}]", fmt::join(items, ", "));
+  };
   std::string text = fmt::format("name = {}\ndescription = {}\n", quoted(copy.name), quoted(copy.description));
   std::string_view section;
   for (const Key& key : keys()) {
@@ -246,6 +315,13 @@ std::string to_toml(const MachineProfile& profile) {
     if (const auto* c = std::get_if<CountKey>(&key.kind)) text += fmt::format("{} = {}\n", key.name, c->field(copy));
     if (const auto* t = std::get_if<TextKey>(&key.kind))
       text += fmt::format("{} = {}\n", key.name, quoted(t->field(copy)));
+    if (const auto* c = std::get_if<CurveKey>(&key.kind))
+      text += fmt::format("{} = {}\n", key.name, list(c->field(copy)));
+    if (const auto* g = std::get_if<GridKey>(&key.kind)) {
+      std::vector<std::string> rows;
+      for (const auto& row : g->field(copy)) rows.push_back("  " + list(row));
+      text += fmt::format("{} = [{}]\n", key.name, rows.empty() ? "" : fmt::format("\n{},\n", fmt::join(rows, ",\n")));
+    }
   }
   return text;
 }

@@ -25,6 +25,51 @@ TEST(MachineProfile, ComesBackFromItsOwnText) {
     EXPECT_EQ(machine_profile_from_toml(to_toml(machine), "text").value(), machine);
 }
 
+TEST(MachineProfile, KeepsAMeasuredCurveAndField) {
+  MachineProfile machine = shipped().front();
+  machine.projection.curve = {0, 0.125, 0.125, 1};
+  machine.projection.field = {{0.75, 1}, {0.5, 0.8125}, {0.0625, 1}};
+  EXPECT_EQ(machine_profile_from_toml(to_toml(machine), "text").value(), machine);
+}
+
+TEST(MachineProfile, TonesFollowGammaOrTheMeasuredCurveAboveTheLeak) {
+  MachineProfile::Projection projection;
+  projection.gamma = 2;
+  projection.leak = 0.1;
+  EXPECT_DOUBLE_EQ(tone_of(projection)[0], 0.1);
+  EXPECT_DOUBLE_EQ(tone_of(projection)[51], 0.1 + 0.9 * 0.04);
+  EXPECT_DOUBLE_EQ(tone_of(projection)[255], 1);
+  projection.curve = {0, 0.5, 0.5, 1};
+  EXPECT_DOUBLE_EQ(tone_of(projection)[85], 0.1 + 0.9 * 0.5);
+  EXPECT_DOUBLE_EQ(tone_of(projection)[34], 0.1 + 0.9 * 0.2);
+  EXPECT_DOUBLE_EQ(tone_of(projection)[255], 1);
+}
+
+TEST(MachineProfile, FieldIsBilinearBetweenTheMiddlesOfItsCells) {
+  MachineProfile::Projection projection;
+  EXPECT_EQ(field_at(projection, 0.3, 0.9), 1);
+  projection.field = {{1, 0.8}, {0.6, 0.4}};
+  EXPECT_DOUBLE_EQ(field_at(projection, 0, 0), 1);
+  EXPECT_DOUBLE_EQ(field_at(projection, 0.75, 0.25), 0.8);
+  EXPECT_DOUBLE_EQ(field_at(projection, 0.5, 0.5), 0.7);
+  EXPECT_DOUBLE_EQ(field_at(projection, 0.25, 1), 0.6);
+}
+
+TEST(MachineProfile, RefusesCurvesThatFallAndFieldsThatAreNoGrid) {
+  const std::string good = to_toml(shipped().front());
+  for (const char* bad : {"curve = [0.0, 0.5, 0.4, 1.0]", "curve = [0.1, 1.0]", "curve = [0.0, 0.9]", "curve = [0.0]",
+                          "curve = [0.0, nan, 1.0]", "curve = 2.2", "field = [[1.0, 1.0], [1.0]]", "field = [1.0, 0.9]",
+                          "field = [[]]", "field = [[1.0, 0.01]]", "field = [[1.0, \"0.9\"]]"}) {
+    std::string text = good;
+    const std::string key{bad, std::string_view{bad}.find(' ')};
+    const auto at = text.find("\n" + key + " =") + 1;
+    text.replace(at, text.find('\n', at) - at, bad);
+    const auto profile = machine_profile_from_toml(text, "x.toml");
+    ASSERT_FALSE(profile) << bad;
+    EXPECT_THAT(profile.error().what, HasSubstr("projection." + key)) << bad;
+  }
+}
+
 TEST(MachineProfile, NamesTheLineOfAnUnknownKey) {
   const auto profile = machine_profile_from_toml("name = \"x\"\n[layers]\nthickness_um = 3\n", "x.toml");
   ASSERT_FALSE(profile);

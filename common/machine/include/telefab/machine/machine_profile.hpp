@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <cstdint>
 #include <string>
 #include <string_view>
@@ -30,9 +31,16 @@ struct MachineProfile {
     double pixel_pitch_mm = 0;           ///< on the vat; pixels = floor(platform / pitch)
     std::string orientation = "normal";  ///< normal | mirror-x | mirror-y | rotate-180: what the optics do to a mask
     double spread_px = 0.5;              ///< sigma of one pixel's Gaussian light spot
-    double gamma = 1.0;                  ///< relative irradiance = (grey / 255)^gamma
-    double leak = 0.0;                   ///< share of full irradiance that a black pixel leaks
-    double irradiance_mw_per_cm2 = 0;    ///< of a white area on the vat
+    double gamma = 1.0;                  ///< H(grey) = (grey / 255)^gamma, unless there is a curve
+    /// H at equally spaced greys from 0 to 255, straight between them: 2 to 256 numbers that never fall, the first 0,
+    /// the last 1. Empty: gamma holds. Black's own light is `leak`, not here.
+    std::vector<double> curve;
+    double leak = 0.0;  ///< share of full irradiance that a black pixel leaks
+    /// Irradiance over the mask as share of irradiance_mw_per_cm2, rows of equal length from the back of the platform
+    /// to its front, as a mask shows them. Number (r, c) holds at the middle of cell (r, c) of as many equal cells;
+    /// bilinear between, constant beyond the outer middles. Empty: 1 everywhere.
+    std::vector<std::vector<double>> field;
+    double irradiance_mw_per_cm2 = 0;  ///< of a white area on the vat where the field is 1
     friend bool operator==(const Projection&, const Projection&) = default;
   } projection;
 
@@ -95,6 +103,12 @@ struct MachineProfile {
   /// Chord tolerance of the slicer: a tenth of the pixel pitch (paper 3.2.4).
   [[nodiscard]] double chord_tolerance_mm() const { return projection.pixel_pitch_mm / 10; }
 };
+
+/// Irradiance of a pixel of each grey level as share of full irradiance: leak + (1 - leak) H(grey); the last is 1.
+[[nodiscard]] std::array<double, 256> tone_of(const MachineProfile::Projection& projection);
+
+/// The field at a place of the mask: across 0 (left) to 1 (right), down 0 (back) to 1 (front). 1 without a field.
+[[nodiscard]] double field_at(const MachineProfile::Projection& projection, double across, double down);
 
 /// Fails with InvalidInput: `origin` (a path, for the message), line, key, what is wrong and the legal range.
 [[nodiscard]] Result<MachineProfile> machine_profile_from_toml(std::string_view text, std::string_view origin);
