@@ -114,6 +114,16 @@ Result<void> write_file_atomically(const std::filesystem::path& path, std::span<
   return {};
 }
 
+Result<void> write_new_secret(const std::filesystem::path& path, std::string_view text) {
+  Descriptor file{::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600)};
+  const bool written = file.get() >= 0 &&
+                       ::write(file.get(), text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
+                       ::fsync(file.get()) == 0 && file.close();
+  if (!written)
+    return fail(ErrorCode::StorageFailed, fmt::format("cannot write {}: {}", path.string(), std::strerror(errno)));
+  return {};
+}
+
 Result<void> write_file_atomically(const std::filesystem::path& path, std::string_view text) {
   return write_file_atomically(path, std::as_bytes(std::span{text}));
 }

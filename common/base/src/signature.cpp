@@ -16,6 +16,7 @@ namespace {
 struct FreeOpenSsl {
   void operator()(BIO* p) const { BIO_free(p); }
   void operator()(EVP_PKEY* p) const { EVP_PKEY_free(p); }
+  void operator()(EVP_PKEY_CTX* p) const { EVP_PKEY_CTX_free(p); }
   void operator()(EVP_MD_CTX* p) const { EVP_MD_CTX_free(p); }
 };
 using Bio = std::unique_ptr<BIO, FreeOpenSsl>;
@@ -63,6 +64,26 @@ std::string public_half(const EVP_PKEY* key) {
 const unsigned char* bytes_of(std::string_view text) { return reinterpret_cast<const unsigned char*>(text.data()); }
 
 }  // namespace
+
+Result<KeyPair> new_ed25519_key() {
+  EVP_PKEY* made = nullptr;
+  const std::unique_ptr<EVP_PKEY_CTX, FreeOpenSsl> context{EVP_PKEY_CTX_new_id(EVP_PKEY_ED25519, nullptr)};
+  if (!context || EVP_PKEY_keygen_init(context.get()) != 1 || EVP_PKEY_keygen(context.get(), &made) != 1)
+    return fail(ErrorCode::Internal, "libcrypto could not make a key");
+  const Key key{made};
+  const Bio secret{BIO_new(BIO_s_mem())};
+  const Bio open{BIO_new(BIO_s_mem())};
+  if (!secret || !open ||
+      PEM_write_bio_PKCS8PrivateKey(secret.get(), key.get(), nullptr, nullptr, 0, nullptr, nullptr) != 1 ||
+      PEM_write_bio_PUBKEY(open.get(), key.get()) != 1)
+    return fail(ErrorCode::Internal, "libcrypto could not write a key");
+  const auto text_in = [](BIO* bio) {
+    char* text = nullptr;
+    const long size = BIO_get_mem_data(bio, &text);
+    return std::string{text, static_cast<std::size_t>(size)};
+  };
+  return KeyPair{text_in(secret.get()), text_in(open.get())};
+}
 
 Result<Signature> sign_ed25519(std::string_view private_key_pem, std::string_view message) {
   const Key key = key_from_pem(private_key_pem, true);

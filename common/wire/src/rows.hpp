@@ -1,5 +1,6 @@
 #pragma once
-#include <telefab/v1/telefab.pb.h>
+#include <telefab/v1/client.pb.h>
+#include <telefab/v1/fab.pb.h>
 
 #include <telefab/wire/message.hpp>
 

@@ -151,7 +151,10 @@ Result<Job> FabSite::submit(const Submit& submit, const std::filesystem::path&, 
 
 // ---- jobs in ---------------------------------------------------------------------------------------------------
 
-Result<std::shared_ptr<Intake>> FabSite::take_offer(const Offer& offer, const std::string& site) {
+Result<std::shared_ptr<Intake>> FabSite::take_offer(const Offer& offer, const net::Peer& peer) {
+  const std::string& site = peer.name;
+  const auto signer = site_keys_.check(offer, peer);
+  if (!signer) return tl::unexpected{signer.error()};
   const auto machine = find_machine(machines_, offer.machine);
   if (!machine) return tl::unexpected{machine.error()};
   auto job = store_->find(offer.job);
@@ -171,7 +174,7 @@ Result<std::shared_ptr<Intake>> FabSite::take_offer(const Offer& offer, const st
   if (!job) {
     job = store_->create({offer.job, offer.name, offer.machine, offer.parameters, site});
     if (!job) return tl::unexpected{job.error()};
-    note(site, fmt::format("offer {} {} for {} by {}", offer.job, offer.name, offer.machine, offer.owner));
+    note(site, fmt::format("offer {} {} for {} by {}, {}", offer.job, offer.name, offer.machine, offer.owner, *signer));
   }
   Live& live = live_[offer.job];
   if (!live.intake) {

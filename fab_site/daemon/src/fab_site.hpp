@@ -8,6 +8,7 @@
 #include <telefab/store/audit_log.hpp>
 
 #include "scan_session.hpp"
+#include "site_keys.hpp"
 #include "web_desk.hpp"
 #include "work_queue.hpp"
 
@@ -16,6 +17,7 @@ namespace telefab::fab {
 struct FabSiteConfig {
   ServeOptions serve;
   std::string web;                 ///< HOST:PORT of the page and the API; empty: none
+  std::string site_keys;           ///< folder with SITE.sign.pub; empty: the --tls folder, or none without TLS
   bool start_on_approval = false;  ///< a planned job waits for `telefab approve`
   /// For a layer that was perhaps exposed when the power went; empty: the print waits for an operator.
   std::optional<Decision> after_crash = Decision::TreatAsExposed;
@@ -43,14 +45,18 @@ class FabSite final : public FabDesk {
             std::function<void(Result<std::filesystem::path>)> done) override;
   void note(std::string_view who, std::string_view what) override;
 
-  Result<std::shared_ptr<Intake>> take_offer(const Offer& offer, const std::string& site) override;
+  Result<std::shared_ptr<Intake>> take_offer(const Offer& offer, const net::Peer& peer) override;
   void received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) override;
   void completed(const std::string& job) override;
   void broken(const std::string& job, const Error& why) override;
 
  private:
   FabSite(DataFolder folder, const Clock& clock, std::vector<MachineProfile> machines, FabSiteConfig config)
-      : folder_{std::move(folder)}, clock_{clock}, machines_{std::move(machines)}, config_{std::move(config)} {}
+      : folder_{std::move(folder)},
+        clock_{clock},
+        machines_{std::move(machines)},
+        config_{std::move(config)},
+        site_keys_{config_.site_keys.empty() ? config_.serve.tls_folder : config_.site_keys} {}
   [[nodiscard]] Result<void> start();
   [[nodiscard]] Result<void> start_web();
   [[nodiscard]] Result<void> take_up(const Job& job);
@@ -78,6 +84,7 @@ class FabSite final : public FabDesk {
   const Clock& clock_;
   std::vector<MachineProfile> machines_;
   FabSiteConfig config_;
+  SiteKeys site_keys_;
   std::unique_ptr<JobStore> store_;
   std::unique_ptr<AuditLog> audit_;
   net::Loop loop_;

@@ -3,11 +3,15 @@
 #include <fmt/format.h>
 
 #include <telefab/base/file.hpp>
+#include <telefab/wire/job_signature.hpp>
 
 namespace telefab::fab {
 
-Result<Offer> saved_offer(const std::filesystem::path& folder) {
-  const auto path = folder / "offer";
+namespace {
+
+/// The one message of a file that write_message made.
+template <class Value>
+Result<Value> saved_message(const std::filesystem::path& path) {
   const auto bytes = read_file(path, kMaxBodyBytes + kFrameHeaderBytes);
   if (!bytes) return tl::unexpected{bytes.error()};
   FrameReader reader;
@@ -17,9 +21,19 @@ Result<Offer> saved_offer(const std::filesystem::path& folder) {
   if (!*frame) return fail(ErrorCode::InvalidInput, fmt::format("{} is truncated", path.string()));
   auto message = from_frame(**frame);
   if (!message) return fail_in(path.string(), message.error());
-  if (auto* offer = std::get_if<Offer>(&*message)) return std::move(*offer);
-  return fail(ErrorCode::InvalidInput, fmt::format("{} holds no offer", path.string()));
+  if (auto* value = std::get_if<Value>(&*message)) return std::move(*value);
+  return fail(ErrorCode::InvalidInput, fmt::format("{} holds another message", path.string()));
 }
+
+Result<void> write_message(const std::filesystem::path& path, const Message& message) {
+  const auto bytes = to_bytes(to_frame(message));
+  if (!bytes) return tl::unexpected{bytes.error()};
+  return write_file_atomically(path, std::span<const std::byte>{*bytes});
+}
+
+}  // namespace
+
+Result<Offer> saved_offer(const std::filesystem::path& folder) { return saved_message<Offer>(folder / "offer"); }
 
 Result<Intake> Intake::open(const std::filesystem::path& folder, const Offer& offer) {
   const Frame frame = to_frame(offer);
@@ -30,10 +44,7 @@ Result<Intake> Intake::open(const std::filesystem::path& folder, const Offer& of
       return fail(ErrorCode::Conflict,
                   fmt::format("replayed-job: job {} is here already and is another one", offer.job));
   } else {
-    const auto bytes = to_bytes(frame);
-    if (!bytes) return tl::unexpected{bytes.error()};
-    if (auto saved = write_file_atomically(folder / "offer", std::span<const std::byte>{*bytes}); !saved)
-      return tl::unexpected{saved.error()};
+    if (auto saved = write_message(folder / "offer", offer); !saved) return tl::unexpected{saved.error()};
   }
   return reopen(folder);
 }
@@ -45,7 +56,7 @@ Result<Intake> Intake::reopen(const std::filesystem::path& folder) {
   if (!decoder) return tl::unexpected{decoder.error()};
   auto spool = ChunkSpool::open(folder / "chunks");
   if (!spool) return tl::unexpected{spool.error()};
-  Intake intake{std::move(*offer), std::move(*spool), std::move(*decoder)};
+  Intake intake{folder, std::move(*offer), std::move(*spool), std::move(*decoder)};
   intake.hasher_.feed(canonical_text(intake.offer_.header));
   if (intake.is_complete()) return intake;
   for (std::uint32_t sequence = 0; sequence < intake.spool_.chunk_count(); ++sequence) {
@@ -96,6 +107,9 @@ Result<void> Intake::finish(const StackEnd& end) {
   if (end.chain != spool_.chain()) return fail(ErrorCode::NotTrusted, "stack-chain: the chain of the chunks differs");
   if (is_complete() ? *spool_.finished() != end.stack : hasher_.digest() != end.stack)
     return fail(ErrorCode::NotTrusted, "stack-digest: the decoded layers are not those the scan site cut");
+  if (is_signed(offer_))
+    if (auto held = check_end(offer_, end); !held) return held;
+  if (auto saved = write_message(folder_ / "end", end); !saved) return saved;
   return spool_.finish(end.stack);
 }
 
@@ -106,6 +120,14 @@ Result<LayerStack> received_stack(const std::filesystem::path& folder) {
   if (!decoder) return tl::unexpected{decoder.error()};
   const auto spool = ChunkSpool::open(folder / "chunks");
   if (!spool) return tl::unexpected{spool.error()};
+  if (is_signed(*offer)) {
+    const auto end = saved_message<StackEnd>(folder / "end");
+    if (!end) return tl::unexpected{end.error()};
+    if (auto held = check_offer(*offer, {}); !held) return tl::unexpected{held.error()};
+    if (auto held = check_end(*offer, *end); !held) return tl::unexpected{held.error()};
+    if (end->chain != spool->chain() || end->stack != spool->finished())
+      return fail(ErrorCode::NotTrusted, "job-signature: the kept layers are not those that were signed");
+  }
   std::vector<Layer> layers;
   for (std::uint32_t sequence = 0; sequence < spool->chunk_count(); ++sequence) {
     const auto chunk = spool->read(sequence);

@@ -24,14 +24,16 @@ class Intake {
   /// Durable when it returns. A chunk that is here already and equal is fine. ProtocolBroken (gap, layers that do not
   /// decode or leave the bounds), NotTrusted (chain), StorageFailed.
   [[nodiscard]] Result<void> take(const SendChunk& chunk);
-  /// NotTrusted where count, chain or digest of the decoded layers differ.
+  /// NotTrusted where count, chain or digest of the decoded layers differ, or the end of a signed job is not signed
+  /// with the same key. The end is kept in the folder.
   [[nodiscard]] Result<void> finish(const StackEnd& end);
 
  private:
-  Intake(Offer offer, ChunkSpool spool, StackDecoder decoder)
-      : offer_{std::move(offer)}, spool_{std::move(spool)}, decoder_{std::move(decoder)} {}
+  Intake(std::filesystem::path folder, Offer offer, ChunkSpool spool, StackDecoder decoder)
+      : folder_{std::move(folder)}, offer_{std::move(offer)}, spool_{std::move(spool)}, decoder_{std::move(decoder)} {}
   [[nodiscard]] Result<void> feed(const Chunk& chunk);
 
+  std::filesystem::path folder_;
   Offer offer_;
   ChunkSpool spool_;
   StackDecoder decoder_;
@@ -41,7 +43,7 @@ class Intake {
 /// The offer of a job as its folder keeps it.
 [[nodiscard]] Result<Offer> saved_offer(const std::filesystem::path& folder);
 
-/// All layers of a complete job.
+/// All layers of a complete job, its digest and its signatures checked again.
 [[nodiscard]] Result<LayerStack> received_stack(const std::filesystem::path& folder);
 
 }  // namespace telefab::fab

@@ -92,8 +92,11 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
     const net::Peer& peer = connection_->peer();
     if (jobs_.size() >= kMaxJobs && !mine(offer.job))
       return say(Fault{{}, {ErrorCode::TooLarge, "job-limit: too many jobs on one connection"}, offer.job});
-    auto intake = desk_.take_offer(offer, peer.name);
-    if (!intake) return say(Fault{{}, intake.error(), offer.job});
+    auto intake = desk_.take_offer(offer, peer);
+    if (!intake) {
+      desk_.note(peer.name, fmt::format("refused: offer {}: {}", offer.job, intake.error().what));
+      return say(Fault{{}, intake.error(), offer.job});
+    }
     Told& told = jobs_[offer.job];
     told = {*intake, {}};
     // A job beyond its intake is whole here already.

@@ -11,8 +11,9 @@ namespace telefab::fab {
 class FabDesk : public SiteDesk {
  public:
   /// A job that is offered, new or again; its intake lives until the job is planned. Refusals: NotFound (machine),
-  /// Conflict (another profile, another job of that id, another owner's job), TooLarge (too many jobs).
-  [[nodiscard]] virtual Result<std::shared_ptr<Intake>> take_offer(const Offer& offer, const std::string& site) = 0;
+  /// NotTrusted (signature), Conflict
+  /// (another profile, another job of that id, another owner's job), TooLarge (too many jobs).
+  [[nodiscard]] virtual Result<std::shared_ptr<Intake>> take_offer(const Offer& offer, const net::Peer& peer) = 0;
   /// Bytes and layers came in.
   virtual void received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) = 0;
   /// The stack is whole and checked; planning may begin.

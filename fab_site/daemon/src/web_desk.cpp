@@ -1,9 +1,7 @@
 #include "web_desk.hpp"
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/random.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <future>
@@ -264,12 +262,7 @@ Result<std::string> web_token(const std::filesystem::path& data) {
     return fail(ErrorCode::Internal, "no random numbers for the web token");
   std::string token;
   for (const unsigned char byte : random) token += fmt::format("{:02x}", byte);
-  // Never readable by others, not even for a moment.
-  const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  const std::string line = token + "\n";
-  const bool written = fd >= 0 && ::write(fd, line.data(), line.size()) == static_cast<ssize_t>(line.size());
-  if (fd >= 0) ::close(fd);
-  if (!written) return fail(ErrorCode::StorageFailed, fmt::format("cannot write {}", path.string()));
+  if (auto written = write_new_secret(path, token + "\n"); !written) return tl::unexpected{written.error()};
   return token;
 }
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <telefab/wire/job_signature.hpp>
 
 namespace telefab::scan {
 namespace {
@@ -15,8 +16,12 @@ constexpr std::size_t kQueueAheadBytes = 1U << 20U;
 
 }  // namespace
 
-FabLink::FabLink(net::Loop& loop, net::ConnectOptions options, FabLinkEvents events)
-    : loop_{loop}, options_{std::move(options)}, events_{std::move(events)}, pause_{kShortestPause} {}
+FabLink::FabLink(net::Loop& loop, net::ConnectOptions options, std::string site_key, FabLinkEvents events)
+    : loop_{loop},
+      options_{std::move(options)},
+      site_key_{std::move(site_key)},
+      events_{std::move(events)},
+      pause_{kShortestPause} {}
 
 FabLink::~FabLink() {
   *alive_ = false;
@@ -152,8 +157,10 @@ void FabLink::pump(Sending& sending) {
   }
   sending.spool->with([&](const ChunkSpool& spool) {
     if (!spool.finished() || sending.kept < spool.chunk_count()) return;
-    sending.is_end_sent =
-        say(StackEnd{sending.offer.job, spool.chunk_count(), spool.chain(), *spool.finished(), {}}, &sending);
+    StackEnd end{sending.offer.job, spool.chunk_count(), spool.chain(), *spool.finished(), {}};
+    // A key that cannot sign does not get this far; the fab refuses what is not signed.
+    if (is_signed(sending.offer)) (void)sign_end(sending.offer, end, site_key_);
+    sending.is_end_sent = say(end, &sending);
   });
 }
 

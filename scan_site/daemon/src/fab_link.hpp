@@ -24,7 +24,8 @@ class FabLink {
   /// The answer to a question, possibly in several messages; returns true when it was the last.
   using Answer = std::function<bool(Result<Message>)>;
 
-  FabLink(net::Loop& loop, net::ConnectOptions options, FabLinkEvents events);
+  /// `site_key`: private Ed25519 key in PEM; signs the ends of stacks.
+  FabLink(net::Loop& loop, net::ConnectOptions options, std::string site_key, FabLinkEvents events);
   ~FabLink();
   FabLink(const FabLink&) = delete;
   FabLink& operator=(const FabLink&) = delete;
@@ -80,6 +81,7 @@ class FabLink {
 
   net::Loop& loop_;
   net::ConnectOptions options_;
+  std::string site_key_;
   FabLinkEvents events_;
   net::ConnectionPtr connection_;
   bool is_greeted_ = false;

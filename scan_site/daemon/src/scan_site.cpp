@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <fstream>
 
+#include "site_key.hpp"
 #include "slice_parameters.hpp"
 
 namespace telefab::scan {
@@ -41,8 +42,12 @@ Result<void> ScanSite::start(const ScanSiteConfig& config) {
   const auto listen = net::endpoint_from_text(config.serve.listen);
   if (!listen) return fail_in("--listen", listen.error());
 
-  slicer_ = std::make_unique<Slicer>(shelf_, clock_, slicer_events());
-  link_ = std::make_unique<FabLink>(loop_, net::ConnectOptions{*fab, *trust, net::Role::FabSite, {}}, link_events());
+  auto key = site_key(config.serve, folder_.path());
+  if (!key) return tl::unexpected{key.error()};
+
+  slicer_ = std::make_unique<Slicer>(shelf_, clock_, *key, slicer_events());
+  link_ =
+      std::make_unique<FabLink>(loop_, net::ConnectOptions{*fab, *trust, net::Role::FabSite, {}}, *key, link_events());
   const auto left = store_->unfinished();
   if (!left) return tl::unexpected{left.error()};
   for (const Job& job : *left)

@@ -4,6 +4,7 @@
 
 #include <telefab/base/file.hpp>
 #include <telefab/desk/site_runtime.hpp>
+#include <telefab/wire/job_signature.hpp>
 
 #include "slice_parameters.hpp"
 
@@ -14,8 +15,9 @@ namespace {
 /// had never been interrupted.
 class SpoolWriter {
  public:
-  SpoolWriter(const SliceTask& task, std::shared_ptr<LockedSpool> spool, const SlicerEvents& events, CodecOptions codec)
-      : task_{task}, spool_{std::move(spool)}, events_{events}, codec_{codec} {}
+  SpoolWriter(const SliceTask& task, std::shared_ptr<LockedSpool> spool, const SlicerEvents& events, CodecOptions codec,
+              const std::string& site_key)
+      : task_{task}, spool_{std::move(spool)}, events_{events}, codec_{codec}, site_key_{site_key} {}
 
   /// Takes up an interrupted spool; the number of layers it holds.
   Result<std::uint32_t> take_up() {
@@ -62,16 +64,17 @@ class SpoolWriter {
     if (!encoder) return tl::unexpected{encoder.error()};
     encoder_.emplace(std::move(*encoder));
     layer_count_ = header.layer_count;
-    const Offer offer{task_.job,
-                      task_.name,
-                      task_.machine.name,
-                      task_.parameters,
-                      digest_of_profile(task_.machine),
-                      header,
-                      static_cast<std::uint32_t>(codec_.coding),
-                      task_.owner,
-                      {},
-                      {}};
+    Offer offer{task_.job,
+                task_.name,
+                task_.machine.name,
+                task_.parameters,
+                digest_of_profile(task_.machine),
+                header,
+                static_cast<std::uint32_t>(codec_.coding),
+                task_.owner,
+                {},
+                {}};
+    if (auto signed_now = sign_offer(offer, site_key_); !signed_now) return signed_now;
     const auto bytes = to_bytes(to_frame(offer));
     if (!bytes) return tl::unexpected{bytes.error()};
     if (auto saved = write_file_atomically(task_.folder / "offer", std::span<const std::byte>{*bytes}); !saved)
@@ -110,6 +113,7 @@ class SpoolWriter {
   std::shared_ptr<LockedSpool> spool_;
   const SlicerEvents& events_;
   CodecOptions codec_;
+  const std::string& site_key_;
   std::optional<StackEncoder> encoder_;
   std::uint32_t layers_ = 0;
   std::uint32_t layer_count_ = 0;
@@ -138,8 +142,12 @@ Result<Offer> saved_offer(const std::filesystem::path& folder) {
   return fail(ErrorCode::InvalidInput, fmt::format("{} holds no offer", (folder / "offer").string()));
 }
 
-Slicer::Slicer(SpoolShelf& shelf, const Clock& clock, SlicerEvents events)
-    : shelf_{shelf}, clock_{clock}, events_{std::move(events)}, thread_{[this](std::stop_token stop) { run(stop); }} {}
+Slicer::Slicer(SpoolShelf& shelf, const Clock& clock, std::string site_key, SlicerEvents events)
+    : shelf_{shelf},
+      clock_{clock},
+      site_key_{std::move(site_key)},
+      events_{std::move(events)},
+      thread_{[this](std::stop_token stop) { run(stop); }} {}
 
 Slicer::~Slicer() {
   thread_.request_stop();
@@ -204,7 +212,7 @@ Result<void> Slicer::slice(const SliceTask& task, std::stop_token stop) {
   if (!parameters) return tl::unexpected{parameters.error()};
   auto spool = shelf_.of(task.job, task.folder);
   if (!spool) return tl::unexpected{spool.error()};
-  SpoolWriter writer{task, *spool, events_, parameters->codec};
+  SpoolWriter writer{task, *spool, events_, parameters->codec, site_key_};
   const auto cut_before = writer.take_up();
   if (!cut_before) return tl::unexpected{cut_before.error()};
   if (!writer.is_whole()) {

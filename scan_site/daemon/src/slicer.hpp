@@ -33,7 +33,8 @@ struct SlicerEvents {
 /// holds already are not cut again.
 class Slicer {
  public:
-  Slicer(SpoolShelf& shelf, const Clock& clock, SlicerEvents events);
+  /// `site_key`: private Ed25519 key in PEM; signs the offers.
+  Slicer(SpoolShelf& shelf, const Clock& clock, std::string site_key, SlicerEvents events);
   ~Slicer();  ///< stops what is under way; the spool keeps what it has
   Slicer(const Slicer&) = delete;
   Slicer& operator=(const Slicer&) = delete;
@@ -47,6 +48,7 @@ class Slicer {
 
   SpoolShelf& shelf_;
   const Clock& clock_;
+  std::string site_key_;
   SlicerEvents events_;
   std::mutex mutex_;
   std::condition_variable_any changed_;

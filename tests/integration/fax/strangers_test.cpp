@@ -1,8 +1,11 @@
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <stdlib.h>
 
 #include <filesystem>
+#include <fstream>
+#include <telefab/wire/job_signature.hpp>
 
 #include "two_sites.hpp"
 
@@ -83,6 +86,79 @@ TEST_F(Strangers, AreRefusedByNameAndLoggedWhileFriendsArePrinted) {
     EXPECT_THAT(log, HasSubstr(reason));
   EXPECT_THAT(log, testing::AnyOf(HasSubstr("unable to get local issuer"), HasSubstr("signature failure"),
                                   HasSubstr("self-signed")));
+}
+
+TEST_F(Strangers, JobsOfASiteWhoseKeyTheFabDoesNotKnowAreRefusedAndLogged) {
+  start_with_tls();
+  const auto submit = [&] {
+    return telefab(
+        {"submit", torus().string(), "--machine", "toy", "--height-mm", "4", "--tls", own().string(), "--watch"});
+  };
+  EXPECT_EQ(submit().code, 0);
+  EXPECT_THAT(text_of(folder() / "fab" / "audit.log"), HasSubstr("signed with"));
+  // The key is taken from the list: the next job is refused, without a restart.
+  std::filesystem::rename(own() / "scan-site.sign.pub", own() / "withdrawn");
+  const Outcome refused = submit();
+  EXPECT_NE(refused.code, 0);
+  EXPECT_THAT(refused.errors + refused.output, HasSubstr("job-signature"));
+  EXPECT_THAT(text_of(folder() / "fab" / "audit.log"), HasSubstr("refused: offer"));
+  std::filesystem::rename(own() / "withdrawn", own() / "scan-site.sign.pub");
+  EXPECT_EQ(submit().code, 0);
+}
+
+TEST_F(Strangers, JobsReplayedOverTlsAreRefusedAndLogged) {
+  certs(own(), {"issue", "scan-two", "scan-site"});
+  start_with_tls();
+  const Outcome submitted =
+      telefab({"submit", torus().string(), "--machine", "toy", "--height-mm", "4", "--tls", own().string()});
+  ASSERT_EQ(submitted.code, 0) << submitted.errors;
+  const std::string job = submitted.output.substr(0, submitted.output.find('\n'));
+  ASSERT_EQ(telefab({"watch", job, "--tls", own().string()}).code, 0);
+  const auto recorded = folder() / "fab" / "jobs" / job / "offer";
+  ASSERT_TRUE(std::filesystem::exists(recorded));
+  const auto bytes_in = [&](const std::filesystem::path& path) { return text_of(path); };
+  const auto frame_of = [](const Message& message) {
+    const auto bytes = to_bytes(to_frame(message)).value();
+    return std::string{reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+  };
+  const auto play = [&](const std::string& as, const std::string& offer) {
+    std::ofstream{folder() / "played", std::ios::binary}
+        << frame_of(Hello{kProtocolVersion, Side::ScanSite, "replay", {}, {}}) << offer
+        << frame_of(StackKept{job});  // no scan site says that: the fab ends the connection
+    return run({"/bin/sh", "-c",
+                fmt::format(
+                    "openssl s_client -quiet -connect {} -cert {}/{}.crt -key {}/{}.key -CAfile {}/authority.crt "
+                    "<{}/played",
+                    fab_site(), own().string(), as, own().string(), as, own().string(), folder().string())})
+        .output;
+  };
+  // The job of one site, offered by another one.
+  EXPECT_THAT(play("scan-two", bytes_in(recorded)), HasSubstr("job-signature"));
+  // The same with that site's own key under the job's id, and by the site itself with another content.
+  FrameReader reader;
+  const std::string text = bytes_in(recorded);
+  reader.feed(std::as_bytes(std::span{text}));
+  Offer offer = std::get<Offer>(from_frame(reader.take().value().value()).value());
+  ASSERT_TRUE(sign_offer(offer, bytes_in(own() / "scan-two.sign.key")));
+  EXPECT_THAT(play("scan-two", frame_of(offer)), HasSubstr("replayed-job"));
+  offer.parameters = "{\"height_mm\":5}";
+  EXPECT_THAT(play("scan-site", frame_of(offer)), HasSubstr("job-signature"));
+  ASSERT_TRUE(sign_offer(offer, bytes_in(own() / "scan-site.sign.key")));
+  EXPECT_THAT(play("scan-site", frame_of(offer)), HasSubstr("replayed-job"));
+  const std::string log = bytes_in(folder() / "fab" / "audit.log");
+  EXPECT_THAT(log, HasSubstr("job-signature"));
+  EXPECT_THAT(log, HasSubstr("replayed-job"));
+}
+
+TEST_F(Strangers, WithTheKeysOfSitesALoopbackFabRefusesOtherJobs) {
+  std::filesystem::create_directories(folder() / "keys");
+  start_fab({"--site-keys", (folder() / "keys").string()});
+  start_scan();
+  const std::string refused = submit_torus();
+  EXPECT_NE(telefab({"watch", refused}).code, 0);
+  EXPECT_THAT(text_of(folder() / "fab" / "audit.log"), HasSubstr("job-signature"));
+  std::filesystem::copy_file(folder() / "scan" / "sign.pub", folder() / "keys" / "chicago.sign.pub");
+  EXPECT_EQ(telefab({"watch", submit_torus()}).code, 0);
 }
 
 TEST_F(Strangers, AFabThatShowsAnotherRoleGetsNoJob) {

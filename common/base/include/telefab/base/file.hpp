@@ -18,6 +18,10 @@ namespace telefab {
 [[nodiscard]] Result<void> write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes);
 [[nodiscard]] Result<void> write_file_atomically(const std::filesystem::path& path, std::string_view text);
 
+/// Makes a file that only this user can read, not even for a moment anybody else. Fails with StorageFailed, also where
+/// the file is there already.
+[[nodiscard]] Result<void> write_new_secret(const std::filesystem::path& path, std::string_view text);
+
 /// Writes a file whose name nobody looks at yet; not synced. For folders that are renamed into place after
 /// sync_file_system. Fails as write_file_atomically; leaves a part behind.
 [[nodiscard]] Result<void> write_new_file(const std::filesystem::path& path, std::span<const std::byte> bytes);

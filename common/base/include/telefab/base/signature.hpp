@@ -11,6 +11,14 @@ struct Signature {
   std::string public_key_hex;  ///< 64 digits
 };
 
+struct KeyPair {
+  std::string private_pem;
+  std::string public_pem;
+};
+
+/// A new Ed25519 key from the system's random numbers, both halves in PEM.
+[[nodiscard]] Result<KeyPair> new_ed25519_key();
+
 /// Signs with a private key in PEM, as `openssl genpkey -algorithm ed25519` writes it. InvalidInput for any other key.
 [[nodiscard]] Result<Signature> sign_ed25519(std::string_view private_key_pem, std::string_view message);
 
