@@ -2,38 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <nlohmann/json.hpp>
-
 namespace telefab::cli {
-
-std::string to_json(const Job& job) {
-  nlohmann::ordered_json stages = nlohmann::ordered_json::object();
-  for (const StageSeconds& stage : job.stages) stages[stage.stage] = stage.seconds;
-  auto parameters = nlohmann::ordered_json::parse(job.parameters, nullptr, false);
-  if (parameters.is_discarded()) parameters = nullptr;
-  const JobCounters& c = job.counters;
-  const nlohmann::ordered_json object{
-      {"id", job.id},
-      {"name", job.name},
-      {"machine", job.machine},
-      {"state", name_of(job.state)},
-      {"message", job.message},
-      {"owner", job.owner},
-      {"layers", c.layers},
-      {"layers_sliced", c.layers_sliced},
-      {"layers_sent", c.layers_sent},
-      {"print_layers", c.print_layers},
-      {"layers_planned", c.layers_planned},
-      {"layers_printed", c.layers_printed},
-      {"scan_bytes", c.scan_bytes},
-      {"wire_bytes", c.wire_bytes},
-      {"seconds", stages},
-      {"parameters", parameters},
-      {"created_unix_ms", job.created_unix_ms},
-      {"changed_unix_ms", job.changed_unix_ms},
-  };
-  return object.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
-}
 
 double progress_of(const Job& job) {
   const auto share = [](std::uint32_t part, std::uint32_t whole) {

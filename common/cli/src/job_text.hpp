@@ -5,8 +5,6 @@
 
 namespace telefab::cli {
 
-/// JSON object of a job, fixed key order, on one line.
-[[nodiscard]] std::string to_json(const Job& job);
 /// One line for lists.
 [[nodiscard]] std::string to_line(const Job& job);
 /// What matters when a job has ended: layers, bytes, seconds a stage; several lines.

@@ -1,8 +1,6 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <pthread.h>
-#include <spdlog/sinks/stdout_sinks.h>
-#include <spdlog/spdlog.h>
 #include <sys/file.h>
 #include <unistd.h>
 
@@ -21,6 +19,13 @@ void declare_serve_options(CLI::App& app, ServeOptions& options) {
   app.add_option("--tls", options.tls_folder,
                  "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as deploy/certs makes it");
   app.add_option("--tls-name", options.tls_name, "NAME of the certificate in that folder")->capture_default_str();
+  app.add_option("--hook", options.hooks.program,
+                 "program to run at every change of a job's state: TELEFAB_JOB, TELEFAB_STATE, TELEFAB_MESSAGE, "
+                 "TELEFAB_NAME and TELEFAB_MACHINE in its environment, the job as JSON on its input");
+  app.add_option("--webhook", options.hooks.url, "http:// or https:// address that gets the same JSON as a POST");
+  app.add_option("--log-level", options.log_level, "how much is logged; debug adds a line a layer")
+      ->check(CLI::IsMember({"debug", "info", "warning"}))
+      ->capture_default_str();
 }
 
 Result<std::shared_ptr<net::Trust>> trust_of(const ServeOptions& options) {
@@ -74,22 +79,6 @@ Result<void> DataFolder::announce_port(std::uint16_t port) const {
   std::fflush(stdout);
   return write_file_atomically(path_ / "port", std::string_view{fmt::format("{}\n", port)});
 }
-
-namespace {
-
-spdlog::logger& daemon_log() {
-  static const auto logger = [] {
-    auto made = std::make_shared<spdlog::logger>("telefab", std::make_shared<spdlog::sinks::stderr_sink_mt>());
-    made->set_pattern("%Y-%m-%d %H:%M:%S.%e %l %v");
-    return made;
-  }();
-  return *logger;
-}
-
-}  // namespace
-
-void log_line(std::string_view text) { daemon_log().info("{}", text); }
-void log_warning(std::string_view text) { daemon_log().warn("{}", text); }
 
 void set_thread_name(const char* name) { pthread_setname_np(pthread_self(), name); }
 

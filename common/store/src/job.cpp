@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <nlohmann/json.hpp>
 #include <telefab/store/job.hpp>
 
 namespace telefab {
@@ -46,6 +47,35 @@ bool may_follow(JobState from, JobState to) {
   if (from == JobState::Paused && to == JobState::Printing) return true;
   // A pause ends by resume, cancel or failure; nothing else leads out of it.
   return from != JobState::Paused && from < to;
+}
+
+std::string to_json(const Job& job) {
+  nlohmann::ordered_json stages = nlohmann::ordered_json::object();
+  for (const StageSeconds& stage : job.stages) stages[stage.stage] = stage.seconds;
+  auto parameters = nlohmann::ordered_json::parse(job.parameters, nullptr, false);
+  if (parameters.is_discarded()) parameters = nullptr;
+  const JobCounters& c = job.counters;
+  const nlohmann::ordered_json object{
+      {"id", job.id},
+      {"name", job.name},
+      {"machine", job.machine},
+      {"state", name_of(job.state)},
+      {"message", job.message},
+      {"owner", job.owner},
+      {"layers", c.layers},
+      {"layers_sliced", c.layers_sliced},
+      {"layers_sent", c.layers_sent},
+      {"print_layers", c.print_layers},
+      {"layers_planned", c.layers_planned},
+      {"layers_printed", c.layers_printed},
+      {"scan_bytes", c.scan_bytes},
+      {"wire_bytes", c.wire_bytes},
+      {"seconds", stages},
+      {"parameters", parameters},
+      {"created_unix_ms", job.created_unix_ms},
+      {"changed_unix_ms", job.changed_unix_ms},
+  };
+  return object.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
 }  // namespace telefab

@@ -36,12 +36,9 @@ Result<std::unique_ptr<FabSite>> FabSite::open(const FabSiteConfig& config, cons
 }
 
 Result<void> FabSite::start() {
-  auto store = JobStore::open(folder_.path() / "jobs.sqlite", clock_);
-  if (!store) return tl::unexpected{store.error()};
-  store_ = std::move(*store);
-  auto audit = AuditLog::open(folder_.path() / "audit.log", clock_);
-  if (!audit) return tl::unexpected{audit.error()};
-  audit_ = std::move(*audit);
+  auto ledger = SiteLedger::open(folder_.path(), config_.serve.hooks, clock_);
+  if (!ledger) return tl::unexpected{ledger.error()};
+  ledger_ = std::move(*ledger);
   auto trust = trust_of(config_.serve);
   if (!trust) return tl::unexpected{trust.error()};
   const auto listen = net::endpoint_from_text(config_.serve.listen);
@@ -51,7 +48,7 @@ Result<void> FabSite::start() {
       std::make_unique<WorkQueue>("planner", [this](const std::string& job, std::stop_token stop) { plan(job, stop); });
   device_ =
       std::make_unique<WorkQueue>("device", [this](const std::string& job, std::stop_token stop) { print(job, stop); });
-  const auto left = store_->unfinished();
+  const auto left = store().unfinished();
   if (!left) return tl::unexpected{left.error()};
   for (const Job& job : *left)
     if (auto taken = take_up(job); !taken) end_job(job.id, JobState::Failed, taken.error().what);
@@ -71,7 +68,7 @@ Result<void> FabSite::start_web() {
   if (!address) return fail_in("--web", address.error());
   auto token = web_token(folder_.path());
   if (!token) return tl::unexpected{token.error()};
-  web_desk_ = std::make_unique<WebDesk>(*store_, folder_, machines_,
+  web_desk_ = std::make_unique<WebDesk>(store(), folder_, machines_,
                                         [this](const Command& asked, std::function<void(Result<Job>)> done) {
                                           later([this, asked, done = std::move(done)] {
                                             note(asked.who, fmt::format("{} {}", name_of(asked.command), asked.job));
@@ -94,7 +91,7 @@ FabSite::~FabSite() {
   listener_.reset();
   if (planner_) planner_->end();
   if (device_) device_->end();
-  if (store_) keep_counters();
+  if (ledger_) keep_counters();
 }
 
 Result<void> FabSite::run(std::stop_token stop) {
@@ -129,10 +126,7 @@ void FabSite::welcome(const net::ConnectionPtr& connection) {
       [this, address = connection->peer().address](const Error& why) { note(address, "refused: " + why.what); });
 }
 
-void FabSite::note(std::string_view who, std::string_view what) {
-  log_line(fmt::format("{}: {}", who, what));
-  if (auto added = audit_->add(who, what); !added) log_warning(added.error().what);
-}
+void FabSite::note(std::string_view who, std::string_view what) { ledger_->note(who, what); }
 
 Machines FabSite::machines() {
   Machines machines;
@@ -157,7 +151,7 @@ Result<std::shared_ptr<Intake>> FabSite::take_offer(const Offer& offer, const ne
   if (!signer) return tl::unexpected{signer.error()};
   const auto machine = find_machine(machines_, offer.machine);
   if (!machine) return tl::unexpected{machine.error()};
-  auto job = store_->find(offer.job);
+  auto job = store().find(offer.job);
   if (job && job->owner != site)
     return fail(ErrorCode::Conflict, fmt::format("replayed-job: there is a job {} of another site", offer.job));
   const auto folder = folder_.job(offer.job);
@@ -172,7 +166,7 @@ Result<std::shared_ptr<Intake>> FabSite::take_offer(const Offer& offer, const ne
     return fail(ErrorCode::Conflict,
                 fmt::format("the profile of {} was changed since the scan was cut; submit it again", machine->name));
   if (!job) {
-    job = store_->create({offer.job, offer.name, offer.machine, offer.parameters, site});
+    job = store().create({offer.job, offer.name, offer.machine, offer.parameters, site});
     if (!job) return tl::unexpected{job.error()};
     note(site, fmt::format("offer {} {} for {} by {}, {}", offer.job, offer.name, offer.machine, offer.owner, *signer));
   }
@@ -205,11 +199,11 @@ void FabSite::received(const std::string& job, std::uint32_t layers, std::uint64
 
 void FabSite::completed(const std::string& job) {
   const auto live = live_.find(job);
-  const auto now = store_->find(job);
+  const auto now = store().find(job);
   if (live == live_.end() || !now || now->state > JobState::Sending) return;
   live->second.intake.reset();
   const double seconds = std::chrono::duration<double>(clock_.now() - live->second.send_began).count();
-  if (auto kept = store_->set_stage_seconds(job, "send", seconds); !kept) log_warning(kept.error().what);
+  ledger_->set_stage_seconds(job, "send", seconds);
   move(job, JobState::Planning, "");
   planner_->add(job);
 }
@@ -242,7 +236,7 @@ Result<void> FabSite::take_up(const Job& job) {
 void FabSite::plan(const std::string& job, std::stop_token stop) {
   const Nanoseconds began = clock_.now();
   const auto attempt = [&]() -> Result<PlanOutcome> {
-    const auto found = store_->find(job);
+    const auto found = store().find(job);
     if (!found) return tl::unexpected{found.error()};
     const auto machine = find_machine(machines_, found->machine);
     if (!machine) return tl::unexpected{machine.error()};
@@ -272,7 +266,7 @@ void FabSite::plan(const std::string& job, std::stop_token stop) {
   later([this, job, outcome, seconds = std::chrono::duration<double>(clock_.now() - began).count()] {
     if (!outcome) return end_job(job, JobState::Failed, outcome.error().what);
     count_planned(job, outcome->print_layers, outcome->print_layers);
-    if (auto kept = store_->set_stage_seconds(job, "plan", seconds); !kept) log_warning(kept.error().what);
+    ledger_->set_stage_seconds(job, "plan", seconds);
     planned(job, outcome->doubt);
   });
 }
@@ -295,9 +289,12 @@ void FabSite::planned(const std::string& job, const std::string& doubt) {
 void FabSite::on_print_progress(const std::string& job, const PrintProgress& progress) {
   later([this, job, progress] {
     const auto live = live_.find(job);
-    const auto now = store_->find(job);
+    const auto now = store().find(job);
     if (live == live_.end() || !now) return;
     live->second.counters.print_layers = progress.layers.count();
+    if (live->second.counters.layers_printed != progress.layer.count())
+      log_detail(fmt::format("job {} printed {} of {} layers", job, progress.layer.count(), progress.layers.count()),
+                 {job, static_cast<std::int64_t>(progress.layer.count()) - 1});
     live->second.counters.layers_printed = progress.layer.count();
     live->second.is_dirty = true;
     if (progress.state == "done" || progress.state == "cancelled") return;  // the record follows
@@ -320,7 +317,7 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
   later([this, job] { move(job, JobState::Printing, ""); });
   const Nanoseconds began = clock_.now();
   const auto attempt = [&]() -> Result<PrintRecord> {
-    const auto found = store_->find(job);
+    const auto found = store().find(job);
     if (!found) return tl::unexpected{found.error()};
     const auto machine = find_machine(machines_, found->machine);
     if (!machine) return tl::unexpected{machine.error()};
@@ -345,7 +342,7 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
   }
   if (device_->is_ending()) return;  // the journal tells the next start where to go on
   later([this, job, record, seconds = std::chrono::duration<double>(clock_.now() - began).count()] {
-    if (auto kept = store_->set_stage_seconds(job, "print", seconds); !kept) log_warning(kept.error().what);
+    ledger_->set_stage_seconds(job, "print", seconds);
     if (!record) return end_job(job, JobState::Failed, record.error().what);
     const auto live = live_.find(job);
     if (live != live_.end()) {
@@ -369,7 +366,7 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
 
 void FabSite::command(const Command& command, std::function<void(Result<Job>)> done) {
   const std::string& id = command.job;
-  const auto job = store_->find(id);
+  const auto job = store().find(id);
   if (!job) return done(job);
   const auto refuse = [&](std::string_view why) {
     done(fail(ErrorCode::Conflict, fmt::format("job {} is {}: {}", id, name_of(job->state), why)));
@@ -409,11 +406,11 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
       end_job(id, JobState::Cancelled, fmt::format("by {}", command.who));
       break;
   }
-  done(store_->find(id));
+  done(store().find(id));
 }
 
 void FabSite::files(const std::string& job, std::function<void(Result<std::vector<FileEntry>>)> done) {
-  if (const auto found = store_->find(job); !found) return done(tl::unexpected{found.error()});
+  if (const auto found = store().find(job); !found) return done(tl::unexpected{found.error()});
   const auto folder = folder_.job(job);
   if (!folder) return done(tl::unexpected{folder.error()});
   auto files = files_of(*folder / "plan");
@@ -423,7 +420,7 @@ void FabSite::files(const std::string& job, std::function<void(Result<std::vecto
 
 void FabSite::file(const std::string& job, const std::string& name,
                    std::function<void(Result<std::filesystem::path>)> done) {
-  if (const auto found = store_->find(job); !found) return done(tl::unexpected{found.error()});
+  if (const auto found = store().find(job); !found) return done(tl::unexpected{found.error()});
   const auto folder = folder_.job(job);
   if (!folder) return done(tl::unexpected{folder.error()});
   std::error_code error;
@@ -433,12 +430,8 @@ void FabSite::file(const std::string& job, const std::string& name,
 }
 
 void FabSite::move(const std::string& job, JobState state, std::string_view message) {
-  const auto now = store_->find(job);
-  if (!now || (now->state == state && now->message == message)) return;
-  if (now->state != state && !may_follow(now->state, state)) return;
   keep_counters();
-  if (auto moved = store_->move(job, state, message); !moved) return log_warning(moved.error().what);
-  log_line(fmt::format("job {} {}{}{}", job, name_of(state), message.empty() ? "" : ": ", message));
+  ledger_->move(job, state, message);
 }
 
 void FabSite::end_job(const std::string& job, JobState state, std::string_view message) {
@@ -448,8 +441,7 @@ void FabSite::end_job(const std::string& job, JobState state, std::string_view m
 
 void FabSite::keep_counters() {
   for (auto& [job, live] : live_) {
-    if (!std::exchange(live.is_dirty, false)) continue;
-    if (auto kept = store_->set_counters(job, live.counters); !kept) log_warning(kept.error().what);
+    if (std::exchange(live.is_dirty, false)) ledger_->set_counters(job, live.counters);
   }
 }
 

@@ -1,11 +1,12 @@
 #pragma once
 #include <map>
 #include <telefab/desk/client_session.hpp>
+#include <telefab/desk/daemon_log.hpp>
+#include <telefab/desk/site_ledger.hpp>
 #include <telefab/desk/site_runtime.hpp>
 #include <telefab/fab/print/print_runner.hpp>
 #include <telefab/fab/web/web_server.hpp>
 #include <telefab/machine/machine_profile.hpp>
-#include <telefab/store/audit_log.hpp>
 
 #include "scan_session.hpp"
 #include "site_keys.hpp"
@@ -25,7 +26,7 @@ struct FabSiteConfig {
 
 /// The daemon: layers in from scan sites, planned, printed; commands and questions from clients and scan sites.
 /// Threads: network (everything but the three below), planner, device, web. Stop order: web, listener, planner, device,
-/// store.
+/// ledger.
 class FabSite final : public FabDesk {
  public:
   /// Everything is checked and the port is bound when this returns.
@@ -34,7 +35,7 @@ class FabSite final : public FabDesk {
   /// Serves until the stop is requested. The calling thread is the loop's.
   [[nodiscard]] Result<void> run(std::stop_token stop);
 
-  JobStore& store() override { return *store_; }
+  JobStore& store() override { return ledger_->store(); }
   Machines machines() override;
   Result<void> may_submit(const Submit& submit) override;
   std::filesystem::path incoming() override { return folder_.incoming(); }
@@ -85,8 +86,7 @@ class FabSite final : public FabDesk {
   std::vector<MachineProfile> machines_;
   FabSiteConfig config_;
   SiteKeys site_keys_;
-  std::unique_ptr<JobStore> store_;
-  std::unique_ptr<AuditLog> audit_;
+  std::unique_ptr<SiteLedger> ledger_;
   net::Loop loop_;
   std::map<std::string, Live> live_;
   std::mutex control_mutex_;

@@ -1,3 +1,5 @@
+#include <telefab/desk/verb_logs.hpp>
+
 #include "verbs.hpp"
 
 int main(int argc, char** argv) {
@@ -10,6 +12,7 @@ int main(int argc, char** argv) {
       {"plan", "supports, masks and exposures of a contour file, into a folder", declare_plan},
       {"export", "contours as JSON lines or pictures", declare_export},
       {"serve", "take layers from scan sites, plan and print them", declare_serve},
+      {"logs", "what happened to one job here", telefab::declare_logs},
       {"verify", "prove on a plan's masks that nothing floats; exit code 8 if something does", declare_verify},
       {"cover", "place the fewest anchors that hold given regions", declare_cover},
       {"machines", "list the machine profiles", declare_machines},

@@ -34,6 +34,7 @@ VerbBody declare_serve(CLI::App& options) {
     o->config.start_on_approval = o->start == "on-approval";
     if (o->after_crash == "ask") o->config.after_crash.reset();
     if (o->after_crash == "again") o->config.after_crash = Decision::ExposeAgain;
+    if (auto known = set_log_level(o->config.serve.log_level); !known) return tl::unexpected{known.error()};
     const SystemClock clock;
     auto site = FabSite::open(o->config, clock);
     if (!site) return tl::unexpected{site.error()};

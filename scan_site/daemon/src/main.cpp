@@ -1,3 +1,5 @@
+#include <telefab/desk/verb_logs.hpp>
+
 #include "verbs.hpp"
 
 int main(int argc, char** argv) {
@@ -8,6 +10,7 @@ int main(int argc, char** argv) {
       "statue.png\n"};
   static constexpr telefab::Verb verbs[] = {
       {"serve", "take scans from clients, slice them and send the layers to the fab", declare_serve},
+      {"logs", "what happened to one job here", telefab::declare_logs},
       {"register", "join the range images of a turntable to one cloud", declare_register},
       {"clean", "remove outliers, small clusters and noise from a cloud", declare_clean},
       {"slice", "cut a scan into layers of contours", declare_slice},

@@ -28,12 +28,9 @@ Result<std::unique_ptr<ScanSite>> ScanSite::open(const ScanSiteConfig& config, c
 }
 
 Result<void> ScanSite::start(const ScanSiteConfig& config) {
-  auto store = JobStore::open(folder_.path() / "jobs.sqlite", clock_);
-  if (!store) return tl::unexpected{store.error()};
-  store_ = std::move(*store);
-  auto audit = AuditLog::open(folder_.path() / "audit.log", clock_);
-  if (!audit) return tl::unexpected{audit.error()};
-  audit_ = std::move(*audit);
+  auto ledger = SiteLedger::open(folder_.path(), config.serve.hooks, clock_);
+  if (!ledger) return tl::unexpected{ledger.error()};
+  ledger_ = std::move(*ledger);
   auto trust = trust_of(config.serve);
   if (!trust) return tl::unexpected{trust.error()};
   const auto fab = net::endpoint_from_text(config.fab);
@@ -48,7 +45,7 @@ Result<void> ScanSite::start(const ScanSiteConfig& config) {
   slicer_ = std::make_unique<Slicer>(shelf_, clock_, *key, slicer_events());
   link_ =
       std::make_unique<FabLink>(loop_, net::ConnectOptions{*fab, *trust, net::Role::FabSite, {}}, *key, link_events());
-  const auto left = store_->unfinished();
+  const auto left = store().unfinished();
   if (!left) return tl::unexpected{left.error()};
   for (const Job& job : *left)
     if (auto taken = take_up(job); !taken) end_job(job.id, JobState::Failed, taken.error().what);
@@ -66,7 +63,7 @@ ScanSite::~ScanSite() {
   listener_.reset();
   link_.reset();
   slicer_.reset();
-  if (store_) keep_counters();
+  if (ledger_) keep_counters();
 }
 
 Result<void> ScanSite::run(std::stop_token stop) {
@@ -102,10 +99,7 @@ void ScanSite::welcome(const net::ConnectionPtr& connection) {
       [this, address = connection->peer().address](const Error& why) { note(address, "refused: " + why.what); });
 }
 
-void ScanSite::note(std::string_view who, std::string_view what) {
-  log_line(fmt::format("{}: {}", who, what));
-  if (auto added = audit_->add(who, what); !added) log_warning(added.error().what);
-}
+void ScanSite::note(std::string_view who, std::string_view what) { ledger_->note(who, what); }
 
 const std::vector<MachineProfile>& ScanSite::known_machines() const {
   return link_->machines().empty() ? own_machines_ : link_->machines();
@@ -131,7 +125,7 @@ Result<void> ScanSite::may_submit(const Submit& submit) {
 }
 
 Result<Job> ScanSite::submit(const Submit& submit, const std::filesystem::path& upload, std::string_view owner) {
-  auto job = store_->create({{}, submit.name, submit.machine, submit.parameters, std::string{owner}});
+  auto job = store().create({{}, submit.name, submit.machine, submit.parameters, std::string{owner}});
   if (!job) return job;
   note(owner, fmt::format("submit {} {} for {} {} sha256 {}", job->id, submit.name, submit.machine, submit.parameters,
                           to_hex(submit.content)));
@@ -145,9 +139,9 @@ Result<Job> ScanSite::submit(const Submit& submit, const std::filesystem::path& 
   }
   JobCounters& counters = live_[job->id].counters;
   counters.scan_bytes = submit.size_bytes;
-  if (auto kept = store_->set_counters(job->id, counters); !kept) return tl::unexpected{kept.error()};
+  if (auto kept = store().set_counters(job->id, counters); !kept) return tl::unexpected{kept.error()};
   if (auto taken = take_up(*job); !taken) end_job(job->id, JobState::Failed, taken.error().what);
-  return store_->find(job->id);
+  return store().find(job->id);
 }
 
 Result<void> ScanSite::take_up(const Job& job) {
@@ -169,12 +163,8 @@ Result<void> ScanSite::take_up(const Job& job) {
 }
 
 void ScanSite::move(const std::string& job, JobState state, std::string_view message) {
-  const auto now = store_->find(job);
-  if (!now || (now->state == state && now->message == message)) return;
-  if (now->state != state && !may_follow(now->state, state)) return;
   keep_counters();
-  if (auto moved = store_->move(job, state, message); !moved) return log_warning(moved.error().what);
-  log_line(fmt::format("job {} {}{}{}", job, name_of(state), message.empty() ? "" : ": ", message));
+  ledger_->move(job, state, message);
 }
 
 void ScanSite::end_job(const std::string& job, JobState state, std::string_view message) {
@@ -214,7 +204,7 @@ SlicerEvents ScanSite::slicer_events() {
                 const bool is_cancelled = seconds.error().code == ErrorCode::Cancelled;
                 return end_job(job, is_cancelled ? JobState::Cancelled : JobState::Failed, seconds.error().what);
               }
-              if (auto kept = store_->set_stage_seconds(job, "slice", *seconds); !kept) log_warning(kept.error().what);
+              ledger_->set_stage_seconds(job, "slice", *seconds);
               move(job, JobState::Sending, link_->is_up() ? "" : "waits for the fab: " + link_->why_down());
               link_->pump(job);
             });
@@ -226,7 +216,7 @@ FabLinkEvents ScanSite::link_events() {
             log_line(is_up ? fmt::format("the fab {} is reached", fab_) : fmt::format("the fab {}: {}", fab_, why));
             if (is_up) tell_cancelled();
             for (const auto& [job, live] : live_)
-              if (const auto now = store_->find(job); now && now->state == JobState::Sending)
+              if (const auto now = store().find(job); now && now->state == JobState::Sending)
                 move(job, JobState::Sending, is_up ? "" : "waits for the fab: " + why);
           },
           [this](const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
@@ -245,10 +235,10 @@ FabLinkEvents ScanSite::link_events() {
 
 void ScanSite::on_kept(const std::string& job) {
   const auto live = live_.find(job);
-  const auto now = store_->find(job);
+  const auto now = store().find(job);
   if (live == live_.end() || !now || now->state > JobState::Sending) return;
   const double seconds = std::chrono::duration<double>(clock_.now() - live->second.send_began).count();
-  if (auto kept = store_->set_stage_seconds(job, "send", seconds); !kept) log_warning(kept.error().what);
+  ledger_->set_stage_seconds(job, "send", seconds);
   move(job, JobState::Planning, "");
 }
 
@@ -263,8 +253,7 @@ void ScanSite::on_job_changed(const Job& theirs) {
   if (theirs.state < JobState::Planning) return;
   for (const StageSeconds& stage : theirs.stages)
     if (stage.stage == "plan" || stage.stage == "print")
-      if (auto kept = store_->set_stage_seconds(theirs.id, stage.stage, stage.seconds); !kept)
-        log_warning(kept.error().what);
+      ledger_->set_stage_seconds(theirs.id, stage.stage, stage.seconds);
   if (is_final(theirs.state)) {
     keep_reports(theirs.id);
     return end_job(theirs.id, theirs.state, theirs.message);
@@ -282,13 +271,12 @@ void ScanSite::keep_reports(const std::string& job) {
 
 void ScanSite::keep_counters() {
   for (auto& [job, live] : live_) {
-    if (!std::exchange(live.is_dirty, false)) continue;
-    if (auto kept = store_->set_counters(job, live.counters); !kept) log_warning(kept.error().what);
+    if (std::exchange(live.is_dirty, false)) ledger_->set_counters(job, live.counters);
   }
 }
 
 void ScanSite::command(const Command& command, std::function<void(Result<Job>)> done) {
-  const auto job = store_->find(command.job);
+  const auto job = store().find(command.job);
   if (!job) return done(job);
   if (is_final(job->state))
     return done(fail(ErrorCode::Conflict, fmt::format("job {} is {} already", job->id, name_of(job->state))));
@@ -301,7 +289,7 @@ void ScanSite::command(const Command& command, std::function<void(Result<Job>)> 
     end_job(job->id, JobState::Cancelled,
             fmt::format("by {}{}", command.who, waits ? "; the fab will be told as soon as it is reached" : ""));
     tell_cancelled();
-    return done(store_->find(job->id));
+    return done(store().find(job->id));
   }
   if (!link_->knows(job->id) || job->state < JobState::Planning)
     return done(fail(ErrorCode::Conflict, fmt::format("job {} is {}; there is no print to {} yet", job->id,
@@ -314,7 +302,7 @@ void ScanSite::command(const Command& command, std::function<void(Result<Job>)> 
     } else {
       if (const auto* jobs = std::get_if<Jobs>(&*answer); jobs && jobs->jobs.size() == 1)
         on_job_changed(jobs->jobs.front());
-      done(store_->find(id));
+      done(store().find(id));
     }
     return true;
   });
@@ -342,7 +330,7 @@ void ScanSite::tell_cancelled() {
 }
 
 void ScanSite::files(const std::string& job, std::function<void(Result<std::vector<FileEntry>>)> done) {
-  if (const auto found = store_->find(job); !found) return done(tl::unexpected{found.error()});
+  if (const auto found = store().find(job); !found) return done(tl::unexpected{found.error()});
   const auto folder = folder_.job(job);
   if (!folder) return done(tl::unexpected{folder.error()});
   auto own = files_of(*folder / "report");
@@ -364,7 +352,7 @@ void ScanSite::files(const std::string& job, std::function<void(Result<std::vect
 
 void ScanSite::file(const std::string& job, const std::string& name,
                     std::function<void(Result<std::filesystem::path>)> done) {
-  if (const auto found = store_->find(job); !found) return done(tl::unexpected{found.error()});
+  if (const auto found = store().find(job); !found) return done(tl::unexpected{found.error()});
   const auto folder = folder_.job(job);
   if (!folder) return done(tl::unexpected{folder.error()});
   std::error_code error;

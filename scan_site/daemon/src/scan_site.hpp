@@ -1,7 +1,8 @@
 #pragma once
 #include <telefab/desk/client_session.hpp>
+#include <telefab/desk/daemon_log.hpp>
+#include <telefab/desk/site_ledger.hpp>
 #include <telefab/desk/site_runtime.hpp>
-#include <telefab/store/audit_log.hpp>
 
 #include "fab_link.hpp"
 #include "slicer.hpp"
@@ -14,7 +15,7 @@ struct ScanSiteConfig {
 };
 
 /// The daemon: clients' scans in, layers out to the fab, and the fab's news back. Stop order: listener, link, slicer,
-/// store.
+/// ledger.
 class ScanSite final : public SiteDesk {
  public:
   /// Everything is checked and the port is bound when this returns.
@@ -23,7 +24,7 @@ class ScanSite final : public SiteDesk {
   /// Serves until the stop is requested. The calling thread is the loop's.
   [[nodiscard]] Result<void> run(std::stop_token stop);
 
-  JobStore& store() override { return *store_; }
+  JobStore& store() override { return ledger_->store(); }
   Machines machines() override;
   Result<void> may_submit(const Submit& submit) override;
   std::filesystem::path incoming() override { return folder_.incoming(); }
@@ -63,8 +64,7 @@ class ScanSite final : public SiteDesk {
   const Clock& clock_;
   std::vector<MachineProfile> own_machines_;
   std::string fab_;
-  std::unique_ptr<JobStore> store_;
-  std::unique_ptr<AuditLog> audit_;
+  std::unique_ptr<SiteLedger> ledger_;
   net::Loop loop_;
   std::map<std::string, Live> live_;
   SpoolShelf shelf_;

@@ -12,6 +12,7 @@ VerbBody declare_serve(CLI::App& options) {
   declare_serve_options(options, o->serve);
   options.add_option("--fab", o->fab, "HOST:PORT of the fab site")->required();
   return [o](std::stop_token stop) -> Result<ExitCode> {
+    if (auto known = set_log_level(o->serve.log_level); !known) return tl::unexpected{known.error()};
     const SystemClock clock;
     auto site = ScanSite::open(*o, clock);
     if (!site) return tl::unexpected{site.error()};

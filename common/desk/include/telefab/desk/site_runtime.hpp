@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <telefab/desk/state_hooks.hpp>
 #include <telefab/net/listener.hpp>
 
 namespace CLI {
@@ -17,9 +18,12 @@ struct ServeOptions {
   std::string machines;
   std::string tls_folder;
   std::string tls_name;
+  HookOptions hooks;
+  std::string log_level = "info";
 };
 
-/// Adds --listen, --data, --machines, --tls and --tls-name; what `options` holds already is the default.
+/// Adds --listen, --data, --machines, --tls, --tls-name, --hook, --webhook and --log-level; what `options` holds
+/// already is the default.
 void declare_serve_options(CLI::App& app, ServeOptions& options);
 
 /// The certificates of --tls; empty where none is given. Fails as net::Trust::load.
@@ -47,10 +51,6 @@ class DataFolder {
   std::filesystem::path path_;
   int lock_ = -1;
 };
-
-/// One line on standard error with time and level, for the journal of the service.
-void log_line(std::string_view text);
-void log_warning(std::string_view text);
 
 /// Names the calling thread, as the site's README lists it; at most 15 bytes.
 void set_thread_name(const char* name);

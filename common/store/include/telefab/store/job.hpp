@@ -67,6 +67,9 @@ struct Job {
   friend bool operator==(const Job&, const Job&) = default;
 };
 
+/// JSON object of a job on one line, keys in fixed order: what `telefab --json` prints and hooks are told.
+[[nodiscard]] std::string to_json(const Job& job);
+
 struct JobEvent {
   std::uint64_t number = 0;  ///< rises by one an event over all jobs
   std::int64_t unix_ms = 0;
