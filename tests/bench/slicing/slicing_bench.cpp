@@ -1,167 +1,262 @@
-// What slicing costs, stage by stage, on a bumpy ball of 100 mm: layers a second, evaluations a vertex, nanoseconds a
-// neighbour, one thread and two, and the ratio to a straightforward evaluation (nanoflann, double, scalar exp).
+// What slicing costs without reading files, on seeded clouds 100 mm high: the stages of whole slices with their peak of
+// memory, the contours alone on one thread and two, one evaluation beside a straightforward one (nanoflann, double,
+// scalar exp), and the same layers cut with either. Ratios are taken within one run and stay true on a busy machine.
 #include <benchmark/benchmark.h>
-#include <tbb/enumerable_thread_specific.h>
-#include <tbb/global_control.h>
-#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
+#include <chrono>
 #include <cmath>
-#include <map>
-#include <telefab/scan/topology/height_topology.hpp>
-#include <telefab/test/analytic_field.hpp>
+#include <cstdio>
+#include <ctime>
+#include <string>
+#include <telefab/scan/cloud/read_cloud.hpp>
 
-#include "layer_cutter.hpp"
+#include "clouds.hpp"
+#include "machine_figures.hpp"
 #include "reference_field.hpp"
+#include "stages.hpp"
 
 namespace telefab::bench {
 namespace {
 
 using namespace scan;
+using benchmark::Counter;
 
-constexpr double kChordMm = 0.014;
-
-/// The bumpy ball of the tests, sampled along evenly turned rays, about 100 mm across.
-const PointCloud& bumpy_cloud(std::size_t points) {
-  static std::map<std::size_t, PointCloud> clouds;
-  PointCloud& cloud = clouds[points];
-  if (!cloud.points.empty()) return cloud;
-  const auto shape = test::bumpy(47, 1);
-  const auto cursor = shape->cursor();
-  for (std::size_t i = 0; i < points; ++i) {
-    const double u = 2 * (static_cast<double>(i) + 0.5) / static_cast<double>(points) - 1;
-    const double a = 2.399963229728653 * static_cast<double>(i);
-    const Vec3 ray{std::sqrt(1 - u * u) * std::cos(a), std::sqrt(1 - u * u) * std::sin(a), u};
-    Vec3 p = 47 * ray;
-    FieldSample f = cursor->at(p);
-    for (int k = 0; k < 6; ++k) {
-      p -= f.value_mm / f.gradient.dot(ray) * ray;
-      f = cursor->at(p);
-    }
-    cloud.points.push_back(p.cast<float>());
-    cloud.normals.push_back(f.gradient.normalized().cast<float>());
+/// Wall clock, and what all threads together have worked.
+struct Stopwatch {
+  static double cpu_now() {
+    timespec t{};
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
   }
-  return cloud;
-}
-
-std::unique_ptr<MlsField> field_of(std::size_t points, SurfaceKind surface = SurfaceKind::Unbiased) {
-  return std::move(*MlsField::from_cloud(bumpy_cloud(points), {.surface = surface}, {}));
-}
-
-HeightTopology topology_of(const MlsField& field) {
-  SurfaceSamples all, level;
-  const Box3 box = field.bounds();
-  field.samples_between(box.min.z(), box.max.z(), all);
-  for (std::size_t i = 0; i < all.points.size(); ++i)
-    if (std::abs(all.normals[i].z()) >= 0.866) {
-      level.points.push_back(all.points[i]);
-      level.normals.push_back(all.normals[i]);
-    }
-  return *analyse_height(field, level.points, level.normals, {}, {});
-}
-
-void surface(benchmark::State& state) {
-  const auto points = static_cast<std::size_t>(state.range(0));
-  (void)bumpy_cloud(points);
-  for (auto _ : state) benchmark::DoNotOptimize(field_of(points));
-  state.counters["ns_per_point"] = benchmark::Counter(
-      static_cast<double>(points) * 1e-9, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
-}
-BENCHMARK(surface)->Arg(250'000)->Arg(1'000'000)->Unit(benchmark::kMillisecond)->UseRealTime();
-
-void topology(benchmark::State& state) {
-  const auto field = field_of(static_cast<std::size_t>(state.range(0)));
-  for (auto _ : state) benchmark::DoNotOptimize(topology_of(*field));
-}
-BENCHMARK(topology)->Arg(250'000)->Unit(benchmark::kMillisecond)->UseRealTime();
-
-struct Cut {
-  std::uint64_t vertices = 0;
-  std::uint64_t evaluations = 0;
+  double cpu = cpu_now();
+  /// Seconds of work since the last call.
+  double lap() {
+    const double before = cpu;
+    cpu = cpu_now();
+    return cpu - before;
+  }
 };
 
-Cut cut_layers(const CutSetting& setting, double low_mm, double high_mm, std::uint32_t layers) {
-  std::vector<Cut> cuts(layers);
-  tbb::enumerable_thread_specific<std::unique_ptr<LayerCutter>> cutters;
-  tbb::parallel_for(tbb::blocked_range<std::uint32_t>{0, layers, 8}, [&](const auto& range) {
-    auto& cutter = cutters.local();
-    if (!cutter) cutter = std::make_unique<LayerCutter>(setting);
-    for (std::uint32_t i = range.begin(); i < range.end(); ++i) {
-      const auto cut = cutter->cut(LayerIndex{i}, low_mm + (i + 0.5) / layers * (high_mm - low_mm), {});
-      for (const Contour& c : cut->layer.contours) cuts[i].vertices += c.vertices().size();
-      cuts[i].evaluations = cut->evaluations;
-    }
-  });
-  Cut sum;
-  for (const Cut& c : cuts) {
-    sum.vertices += c.vertices;
-    sum.evaluations += c.evaluations;
-  }
-  return sum;
+CloudKind kind_of(std::int64_t argument) { return argument == 0 ? CloudKind::Torus : CloudKind::Bumpy; }
+LayerRange all_layers(const MlsField& field, std::int64_t layers) {
+  const Box3 box = field.bounds();
+  return {box.min.z(), box.max.z(), static_cast<std::uint32_t>(layers)};
 }
 
-/// Arguments: points, layers, threads.
-void contours(benchmark::State& state) {
-  const auto field = field_of(static_cast<std::size_t>(state.range(0)));
-  const HeightTopology graph = topology_of(*field);
-  const auto layers = static_cast<std::uint32_t>(state.range(1));
-  const tbb::global_control threads{tbb::global_control::max_allowed_parallelism,
-                                    static_cast<std::size_t>(state.range(2))};
-  const CutSetting setting{
-      .field = *field,
-      .topology = &graph,
-      .samples = [&](double low, double high, SurfaceSamples& found) { field->samples_between(low, high, found); },
-      .band_mm = 0.4 * field->kernel().kernel_mm,
-      .chord_mm = kChordMm,
-      .known_fault = {}};
-  const Box3 box = field->bounds();
+/// The targets: index, kernel, outliers, critical points, graph, contours.
+void slice(benchmark::State& state) {
+  const auto points = static_cast<std::size_t>(state.range(1));
+  double surface_s = 0, topology_s = 0, contours_s = 0, bytes = 0;
   Cut cut;
-  for (auto _ : state) cut = cut_layers(setting, box.min.z(), box.max.z(), layers);
-  state.counters["layers_per_s"] = benchmark::Counter(layers, benchmark::Counter::kIsIterationInvariantRate);
-  state.counters["vertices_per_layer"] = static_cast<double>(cut.vertices) / layers;
-  state.counters["evaluations_per_vertex"] = static_cast<double>(cut.evaluations) / static_cast<double>(cut.vertices);
-  state.counters["us_per_evaluation"] =
-      benchmark::Counter(static_cast<double>(cut.evaluations) * 1e-6,
-                         benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+  tbb::task_arena arena{static_cast<int>(state.range(3))};
+  for (auto _ : state) {
+    state.PauseTiming();
+    const auto before = static_cast<double>(resident_memory());
+    PointCloud cloud = make_cloud(kind_of(state.range(0)), points);
+    reset_peak_memory();
+    state.ResumeTiming();
+    arena.execute([&] {
+      Stopwatch watch;
+      const auto field = surface_of(std::move(cloud));
+      surface_s += watch.lap();
+      const HeightTopology graph = topology_of(*field);
+      topology_s += watch.lap();
+      cut = cut_layers(setting_for(*field, *field, graph), all_layers(*field, state.range(2)));
+      contours_s += watch.lap();
+    });
+    state.PauseTiming();
+    bytes = std::max(bytes, static_cast<double>(peak_memory()) - before);
+    state.ResumeTiming();
+  }
+  const auto each = [&](double sum) { return Counter(sum, Counter::kAvgIterations); };
+  state.counters["surface_cpu_s"] = each(surface_s);
+  state.counters["topology_cpu_s"] = each(topology_s);
+  state.counters["contours_cpu_s"] = each(contours_s);
+  state.counters["vertices_per_layer"] = static_cast<double>(cut.vertices) / static_cast<double>(cut.layers);
+  state.counters["certified"] = static_cast<double>(cut.certified) / static_cast<double>(cut.layers);
+  // The peak holds the cloud given (24 bytes a point).
+  state.counters["peak_MB"] = bytes * 1e-6;
+  state.counters["bytes_a_point_above_30MB"] = std::max(0.0, bytes - 30e6) / static_cast<double>(points);
 }
-BENCHMARK(contours)
-    ->Args({250'000, 667, 1})
-    ->Args({250'000, 667, 2})
-    ->Args({250'000, 2000, 2})
-    ->Args({1'000'000, 2000, 2})
+BENCHMARK(slice)
+    ->ArgNames({"bumpy", "points", "layers", "threads"})
+    ->Args({0, 250'000, 667, 1})
+    ->Args({0, 250'000, 667, 2})
+    ->Args({1, 250'000, 667, 2})
+    ->Args({0, 250'000, 2000, 2})
+    ->Args({1, 250'000, 2000, 2})
+    ->Args({0, 1'000'000, 2000, 2})
+    ->Args({1, 1'000'000, 2000, 2})
+    ->Args({0, 4'000'000, 2000, 2})
+    ->Iterations(1)
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
 
-/// Evaluations along the sections of 250k points, one core: argument 0 is the reference.
-void evaluation(benchmark::State& state) {
-  const auto field = field_of(250'000);
-  const bool fast = state.range(0) == 1;
-  const auto reference = fast ? nullptr : reference_field(bumpy_cloud(250'000), field->kernel().kernel_mm);
-  const auto cursor = fast ? field->cursor() : reference->cursor();
-  std::vector<Vec3> path;
-  for (int layer = 0; layer < 4; ++layer)
-    for (int i = 0; i < 400; ++i) {
-      const double a = 6.283185307 * i / 400;
-      const auto shape = 43.0;
-      path.emplace_back(shape * std::cos(a), shape * std::sin(a), 0.15 * layer);
-    }
-  // Onto the surface, as the marcher asks.
-  for (Vec3& p : path)
-    for (int k = 0; k < 40; ++k) {
-      const FieldSample f = cursor->at(p);
-      const Vec3 out = Vec3{p.x(), p.y(), 0}.normalized();
-      p += f.in_reach ? Vec3{-f.value_mm / std::max(f.gradient.dot(out), 0.2) * out} : Vec3{0.2 * out};
-    }
-  for (auto _ : state)
-    for (const Vec3& p : path) benchmark::DoNotOptimize(cursor->at(p));
-  const double neighbours = 3.14159265 * 10 * std::pow(field->kernel().kernel_mm / field->kernel().spacing_mm, 2);
-  state.counters["ns_per_evaluation"] =
-      benchmark::Counter(static_cast<double>(path.size()) * 1e-9,
-                         benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
-  state.counters["ns_per_neighbour"] =
-      benchmark::Counter(static_cast<double>(path.size()) * neighbours * 1e-9,
-                         benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+/// The contours alone; on two threads with the speed-up over one, taken alternately.
+void contours(benchmark::State& state) {
+  const auto field = surface_of(make_cloud(kind_of(state.range(0)), static_cast<std::size_t>(state.range(1))));
+  const HeightTopology graph = topology_of(*field);
+  const CutSetting setting = setting_for(*field, *field, graph);
+  const LayerRange range = all_layers(*field, state.range(2));
+  Cut cut;
+  double cpu_s = 0, one_s = 0, two_s = 0;
+  const auto timed = [&](int threads) {
+    tbb::task_arena arena{threads};
+    const auto start = std::chrono::steady_clock::now();
+    arena.execute([&] { cut = cut_layers(setting, range); });
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  };
+  for (auto _ : state) {
+    Stopwatch watch;
+    one_s += timed(1);
+    cpu_s += watch.lap();
+    two_s += timed(2);
+  }
+  const auto rounds = static_cast<double>(state.iterations());
+  state.counters["layers_per_cpu_s"] = static_cast<double>(cut.layers) * rounds / cpu_s;
+  state.counters["layers_per_s_2"] = static_cast<double>(cut.layers) * rounds / two_s;
+  state.counters["speed_up_2"] = one_s / two_s;
+  state.counters["vertices_per_layer"] = static_cast<double>(cut.vertices) / static_cast<double>(cut.layers);
+  state.counters["evaluations_per_vertex"] = static_cast<double>(cut.evaluations) / static_cast<double>(cut.vertices);
+  state.counters["cpu_ns_per_evaluation"] = cpu_s / rounds * 1e9 / static_cast<double>(cut.evaluations);
 }
-BENCHMARK(evaluation)->ArgName("fast")->Arg(0)->Arg(1)->Unit(benchmark::kMicrosecond);
+BENCHMARK(contours)
+    ->ArgNames({"bumpy", "points", "layers"})
+    ->Args({0, 250'000, 667})
+    ->Args({1, 250'000, 667})
+    ->Args({0, 250'000, 2000})
+    ->Args({0, 1'000'000, 2000})
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+
+/// Eight of 160 layers of the torus, cut with the field and with the reference, alternately, on one core.
+void against_reference(benchmark::State& state) {
+  const auto points = static_cast<std::size_t>(state.range(0));
+  const auto field = surface_of(make_cloud(CloudKind::Torus, points));
+  const auto reference = reference_field(make_cloud(CloudKind::Torus, points), field->kernel().kernel_mm);
+  const HeightTopology graph = topology_of(*field);
+  const CutSetting fast = setting_for(*field, *field, graph);
+  const CutSetting slow = setting_for(*reference, *field, graph);
+  double fast_s = 0, slow_s = 0;
+  tbb::task_arena arena{1};
+  // Blocks of eight neighbours, as slicing cuts them.
+  const auto cut = [&](const CutSetting& setting) {
+    Cut sum;
+    for (std::uint32_t first = 11; first < 2000; first += 160) {
+      const Cut part = arena.execute([&] {
+        LayerRange block = all_layers(*field, 2000);
+        block.first = first;
+        block.end = first + 8;
+        return cut_layers(setting, block);
+      });
+      sum.vertices += part.vertices;
+      sum.layers += part.layers;
+    }
+    return sum;
+  };
+  Cut mine, its;
+  for (auto _ : state) {
+    Stopwatch watch;
+    mine = cut(fast);
+    fast_s += watch.lap();
+    its = cut(slow);
+    slow_s += watch.lap();
+  }
+  state.counters["times_faster"] = slow_s / fast_s;
+  state.counters["reference_layers_per_s"] =
+      static_cast<double>(its.layers) * static_cast<double>(state.iterations()) / slow_s;
+  state.counters["vertices_over_its"] = static_cast<double>(mine.vertices) / static_cast<double>(its.vertices);
+}
+BENCHMARK(against_reference)->ArgName("points")->Arg(250'000)->Arg(1'000'000)->Unit(benchmark::kMillisecond);
+
+/// Evaluations on the torus, one core: along sections from layer to layer as the marcher asks, and one place asked
+/// again and again (nothing left to gather).
+void evaluation(benchmark::State& state) {
+  const bool walking = state.range(0) == 1;
+  const auto field = surface_of(make_cloud(CloudKind::Torus, 250'000));
+  const auto reference = reference_field(make_cloud(CloudKind::Torus, 250'000), field->kernel().kernel_mm);
+  const auto fast = field->cursor();
+  const auto slow = reference->cursor();
+  std::vector<Vec3> path;
+  for (int layer = 0; layer < (walking ? 8 : 1); ++layer)
+    for (int i = 0; i < 400; ++i) {
+      const double v = walking ? 6.283185307 * i / 400 : 1;
+      const double z = 50 + 0.15 * layer;
+      // The upright ring's tube near the axis' height.
+      path.push_back(Vec3{70 + 35 + 15 * std::cos(v), 50 + 15 * std::sin(v), z});
+    }
+  double fast_s = 0, slow_s = 0;
+  for (auto _ : state) {
+    Stopwatch watch;
+    for (const Vec3& p : path) benchmark::DoNotOptimize(fast->at(p));
+    fast_s += watch.lap();
+    for (const Vec3& p : path) benchmark::DoNotOptimize(slow->at(p));
+    slow_s += watch.lap();
+  }
+  const double evaluations = static_cast<double>(path.size()) * static_cast<double>(state.iterations());
+  const double neighbours = 3.14159265 * 10 * std::pow(field->kernel().kernel_mm / field->kernel().spacing_mm, 2);
+  /// Multiplications and additions of both passes, a neighbour within the cut.
+  constexpr double kFlop = 75;
+  state.counters["neighbours"] = neighbours;
+  state.counters["ns_per_evaluation"] = fast_s / evaluations * 1e9;
+  state.counters["ns_per_neighbour"] = fast_s / evaluations / neighbours * 1e9;
+  state.counters["reference_ns_per_evaluation"] = slow_s / evaluations * 1e9;
+  state.counters["times_faster"] = slow_s / fast_s;
+  if (const auto peak = fma_peak_gflops()) {
+    state.counters["fma_peak_gflops"] = *peak;
+    state.counters["share_of_fma_peak"] = evaluations * neighbours * kFlop / fast_s * 1e-9 / *peak;
+  }
+}
+BENCHMARK(evaluation)->ArgName("walking")->Arg(1)->Arg(0)->Unit(benchmark::kMicrosecond);
+
+std::string binary_ply(const PointCloud& cloud) {
+  std::string file = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(cloud.size()) +
+                     "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float "
+                     "ny\nproperty float nz\nend_header\n";
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    file.append(reinterpret_cast<const char*>(cloud.points[i].data()), 12);
+    file.append(reinterpret_cast<const char*>(cloud.normals[i].data()), 12);
+  }
+  return file;
+}
+
+std::string text_lines(const PointCloud& cloud) {
+  std::string file;
+  char line[160];
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const auto& p = cloud.points[i];
+    const auto& n = cloud.normals[i];
+    const int length =
+        std::snprintf(line, sizeof line, "%.6f %.6f %.6f %.6f %.6f %.6f\n", p.x(), p.y(), p.z(), n.x(), n.y(), n.z());
+    file.append(line, static_cast<std::size_t>(length));
+  }
+  return file;
+}
+
+/// Reading from memory: the raw file, and the cloud made ready (duplicates merged). Argument: text or binary PLY.
+void reading(benchmark::State& state) {
+  const PointCloud cloud = make_cloud(CloudKind::Torus, 1'000'000);
+  const std::string file = state.range(0) == 1 ? text_lines(cloud) : binary_ply(cloud);
+  const std::span<const std::byte> bytes = std::as_bytes(std::span{file});
+  double raw_s = 0, ready_s = 0, copy_s = 0;
+  std::string copy(file.size(), ' ');
+  for (auto _ : state) {
+    Stopwatch watch;
+    std::copy(file.begin(), file.end(), copy.begin());
+    benchmark::DoNotOptimize(copy.data());
+    copy_s += watch.lap();
+    benchmark::DoNotOptimize(read_scan_file(bytes, "scan.xyz", ReadOptions{}, {}));
+    raw_s += watch.lap();
+    benchmark::DoNotOptimize(read_cloud(bytes, "scan.xyz", ReadOptions{}, {}));
+    ready_s += watch.lap();
+  }
+  const double megabytes = 1e-6 * static_cast<double>(file.size()) * static_cast<double>(state.iterations());
+  state.counters["memcpy_MB_per_s"] = megabytes / copy_s;
+  state.counters["read_MB_per_s"] = megabytes / raw_s;
+  state.counters["ready_MB_per_s"] = megabytes / ready_s;
+}
+BENCHMARK(reading)->ArgName("text")->Arg(0)->Arg(1)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace telefab::bench

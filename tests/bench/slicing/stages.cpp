@@ -1,0 +1,80 @@
+#include "stages.hpp"
+
+#include <tbb/blocked_range.h>
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <vector>
+
+namespace telefab::bench {
+
+using namespace scan;
+
+namespace {
+constexpr double kChordMm = 0.014;
+constexpr std::uint32_t kBlock = 8;
+
+template <class T>
+T checked(Result<T> result) {
+  if (!result) std::abort();
+  return std::move(*result);
+}
+}  // namespace
+
+std::unique_ptr<MlsField> surface_of(PointCloud cloud) {
+  return checked(MlsField::from_cloud(std::move(cloud), MlsOptions{}, {}));
+}
+
+HeightTopology topology_of(const MlsField& field) {
+  SurfaceSamples all, level;
+  const Box3 box = field.bounds();
+  field.samples_between(box.min.z(), box.max.z(), all);
+  for (std::size_t i = 0; i < all.points.size(); ++i)
+    if (std::abs(all.normals[i].z()) >= 0.42) {
+      level.points.push_back(all.points[i]);
+      level.normals.push_back(all.normals[i]);
+    }
+  all = {};
+  return checked(analyse_height(field, level.points, level.normals, {}, {}));
+}
+
+CutSetting setting_for(const ScalarField& surface, const MlsField& field, const HeightTopology& topology) {
+  return {
+      .field = surface,
+      .topology = &topology,
+      .samples = [&field](double low, double high, SurfaceSamples& found) { field.samples_between(low, high, found); },
+      .band_mm = 0.4 * field.kernel().kernel_mm,
+      .chord_mm = kChordMm,
+      .known_fault = {}};
+}
+
+Cut cut_layers(const CutSetting& setting, const LayerRange& range) {
+  const std::uint32_t count = std::min(range.end.value_or(range.layers), range.layers) - range.first;
+  std::vector<Cut> cuts(count);
+  tbb::enumerable_thread_specific<std::unique_ptr<LayerCutter>> cutters;
+  tbb::parallel_for(tbb::blocked_range<std::uint32_t>{0, (count + kBlock - 1) / kBlock, 1}, [&](const auto& blocks) {
+    auto& cutter = cutters.local();
+    if (!cutter) cutter = std::make_unique<LayerCutter>(setting);
+    for (std::uint32_t k = blocks.begin() * kBlock; k < std::min(count, blocks.end() * kBlock); ++k) {
+      const std::uint32_t layer = range.first + k;
+      const double z = range.low_mm + (layer + 0.5) / range.layers * (range.high_mm - range.low_mm);
+      const CutLayer cut = checked(cutter->cut(LayerIndex{layer}, z, {}));
+      cuts[k].layers = 1;
+      cuts[k].certified = cut.layer.certificate.verdict == LayerCertificate::Verdict::Certified ? 1 : 0;
+      for (const Contour& c : cut.layer.contours) cuts[k].vertices += c.vertices().size();
+      cuts[k].evaluations = cut.evaluations;
+    }
+  });
+  Cut sum;
+  for (const Cut& c : cuts) {
+    sum.layers += c.layers;
+    sum.certified += c.certified;
+    sum.vertices += c.vertices;
+    sum.evaluations += c.evaluations;
+  }
+  return sum;
+}
+
+}  // namespace telefab::bench
