@@ -41,12 +41,26 @@ Result<Mask> mask_of(const Layer* part, const Region& supports, const MaskFrame&
   return merged(rasterise(part->contours, frame), rasterise(subtract(supports, *region).to_contours(), frame));
 }
 
-Result<void> fits(const StackHeader& header, const MachineProfile& machine, std::uint32_t print_layers) {
+/// The box of all contours; the header's may be wider by what the slicer looked through.
+Bounds2 bounds_of(std::span<const Layer> layers) {
+  Bounds2 all{{1e9, 1e9}, {-1e9, -1e9}};
+  for (const Layer& layer : layers)
+    for (const Contour& ring : layer.contours) {
+      const Bounds2 b = ring.bounds();
+      all.min = {std::min(all.min.x_mm, b.min.x_mm), std::min(all.min.y_mm, b.min.y_mm)};
+      all.max = {std::max(all.max.x_mm, b.max.x_mm), std::max(all.max.y_mm, b.max.y_mm)};
+    }
+  return all.min.x_mm <= all.max.x_mm ? all : Bounds2{};
+}
+
+Result<void> fits(const LayerStack& stack, const MachineProfile& machine, std::uint32_t print_layers) {
+  const StackHeader& header = stack.header();
   const double height_mm = print_layers * header.layer_thickness_mm;
-  const Bounds2 b = header.bounds;
-  constexpr double rounding_mm = 1e-6;
-  if (b.min.x_mm < -rounding_mm || b.min.y_mm < -rounding_mm || b.max.x_mm > machine.platform.width_mm + rounding_mm ||
-      b.max.y_mm > machine.platform.depth_mm + rounding_mm)
+  const Bounds2 b = bounds_of(stack.layers());
+  // A surface that was scaled to the whole platform leaves it by a hair; half a pixel is none a mask could show.
+  const double hair_mm = machine.projection.pixel_pitch_mm / 2;
+  if (b.min.x_mm < -hair_mm || b.min.y_mm < -hair_mm || b.max.x_mm > machine.platform.width_mm + hair_mm ||
+      b.max.y_mm > machine.platform.depth_mm + hair_mm)
     return fail(ErrorCode::InvalidInput, fmt::format("the part reaches from ({:.2f}, {:.2f}) to ({:.2f}, {:.2f}) mm; "
                                                      "the platform of {} is {} x {} mm. Slice it for this machine",
                                                      b.min.x_mm, b.min.y_mm, b.max.x_mm, b.max.y_mm, machine.name,
@@ -154,7 +168,7 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
                              std::stop_token stop) {
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
   const StackHeader& header = stack.header();
-  if (auto ok = fits(header, machine, header.layer_count); !ok) return tl::unexpected{ok.error()};
+  if (auto ok = fits(stack, machine, header.layer_count); !ok) return tl::unexpected{ok.error()};
 
   const Nanoseconds begun = clock.now();
   SupportOptions support_options = options.supports;
@@ -170,7 +184,7 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
   summary.anchors = supports->anchors().size();
   summary.supports_json = to_json(*supports);
   const std::uint32_t print_layers = summary.part_layers + summary.lift_layers;
-  if (auto ok = fits(header, machine, print_layers); !ok) return tl::unexpected{ok.error()};
+  if (auto ok = fits(stack, machine, print_layers); !ok) return tl::unexpected{ok.error()};
 
   const MaskFrame frame = mask_frame(machine);
   const Crop crop = crop_of(printed_bounds(stack, *supports, print_layers), frame);

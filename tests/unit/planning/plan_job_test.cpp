@@ -95,13 +95,22 @@ TEST(PlanJob, RefusesAPartLargerThanTheMachineWithBothSizes) {
   MachineProfile machine = test::small_machine();
   machine.platform.width_mm = 20;
   EXPECT_THAT(plan(test::table(3, 3), {}, machine).summary.error().what,
-              testing::AllOf(HasSubstr("40.00"), HasSubstr("20 x 30 mm")));
+              testing::AllOf(HasSubstr("23.00"), HasSubstr("20 x 30 mm")));
   machine = test::small_machine();
   machine.platform.z_travel_mm = 0.4;
   EXPECT_THAT(plan(test::table(3, 3), {}, machine).summary.error().what, HasSubstr("0.4 mm"));
   machine = test::small_machine();
   machine.layers.thickness_mm = 0.05;
   EXPECT_THAT(plan(test::table(3, 3), {}, machine).summary.error().what, HasSubstr("0.05 mm"));
+}
+
+TEST(PlanJob, JudgesTheSizeByTheContoursAndNotByTheSlicersWiderBox) {
+  // The stack's header says 40 x 30 mm; its contours end at 23 x 15 mm.
+  MachineProfile machine = test::small_machine();
+  machine.platform.width_mm = 23 - machine.projection.pixel_pitch_mm / 4;
+  EXPECT_TRUE(plan(test::table(3, 3), without_supports(), machine).summary);
+  machine.platform.width_mm = 23 - machine.projection.pixel_pitch_mm;
+  EXPECT_FALSE(plan(test::table(3, 3), without_supports(), machine).summary);
 }
 
 TEST(PlanJob, StopsWhenAskedAndHandsOnTheSinksError) {
