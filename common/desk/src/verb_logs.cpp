@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
-#include <telefab/desk/verb_logs.hpp>
+#include <telefab/desk/shared_verbs.hpp>
 #include <telefab/store/job_store.hpp>
 #include <thread>
 

@@ -1,4 +1,4 @@
-#include <telefab/desk/verb_logs.hpp>
+#include <telefab/desk/shared_verbs.hpp>
 
 #include "verbs.hpp"
 
@@ -15,7 +15,7 @@ int main(int argc, char** argv) {
       {"logs", "what happened to one job here", telefab::declare_logs},
       {"verify", "prove on a plan's masks that nothing floats; exit code 8 if something does", declare_verify},
       {"cover", "place the fewest anchors that hold given regions", declare_cover},
-      {"machines", "list the machine profiles", declare_machines},
+      {"machines", "list the machine profiles", telefab::declare_machines},
       {"probe", "ask the machine's devices who they are, LEDs off", declare_probe},
       {"simulate-usb", "offer a simulated projector and stage over USB/IP", declare_simulate_usb},
   };

@@ -5,7 +5,6 @@
 namespace telefab::fab {
 [[nodiscard]] VerbBody declare_export(CLI::App& options);
 [[nodiscard]] VerbBody declare_cover(CLI::App& options);
-[[nodiscard]] VerbBody declare_machines(CLI::App& options);
 [[nodiscard]] VerbBody declare_plan(CLI::App& options);
 [[nodiscard]] VerbBody declare_probe(CLI::App& options);
 [[nodiscard]] VerbBody declare_serve(CLI::App& options);

@@ -1,4 +1,4 @@
-#include <telefab/desk/verb_logs.hpp>
+#include <telefab/desk/shared_verbs.hpp>
 
 #include "verbs.hpp"
 
@@ -17,7 +17,7 @@ int main(int argc, char** argv) {
       {"inspect", "show where contours begin, end, part and join", declare_inspect},
       {"digitize", "make virtual range images of a mesh", declare_digitize},
       {"measure", "compare a built part with its reference", declare_measure},
-      {"machines", "list the machine profiles", declare_machines},
+      {"machines", "list the machine profiles", telefab::declare_machines},
   };
   return telefab::run_program(text, verbs, argc, argv);
 }

@@ -4,7 +4,6 @@
 // One function a verb, each in its own verb_NAME.cpp; main.cpp holds the table.
 namespace telefab::scan {
 [[nodiscard]] VerbBody declare_inspect(CLI::App& options);
-[[nodiscard]] VerbBody declare_machines(CLI::App& options);
 [[nodiscard]] VerbBody declare_clean(CLI::App& options);
 [[nodiscard]] VerbBody declare_digitize(CLI::App& options);
 [[nodiscard]] VerbBody declare_measure(CLI::App& options);

@@ -3,9 +3,9 @@
 #include <memory>
 #include <telefab/machine/machine_profile.hpp>
 
-#include "verbs.hpp"
+#include <telefab/desk/shared_verbs.hpp>
 
-namespace telefab::scan {
+namespace telefab {
 
 VerbBody declare_machines(CLI::App& options) {
   struct Options {
@@ -29,4 +29,4 @@ VerbBody declare_machines(CLI::App& options) {
   };
 }
 
-}  // namespace telefab::scan
+}  // namespace telefab
