@@ -7,7 +7,6 @@
 #include <telefab/base/file.hpp>
 #include <telefab/desk/shared_verbs.hpp>
 #include <telefab/store/job_store.hpp>
-#include <thread>
 
 namespace telefab {
 namespace {
@@ -68,7 +67,7 @@ Result<ExitCode> run(const LogsOptions& o, const std::stop_token& stop) {
   std::error_code error;
   if (!std::filesystem::exists(folder / "jobs.sqlite", error))
     return fail(ErrorCode::NotFound, fmt::format("{} is no folder of a daemon: it holds no jobs.sqlite", o.data));
-  const SystemClock clock;
+  SystemClock clock;
   const auto store = JobStore::open(folder / "jobs.sqlite", clock);
   if (!store) return tl::unexpected{store.error()};
   const auto job = (*store)->find(o.job);
@@ -95,7 +94,7 @@ Result<ExitCode> run(const LogsOptions& o, const std::stop_token& stop) {
     if (auto taken = take_events(more); !taken) return tl::unexpected{taken.error()};
     for (const LogEntry& entry : more) print(entry, o.json);
     if (is_final(now->state)) break;
-    std::this_thread::sleep_for(kLookEvery);
+    clock.sleep_for(kLookEvery);
   }
   return ExitCode::Ok;
 }
