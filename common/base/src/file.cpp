@@ -90,22 +90,27 @@ Result<std::vector<std::byte>> read_file(const std::filesystem::path& path, std:
   return bytes;
 }
 
-Result<void> write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes) {
+Result<std::filesystem::path> make_temporary_beside(const std::filesystem::path& path) {
   // A rename would put a plain file in the place of a folder or device.
   struct stat status {};
   if (::stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode))
     return fail(ErrorCode::InvalidInput,
                 fmt::format("cannot write {}: it is not a regular file; name another", path.string()));
-  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path{"."};
   std::string temporary = path.string() + ".XXXXXX";
-  Descriptor file{::mkostemp(temporary.data(), O_CLOEXEC)};
+  const Descriptor file{::mkostemp(temporary.data(), O_CLOEXEC)};
   if (file.get() < 0) return fail_errno("write", path, errno);
+  return std::filesystem::path{temporary};
+}
+
+Result<void> put_in_place(const std::filesystem::path& temporary, const std::filesystem::path& path) {
+  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path{"."};
   const auto give_up = [&](int error) {
     ::unlink(temporary.c_str());
     return fail_errno("write", path, error);
   };
-  if (const int error = write_all(file.get(), bytes)) return give_up(error);
-  if (::fchmod(file.get(), 0644) != 0) return give_up(errno);  // mkostemp made it 0600
+  Descriptor file{::open(temporary.c_str(), O_RDWR | O_CLOEXEC)};
+  if (file.get() < 0) return give_up(errno);
+  if (::fchmod(file.get(), 0644) != 0) return give_up(errno);  // it was made 0600
   if (::fsync(file.get()) != 0) return give_up(errno);
   if (!file.close()) return give_up(errno);
   if (::rename(temporary.c_str(), path.c_str()) != 0) return give_up(errno);
@@ -122,6 +127,19 @@ Result<void> write_new_secret(const std::filesystem::path& path, std::string_vie
   if (!written)
     return fail(ErrorCode::StorageFailed, fmt::format("cannot write {}: {}", path.string(), std::strerror(errno)));
   return {};
+}
+
+Result<void> write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes) {
+  const auto temporary = make_temporary_beside(path);
+  if (!temporary) return tl::unexpected{temporary.error()};
+  Descriptor file{::open(temporary->c_str(), O_WRONLY | O_CLOEXEC)};
+  int error = file.get() < 0 ? errno : write_all(file.get(), bytes);
+  if (error == 0 && !file.close()) error = errno;
+  if (error != 0) {
+    ::unlink(temporary->c_str());
+    return fail_errno("write", path, error);
+  }
+  return put_in_place(*temporary, path);
 }
 
 Result<void> write_file_atomically(const std::filesystem::path& path, std::string_view text) {

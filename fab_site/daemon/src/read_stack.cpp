@@ -14,12 +14,18 @@ constexpr std::uint64_t kMaxTfcBytes = 4ULL << 30U;
 
 }  // namespace
 
-Result<LayerStack> read_stack(const std::string& path) {
-  const auto bytes = read_file(path, kMaxTfcBytes);
+Result<StackFile> read_stack_file(const std::string& path) {
+  auto bytes = read_file(path, kMaxTfcBytes);
   if (!bytes) return tl::unexpected{bytes.error()};
   auto stack = read_tfc(*bytes);
   if (!stack) return fail_in(path, stack.error());
-  return stack;
+  return StackFile{std::move(*stack), std::move(*bytes)};
+}
+
+Result<LayerStack> read_stack(const std::string& path) {
+  auto file = read_stack_file(path);
+  if (!file) return tl::unexpected{file.error()};
+  return std::move(file->stack);
 }
 
 Result<MachineProfile> machine_for(const LayerStack& stack, const std::string& name, const std::string& folder) {

@@ -1,9 +1,14 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <memory>
+#include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/fab/formats/contour_export.hpp>
+#include <telefab/fab/formats/mask_export.hpp>
 #include <telefab/fab/mask/raster.hpp>
+#include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/geometry/contour_lines.hpp>
 #include <telefab/image/png.hpp>
 
@@ -13,65 +18,167 @@
 namespace telefab::fab {
 namespace {
 
+namespace fs = std::filesystem;
+
 struct Options {
-  std::string stack;
+  std::string from;
   std::string format;
   std::string out;
   std::string machine;
   std::string machines = default_machine_folder();
+  bool no_supports = false;
 };
 
-Result<void> export_lines(const LayerStack& stack, const Options& o, std::stop_token stop) {
-  std::string lines;
-  for (const Layer& layer : stack.layers()) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "the export was cancelled; nothing was written");
-    lines += to_json_line(layer) + '\n';
+/// What is exported: a plan with its masks, or contours alone.
+struct Source {
+  std::unique_ptr<PlannedJob> plan;  ///< null for a .tfc file
+  std::optional<LayerStack> stack;   ///< of the part; not read where only masks are asked for
+};
+
+Result<Source> open_source(const Options& o, bool contours) {
+  Source source;
+  std::error_code ignored;
+  if (fs::is_directory(o.from, ignored)) {
+    auto plan = PlannedJob::open(o.from);
+    if (!plan) return tl::unexpected{plan.error()};
+    source.plan = std::move(*plan);
+    if (!contours) return source;
+    auto part = source.plan->part();
+    if (!part)
+      return fail_in("the plan holds no contours of the part; plan the job again, or export its .tfc file",
+                     part.error());
+    source.stack = std::move(*part);
+    return source;
   }
-  return write_file_atomically(o.out, lines);
+  auto stack = read_stack(o.from);
+  if (!stack) return tl::unexpected{stack.error()};
+  source.stack = std::move(*stack);
+  return source;
 }
 
-/// One picture a layer of the part alone, by exact area coverage; `plan` makes the masks of a print.
-Result<void> export_pictures(const LayerStack& stack, const Options& o, std::stop_token stop) {
-  const auto machine = machine_for(stack, o.machine, o.machines);
-  if (!machine) return tl::unexpected{machine.error()};
-  const MaskFrame frame = mask_frame(*machine);
+Result<MachineProfile> machine_of(const Source& source, const Options& o) {
+  if (!source.plan) return machine_for(*source.stack, o.machine, o.machines);
+  const auto machines = load_machine_profiles(o.machines);
+  if (!machines) return tl::unexpected{machines.error()};
+  return find_machine(*machines, o.machine.empty() ? source.plan->plan().machine : o.machine);
+}
+
+Result<ContourJob> job_of(const Source& source, const MachineProfile& machine, const Options& o) {
+  const Point2 platform{machine.platform.width_mm, machine.platform.depth_mm};
+  if (!source.plan) return contour_job(*source.stack, platform);
+  auto supports = source.plan->supports();
+  if (!supports) return tl::unexpected{supports.error()};
+  if (o.no_supports)
+    for (auto& layer : *supports) layer.clear();
+  auto job = contour_job(*source.stack, platform, std::move(*supports));
+  if (job) job->name = source.plan->plan().job;
+  return job;
+}
+
+Result<std::uint32_t> export_lines(const ContourJob& job, const Options& o, const std::stop_token& stop) {
+  std::string lines;
+  for (std::uint32_t i = 0; i < job.layer_count; ++i) {
+    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "the export was cancelled; nothing was written");
+    Layer layer;
+    layer.index = LayerIndex{i};
+    layer.z_mm = cut_height_mm(layer.index, job.thickness_mm);
+    for (const ContourPart& part : job.parts)
+      layer.contours.insert(layer.contours.end(), part.layers[i].begin(), part.layers[i].end());
+    lines += to_json_line(layer) + '\n';
+  }
+  if (auto ok = write_file_atomically(o.out, lines); !ok) return tl::unexpected{ok.error()};
+  return job.layer_count;
+}
+
+/// One picture a layer: the masks of a plan, or of contours the part alone by exact area coverage.
+Result<std::uint32_t> export_pictures(const Source& source, const MachineProfile& machine, const Options& o,
+                                      const std::stop_token& stop) {
+  const MaskFrame frame = mask_frame(machine);
   std::error_code error;
-  const std::filesystem::path folder{o.out};
-  std::filesystem::create_directories(folder, error);
+  const fs::path folder{o.out};
+  fs::create_directories(folder, error);
   if (error) return fail(ErrorCode::NotPermitted, fmt::format("cannot make the folder {}: {}", o.out, error.message()));
   const ProgressSink progress = progress_line();
-  for (const Layer& layer : stack.layers()) {
+  const auto count =
+      source.plan ? static_cast<std::uint32_t>(source.plan->plan().layers.size()) : source.stack->header().layer_count;
+  for (std::uint32_t i = 0; i < count; ++i) {
     if (stop.stop_requested())
-      return fail(ErrorCode::Cancelled, fmt::format("the export was cancelled before layer {}", layer.index.count()));
-    const auto png = encode_png_grey(frame.size.width_px, frame.size.height_px, rasterise(layer.contours, frame).rows);
+      return fail(ErrorCode::Cancelled, fmt::format("the export was cancelled before layer {}", i));
+    const auto mask = source.plan ? source.plan->mask(LayerIndex{i})
+                                  : Result<Mask>{rasterise(source.stack->layers()[i].contours, frame)};
+    if (!mask) return tl::unexpected{mask.error()};
+    const auto png = encode_png_grey(mask->size.width_px, mask->size.height_px, mask->rows);
     if (!png) return tl::unexpected{png.error()};
-    if (auto done = write_new_file(folder / fmt::format("{:05}.png", layer.index.count()), *png); !done) return done;
-    report(progress, "writing pictures", (layer.index.count() + 1.0) / stack.header().layer_count);
+    if (auto done = write_new_file(folder / fmt::format("{:05}.png", i), *png); !done)
+      return tl::unexpected{done.error()};
+    report(progress, "writing pictures", (i + 1.0) / count);
   }
-  clear_progress();
-  return sync_file_system(folder);
+  if (auto ok = sync_file_system(folder); !ok) return tl::unexpected{ok.error()};
+  return count;
+}
+
+Result<std::uint32_t> export_archive(MaskFormat format, Source& source, const MachineProfile& machine, const Options& o,
+                                     const std::stop_token& stop) {
+  if (!source.plan)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("--format {} holds masks and exposures; give the folder of a plan. Make one with: "
+                            "telefab-fab plan {} --out DIR",
+                            o.format, o.from));
+  const auto done = export_masks(format, source.plan->plan(), *source.plan, machine, o.out, progress_line(), stop);
+  if (!done) return tl::unexpected{done.error()};
+  if (done->other_exposures != 0)
+    fmt::print(stderr,
+               "telefab-fab: {} layers have an exposure of their own, which this format cannot say; they get the "
+               "normal one\n",
+               done->other_exposures);
+  return done->layers;
+}
+
+Result<std::uint32_t> export_as_asked(const Options& o, const std::stop_token& stop) {
+  const bool archive = o.format == "sl1" || o.format == "nanodlp";
+  auto source = open_source(o, !archive && o.format != "png");
+  if (!source) return tl::unexpected{source.error()};
+  const auto machine = machine_of(*source, o);
+  if (!machine) return tl::unexpected{machine.error()};
+  if (archive)
+    return export_archive(o.format == "sl1" ? MaskFormat::Sl1 : MaskFormat::NanoDlp, *source, *machine, o, stop);
+  if (o.format == "png") return export_pictures(*source, *machine, o, stop);
+  const auto job = job_of(*source, *machine, o);
+  if (!job) return tl::unexpected{job.error()};
+  const auto format = contour_format_from_name(o.format);
+  if (!format) return export_lines(*job, o, stop);
+  if (auto ok = export_contours(*format, *job, o.out, progress_line(), stop); !ok) return tl::unexpected{ok.error()};
+  return job->layer_count;
 }
 
 }  // namespace
 
 VerbBody declare_export(CLI::App& options) {
   auto o = std::make_shared<Options>();
-  options.add_option("FILE", o->stack, "contour file (.tfc)")->required();
+  options.add_option("FROM", o->from, "folder of a plan (telefab-fab plan --out), or a contour file (.tfc)")
+      ->required();
   options
       .add_option("--format", o->format,
-                  "jsonl: one JSON line a layer, as telefab-scan slice --contours writes it; png: one picture a layer "
-                  "of the part alone")
+                  "of a plan: sl1, nanodlp (masks and exposures); of either: png (a folder of pictures), 3mf (slices), "
+                  "cli, cli-binary (Common Layer Interface), svg, jsonl (one JSON line a layer)")
       ->required()
-      ->check(CLI::IsMember({"jsonl", "png"}));
-  options.add_option("--out", o->out, "file (jsonl) or folder (png)")->required();
-  options.add_option("--machine", o->machine, "png: machine whose pixels are used; default: the one it was sliced for");
+      ->check(CLI::IsMember({"sl1", "nanodlp", "3mf", "cli", "cli-binary", "svg", "jsonl", "png"}));
+  options.add_option("--out", o->out, "file, or folder for png")->required();
+  options.add_flag("--no-supports", o->no_supports, "contours of a plan: the part alone, at its height above the base");
+  options.add_option("--machine", o->machine,
+                     "machine whose pixels and platform are used; default: the one it was planned or sliced for");
   options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  options.footer(
+      "Contours of a plan are the part and its supports, as two parts of the file; of a .tfc file the part alone.\n"
+      "Pictures in sl1 and nanodlp are turned as projection.orientation of the machine says; the archive states it.\n"
+      "The same input gives the same bytes. A file appears whole or not at all.\n"
+      "Examples: telefab-fab export statue-plan --format sl1 --out statue.sl1\n"
+      "          telefab-fab export statue.tfc --format cli --out statue.cli");
   return [o](std::stop_token stop) -> Result<ExitCode> {
-    const auto stack = read_stack(o->stack);
-    if (!stack) return tl::unexpected{stack.error()};
-    const auto done = o->format == "jsonl" ? export_lines(*stack, *o, stop) : export_pictures(*stack, *o, stop);
-    if (!done) return tl::unexpected{done.error()};
-    fmt::print("{} layers written to {}\n", stack->header().layer_count, o->out);
+    const auto layers = export_as_asked(*o, stop);
+    clear_progress();
+    if (!layers) return tl::unexpected{layers.error()};
+    fmt::print("{} layers written to {}\n", *layers, o->out);
     return ExitCode::Ok;
   };
 }

@@ -70,12 +70,13 @@ void print_summary(const PlanSummary& s, const std::string& folder) {
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const auto options = plan_options(o);
   if (!options) return tl::unexpected{options.error()};
-  const auto stack = read_stack(o.stack);
-  if (!stack) return tl::unexpected{stack.error()};
-  const auto machine = machine_for(*stack, o.machine, o.machines);
+  const auto file = read_stack_file(o.stack);
+  if (!file) return tl::unexpected{file.error()};
+  const auto machine = machine_for(file->stack, o.machine, o.machines);
   if (!machine) return tl::unexpected{machine.error()};
   const SystemClock clock;
-  const auto summary = write_plan_folder(o.out, *stack, *machine, *options, clock, progress_line(), stop);
+  const auto summary =
+      write_plan_folder(o.out, file->stack, *machine, *options, clock, progress_line(), stop, file->bytes);
   clear_progress();
   if (!summary) return tl::unexpected{summary.error()};
   if (o.json)

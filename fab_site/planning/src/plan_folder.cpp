@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <telefab/base/file.hpp>
+#include <telefab/codec/tfc_file.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/geometry/contour_lines.hpp>
 
@@ -11,6 +12,9 @@ namespace fs = std::filesystem;
 
 constexpr std::uint64_t kMaxPlanBytes = 256U << 20U;
 constexpr std::uint64_t kMaxMaskBytes = 256U << 20U;
+constexpr std::uint64_t kMaxPartBytes = 4ULL << 30U;
+constexpr const char* kPartFile = "part.tfc";
+constexpr const char* kSupportsFile = "supports.jsonl";
 
 std::string mask_name(LayerIndex layer) { return fmt::format("{:05}.png", layer.count()); }
 
@@ -74,7 +78,7 @@ Result<void> may_be_replaced(const fs::path& folder) {
 
 Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& stack, const MachineProfile& machine,
                                       const PlanOptions& options, const Clock& clock, const ProgressSink& progress,
-                                      std::stop_token stop) {
+                                      std::stop_token stop, std::span<const std::byte> tfc) {
   if (auto ok = may_be_replaced(folder); !ok) return tl::unexpected{ok.error()};
   // "out/" and "out" are the same folder.
   const fs::path wanted = folder.has_filename() ? folder : folder.parent_path();
@@ -93,14 +97,21 @@ Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& 
   if (!summary) return summary;
   const auto preview = encode_png(summary->preview);
   if (!preview) return tl::unexpected{preview.error()};
+  std::vector<std::byte> encoded;
+  if (tfc.empty()) {
+    auto bytes = write_tfc(stack, CodecOptions{.coding = Coding::Exact});
+    if (!bytes) return fail_in("keeping the part's contours", bytes.error());
+    tfc = encoded = std::move(*bytes);
+  }
   const auto as_bytes = [](const std::string& text) { return std::as_bytes(std::span{text}); };
   const std::string plan_text = to_json(summary->plan);
   const std::string report_text = to_json(*summary);
   const std::pair<const char*, std::span<const std::byte>> files[] = {
       {"plan.json", as_bytes(plan_text)},
       {"supports.json", as_bytes(summary->supports_json)},
-      {"supports.jsonl", as_bytes(support_lines)},
+      {kSupportsFile, as_bytes(support_lines)},
       {"report.json", as_bytes(report_text)},
+      {kPartFile, tfc},
       {"preview.png", *preview}};
   for (const auto& [name, bytes] : files)
     if (auto done = write_new_file(under_way.path() / name, bytes); !done) return tl::unexpected{done.error()};
@@ -143,6 +154,35 @@ Result<Mask> PlannedJob::mask(LayerIndex layer) {
     return fail(ErrorCode::NotTrusted,
                 fmt::format("{} is not the mask that was planned (digest); plan the job again", path.string()));
   return mask;
+}
+
+Result<LayerStack> PlannedJob::part() const {
+  const auto bytes = read_file(folder_ / kPartFile, kMaxPartBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  auto stack = read_tfc(*bytes);
+  if (!stack) return fail_in((folder_ / kPartFile).string(), stack.error());
+  return stack;
+}
+
+Result<std::vector<std::vector<Contour>>> PlannedJob::supports() const {
+  const fs::path path = folder_ / kSupportsFile;
+  const auto bytes = read_file(path, kMaxPartBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  std::string_view text{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+  std::vector<std::vector<Contour>> layers;
+  while (!text.empty()) {
+    const std::size_t end = std::min(text.find('\n'), text.size());
+    auto layer = layer_from_json_line(text.substr(0, end));
+    if (layer && layer->index.count() != layers.size())
+      layer = fail(ErrorCode::InvalidInput, fmt::format("layer {} stands here", layer->index.count()));
+    if (!layer) return fail_in(fmt::format("{}, line {}", path.string(), layers.size() + 1), layer.error());
+    layers.push_back(std::move(layer->contours));
+    text.remove_prefix(std::min(end + 1, text.size()));
+  }
+  if (layers.size() != plan_.layers.size())
+    return fail(ErrorCode::InvalidInput, fmt::format("{} has {} layers, the plan {}; plan the job again", path.string(),
+                                                     layers.size(), plan_.layers.size()));
+  return layers;
 }
 
 }  // namespace telefab::fab

@@ -26,8 +26,8 @@ const std::array<Strings, 3> kOrder{
     Strings{"scan_site/cloud", "scan_site/digitize", "scan_site/registration", "scan_site/mls", "scan_site/topology",
             "scan_site/contour", "scan_site/measure", "scan_site/pipeline", "scan_site/daemon"},
     Strings{"fab_site/region", "fab_site/support", "fab_site/mask", "fab_site/verify", "fab_site/cure",
-            "fab_site/device", "fab_site/print", "fab_site/planning", "fab_site/usb", "fab_site/drivers",
-            "fab_site/spool", "fab_site/web", "fab_site/daemon"}};
+            "fab_site/device", "fab_site/print", "fab_site/planning", "fab_site/formats", "fab_site/usb",
+            "fab_site/drivers", "fab_site/spool", "fab_site/web", "fab_site/daemon"}};
 
 /// Nothing depends on these.
 const Strings kLeaves{"common/cli", "scan_site/daemon", "fab_site/daemon"};
@@ -51,6 +51,7 @@ const std::vector<Heavy> kHeavy{
     {"google/protobuf", {"common/wire"}},
     {"telefab/v1/", {"common/wire"}},
     {"sqlite3.h", {"common/store"}},
+    {"zip.h", {"fab_site/formats"}},
     {"boost/asio", {"common/net", "common/cli", "fab_site/web", "scan_site/daemon", "fab_site/daemon"}},
     {"boost/beast", {"fab_site/web"}},
     {"openssl/", {"common/base", "common/net", "fab_site/web"}},

@@ -22,6 +22,13 @@ namespace telefab {
 /// the file is there already.
 [[nodiscard]] Result<void> write_new_secret(const std::filesystem::path& path, std::string_view text);
 
+/// The name of a temporary file beside `path`, for writers that need a path of their own; the file exists, empty.
+/// Ends in put_in_place, or in being removed. Fails as write_file_atomically.
+[[nodiscard]] Result<std::filesystem::path> make_temporary_beside(const std::filesystem::path& path);
+/// Gives `temporary`, closed and complete, the name `path`: fsync, rename, fsync of the folder. `path` holds its old
+/// bytes or all of the new ones. Fails as write_file_atomically; the temporary file is gone either way.
+[[nodiscard]] Result<void> put_in_place(const std::filesystem::path& temporary, const std::filesystem::path& path);
+
 /// Writes a file whose name nobody looks at yet; not synced. For folders that are renamed into place after
 /// sync_file_system. Fails as write_file_atomically; leaves a part behind.
 [[nodiscard]] Result<void> write_new_file(const std::filesystem::path& path, std::span<const std::byte> bytes);

@@ -1,0 +1,34 @@
+#pragma once
+#include <string>
+#include <telefab/fab/mask/orientation.hpp>
+#include <telefab/fab/print/print_plan.hpp>
+
+#include "mask_survey.hpp"
+
+namespace telefab::fab {
+
+/// All that the texts inside an archive tell of a job.
+struct ArchiveFacts {
+  std::string job;  ///< letters, digits, '-', '_' and '.' only
+  PixelSize size;
+  Orientation optics;
+  const MachineProfile* machine = nullptr;
+  std::uint32_t layers = 0;
+  std::uint32_t bottom_layers = 0;
+  double exposure_s = 0;
+  double bottom_exposure_s = 0;
+  double print_s = 0;
+};
+
+/// Texts of an SL1 archive. `solid_mm3`: grey-weighted volume of all masks.
+[[nodiscard]] std::string sl1_config(const ArchiveFacts& facts, double solid_mm3);
+[[nodiscard]] std::string sl1_profile(const ArchiveFacts& facts);
+
+/// Texts of a NanoDLP archive.
+[[nodiscard]] std::string nanodlp_meta();
+[[nodiscard]] std::string nanodlp_profile(const ArchiveFacts& facts);
+[[nodiscard]] std::string nanodlp_slicer(const ArchiveFacts& facts);
+[[nodiscard]] std::string nanodlp_plate(const ArchiveFacts& facts, const std::vector<LayerSurvey>& layers);
+[[nodiscard]] std::string nanodlp_info(const ArchiveFacts& facts, const std::vector<LayerSurvey>& layers);
+
+}  // namespace telefab::fab

@@ -1,0 +1,30 @@
+#include <algorithm>
+#include <string>
+#include <telefab/fab/mask/orientation.hpp>
+
+namespace telefab::fab {
+
+Result<Orientation> orientation_from_name(std::string_view name) {
+  if (name == "normal") return Orientation{};
+  if (name == "mirror-x") return Orientation{true, false};
+  if (name == "mirror-y") return Orientation{false, true};
+  if (name == "rotate-180") return Orientation{true, true};
+  return fail(ErrorCode::InvalidInput, "orientation \"" + std::string{name} +
+                                           "\" is unknown; there are normal, mirror-x, mirror-y and rotate-180");
+}
+
+Mask turned_for_optics(const MaskView& mask, Orientation optics) {
+  const std::size_t width = mask.size.width_px;
+  Mask out{mask.size, std::vector<std::uint8_t>(mask.rows.size())};
+  for (std::uint32_t y = 0; y < mask.size.height_px; ++y) {
+    const auto row = mask.rows.subspan((optics.mirrors_y ? mask.size.height_px - 1 - y : y) * width, width);
+    const auto to = out.rows.begin() + static_cast<std::ptrdiff_t>(y * width);
+    if (optics.mirrors_x)
+      std::reverse_copy(row.begin(), row.end(), to);
+    else
+      std::copy(row.begin(), row.end(), to);
+  }
+  return out;
+}
+
+}  // namespace telefab::fab

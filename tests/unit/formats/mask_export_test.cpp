@@ -1,0 +1,208 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <spng.h>
+
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <telefab/fab/formats/mask_export.hpp>
+#include <telefab/fab/mask/orientation.hpp>
+#include <telefab/fab/mask/raster.hpp>
+#include <telefab/image/png.hpp>
+#include <telefab/test/block_stack.hpp>
+
+#include "scratch_folder.hpp"
+#include "zip_entries.hpp"
+
+namespace telefab::fab {
+namespace {
+
+using testing::HasSubstr;
+
+/// A part without any symmetry: an L that leans to one corner, cut shorter from layer to layer.
+class MemoryMasks final : public MaskSource {
+ public:
+  MemoryMasks(const MachineProfile& machine, std::uint32_t layers) {
+    for (std::uint32_t i = 0; i < layers; ++i) {
+      const std::vector<Contour> rings{
+          Contour::from_vertices({{2, 3}, {20.03 - i, 3}, {20.03 - i, 5.55}, {6, 5.55}, {6, 14}, {2, 14}}).value()};
+      masks.push_back(rasterise(rings, mask_frame(machine)));
+    }
+  }
+  Result<Mask> mask(LayerIndex layer) override {
+    if (fail_at && *fail_at == layer.count()) return fail(ErrorCode::NotTrusted, "digest of layer 2");
+    return masks.at(layer.count());
+  }
+  std::vector<Mask> masks;
+  std::optional<std::uint32_t> fail_at;
+};
+
+PrintPlan plan_of(const MachineProfile& machine, const MemoryMasks& source) {
+  PrintPlan plan;
+  plan.job = "thumbnail of ../L";
+  plan.machine = machine.name;
+  plan.mask_size = machine.mask_size();
+  plan.motion = machine.motion;
+  plan.z_travel_mm = machine.platform.z_travel_mm;
+  for (std::uint32_t i = 0; i < source.masks.size(); ++i)
+    plan.layers.push_back({LayerIndex{i}, (i + 1) * machine.layers.thickness_mm,
+                           std::chrono::milliseconds{i < 2 ? 8000 : 2000},
+                           digest_of(std::as_bytes(std::span{source.masks[i].rows}))});
+  return plan;
+}
+
+/// By spng itself, not through the library under test. Fails unless it is 8-bit grey.
+Mask decoded(const std::string& png) {
+  spng_ctx* context = spng_ctx_new(0);
+  spng_set_png_buffer(context, png.data(), png.size());
+  spng_ihdr header{};
+  EXPECT_EQ(spng_get_ihdr(context, &header), 0);
+  EXPECT_EQ(header.color_type, SPNG_COLOR_TYPE_GRAYSCALE);
+  EXPECT_EQ(header.bit_depth, 8);
+  Mask mask{{header.width, header.height}, std::vector<std::uint8_t>(std::size_t{header.width} * header.height)};
+  EXPECT_EQ(spng_decode_image(context, mask.rows.data(), mask.rows.size(), SPNG_FMT_PNG, 0), 0);
+  spng_ctx_free(context);
+  return mask;
+}
+
+std::map<std::string, std::string> ini(const std::string& text) {
+  std::map<std::string, std::string> values;
+  std::istringstream lines{text};
+  for (std::string line; std::getline(lines, line);)
+    if (const auto at = line.find(" = "); at != std::string::npos) values[line.substr(0, at)] = line.substr(at + 3);
+  return values;
+}
+
+class MaskExport : public test::ScratchFolder {
+ protected:
+  Result<MaskExportReport> write(MaskFormat format, const std::string& name = "x", std::stop_token stop = {}) {
+    return export_masks(format, plan_of(machine, masks), masks, machine, folder / name, {}, stop);
+  }
+  MachineProfile machine = test::small_machine();
+  MemoryMasks masks{machine, 6};
+};
+
+TEST_F(MaskExport, Sl1HoldsEveryMaskPixelByPixel) {
+  const auto report = write(MaskFormat::Sl1);
+  ASSERT_TRUE(report) << report.error().what;
+  EXPECT_EQ(report->layers, 6U);
+  EXPECT_EQ(report->other_exposures, 0U);
+  const auto entries = test::zip_entries(folder / "x");
+  const auto config = ini(entries.at("config.ini"));
+  for (std::uint32_t i = 0; i < 6; ++i)
+    EXPECT_EQ(decoded(entries.at(config.at("jobDir") + "0000" + std::to_string(i) + ".png")), masks.masks[i]) << i;
+  EXPECT_EQ(entries.size(), 6U + 4U);
+}
+
+TEST_F(MaskExport, Sl1SaysWhatItsReadersAskFor) {
+  ASSERT_TRUE(write(MaskFormat::Sl1));
+  const auto entries = test::zip_entries(folder / "x");
+  const auto config = ini(entries.at("config.ini"));
+  EXPECT_EQ(config.at("action"), "print");
+  EXPECT_EQ(config.at("jobDir"), "job");  // no path, and no reader takes a layer for a preview
+  EXPECT_EQ(config.at("layerHeight"), "0.1");
+  EXPECT_EQ(config.at("expTime"), "2.000");
+  EXPECT_EQ(config.at("expTimeFirst"), "8.000");
+  EXPECT_EQ(config.at("numFade"), "2");
+  EXPECT_EQ(config.at("numFast"), "6");
+  EXPECT_EQ(config.at("numSlow"), "0");
+  for (const char* key : {"materialName", "printTime", "printerModel", "printProfile", "usedMaterial"})
+    EXPECT_EQ(config.count(key), 1U) << key;
+  const auto profile = ini(entries.at("prusaslicer.ini"));
+  EXPECT_EQ(profile.at("display_pixels_x"), "400");
+  EXPECT_EQ(profile.at("display_pixels_y"), "300");
+  EXPECT_EQ(std::stod(profile.at("display_width")), 40);
+  EXPECT_EQ(std::stod(profile.at("display_height")), 30);
+  EXPECT_EQ(profile.at("display_orientation"), "landscape");
+  EXPECT_EQ(profile.at("display_mirror_x"), "0");
+  EXPECT_EQ(profile.at("layer_height"), config.at("layerHeight"));
+  EXPECT_EQ(profile.at("initial_layer_height"), config.at("layerHeight"));
+  for (const char* name : {"thumbnail/thumbnail400x400.png", "thumbnail/thumbnail800x480.png"})
+    EXPECT_THAT(decode_png(std::as_bytes(std::span{entries.at(name)}), 1'000'000),
+                testing::Truly([](const auto& r) { return r.has_value() && r->channels == 3; }))
+        << name;
+}
+
+TEST_F(MaskExport, NanoDlpCountsItsLayersFromOneAndSaysWhatItsReadersAskFor) {
+  ASSERT_TRUE(write(MaskFormat::NanoDlp));
+  const auto entries = test::zip_entries(folder / "x");
+  for (std::uint32_t i = 0; i < 6; ++i)
+    EXPECT_EQ(decoded(entries.at(std::to_string(i + 1) + ".png")), masks.masks[i]) << i;
+  const auto json = [&](const char* name) { return nlohmann::json::parse(entries.at(name)); };
+  EXPECT_EQ(json("meta.json").at("FormatVersion"), 2);
+  EXPECT_EQ(json("plate.json").at("LayersCount"), 6);
+  EXPECT_NEAR(json("plate.json").at("XMin").get<double>(), 2 - 20, 1e-6);
+  EXPECT_NEAR(json("plate.json").at("ZMax").get<double>(), 0.6, 1e-6);
+  EXPECT_EQ(json("slicer.json").at("PWidth"), 400);
+  EXPECT_EQ(json("slicer.json").at("PHeight"), 300);
+  EXPECT_EQ(json("slicer.json").at("Thickness"), 100);
+  EXPECT_EQ(json("options.json"), json("slicer.json"));
+  EXPECT_EQ(json("profile.json").at("CureTime"), 2);
+  EXPECT_EQ(json("profile.json").at("SupportCureTime"), 8);
+  EXPECT_EQ(json("profile.json").at("SupportLayerNumber"), 2);
+  const auto info = json("info.json");
+  ASSERT_EQ(info.size(), 6U);
+  EXPECT_EQ(info[0].at("AreaCount"), 1);
+  EXPECT_EQ(info[0].at("MinX"), 20);
+  EXPECT_EQ(info[0].at("MaxY"), 300 - 30);
+  EXPECT_NEAR(info[0].at("TotalSolidArea").get<double>(), 18.03 * 2.55 + 4 * 8.45, 0.05);
+}
+
+TEST_F(MaskExport, GivesTheSameBytesTwice) {
+  for (const auto format : {MaskFormat::Sl1, MaskFormat::NanoDlp}) {
+    ASSERT_TRUE(write(format, "a"));
+    ASSERT_TRUE(write(format, "b"));
+    EXPECT_EQ(bytes("a"), bytes("b"));
+  }
+}
+
+TEST_F(MaskExport, TurnsTheMasksAsTheOpticsNeedAndStatesIt) {
+  const std::pair<const char*, Orientation> all[] = {
+      {"mirror-x", {true, false}}, {"mirror-y", {false, true}}, {"rotate-180", {true, true}}};
+  for (const auto& [name, optics] : all) {
+    machine.projection.orientation = name;
+    ASSERT_TRUE(write(MaskFormat::Sl1));
+    const auto entries = test::zip_entries(folder / "x");
+    const Mask shown = decoded(entries.at("job00003.png"));
+    EXPECT_NE(shown, masks.masks[3]);
+    // What the optics do to the picture gives the mask again.
+    EXPECT_EQ(turned_for_optics(shown.view(), optics), masks.masks[3]) << name;
+    const auto profile = ini(entries.at("prusaslicer.ini"));
+    EXPECT_EQ(profile.at("display_mirror_x"), optics.mirrors_x ? "1" : "0") << name;
+    EXPECT_EQ(profile.at("display_mirror_y"), optics.mirrors_y ? "1" : "0") << name;
+  }
+}
+
+TEST_F(MaskExport, CountsLayersWhoseExposureTheFormatCannotSay) {
+  PrintPlan plan = plan_of(machine, masks);
+  plan.layers[4].exposure = std::chrono::milliseconds{3000};
+  const auto report = export_masks(MaskFormat::Sl1, plan, masks, machine, folder / "x", {}, {});
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->other_exposures, 1U);
+  EXPECT_EQ(ini(test::zip_entries(folder / "x").at("config.ini")).at("expTime"), "2.000");
+}
+
+TEST_F(MaskExport, LeavesTheOlderFileWhereAMaskFailsOrTheUserStops) {
+  ASSERT_TRUE(write_file_atomically(folder / "x", "older"));
+  masks.fail_at = 2;
+  const auto failed = write(MaskFormat::Sl1);
+  ASSERT_FALSE(failed);
+  EXPECT_EQ(failed.error().code, ErrorCode::NotTrusted);
+  masks.fail_at.reset();
+  std::stop_source stop;
+  stop.request_stop();
+  EXPECT_EQ(write(MaskFormat::NanoDlp, "x", stop.get_token()).error().code, ErrorCode::Cancelled);
+  EXPECT_EQ(text("x"), "older");
+  EXPECT_EQ(files(), 1);
+}
+
+TEST_F(MaskExport, RefusesAPlanOfAnotherMachine) {
+  const PrintPlan plan = plan_of(machine, masks);
+  machine.projection.pixel_pitch_mm = 0.05;
+  const auto done = export_masks(MaskFormat::Sl1, plan, masks, machine, folder / "x", {}, {});
+  ASSERT_FALSE(done);
+  EXPECT_THAT(done.error().what, HasSubstr("plan the job again"));
+  EXPECT_EQ(files(), 0);
+}
+
+}  // namespace
+}  // namespace telefab::fab
