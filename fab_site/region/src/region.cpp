@@ -1,11 +1,14 @@
 #include <fmt/format.h>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <numeric>
 #include <polyclipping/clipper.hpp>
 #include <telefab/fab/region/region.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/geometry/limits.hpp>
+#include <tuple>
 
 namespace cl = ClipperLib;
 
@@ -48,12 +51,81 @@ Region to_region(const cl::Paths& paths) {
   return RegionMaker::make(std::move(rings));
 }
 
+using Box = std::pair<GridPoint, GridPoint>;
+
+Box box_of(const GridRing& ring) {
+  GridPoint least = ring.front(), most = least;
+  for (const GridPoint& p : ring) {
+    least = {std::min(least.x, p.x), std::min(least.y, p.y)};
+    most = {std::max(most.x, p.x), std::max(most.y, p.y)};
+  }
+  return {least, most};
+}
+
+/// A number for every box, the same for boxes that hang together by touching or overlapping ones; counted from 0 in
+/// the order of first appearance.
+std::vector<std::uint32_t> groups_of(const std::vector<Box>& boxes, std::uint32_t& count) {
+  std::vector<std::uint32_t> parent(boxes.size()), order(boxes.size()), active;
+  std::iota(parent.begin(), parent.end(), 0U);
+  std::iota(order.begin(), order.end(), 0U);
+  const auto root = [&](std::uint32_t i) {
+    while (parent[i] != i) i = parent[i] = parent[parent[i]];
+    return i;
+  };
+  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return boxes[a].first.y != boxes[b].first.y ? boxes[a].first.y < boxes[b].first.y : a < b;
+  });
+  for (const std::uint32_t i : order) {
+    std::erase_if(active, [&](std::uint32_t j) { return boxes[j].second.y < boxes[i].first.y; });
+    for (const std::uint32_t j : active)
+      if (boxes[j].first.x <= boxes[i].second.x && boxes[j].second.x >= boxes[i].first.x) parent[root(i)] = root(j);
+    active.push_back(i);
+  }
+  count = 0;
+  std::vector<std::uint32_t> number(boxes.size(), std::numeric_limits<std::uint32_t>::max()), group(boxes.size());
+  for (std::uint32_t i = 0; i < boxes.size(); ++i) {
+    std::uint32_t& n = number[root(i)];
+    if (n == std::numeric_limits<std::uint32_t>::max()) n = count++;
+    group[i] = n;
+  }
+  return group;
+}
+
+constexpr std::size_t kFewRings = 12;  ///< below which sorting them apart costs more than it saves
+
+/// Clipper's time grows with the edges that one scan line meets. Rings whose boxes are apart have nothing to do with
+/// each other, so every group of rings is combined alone.
 Region combined(cl::ClipType kind, std::span<const GridRing> a, std::span<const GridRing> b, cl::PolyFillType fill) {
-  cl::Clipper clipper;
-  clipper.AddPaths(to_paths(a), cl::ptSubject, true);
-  clipper.AddPaths(to_paths(b), cl::ptClip, true);
   cl::Paths out;
-  clipper.Execute(kind, out, fill, fill);
+  std::uint32_t count = 1;
+  std::vector<std::uint32_t> group;
+  if (a.size() + b.size() >= kFewRings) {
+    std::vector<Box> boxes;
+    for (const auto& rings : {a, b})
+      for (const GridRing& ring : rings)
+        boxes.push_back(ring.empty() ? Box{} : box_of(ring));  // an empty ring adds nothing wherever it goes
+    group = groups_of(boxes, count);
+  }
+  if (count <= 1) {
+    cl::Clipper clipper;
+    clipper.AddPaths(to_paths(a), cl::ptSubject, true);
+    clipper.AddPaths(to_paths(b), cl::ptClip, true);
+    clipper.Execute(kind, out, fill, fill);
+    return to_region(out);
+  }
+  std::vector<cl::Paths> subject(count), clip(count);
+  for (std::size_t i = 0; i < a.size(); ++i) subject[group[i]].push_back(to_path(a[i]));
+  for (std::size_t i = 0; i < b.size(); ++i) clip[group[a.size() + i]].push_back(to_path(b[i]));
+  for (std::uint32_t g = 0; g < count; ++g) {
+    if (subject[g].empty() && kind != cl::ctUnion) continue;
+    if (clip[g].empty() && kind == cl::ctIntersection) continue;
+    cl::Clipper clipper;
+    clipper.AddPaths(subject[g], cl::ptSubject, true);
+    clipper.AddPaths(clip[g], cl::ptClip, true);
+    cl::Paths part;
+    clipper.Execute(kind, part, fill, fill);
+    out.insert(out.end(), part.begin(), part.end());
+  }
   return to_region(out);
 }
 
@@ -72,15 +144,6 @@ double ring_area(const GridRing& ring) {
 GridPoint lowest(const GridRing& ring) {
   return *std::min_element(ring.begin(), ring.end(),
                            [](const GridPoint& a, const GridPoint& b) { return a.y != b.y ? a.y < b.y : a.x < b.x; });
-}
-
-std::pair<GridPoint, GridPoint> box_of(const GridRing& ring) {
-  GridPoint least = ring.front(), most = least;
-  for (const GridPoint& p : ring) {
-    least = {std::min(least.x, p.x), std::min(least.y, p.y)};
-    most = {std::max(most.x, p.x), std::max(most.y, p.y)};
-  }
-  return {least, most};
 }
 
 bool boxes_apart(const Region& a, const Region& b) {
@@ -271,10 +334,51 @@ Region unite(const Region& a, const Region& b) {
   return combined(cl::ctUnion, a.rings(), b.rings(), cl::pftPositive);
 }
 
-Region unite(std::span<const Region> regions) {
+namespace {
+
+Region united_rings(std::span<const Region* const> regions) {
   std::vector<GridRing> rings;
-  for (const Region& region : regions) rings.insert(rings.end(), region.rings().begin(), region.rings().end());
+  for (const Region* region : regions) rings.insert(rings.end(), region->rings().begin(), region->rings().end());
   return combined(cl::ctUnion, rings, {}, cl::pftPositive);
+}
+
+/// Halves are united first: where many overlap, what is covered already is gone before the next is added.
+Region united_halves(std::span<const Region* const> regions) {
+  constexpr std::size_t kAtOnce = 16;
+  if (regions.size() <= kAtOnce) return united_rings(regions);
+  const std::size_t half = regions.size() / 2;
+  const Region halves[] = {united_halves(regions.first(half)), united_halves(regions.subspan(half))};
+  const Region* const both[] = {&halves[0], &halves[1]};
+  return united_rings(both);
+}
+
+}  // namespace
+
+Region unite(std::span<const Region> regions) {
+  constexpr std::size_t kMany = 64;
+  std::vector<const Region*> all;
+  for (const Region& region : regions)
+    if (!region.empty()) all.push_back(&region);
+  if (all.size() < kMany) return united_rings(all);
+  // In bands of rows, so that what lies together is united together.
+  std::vector<Box> boxes;
+  Box whole = box_of(all.front()->rings().front());
+  for (const Region* region : all) {
+    boxes.push_back(box_of(region->rings().front()));
+    whole.first.y = std::min(whole.first.y, boxes.back().first.y);
+    whole.second.y = std::max(whole.second.y, boxes.back().second.y);
+  }
+  const auto bands = static_cast<std::int64_t>(std::sqrt(static_cast<double>(all.size()) / 2));
+  const std::int64_t band = std::max<std::int64_t>(1, (whole.second.y - whole.first.y) / bands);
+  std::vector<std::size_t> order(all.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  const auto key = [&](std::size_t i) {
+    return std::tuple{(boxes[i].first.y - whole.first.y) / band, boxes[i].first.x, boxes[i].first.y, i};
+  };
+  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return key(a) < key(b); });
+  std::vector<const Region*> sorted;
+  for (const std::size_t i : order) sorted.push_back(all[i]);
+  return united_halves(sorted);
 }
 
 Region intersect(const Region& a, const Region& b) {

@@ -37,10 +37,20 @@ double length_mm(const Region& region) {
 
 bool holds(const Region& contact, const SelfSupportLaw& law) {
   const double area = contact.area_mm2();
-  if (area < law.speck_mm2) return false;
+  // A tenth above the four pixels that count as an island: the regions here are simplified ones.
+  if (area < 2.2 * law.speck_mm2) return false;
   // The largest disc inside has at least the radius area / boundary: that settles all but the slight ones.
   if (area >= law.contact.count() * length_mm(contact)) return true;
   return !offset(contact, Millimetres{-law.contact.count()}, law.arc_tolerance).empty();
+}
+
+/// True where the piece that the contact belongs to lies on the layer below as a whole: it lights no pixel that is
+/// not lit below, however small it is.
+bool rests(const Region& contact, std::span<const Region> pieces, const Region& below, const SelfSupportLaw& law) {
+  const Point2 inside = inner_point(contact);
+  for (const Region& piece : pieces)
+    if (piece.contains(inside)) return subtract(piece, below).area_mm2() <= 0.05 * law.speck_mm2;
+  return false;
 }
 
 /// What stays connected to no contact once the current layer is thinned by the neck's half width.
@@ -70,9 +80,12 @@ LayerRegions analyse_layer(const Region& below, const Region& current, const Sel
     out.self_supported = current;
     return out;
   }
-  std::vector<Region> grown, contacts;
+  std::vector<Region> grown, contacts, pieces;
   for (Region& piece : out.attached.pieces()) {
-    if (!holds(piece, law)) continue;
+    if (!holds(piece, law)) {
+      if (pieces.empty()) pieces = current.pieces();
+      if (!rests(piece, pieces, below, law)) continue;
+    }
     grown.push_back(offset(piece, law.reach(piece.area_mm2()), law.arc_tolerance));
     contacts.push_back(std::move(piece));
   }

@@ -71,23 +71,38 @@ class Router {
     Point2 foot;
     double joint_mm = 0;  ///< height where arm meets pin
     double floor_mm = 0;  ///< top of what the pin stands on
+    double sunk_mm = 0;   ///< where the foot begins
     bool stands_on_part = false;
   };
+
+  /// Material that a mask shows right at the place: a disc of most of a pixel fits.
+  [[nodiscard]] bool solid_at(Point2 q, std::uint32_t layer) const {
+    const double r = 0.75 * machine_.projection.pixel_pitch_mm;
+    const Region& part = layers_[layer];
+    return part.contains(q) && part.contains({q.x_mm + r, q.y_mm}) && part.contains({q.x_mm - r, q.y_mm}) &&
+           part.contains({q.x_mm, q.y_mm + r}) && part.contains({q.x_mm, q.y_mm - r});
+  }
 
   /// The highest layer below `layer` whose material truly lies under the place; columns only say where to look.
   [[nodiscard]] std::optional<std::uint32_t> floor_below(Point2 q, std::int64_t layer) const {
     for (auto hit = bare_.highest_below(q, layer); hit; hit = bare_.highest_below(q, *hit))
-      if (layers_[*hit].contains(q)) return hit;
+      if (solid_at(q, *hit)) return hit;
     return std::nullopt;
   }
 
-  /// True where a foot's whole disc finds material within its sink depth.
+  /// Where a foot on that layer begins: a few layers down in the part, but never out of its lower side.
+  [[nodiscard]] double sunk_mm(Point2 q, std::uint32_t floor) const {
+    std::uint32_t lowest = floor;
+    while (lowest > 0 && floor - lowest + 1 < kSink && solid_at(q, lowest - 1)) --lowest;
+    return (lowest + lift_) * t_;
+  }
+
+  /// True where a foot's whole disc finds material.
   [[nodiscard]] bool foot_is_held(Point2 q, std::uint32_t floor) const {
-    const std::uint32_t deep = floor >= kSink - 1 ? floor - (kSink - 1) : 0;
     const double r = 0.7 * p_.tip_radius_mm;
     int held = 0;
     for (const auto& [dx, dy] : {std::pair{r, r}, {r, -r}, {-r, r}, {-r, -r}})
-      held += layers_[deep].contains({q.x_mm + dx, q.y_mm + dy}) || layers_[floor].contains({q.x_mm + dx, q.y_mm + dy});
+      held += layers_[floor].contains({q.x_mm + dx, q.y_mm + dy});
     return held >= 3;
   }
 
@@ -124,7 +139,7 @@ class Router {
         const auto hit = wide_.highest_below(q, part_layer(joint) + 1);
         if (!hit) {
           if (rho == 0 && !arm_is_clear(at, contact_mm - t_, q, joint)) continue;
-          return Choice{q, joint, 0, false};
+          return Choice{q, joint, 0, 0, false};
         }
         if (on_part) continue;
         const auto floor = floor_below(q, part_layer(joint) + 1);
@@ -133,7 +148,8 @@ class Router {
         // Room for a full pin on the part: the shaft's clearance is broken only close above its foot.
         if (joint - floor_mm < 2 * p_.pin_radius_mm) continue;
         if (top_of(*hit) - floor_mm > 2 * p_.pin_radius_mm + p_.clearance_mm) continue;
-        if (rho == 0 || arm_is_clear(at, contact_mm - t_, q, joint)) on_part = Choice{q, joint, floor_mm, true};
+        if (rho == 0 || arm_is_clear(at, contact_mm - t_, q, joint))
+          on_part = Choice{q, joint, floor_mm, sunk_mm(q, *floor), true};
       }
     }
     return on_part;
@@ -159,8 +175,8 @@ class Router {
       ++out_.feet_on_part;
       // A small foot, sunk a few layers into the part so that it is welded on, as easy to break off as a tip.
       const double height = std::min(2 * p_.pin_radius_mm, choice->joint_mm - bottom);
-      add(StickKind::Foot, {top.x_mm, top.y_mm, std::max(0.0, bottom - kSink * t_)},
-          {top.x_mm, top.y_mm, bottom + height}, std::min(p_.pin_radius_mm, 1.25 * p_.tip_radius_mm), p_.pin_radius_mm);
+      add(StickKind::Foot, {top.x_mm, top.y_mm, choice->sunk_mm}, {top.x_mm, top.y_mm, bottom + height},
+          std::min(p_.pin_radius_mm, 1.25 * p_.tip_radius_mm), p_.pin_radius_mm);
       bottom += height;
     } else {
       const double height = std::min(p_.base_thickness_mm + p_.foot_radius_mm, choice->joint_mm);
@@ -179,7 +195,7 @@ class Router {
     const auto floor = floor_below(at, anchor.layer.count());
     anchor.on_part = floor.has_value();
     const double r = p_.tip_radius_mm;
-    const double bottom = floor ? std::max(0.0, top_of(*floor) - kSink * t_) : 0;
+    const double bottom = floor ? sunk_mm(at, *floor) : 0;
     out_.feet_on_part += floor.has_value();
     const double length = contact - bottom;
     const double waist = std::min(p_.pin_radius_mm, std::max(r, length / (2 * p_.slenderness)));

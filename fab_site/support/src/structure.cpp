@@ -6,15 +6,21 @@
 namespace telefab::fab {
 namespace {
 
+/// Everything within the radius of a segment: half a disc at either end, joined. Chords lie inside the arcs.
 Region stadium(Point2 a, Point2 b, double radius, Millimetres tolerance) {
-  const Region ends[] = {disc(a, Millimetres{radius}, tolerance), disc(b, Millimetres{radius}, tolerance)};
-  const double dx = b.x_mm - a.x_mm, dy = b.y_mm - a.y_mm, length = std::hypot(dx, dy);
-  if (length < 1e-6 || radius <= 0) return ends[0];
-  const double nx = -dy / length * radius, ny = dx / length * radius;
-  const std::vector<GridRing> body{{to_grid({a.x_mm - nx, a.y_mm - ny}), to_grid({b.x_mm - nx, b.y_mm - ny}),
-                                    to_grid({b.x_mm + nx, b.y_mm + ny}), to_grid({a.x_mm + nx, a.y_mm + ny})}};
-  const Region all[] = {ends[0], ends[1], Region::from_rings(body, true).value_or(Region{})};
-  return unite(all);
+  const double dx = b.x_mm - a.x_mm, dy = b.y_mm - a.y_mm;
+  if (std::hypot(dx, dy) < 1e-6 || radius <= 0) return disc(a, Millimetres{radius}, tolerance);
+  const double along = std::atan2(dy, dx);
+  const double step = 2 * std::acos(std::clamp(1 - tolerance.count() / radius, 0.5, 1.0 - 1e-6));
+  const int n = std::max(4, static_cast<int>(std::ceil(std::numbers::pi / step)));
+  std::vector<GridRing> ring(1);
+  for (int end = 0; end < 2; ++end)
+    for (int i = 0; i <= n; ++i) {
+      const double turn = along + std::numbers::pi * (end - 0.5 + static_cast<double>(i) / n);
+      const Point2& c = end == 0 ? b : a;
+      ring[0].push_back(to_grid({c.x_mm + radius * std::cos(turn), c.y_mm + radius * std::sin(turn)}));
+    }
+  return Region::from_rings(ring).value_or(Region{});
 }
 
 }  // namespace

@@ -70,8 +70,12 @@ struct Checker {
   void islands(std::size_t k) {
     if (k == 0) return;
     const auto contacts = contacts_of(all[k], all[k - 1]);
-    for (const Region& piece : all[k].pieces())
-      if (piece.area_mm2() >= speck && !touched(piece, contacts)) note(Finding::Kind::Island, k, piece);
+    for (const Region& piece : all[k].pieces()) {
+      if (piece.area_mm2() < speck || touched(piece, contacts)) continue;
+      // A skin narrower than half a pixel cures nowhere.
+      if (!offset(piece, Millimetres{-pixel / 4}, Millimetres{pixel / 20}).empty())
+        note(Finding::Kind::Island, k, piece);
+    }
   }
 
   /// 2. What rule 4.1 leaves, minus a disc around every anchor that may hold it.
@@ -112,8 +116,11 @@ struct Checker {
     const auto contacts = k + 1 < all.size() ? contacts_of(support[k], all[k + 1]) : std::vector<Point2>{};
     for (const Region& piece : support[k].pieces()) {
       if (piece.area_mm2() < speck || touched(piece, contacts)) continue;
-      // A stump inside the part's own material is its contact.
-      if (subtract(piece, part[k]).area_mm2() > speck / 4) note(Finding::Kind::FreePin, k, piece);
+      // A stump inside the part's own material is its contact, and so is material that begins in its last layer.
+      if (subtract(piece, part[k]).area_mm2() <= speck / 4) continue;
+      const Region held = intersect(piece, part[k]);
+      if (!held.empty() && (k == 0 || subtract(held, part[k - 1]).area_mm2() >= speck / 8)) continue;
+      note(Finding::Kind::FreePin, k, piece);
     }
   }
 

@@ -53,6 +53,19 @@ Eigen::Matrix3d turn_of(int number) {
   }
 }
 
+/// How many times too large the contours are for the platform, from its middle; 1 where they fit.
+double overhang_of(const std::vector<Layer>& layers, const MachineProfile& machine) {
+  const double x = machine.platform.width_mm / 2, y = machine.platform.depth_mm / 2;
+  double over = 1;
+  for (const Layer& layer : layers)
+    for (const Contour& ring : layer.contours) {
+      const Bounds2 b = ring.bounds();
+      over = std::max({over, std::abs(b.min.x_mm - x) / x, std::abs(b.max.x_mm - x) / x, std::abs(b.min.y_mm - y) / y,
+                       std::abs(b.max.y_mm - y) / y});
+    }
+  return over;
+}
+
 Result<LayerStack> sliced(const fs::path& scan, const MachineProfile& machine, int turn, const Setup& setup) {
   const fs::path kept =
       setup.keep / fmt::format("{}-{}-{}-{}.tfc", scan.stem().string(), machine.name, turn, setup.most_layers);
@@ -89,8 +102,15 @@ Result<LayerStack> sliced(const fs::path& scan, const MachineProfile& machine, i
     return {};
   };
   const auto ply = scan::write_ply(*cloud, {}, "turned");
-  const auto report = scan::slice_scan(ply, scan.stem().string() + ".ply", request, take, {}, {});
-  if (!report) return tl::unexpected{report.error()};
+  // An open scan's surface may reach beyond its points: then smaller, until it fits.
+  for (int attempt = 0; attempt < 4; ++attempt) {
+    layers.clear();
+    const auto report = scan::slice_scan(ply, scan.stem().string() + ".ply", request, take, {}, {});
+    if (!report) return tl::unexpected{report.error()};
+    const double over = overhang_of(layers, machine);
+    if (over <= 1) break;
+    *request.height_mm /= over * 1.01;
+  }
   auto stack = LayerStack::from_layers(*header, std::move(layers));
   if (!stack) return tl::unexpected{stack.error()};
   const auto coded = write_tfc(*stack, {});
