@@ -33,13 +33,46 @@ inline constexpr std::size_t kLanes = 8;
 inline constexpr float kCut = 10.0F;
 
 enum class KernelForm : std::uint8_t { Unbiased, Paper, PaperLiteral, Imls };
-using KernelFunction = KernelOutput (*)(const KernelInput&, KernelForm, float x, float y, float z);
+using KernelFunction = KernelOutput (*)(const KernelInput&, KernelForm form, float x, float y, float z);
 
-[[nodiscard]] KernelOutput evaluate_baseline(const KernelInput& in, KernelForm form, float x, float y, float z);
+/// Samples [first, last) of a grid's order.
+struct SampleRun {
+  std::uint32_t first;
+  std::uint32_t last;
+};
+
+/// Which samples to copy: those nearer to the centre than cut_widths * h + margin, h their own width.
+struct GatherInput {
+  const float* places;   ///< blocks of eight samples: 8 x, 8 y, 8 z, 32-byte aligned
+  const float* normals;  ///< likewise
+  const float* widths;   ///< one a sample, 32-byte aligned; null: `width` for all
+  float width;
+  float x, y, z;  ///< the centre
+  float cut_widths;
+  float margin;
+  float scale;  ///< 1 / reference width
+};
+
+/// Where they go: seven arrays as of KernelInput, `stride` floats apart, aligned so. Room for eight more than come.
+struct GatherOutput {
+  float* floats;
+  std::size_t stride;
+};
+
+/// Appends what it finds in the runs, in their order, behind `count` neighbours. Returns the new count.
+using GatherFunction = std::size_t (*)(const GatherInput& in, const SampleRun* runs, std::size_t run_count,
+                                       const GatherOutput& out, std::size_t count);
+
+struct KernelSet {
+  KernelFunction evaluate;
+  GatherFunction gather;
+};
+
+[[nodiscard]] KernelSet baseline_kernels();
 #ifdef TELEFAB_KERNEL_AVX2
-[[nodiscard]] KernelOutput evaluate_avx2(const KernelInput& in, KernelForm form, float x, float y, float z);
+[[nodiscard]] KernelSet avx2_kernels();
 #endif
 /// The fastest version this machine can run. TELEFAB is deterministic either way.
-[[nodiscard]] KernelFunction fastest_kernel();
+[[nodiscard]] KernelSet fastest_kernels();
 
 }  // namespace telefab::scan

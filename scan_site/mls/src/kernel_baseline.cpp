@@ -1,6 +1,7 @@
 #include "kernel_lanes.hpp"
 
 namespace telefab::scan {
+namespace {
 
 #if defined(__x86_64__)
 using Baseline = xsimd::sse2;
@@ -8,15 +9,40 @@ using Baseline = xsimd::sse2;
 using Baseline = xsimd::default_arch;
 #endif
 
-KernelOutput evaluate_baseline(const KernelInput& in, KernelForm form, float x, float y, float z) {
-  return evaluate_lanes<Baseline>(in, form, x, y, z);
+std::size_t gather_baseline(const GatherInput& in, const SampleRun* runs, std::size_t run_count,
+                            const GatherOutput& out, std::size_t count) {
+  for (std::size_t r = 0; r < run_count; ++r)
+    for (std::size_t i = runs[r].first; i < runs[r].last; ++i) {
+      const float* const place = in.places + 24 * (i / 8) + i % 8;
+      const float dx = place[0] - in.x;
+      const float dy = place[8] - in.y;
+      const float dz = place[16] - in.z;
+      const float width = in.widths != nullptr ? in.widths[i] : in.width;
+      const float reach = in.cut_widths * width + in.margin;
+      if (!(dx * dx + dy * dy + dz * dz < reach * reach)) continue;
+      const float* const normal = in.normals + 24 * (i / 8) + i % 8;
+      const float w = width * in.scale;
+      float* const to = out.floats + count++;
+      to[0] = dx * in.scale;
+      to[out.stride] = dy * in.scale;
+      to[2 * out.stride] = dz * in.scale;
+      to[3 * out.stride] = normal[0];
+      to[4 * out.stride] = normal[8];
+      to[5 * out.stride] = normal[16];
+      to[6 * out.stride] = 1 / (w * w);
+    }
+  return count;
 }
 
-KernelFunction fastest_kernel() {
+}  // namespace
+
+KernelSet baseline_kernels() { return {evaluate_lanes<Baseline>, gather_baseline}; }
+
+KernelSet fastest_kernels() {
 #ifdef TELEFAB_KERNEL_AVX2
-  if (__builtin_cpu_supports("avx2")) return evaluate_avx2;
+  if (__builtin_cpu_supports("avx2")) return avx2_kernels();
 #endif
-  return evaluate_baseline;
+  return baseline_kernels();
 }
 
 }  // namespace telefab::scan

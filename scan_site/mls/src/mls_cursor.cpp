@@ -18,15 +18,20 @@ const float kCutWidths = std::sqrt(kCut);
 
 }  // namespace
 
-ScaleTable::ScaleTable(const std::vector<GridSample>& samples, const Vec3& origin, double reference_mm)
+ScaleTable::ScaleTable(std::span<const SampleGrid> bands, const Vec3& origin, double reference_mm)
     : reference_mm_{reference_mm} {
-  Eigen::Array3d low = Eigen::Array3d::Constant(1e30);
-  Eigen::Array3d high = -low;
-  for (const GridSample& s : samples) {
-    const Eigen::Array3d p{s.x, s.y, s.z};
-    low = low.min(p);
-    high = high.max(p);
-  }
+  const auto each_sample = [&](auto&& one) {
+    for (const SampleGrid& band : bands)
+      for (std::uint32_t i = 0; i < band.size(); ++i) one(band.place(i), band.width(i));
+  };
+  Eigen::Array3f lowest = Eigen::Array3f::Constant(1e30F);
+  Eigen::Array3f highest = -lowest;
+  each_sample([&](const Eigen::Vector3f& p, float) {
+    lowest = lowest.min(p.array());
+    highest = highest.max(p.array());
+  });
+  const Eigen::Array3d low = lowest.cast<double>();
+  const Eigen::Array3d high = highest.cast<double>();
   cell_mm_ = 4 * reference_mm;
   while (((high - low) / cell_mm_ + 3).prod() > 8e6) cell_mm_ *= 1.5;
   low_ = origin + (low - cell_mm_).matrix();
@@ -35,12 +40,12 @@ ScaleTable::ScaleTable(const std::vector<GridSample>& samples, const Vec3& origi
   std::vector<float> sum(cells, 0);
   std::vector<std::uint32_t> number(cells, 0);
   std::vector<float> least(cells, 1e30F);
-  for (const GridSample& s : samples) {
-    const std::size_t c = cell_of(origin + Vec3{s.x, s.y, s.z});
-    sum[c] += s.width;
+  each_sample([&](const Eigen::Vector3f& p, float width) {
+    const std::size_t c = cell_of(origin + p.cast<double>());
+    sum[c] += width;
     ++number[c];
-    least[c] = std::min(least[c], s.width);
-  }
+    least[c] = std::min(least[c], width);
+  });
   width_.assign(cells, static_cast<float>(reference_mm));
   level_.assign(cells, 0);
   for (int k = 0; k < count_.z(); ++k)
@@ -111,34 +116,28 @@ MlsCursor::Gathered& MlsCursor::gathered_at(const Vec3& point_mm) {
   return slot;
 }
 
-void MlsCursor::gather(Gathered& to) const {
+void MlsCursor::gather(Gathered& to) {
   const double reference = parts_.scale.reference_mm();
   const auto margin = static_cast<float>(0.8660255 * std::ldexp(kLatticeWidths * reference, to.key[3]));
   const Eigen::Vector3f centre = to.centre_mm.cast<float>();
-  const auto scale = static_cast<float>(1 / reference);
   std::size_t count = 0;
-  for (const WidthBand& band : parts_.bands)
-    band.grid.visit(centre, kCutWidths * band.widest_mm + margin, [&](const GridSample* s, std::size_t n) {
-      to.reserve(count + n + kLanes);
-      float* const out = to.floats.get();
-      const std::size_t c = to.capacity;
-      for (const GridSample* const end = s + n; s != end; ++s) {
-        const float dx = s->x - centre.x();
-        const float dy = s->y - centre.y();
-        const float dz = s->z - centre.z();
-        const float reach = kCutWidths * s->width + margin;
-        out[count] = dx * scale;
-        out[c + count] = dy * scale;
-        out[2 * c + count] = dz * scale;
-        out[3 * c + count] = s->nx;
-        out[4 * c + count] = s->ny;
-        out[5 * c + count] = s->nz;
-        const float width = s->width * scale;
-        out[6 * c + count] = 1 / (width * width);
-        count += dx * dx + dy * dy + dz * dz < reach * reach ? 1 : 0;
-      }
+  for (const SampleGrid& band : parts_.bands) {
+    runs_.clear();
+    std::size_t most = 0;
+    band.visit(centre, kCutWidths * band.widest_mm() + margin, [&](std::uint32_t first, std::uint32_t last) {
+      runs_.push_back({first, last});
+      most += last - first;
     });
-  to.reserve(kLanes);
+    to.reserve(count + most + kLanes);
+    GatherInput in = band.arrays();
+    in.x = centre.x();
+    in.y = centre.y();
+    in.z = centre.z();
+    in.margin = margin;
+    in.scale = static_cast<float>(1 / reference);
+    count = parts_.kernels.gather(in, runs_.data(), runs_.size(), {to.floats.get(), to.capacity}, count);
+  }
+  to.reserve(count + kLanes);
   float* const out = to.floats.get();
   for (; count % kLanes != 0; ++count) {
     for (std::size_t a = 0; a < 3; ++a) out[a * to.capacity + count] = 1e4F;
@@ -156,7 +155,7 @@ KernelOutput MlsCursor::raw(const Vec3& point_mm) {
   const std::size_t c = near.capacity;
   const KernelInput in{near.count, f, f + c, f + 2 * c, f + 3 * c, f + 4 * c, f + 5 * c, f + 6 * c, work_.floats.get()};
   const Eigen::Vector3f q = ((point_mm - parts_.origin - near.centre_mm) / parts_.scale.reference_mm()).cast<float>();
-  return parts_.kernel(in, parts_.form, q.x(), q.y(), q.z());
+  return parts_.kernels.evaluate(in, parts_.form, q.x(), q.y(), q.z());
 }
 
 FieldSample MlsCursor::at(const Vec3& point_mm) {

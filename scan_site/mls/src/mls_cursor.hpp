@@ -1,6 +1,8 @@
 #pragma once
 #include <array>
 #include <memory>
+#include <span>
+#include <telefab/scan/mls/scalar_field.hpp>
 #include <vector>
 
 #include "kernel.hpp"
@@ -8,18 +10,12 @@
 
 namespace telefab::scan {
 
-/// Samples whose widths differ by less than a factor of about 1.5, in a grid that fits them.
-struct WidthBand {
-  SampleGrid grid;
-  float widest_mm;
-};
-
 /// Local scale of the field on a coarse grid: a pure function of the place.
 class ScaleTable {
  public:
   /// One width everywhere.
   explicit ScaleTable(double width_mm) : reference_mm_{width_mm} {}
-  ScaleTable(const std::vector<GridSample>& samples, const Vec3& origin, double reference_mm);
+  ScaleTable(std::span<const SampleGrid> bands, const Vec3& origin, double reference_mm);
 
   [[nodiscard]] double reference_mm() const { return reference_mm_; }
   /// Mean width of the samples about the place; the reference where there are none.
@@ -40,10 +36,11 @@ class ScaleTable {
 /// What cursors read; shared and immutable.
 struct FieldParts {
   Vec3 origin = Vec3::Zero();  ///< of every band's grid
-  std::vector<WidthBand> bands;
+  /// Samples whose widths differ by less than a factor of about two, each in a grid that fits them.
+  std::vector<SampleGrid> bands;
   ScaleTable scale{1};
   KernelForm form = KernelForm::Unbiased;
-  KernelFunction kernel = nullptr;
+  KernelSet kernels{};
   std::size_t slots = 64;  ///< gathered cells a cursor remembers; a power of two
 };
 
@@ -70,11 +67,12 @@ class MlsCursor final : public FieldCursor {
     void reserve(std::size_t wanted);
   };
   Gathered& gathered_at(const Vec3& point_mm);
-  void gather(Gathered& to) const;
+  void gather(Gathered& to);
 
   const FieldParts& parts_;
   std::vector<Gathered> slots_;
   Gathered work_;  ///< theta
+  std::vector<SampleRun> runs_;
 };
 
 }  // namespace telefab::scan

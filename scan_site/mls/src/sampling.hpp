@@ -1,4 +1,5 @@
 #pragma once
+#include <span>
 #include <stop_token>
 #include <telefab/base/result.hpp>
 #include <vector>
@@ -9,7 +10,7 @@ namespace telefab::scan {
 
 /// Local spacing s = r_12 sqrt(pi / 12) at a sample: r_12 is the distance to its twelfth neighbour whose normal does
 /// not oppose its own. `guess` is where the search starts. Millimetres; the samples' extent where there are fewer.
-[[nodiscard]] float local_spacing(const SampleGrid& grid, const GridSample& sample, float guess);
+[[nodiscard]] float local_spacing(const SampleGrid& grid, std::uint32_t sample, float guess);
 
 struct Evenness {
   double spacing_mm = 0;  ///< median
@@ -22,6 +23,6 @@ struct Evenness {
 [[nodiscard]] Result<std::vector<float>> smooth_spacing(const SampleGrid& grid, float guess, std::stop_token stop);
 
 /// A first idea of the spacing, from the box alone: right within a factor of a few.
-[[nodiscard]] float spacing_from_box(const std::vector<GridSample>& samples);
+[[nodiscard]] float spacing_from_box(std::span<const Eigen::Vector3f> points);
 
 }  // namespace telefab::scan

@@ -61,15 +61,8 @@ class StageClock {
 };
 
 Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) {
-  SurfaceSamples all;
-  const Box3 box = field.bounds();
-  field.samples_between(box.min.z(), box.max.z(), all);
   SurfaceSamples level;
-  for (std::size_t i = 0; i < all.points.size(); ++i)
-    if (std::abs(all.normals[i].z()) >= kNearLevel) {
-      level.points.push_back(all.points[i]);
-      level.normals.push_back(all.normals[i]);
-    }
+  field.level_samples(kNearLevel, level);
   TopologyOptions options;
   options.noise_mm = field.kernel().noise_mm;
   return analyse_height(field, level.points, level.normals, options, stop);

@@ -21,6 +21,7 @@ __attribute__((target("avx2,fma"))) float multiply_add(std::size_t rounds) {
   const __m256 a = _mm256_set1_ps(0.999F);
   const __m256 b = _mm256_set1_ps(0.001F);
   for (std::size_t i = 0; i < rounds; ++i)
+#pragma GCC unroll 10
     for (__m256& s : sum) s = _mm256_fmadd_ps(s, a, b);
   for (const __m256& s : sum) sum[0] = _mm256_add_ps(sum[0], s);
   return _mm256_cvtss_f32(sum[0]);

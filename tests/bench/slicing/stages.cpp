@@ -28,15 +28,8 @@ std::unique_ptr<MlsField> surface_of(PointCloud cloud) {
 }
 
 HeightTopology topology_of(const MlsField& field) {
-  SurfaceSamples all, level;
-  const Box3 box = field.bounds();
-  field.samples_between(box.min.z(), box.max.z(), all);
-  for (std::size_t i = 0; i < all.points.size(); ++i)
-    if (std::abs(all.normals[i].z()) >= 0.42) {
-      level.points.push_back(all.points[i]);
-      level.normals.push_back(all.normals[i]);
-    }
-  all = {};
+  SurfaceSamples level;
+  field.level_samples(0.42, level);
   return checked(analyse_height(field, level.points, level.normals, {}, {}));
 }
 

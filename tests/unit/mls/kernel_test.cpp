@@ -75,8 +75,8 @@ TEST_P(KernelForms, GivesTheSameBytesOnEveryInstructionSet) {
   for (int i = 0; i < 200; ++i) {
     const auto at = [&] { return static_cast<float>(static_cast<double>(random() % 2000) / 1000 - 1); };
     const float x = at(), y = at(), z = at();
-    const KernelOutput a = evaluate_baseline(dome.input(), GetParam(), x, y, z);
-    const KernelOutput b = evaluate_avx2(dome.input(), GetParam(), x, y, z);
+    const KernelOutput a = baseline_kernels().evaluate(dome.input(), GetParam(), x, y, z);
+    const KernelOutput b = avx2_kernels().evaluate(dome.input(), GetParam(), x, y, z);
     EXPECT_EQ(a.weight, b.weight);
     EXPECT_EQ(a.value, b.value);
     EXPECT_EQ(a.closeness, b.closeness);
@@ -96,8 +96,8 @@ TEST_P(KernelForms, HasTheGradientOfItsValue) {
     const auto at = [&] { return static_cast<double>(random() % 1000) / 1000 - 0.5; };
     const std::array<double, 3> q{at(), at(), 0.6 * at()};
     const auto value = [&](double x, double y, double z) {
-      return evaluate_baseline(dome.input(), GetParam(), static_cast<float>(x), static_cast<float>(y),
-                               static_cast<float>(z));
+      return baseline_kernels().evaluate(dome.input(), GetParam(), static_cast<float>(x), static_cast<float>(y),
+                                         static_cast<float>(z));
     };
     const KernelOutput here = value(q[0], q[1], q[2]);
     constexpr double kStep = 0.01;
@@ -117,7 +117,7 @@ TEST(Kernel, FollowsTheFormulasInDouble) {
   Dome dome{5};
   for (const KernelForm form : {KernelForm::Paper, KernelForm::PaperLiteral, KernelForm::Imls})
     for (const double z : {-0.6, -0.1, 0.0, 0.3, 0.7}) {
-      const KernelOutput out = evaluate_baseline(dome.input(), form, 0.11F, -0.2F, static_cast<float>(z));
+      const KernelOutput out = baseline_kernels().evaluate(dome.input(), form, 0.11F, -0.2F, static_cast<float>(z));
       EXPECT_NEAR(out.value, value_by_formula(dome.input(), form, 0.11F, -0.2F, static_cast<float>(z)), 2e-6);
     }
 }
@@ -132,15 +132,16 @@ TEST(Kernel, IsTheDistanceOfAPlaneForTheNormalisedForms) {
   }
   for (const float z : {-1.3F, -0.4F, 0.2F, 0.9F, 1.4F}) {
     for (const KernelForm form : {KernelForm::Unbiased, KernelForm::Paper, KernelForm::Imls})
-      EXPECT_NEAR(evaluate_baseline(dome.input(), form, 0.1F, 0.1F, z).value, z, 1e-5);
+      EXPECT_NEAR(baseline_kernels().evaluate(dome.input(), form, 0.1F, 0.1F, z).value, z, 1e-5);
     // The literal form turns back to zero at one kernel width: the paper's spurious sheet.
-    EXPECT_NEAR(evaluate_baseline(dome.input(), KernelForm::PaperLiteral, 0.1F, 0.1F, z).value, z - z * z * z, 1e-5);
+    EXPECT_NEAR(baseline_kernels().evaluate(dome.input(), KernelForm::PaperLiteral, 0.1F, 0.1F, z).value, z - z * z * z,
+                1e-5);
   }
 }
 
 TEST(Kernel, SaysNothingFarFromEverySample) {
   Dome dome{7};
-  EXPECT_EQ(evaluate_baseline(dome.input(), KernelForm::Unbiased, 50, 0, 0).weight, 0);
+  EXPECT_EQ(baseline_kernels().evaluate(dome.input(), KernelForm::Unbiased, 50, 0, 0).weight, 0);
 }
 
 }  // namespace

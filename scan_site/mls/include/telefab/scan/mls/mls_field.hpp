@@ -63,10 +63,13 @@ class MlsField final : public ScalarField {
   [[nodiscard]] std::size_t sample_count() const;
   /// Samples with low <= z <= high, rising in z; replaces what `found` held.
   void samples_between(double low_mm, double high_mm, SurfaceSamples& found) const;
+  /// Samples with |n_z| >= least_nz, rising in z; replaces what `found` held.
+  void level_samples(double least_nz, SurfaceSamples& found) const;
 
  private:
   struct Parts;
   explicit MlsField(std::unique_ptr<const Parts> parts);
+  void rising_samples(double low_mm, double high_mm, double least_nz, SurfaceSamples& found) const;
   std::unique_ptr<const Parts> parts_;
 };
 

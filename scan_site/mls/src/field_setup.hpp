@@ -1,0 +1,19 @@
+#pragma once
+#include <telefab/scan/mls/mls_field.hpp>
+
+#include "mls_cursor.hpp"
+
+namespace telefab::scan {
+
+/// A field made ready: samples sorted, outliers left out, widths chosen.
+struct FieldSetup {
+  FieldParts field;
+  KernelChoice choice;
+  Box3 bounds;
+};
+
+/// What MlsField::from_cloud does. Peak of memory: 40 bytes a point, 24 of them the cloud's own, and where the widths
+/// vary 24 more while the samples are parted by width.
+[[nodiscard]] Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, std::stop_token stop);
+
+}  // namespace telefab::scan
