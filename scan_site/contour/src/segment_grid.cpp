@@ -5,7 +5,26 @@
 
 namespace telefab::scan::contour {
 
-std::int64_t SegmentGrid::cell(double v_mm) const { return static_cast<std::int64_t>(std::floor(v_mm / cell_mm_)); }
+std::int32_t SegmentGrid::cell(double v_mm) const {
+  const double v = std::clamp(v_mm * per_mm_, -1e9, 1e9);
+  const auto whole = static_cast<std::int32_t>(v);
+  return whole - (v < whole ? 1 : 0);
+}
+
+std::size_t SegmentGrid::slot_of(std::int32_t i, std::int32_t j) const {
+  const std::uint64_t key = static_cast<std::uint64_t>(static_cast<std::uint32_t>(i)) << 32U |
+                            static_cast<std::uint64_t>(static_cast<std::uint32_t>(j));
+  std::size_t at = (key * 0x9e3779b97f4a7c15ULL >> 32U) & (slots_.size() - 1);
+  while (slots_[at].entry != kNone && (slots_[at].i != i || slots_[at].j != j)) at = (at + 1) & (slots_.size() - 1);
+  return at;
+}
+
+void SegmentGrid::grow() {
+  std::vector<Slot> old(std::max<std::size_t>(1024, 2 * slots_.size()));
+  old.swap(slots_);
+  for (const Slot& s : old)
+    if (s.entry != kNone) slots_[slot_of(s.i, s.j)] = s;
+}
 
 void SegmentGrid::add(std::span<const Point2> ring) {
   for (std::size_t i = 0; i < ring.size(); ++i) {
@@ -13,34 +32,34 @@ void SegmentGrid::add(std::span<const Point2> ring) {
     const Point2& b = ring[i + 1 == ring.size() ? 0 : i + 1];
     const auto number = static_cast<std::uint32_t>(segments_.size());
     segments_.push_back({{a.x_mm, a.y_mm}, {b.x_mm, b.y_mm}});
-    const std::pair<std::int64_t, std::int64_t> columns = std::minmax({cell(a.x_mm), cell(b.x_mm)});
-    const std::pair<std::int64_t, std::int64_t> rows = std::minmax({cell(a.y_mm), cell(b.y_mm)});
-    for (std::int64_t j = rows.first; j <= rows.second; ++j)
-      for (std::int64_t k = columns.first; k <= columns.second; ++k) {
-        const auto [at, fresh] = cells_.number(key(k, j));
-        if (fresh) first_.push_back(KeyTable::kNone);
-        entries_.push_back({number, first_[at]});
-        first_[at] = static_cast<std::uint32_t>(entries_.size() - 1);
+    const auto [left, right] = std::minmax({cell(a.x_mm), cell(b.x_mm)});
+    const auto [low, high] = std::minmax({cell(a.y_mm), cell(b.y_mm)});
+    for (std::int32_t y = low; y <= high; ++y)
+      for (std::int32_t x = left; x <= right; ++x) {
+        if (2 * (cells_ + 1) > slots_.size()) grow();
+        Slot& slot = slots_[slot_of(x, y)];
+        if (slot.entry == kNone) ++cells_;
+        entries_.push_back({number, slot.entry});
+        slot = {x, y, static_cast<std::uint32_t>(entries_.size() - 1)};
       }
   }
 }
 
 bool SegmentGrid::runs_beside(const Vec2& p, const Vec2& outward, double reach_mm) const {
-  const std::int64_t ci = cell(p.x());
-  const std::int64_t cj = cell(p.y());
-  for (std::int64_t j = cj - 1; j <= cj + 1; ++j)
-    for (std::int64_t i = ci - 1; i <= ci + 1; ++i) {
-      const std::uint32_t at = cells_.known(key(i, j));
-      if (at == KeyTable::kNone) continue;
-      for (std::uint32_t e = first_[at]; e != KeyTable::kNone; e = entries_[e].next) {
-        const std::uint32_t s = entries_[e].segment;
-        const Vec2 side = segments_[s].to - segments_[s].from;
+  if (slots_.empty()) return false;
+  const double reach2 = reach_mm * reach_mm;
+  const std::int32_t left = cell(p.x() - reach_mm), right = cell(p.x() + reach_mm);
+  const std::int32_t low = cell(p.y() - reach_mm), high = cell(p.y() + reach_mm);
+  for (std::int32_t y = low; y <= high; ++y)
+    for (std::int32_t x = left; x <= right; ++x)
+      for (std::uint32_t e = slots_[slot_of(x, y)].entry; e != kNone; e = entries_[e].next) {
+        const Segment& s = segments_[entries_[e].segment];
+        const Vec2 side = s.to - s.from;
         if (side.y() * outward.x() - side.x() * outward.y() < 0) continue;  // the right-hand normal looks away
-        const Vec2 d = p - segments_[s].from;
+        const Vec2 d = p - s.from;
         const double share = std::clamp(d.dot(side) / std::max(side.squaredNorm(), 1e-300), 0.0, 1.0);
-        if ((d - share * side).squaredNorm() < reach_mm * reach_mm) return true;
+        if ((d - share * side).squaredNorm() < reach2) return true;
       }
-    }
   return false;
 }
 

@@ -29,12 +29,6 @@ struct Lanes {
   void store(float* to) const {
     for (std::size_t i = 0; i < kParts; ++i) part[i].store_aligned(to + i * Batch::size);
   }
-  [[nodiscard]] double sum() const {
-    alignas(32) float lane[kLanes];
-    store(lane);
-    return ((static_cast<double>(lane[0]) + lane[1]) + (static_cast<double>(lane[2]) + lane[3])) +
-           ((static_cast<double>(lane[4]) + lane[5]) + (static_cast<double>(lane[6]) + lane[7]));
-  }
   friend Lanes operator+(Lanes a, const Lanes& b) {
     for (std::size_t i = 0; i < kParts; ++i) a.part[i] = a.part[i] + b.part[i];
     return a;
@@ -48,6 +42,36 @@ struct Lanes {
     return a;
   }
 };
+
+/// The sums over the lanes of four, in double: ((0 + 1) + (2 + 3)) + ((4 + 5) + (6 + 7)).
+template <class Arch>
+inline void sum_lanes(const Lanes<Arch>& a, const Lanes<Arch>& b, const Lanes<Arch>& c, const Lanes<Arch>& d,
+                      double sums[4]) {
+  using Four = float __attribute__((vector_size(16)));
+  using Wide = double __attribute__((vector_size(32)));
+  alignas(32) float lanes[4][kLanes];
+  a.store(lanes[0]);
+  b.store(lanes[1]);
+  c.store(lanes[2]);
+  d.store(lanes[3]);
+  Wide half[2];
+  for (int h = 0; h < 2; ++h) {
+    Four row[4];
+    for (int i = 0; i < 4; ++i) __builtin_memcpy(&row[i], &lanes[i][4 * h], sizeof(Four));
+    // Lane by lane: {a0, b0, c0, d0} and so on.
+    const Four ab_low = __builtin_shufflevector(row[0], row[1], 0, 4, 1, 5);
+    const Four ab_high = __builtin_shufflevector(row[0], row[1], 2, 6, 3, 7);
+    const Four cd_low = __builtin_shufflevector(row[2], row[3], 0, 4, 1, 5);
+    const Four cd_high = __builtin_shufflevector(row[2], row[3], 2, 6, 3, 7);
+    const Wide first = __builtin_convertvector(__builtin_shufflevector(ab_low, cd_low, 0, 1, 4, 5), Wide);
+    const Wide second = __builtin_convertvector(__builtin_shufflevector(ab_low, cd_low, 2, 3, 6, 7), Wide);
+    const Wide third = __builtin_convertvector(__builtin_shufflevector(ab_high, cd_high, 0, 1, 4, 5), Wide);
+    const Wide fourth = __builtin_convertvector(__builtin_shufflevector(ab_high, cd_high, 2, 3, 6, 7), Wide);
+    half[h] = (first + second) + (third + fourth);
+  }
+  const Wide all = half[0] + half[1];
+  __builtin_memcpy(sums, &all, sizeof(Wide));
+}
 
 /// exp(-t) for 0 <= t < kCut, 0 from there on. Relative error below 3e-7: 2^f by a polynomial of degree 5 for
 /// |f| <= 1/2, the whole part by adding to the exponent; rounding by adding 1.5 * 2^23, so never with -ffast-math.
@@ -113,7 +137,11 @@ FirstPass<Arch> first_pass(const KernelInput& in, const Lanes<Arch>& qx, const L
     f = f + theta * (px * mx + py * my + pz * mz);
     q = q + theta * r2;
   }
-  return {w.sum(), {nx.sum(), ny.sum(), nz.sum()}, {sx.sum(), sy.sum(), sz.sum()}, f.sum(), q.sum()};
+  double one[4], two[4], three[4];
+  sum_lanes(w, nx, ny, nz, one);
+  sum_lanes(sx, sy, sz, f, two);
+  sum_lanes(q, q, q, q, three);
+  return {one[0], {one[1], one[2], one[3]}, {two[0], two[1], two[2]}, two[3], three[0]};
 }
 
 /// sum over neighbours of 2 theta k (a + b p.n_i + u.p + t.n_i) p
@@ -139,7 +167,9 @@ Triple weighted_places(const KernelInput& in, const Lanes<Arch>& qx, const Lanes
     sy = sy + share * py;
     sz = sz + share * pz;
   }
-  return {2 * sx.sum(), 2 * sy.sum(), 2 * sz.sum()};
+  double sums[4];
+  sum_lanes(sx, sy, sz, sz, sums);
+  return {2 * sums[0], 2 * sums[1], 2 * sums[2]};
 }
 
 /// The paper's sums over d = -p.n with the mean unit normal n.
@@ -166,7 +196,9 @@ PaperSums paper_sums(const KernelInput& in, const Lanes<Arch>& qx, const Lanes<A
     d2 = d2 + td * d;
     d3 = d3 + tdk * d * d;
   }
-  return {d1.sum(), dk.sum(), d2.sum(), d3.sum()};
+  double sums[4];
+  sum_lanes(d1, dk, d2, d3, sums);
+  return {sums[0], sums[1], sums[2], sums[3]};
 }
 
 /// Gradient of the paper's value: by d (through n and x), then by theta. `e` is the mean d^2 (0 and by_e 0 for the
@@ -198,15 +230,18 @@ Triple paper_gradient(const KernelInput& in, const Lanes<Arch>& qx, const Lanes<
     gy = gy + by_theta * py;
     gz = gz + by_theta * pz;
   }
-  const double along = s.sum();
-  const Triple b{bx.sum(), by.sum(), bz.sum()};
+  double turned[4], thinned[4];
+  sum_lanes(s, bx, by, bz, turned);
+  sum_lanes(gx, gy, gz, gz, thinned);
+  const double along = turned[0];
+  const Triple b{turned[1], turned[2], turned[3]};
   // n turns with x: sum by_d * d(-p.n)/dn = -b, and dn = (I - n n^T) dN / |N|.
   const double bn = dot(b, n);
   const Triple tilt{(b.x - bn * n.x) / length, (b.y - bn * n.y) / length, (b.z - bn * n.z) / length};
   const Triple turn = weighted_places<Arch>(in, qx, qy, qz, 0, 0, {0, 0, 0}, tilt);
   const double w = first.weight;
-  return {(along * n.x - turn.x + 2 * gx.sum()) / w, (along * n.y - turn.y + 2 * gy.sum()) / w,
-          (along * n.z - turn.z + 2 * gz.sum()) / w};
+  return {(along * n.x - turn.x + 2 * thinned[0]) / w, (along * n.y - turn.y + 2 * thinned[1]) / w,
+          (along * n.z - turn.z + 2 * thinned[2]) / w};
 }
 
 template <class Arch>

@@ -99,10 +99,13 @@ MlsCursor::MlsCursor(const FieldParts& parts) : parts_{parts}, slots_(parts.slot
 MlsCursor::Gathered& MlsCursor::gathered_at(const Vec3& point_mm) {
   const int level = parts_.scale.level(point_mm);
   const double side = std::ldexp(kLatticeWidths * parts_.scale.reference_mm(), level);
-  const Eigen::Array3d cell = ((point_mm - parts_.origin).array() / side).floor();
-  const std::array<std::int32_t, 4> key{static_cast<std::int32_t>(std::clamp(cell.x(), -1e9, 1e9)),
-                                        static_cast<std::int32_t>(std::clamp(cell.y(), -1e9, 1e9)),
-                                        static_cast<std::int32_t>(std::clamp(cell.z(), -1e9, 1e9)), level};
+  const Eigen::Array3d at = (point_mm - parts_.origin).array() / side;
+  // floor() is a call on machines without the instruction; this is not.
+  const auto below = [](double v) {
+    const auto whole = static_cast<std::int32_t>(std::clamp(v, -1e9, 1e9));
+    return whole - (v < whole ? 1 : 0);
+  };
+  const std::array<std::int32_t, 4> key{below(at.x()), below(at.y()), below(at.z()), level};
   const std::uint32_t mixed = static_cast<std::uint32_t>(key[0]) * 73856093U ^
                               static_cast<std::uint32_t>(key[1]) * 19349663U ^
                               static_cast<std::uint32_t>(key[2]) * 83492791U ^ static_cast<std::uint32_t>(level) * 7U;
@@ -110,7 +113,7 @@ MlsCursor::Gathered& MlsCursor::gathered_at(const Vec3& point_mm) {
   if (!slot.filled || slot.key != key) {
     slot.key = key;
     slot.filled = true;
-    slot.centre_mm = (cell + 0.5).matrix() * side;  // relative to the origin
+    slot.centre_mm = side * Vec3{key[0] + 0.5, key[1] + 0.5, key[2] + 0.5};  // relative to the origin
     gather(slot);
   }
   return slot;

@@ -70,36 +70,34 @@ void MlsField::level_samples(double least_nz, SurfaceSamples& found) const {
 }
 
 void MlsField::rising_samples(double low_mm, double high_mm, double least_nz, SurfaceSamples& found) const {
-  struct Place {
-    float z;
-    std::uint32_t band;
-    std::uint32_t index;
-  };
   const FieldParts& field = parts_->setup.field;
   const double low = low_mm - field.origin.z();
   const double high = high_mm - field.origin.z();
-  std::vector<Place> places;
-  for (std::uint32_t b = 0; b < field.bands.size(); ++b) {
-    const SampleGrid& band = field.bands[b];
+  // Height as an integer of the same order, then the number of the sample, band after band.
+  std::vector<std::uint64_t> keys;
+  std::uint32_t before = 0;
+  for (const SampleGrid& band : field.bands) {
     band.visit_slabs(static_cast<float>(low), static_cast<float>(high), [&](std::uint32_t first, std::uint32_t last) {
       for (std::uint32_t i = first; i < last; ++i) {
         const float z = band.place(i).z();
-        if (z >= low && z <= high && std::abs(band.normal(i).z()) >= least_nz) places.push_back({z, b, i});
+        if (z >= low && z <= high && std::abs(band.normal(i).z()) >= least_nz)
+          keys.push_back(static_cast<std::uint64_t>(rising(z)) << 32U | (before + i));
       }
     });
+    before += band.size();
   }
-  const auto lower = [](const Place& a, const Place& b) {
-    return a.z != b.z ? a.z < b.z : a.band != b.band ? a.band < b.band : a.index < b.index;
-  };
-  if (places.size() > 10'000)
-    tbb::parallel_sort(places.begin(), places.end(), lower);
+  if (keys.size() > 10'000)
+    tbb::parallel_sort(keys.begin(), keys.end());
   else
-    std::sort(places.begin(), places.end(), lower);
-  found.points.clear();
-  found.normals.clear();
-  for (const Place& p : places) {
-    found.points.push_back(field.origin + field.bands[p.band].place(p.index).cast<double>());
-    found.normals.push_back(field.bands[p.band].normal(p.index).cast<double>());
+    std::sort(keys.begin(), keys.end());
+  found.points.resize(keys.size());
+  found.normals.resize(keys.size());
+  for (std::size_t k = 0; k < keys.size(); ++k) {
+    auto i = static_cast<std::uint32_t>(keys[k]);
+    const SampleGrid* band = field.bands.data();
+    for (; i >= band->size(); ++band) i -= band->size();
+    found.points[k] = field.origin + band->place(i).cast<double>();
+    found.normals[k] = band->normal(i).cast<double>();
   }
 }
 

@@ -3,7 +3,6 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
-#include <bit>
 #include <numeric>
 #include <tuple>
 
@@ -11,12 +10,6 @@ namespace telefab::scan {
 namespace {
 
 constexpr std::size_t kGrain = 64;
-
-/// Floats as integers of the same order.
-std::uint32_t rising(float v) {
-  const auto bits = std::bit_cast<std::uint32_t>(v);
-  return (bits & 0x80000000U) != 0 ? ~bits : bits | 0x80000000U;
-}
 
 void put(std::vector<SampleGrid::Block>& blocks, std::size_t i, const Eigen::Vector3f& v) {
   SampleGrid::Block& b = blocks[i / 8];

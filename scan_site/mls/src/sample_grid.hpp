@@ -1,6 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <span>
@@ -16,6 +17,12 @@ struct GridSample {
   Eigen::Vector3f normal;
   float width;  ///< kernel width h of this sample
 };
+
+/// Floats as integers of the same order.
+[[nodiscard]] inline std::uint32_t rising(float v) {
+  const auto bits = std::bit_cast<std::uint32_t>(v);
+  return (bits & 0x80000000U) != 0 ? ~bits : bits | 0x80000000U;
+}
 
 /// Samples sorted into cubic cells: slabs along z, rows along y in them, cells along x in those; only occupied cells
 /// take memory beyond a bit. Within a cell the coordinates give the order, so that the file's order of points decides
