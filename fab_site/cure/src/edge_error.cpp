@@ -13,6 +13,8 @@ namespace telefab::fab {
 namespace {
 
 constexpr double kMarch_px = 0.25;
+/// Within this of what is joined the cured edge belongs to both.
+constexpr double kJoin_px = 2;
 constexpr std::size_t kSamplesPerTask = 256;
 
 struct Probe {
@@ -184,11 +186,18 @@ double EdgeFigures::latitude_px() const {
   return found > 0 ? latitude_sum / found : 0;
 }
 
-Result<EdgeFigures> measure_edges(const DoseField& dose, double threshold, std::span<const Contour> rings,
+Result<EdgeFigures> measure_edges(const DoseField& dose, double threshold, const EdgeTarget& target,
                                   double pixel_pitch_mm, const EdgeOptions& options, std::vector<EdgeSample>* samples) {
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
-  const Probes probes = probes_of(rings, pixel_pitch_mm, options);
-  const RingIndex index{rings, pixel_pitch_mm};
+  Probes probes = probes_of(target.rings, pixel_pitch_mm, options);
+  const RingIndex joined{target.joined, pixel_pitch_mm};
+  if (!joined.empty()) {
+    std::erase_if(probes.edges, [&](const Probe& p) { return joined.holds(p.place, kJoin_px); });
+    std::erase_if(probes.corners, [&](const Probe& p) { return joined.holds(p.place, kJoin_px); });
+  }
+  std::vector<Contour> all{target.rings.begin(), target.rings.end()};
+  all.insert(all.end(), target.joined.begin(), target.joined.end());
+  const RingIndex index{all, pixel_pitch_mm};
   EdgeFigures figures;
 
   std::vector<Found> found(probes.edges.size());
@@ -213,13 +222,15 @@ Result<EdgeFigures> measure_edges(const DoseField& dose, double threshold, std::
   tbb::parallel_for(std::size_t{0}, (cured.size() + kSamplesPerTask - 1) / kSamplesPerTask, [&](std::size_t task) {
     const std::size_t last = std::min(cured.size(), (task + 1) * kSamplesPerTask);
     for (std::size_t i = task * kSamplesPerTask; i < last; ++i)
-      away[i] = index.distance(cured[i].place, DistanceTally::kMost_px);
+      away[i] = !joined.empty() && joined.holds(cured[i].place, kJoin_px)
+                    ? -1
+                    : index.distance(cured[i].place, DistanceTally::kMost_px);
   });
   for (std::size_t i = 0; i < cured.size(); ++i) {
     // One crossing a line that meets it head on: both kinds together would count slanted edges twice.
     const bool head_on = cured[i].on_upright ? std::abs(cured[i].normal_y) >= std::abs(cured[i].normal_x)
                                              : std::abs(cured[i].normal_x) > std::abs(cured[i].normal_y);
-    if (head_on) figures.cured.add(away[i]);
+    if (head_on && away[i] >= 0) figures.cured.add(away[i]);
   }
   add_difference(dose, threshold, index, options.sub_pixels, figures);
   return figures;

@@ -110,6 +110,15 @@ double RingIndex::distance(PixelPlace place, double limit_px) const {
   return best;
 }
 
+bool RingIndex::holds(PixelPlace place, double within_px) const {
+  if (segments_.empty() || place.x_px < box_.x - within_px || place.x_px > box_.x + box_.width + within_px ||
+      place.y_px < box_.y - within_px || place.y_px > box_.y + box_.height + within_px)
+    return false;
+  if (distance(place, within_px) < within_px) return true;
+  const auto spans = spans_at(place.y_px);
+  return (std::upper_bound(spans.begin(), spans.end(), place.x_px) - spans.begin()) % 2 != 0;
+}
+
 std::vector<double> RingIndex::spans_at(double y_px) const {
   const int row = static_cast<int>(std::floor(y_px)) - box_.y;
   if (segments_.empty() || row < 0 || row >= box_.height) return {};

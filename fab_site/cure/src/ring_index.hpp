@@ -15,6 +15,8 @@ class RingIndex {
   [[nodiscard]] const PixelBox& box() const { return box_; }
   /// Exact; `limit_px` where nothing is nearer.
   [[nodiscard]] double distance(PixelPlace place, double limit_px) const;
+  /// Inside, or within a distance of a ring.
+  [[nodiscard]] bool holds(PixelPlace place, double within_px) const;
   /// Where the horizontal line at y passes from outside to inside and back, by the winding number: pairs of x, sorted.
   [[nodiscard]] std::vector<double> spans_at(double y_px) const;
 

@@ -42,7 +42,7 @@ class EdgeErrorTest : public testing::Test {
 
 TEST_F(EdgeErrorTest, IsNothingWhereTheEdgeMeetsItsContour) {
   const Contour target = rectangle_px(20, 20, 60, 60);
-  const EdgeFigures figures = measure_edges(block, 1, {&target, 1}, 0.05, {}).value();
+  const EdgeFigures figures = measure_edges(block, 1, {{&target, 1}, {}}, 0.05, {}).value();
   EXPECT_LT(figures.smooth.max_px(), 1e-4);
   EXPECT_EQ(figures.edges.count(), 320);
   EXPECT_EQ(figures.corners.count(), 4);
@@ -58,12 +58,12 @@ TEST_F(EdgeErrorTest, IsNothingWhereTheEdgeMeetsItsContour) {
 
 TEST_F(EdgeErrorTest, HasTheSignAndSizeOfAShift) {
   const Contour narrow = rectangle_px(20.3, 20.3, 59.7, 59.7), wide = rectangle_px(19.6, 19.6, 60.4, 60.4);
-  const EdgeFigures grown = measure_edges(block, 1, {&narrow, 1}, 0.05, {}).value();
+  const EdgeFigures grown = measure_edges(block, 1, {{&narrow, 1}, {}}, 0.05, {}).value();
   EXPECT_NEAR(grown.smooth.bias_px(), 0.3, 1e-3);
   EXPECT_NEAR(grown.smooth.percentile_px(0.5), 0.3, 1.0 / 128);
   EXPECT_NEAR(grown.excess_px2, 1600 - 39.4 * 39.4, 35);
   EXPECT_EQ(grown.missing_px2, 0);
-  const EdgeFigures shrunk = measure_edges(block, 1, {&wide, 1}, 0.05, {}).value();
+  const EdgeFigures shrunk = measure_edges(block, 1, {{&wide, 1}, {}}, 0.05, {}).value();
   EXPECT_NEAR(shrunk.smooth.bias_px(), -0.4, 1e-3);
   EXPECT_EQ(shrunk.excess_px2, 0);
   EXPECT_NEAR(shrunk.cured.mean_px(), 0.4, 0.02);
@@ -71,7 +71,7 @@ TEST_F(EdgeErrorTest, HasTheSignAndSizeOfAShift) {
 
 TEST_F(EdgeErrorTest, CountsLostEdgesAndWhatIsCuredOrMissingFarAway) {
   const Contour elsewhere = rectangle_px(70, 70, 80, 80);
-  const EdgeFigures figures = measure_edges(block, 1, {&elsewhere, 1}, 0.05, {}).value();
+  const EdgeFigures figures = measure_edges(block, 1, {{&elsewhere, 1}, {}}, 0.05, {}).value();
   EXPECT_EQ(figures.lost_share(), 1);
   EXPECT_EQ(figures.edges.mean_px(), 1.5);
   EXPECT_NEAR(figures.far_px2, 1600 + 64, 6);
@@ -90,10 +90,22 @@ TEST_F(EdgeErrorTest, HolesAreEdgesToo) {
   std::vector<Contour> target{rectangle_px(20, 36, 60, 76)};
   const Contour outer = rectangle_px(30, 56, 40, 66);
   target.push_back(Contour::from_vertices({outer.vertices().rbegin(), outer.vertices().rend()}).value());
-  const EdgeFigures figures = measure_edges(exposed(machine, ring, 0.5), 1, target, 0.05, {}).value();
+  const EdgeFigures figures = measure_edges(exposed(machine, ring, 0.5), 1, {target, {}}, 0.05, {}).value();
   EXPECT_LT(figures.smooth.max_px(), 1e-4);
   EXPECT_NEAR(figures.target_px2, 1500, 1e-9);
   EXPECT_EQ(figures.corners.count(), 8);
+}
+
+TEST_F(EdgeErrorTest, JudgesNoEdgeWhereSomethingJoins) {
+  const Contour part = rectangle_px(20, 20, 60, 40);
+  const EdgeFigures alone = measure_edges(block, 1, {{&part, 1}, {}}, 0.05, {}).value();
+  EXPECT_GT(alone.lost, 30);
+  const Contour rest = rectangle_px(20, 40, 60, 60);
+  const EdgeFigures joined = measure_edges(block, 1, {{&part, 1}, {&rest, 1}}, 0.05, {}).value();
+  EXPECT_EQ(joined.lost, 0);
+  EXPECT_LT(joined.smooth.max_px(), 1e-4);
+  EXPECT_NEAR(joined.edges.count(), 2 * (40 + 20 + 20) - 3 * 4, 6);
+  EXPECT_NEAR(joined.excess_px2, 0, 1);
 }
 
 TEST_F(EdgeErrorTest, RefusesOptionsOutOfRange) {

@@ -154,7 +154,7 @@ fab::DoseField exposed(const MachineProfile& machine, const fab::Mask& mask, dou
 
 fab::EdgeFigures judge(const MachineProfile& machine, const fab::Mask& mask, double tau,
                        std::span<const Contour> rings) {
-  return fab::measure_edges(exposed(machine, mask, tau), 1, rings, machine.projection.pixel_pitch_mm, {}).value();
+  return fab::measure_edges(exposed(machine, mask, tau), 1, {rings, {}}, machine.projection.pixel_pitch_mm, {}).value();
 }
 
 fab::Mask binary_mask(const MachineProfile& machine, std::span<const Contour> rings) {

@@ -67,10 +67,16 @@ struct EdgeSample {
   double error_px = 0;
 };
 
+/// What a layer is meant to be. Rings in millimetres of the build frame, on the mask's pixels.
+struct EdgeTarget {
+  std::span<const Contour> rings;   ///< judged
+  std::span<const Contour> joined;  ///< lit as well, e.g. supports: edges in or near them are not judged, areas count
+};
+
 /// `threshold`: the dose that counts as cured, e.g. model.to_middle() for the middle of a layer. Rings in millimetres
 /// of the build frame, on the mask's pixels. `samples`, if given, receives every contour sample in order. Fails with
 /// InvalidInput for options out of range. Same figures on any number of threads.
-[[nodiscard]] Result<EdgeFigures> measure_edges(const DoseField& dose, double threshold, std::span<const Contour> rings,
+[[nodiscard]] Result<EdgeFigures> measure_edges(const DoseField& dose, double threshold, const EdgeTarget& target,
                                                 double pixel_pitch_mm, const EdgeOptions& options,
                                                 std::vector<EdgeSample>* samples = nullptr);
 

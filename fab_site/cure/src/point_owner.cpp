@@ -1,0 +1,41 @@
+#include "point_owner.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace telefab::fab {
+namespace {
+
+constexpr double kBeside_px = 1.5;
+
+}  // namespace
+
+void PointOwner::mark(const RingIndex& rings, double grown_px, std::uint8_t value) {
+  const PixelBox& box = rings.box();
+  const int width = static_cast<int>(size_.width_px), height = static_cast<int>(size_.height_px);
+  const int up = static_cast<int>(std::floor(grown_px));
+  for (int y = box.y; y < box.y + box.height; ++y) {
+    const auto spans = rings.spans_at(y + 0.5);
+    for (std::size_t i = 0; i + 1 < spans.size(); i += 2) {
+      const int from = std::clamp(static_cast<int>(std::floor(spans[i] - grown_px)), 0, width);
+      const int until = std::clamp(static_cast<int>(std::ceil(spans[i + 1] + grown_px)), from, width);
+      for (int row = std::max(0, y - up); row <= std::min(height - 1, y + up); ++row) {
+        const auto first = supports_.begin() + static_cast<std::ptrdiff_t>(row) * width;
+        std::fill(first + from, first + until, value);
+      }
+    }
+  }
+}
+
+void PointOwner::descend(const RingIndex& part, const RingIndex& supports) {
+  mark(supports, kBeside_px, 1);
+  mark(part, kBeside_px, 0);
+}
+
+bool PointOwner::is_support(PixelPlace place) const {
+  const int x = std::clamp(static_cast<int>(std::floor(place.x_px)), 0, static_cast<int>(size_.width_px) - 1);
+  const int y = std::clamp(static_cast<int>(std::floor(place.y_px)), 0, static_cast<int>(size_.height_px) - 1);
+  return supports_[static_cast<std::size_t>(y) * size_.width_px + static_cast<std::size_t>(x)] != 0;
+}
+
+}  // namespace telefab::fab
