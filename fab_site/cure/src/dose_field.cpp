@@ -6,6 +6,8 @@
 #include <cstring>
 #include <telefab/fab/cure/dose_field.hpp>
 
+#include "tile_sampler.hpp"
+
 namespace telefab::fab {
 namespace {
 
@@ -62,7 +64,7 @@ std::vector<MaskExposure> summed(std::span<const MaskExposure> exposures) {
 }  // namespace
 
 DoseField::DoseField(std::shared_ptr<const PixelKernel> kernel, PixelBox box, std::vector<float> pixels)
-    : kernel_{std::move(kernel)}, box_{box}, pixels_{std::move(pixels)} {}
+    : kernel_{std::move(kernel)}, box_{box}, pixels_{std::move(pixels)}, bounds_{all_bounds(*this)} {}
 
 float DoseField::pixel(int x, int y) const {
   if (box_.empty()) return 0;

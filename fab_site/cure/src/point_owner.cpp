@@ -7,6 +7,7 @@ namespace telefab::fab {
 namespace {
 
 constexpr double kBeside_px = 1.5;
+constexpr double kSearch_px = 30;
 
 }  // namespace
 
@@ -20,7 +21,7 @@ void PointOwner::mark(const RingIndex& rings, double grown_px, std::uint8_t valu
       const int from = std::clamp(static_cast<int>(std::floor(spans[i] - grown_px)), 0, width);
       const int until = std::clamp(static_cast<int>(std::ceil(spans[i + 1] + grown_px)), from, width);
       for (int row = std::max(0, y - up); row <= std::min(height - 1, y + up); ++row) {
-        const auto first = supports_.begin() + static_cast<std::ptrdiff_t>(row) * width;
+        const auto first = owners_.begin() + static_cast<std::ptrdiff_t>(row) * width;
         std::fill(first + from, first + until, value);
       }
     }
@@ -28,14 +29,16 @@ void PointOwner::mark(const RingIndex& rings, double grown_px, std::uint8_t valu
 }
 
 void PointOwner::descend(const RingIndex& part, const RingIndex& supports) {
-  mark(supports, kBeside_px, 1);
-  mark(part, kBeside_px, 0);
+  mark(supports, kBeside_px, kSupport);
+  mark(part, kBeside_px, kPart);
 }
 
-bool PointOwner::is_support(PixelPlace place) const {
+bool PointOwner::is_support(PixelPlace place, const RingIndex& part, const RingIndex& supports) const {
   const int x = std::clamp(static_cast<int>(std::floor(place.x_px)), 0, static_cast<int>(size_.width_px) - 1);
   const int y = std::clamp(static_cast<int>(std::floor(place.y_px)), 0, static_cast<int>(size_.height_px) - 1);
-  return supports_[static_cast<std::size_t>(y) * size_.width_px + static_cast<std::size_t>(x)] != 0;
+  const std::uint8_t owner = owners_[static_cast<std::size_t>(y) * size_.width_px + static_cast<std::size_t>(x)];
+  if (owner != kNobody) return owner == kSupport;
+  return supports.distance(place, kSearch_px) < part.distance(place, kSearch_px);
 }
 
 }  // namespace telefab::fab

@@ -21,9 +21,15 @@ struct LayerOutcome {
   std::vector<EdgeSample> samples;
 };
 
-std::span<const Contour> rings_of(std::span<const Layer> layers, std::int64_t index) {
-  if (index < 0 || index >= static_cast<std::int64_t>(layers.size())) return {};
-  return layers[static_cast<std::size_t>(index)].contours;
+std::span<const Contour> part_rings(const PrintToPredict& print, LayerIndex index) {
+  const std::uint32_t i = index.count();
+  if (i < print.lift_layers || i - print.lift_layers >= print.part.size()) return {};
+  return print.part[i - print.lift_layers].contours;
+}
+
+std::span<const Contour> support_rings(const PrintToPredict& print, LayerIndex index) {
+  if (index.count() >= print.supports.size()) return {};
+  return print.supports[index.count()];
 }
 
 LayerIndex most_contour(const PrintToPredict& print) {
@@ -47,7 +53,8 @@ void collect_points(std::vector<LayerOutcome>& outcomes, const CureModel& model,
     LayerOutcome& outcome = outcomes[i];
     owner.descend(outcome.part, outcome.supports);
     const auto of_support = [&](const SurfacePoint& p) {
-      return owner.is_support({p.x_mm / model.pixel_pitch_mm, p.y_mm / model.pixel_pitch_mm});
+      return owner.is_support({p.x_mm / model.pixel_pitch_mm, p.y_mm / model.pixel_pitch_mm}, outcome.part,
+                              outcome.supports);
     };
     prediction.support_points +=
         static_cast<std::size_t>(std::count_if(outcome.points.begin(), outcome.points.end(), of_support));
@@ -96,9 +103,8 @@ Result<Prediction> predict_print(const CureModel& model, const PrintToPredict& p
 
   const LightSource source = [&](LayerIndex index) {
     LayerOutcome& outcome = outcomes[index.count()];
-    outcome.part =
-        RingIndex{rings_of(print.part, std::int64_t{index.count()} - print.lift_layers), model.pixel_pitch_mm};
-    outcome.supports = RingIndex{rings_of(print.supports, index.count()), model.pixel_pitch_mm};
+    outcome.part = RingIndex{part_rings(print, index), model.pixel_pitch_mm};
+    outcome.supports = RingIndex{support_rings(print, index), model.pixel_pitch_mm};
     return print.light(index);
   };
   CureOptions cure;
@@ -111,8 +117,7 @@ Result<Prediction> predict_print(const CureModel& model, const PrintToPredict& p
   cure.each = [&](const CuredLayer& layer) -> Result<void> {
     LayerOutcome& outcome = outcomes[layer.index.count()];
     outcome.points = surface_points(layer, options.spacing_px);
-    const EdgeTarget target{rings_of(print.part, std::int64_t{layer.index.count()} - print.lift_layers),
-                            rings_of(print.supports, layer.index.count())};
+    const EdgeTarget target{part_rings(print, layer.index), support_rings(print, layer.index)};
     if (print.part.empty()) return {};
     auto figures = measure_edges(layer.dose, model.to_middle(), target, model.pixel_pitch_mm, edge_options,
                                  layer.index == prediction.pictured ? &outcome.samples : nullptr);

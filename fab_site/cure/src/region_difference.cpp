@@ -49,8 +49,7 @@ void add_difference(const DoseField& dose, double threshold, const RingIndex& ta
         std::fill(row + column(spans[i]), row + std::max(column(spans[i]), column(spans[i + 1])), std::uint8_t{1});
       }
     }
-    std::vector<TileBounds> bounds(static_cast<std::size_t>(range.columns));
-    if (!dose.box().empty()) bounds = bounds_of_row(dose, range, r);
+    const auto bounds = bounds_of_row(dose, range, r);
     std::vector<float> doses(side * side);
     for (int c = 0; c < range.columns; ++c) {
       const TileBounds& b = bounds[static_cast<std::size_t>(c)];

@@ -33,7 +33,7 @@ bool kept(int pixel, int spacing) { return ((pixel % spacing) + spacing) % spaci
 void add_walls(const CuredLayer& layer, int spacing, std::vector<SurfacePoint>& points) {
   const CureModel& model = layer.model;
   const double pitch = model.pixel_pitch_mm, z_mm = (layer.index.count() + 0.5) * model.layer_mm;
-  for (const EdgePoint& edge : edge_points(layer.dose, model.to_middle(), 4, 1)) {
+  for (const EdgePoint& edge : edge_points(layer.dose, model.to_middle(), 2, 1)) {
     const double across = edge.on_upright ? edge.place.x_px : edge.place.y_px;
     if (!kept(static_cast<int>(std::floor(across)), spacing)) continue;
     const double steep = edge.steepness / pitch, down = 1 / model.penetration_mm, length = std::hypot(steep, down);
@@ -56,7 +56,7 @@ void add_faces(const CuredLayer& layer, int spacing, std::vector<SurfacePoint>& 
   const bool covered = !layer.above.box().empty();
   for (int r = 0; r < range.rows; ++r) {
     const auto bounds = bounds_of_row(layer.dose, range, r);
-    const auto bounds_above = covered ? bounds_of_row(layer.above, range, r) : std::vector<TileBounds>(bounds.size());
+    const auto bounds_above = bounds_of_row(layer.above, range, r);
     for (int c = 0; c < range.columns; ++c) {
       const TileBounds& b = bounds[static_cast<std::size_t>(c)];
       const bool whole = b.least > through, topped = bounds_above[static_cast<std::size_t>(c)].least > through;

@@ -1,5 +1,7 @@
 #include "tile_sampler.hpp"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <array>
 
@@ -39,25 +41,48 @@ struct Window {
   [[nodiscard]] const float* row(int r) const { return pixels.data() + static_cast<std::ptrdiff_t>(r) * width; }
 };
 
+// Plain loops in a fixed order, no contraction: the same bytes on every instruction set.
+
 /// The kernel across the rows: `width` (a multiple of eight) columns of one line.
-void blur_across(const Window& window, int first_row, std::span<const float> weights, int taps, float* out) {
-  std::fill_n(out, window.width, 0.0F);
-  for (int t = 0; t < taps; ++t) {
-    const float w = weights[static_cast<std::size_t>(t)];
-    const float* row = window.row(first_row + t);
-    for (int c = 0; c < window.width; c += 8)
-      for (int k = c; k < c + 8; ++k) out[k] += w * row[k];
+[[gnu::target_clones("avx2", "default")]] void blur_across(const float* pixels, int width, const float* weights,
+                                                           int taps, float* out) {
+  for (int c = 0; c < width; c += 8) {
+    std::array<float, 8> sums{};
+    for (int t = 0; t < taps; ++t) {
+      const float w = weights[t];
+      const float* row = pixels + static_cast<std::ptrdiff_t>(t) * width + c;
+      for (std::size_t k = 0; k < 8; ++k) sums[k] += w * row[k];
+    }
+    for (std::size_t k = 0; k < 8; ++k) out[static_cast<std::size_t>(c) + k] = sums[k];
   }
 }
 
-/// The kernel along a blurred line: the same fraction of each of the tile's pixels, `step` apart in `out`.
-void blur_along(const float* line, std::span<const float> weights, int taps, float* out, std::size_t step) {
+/// The kernel along a blurred line: the same fraction of each of the tile's pixels.
+[[gnu::target_clones("avx2", "default")]] void blur_along(const float* line, const float* weights, int taps,
+                                                          float* out) {
   std::array<float, kTileSide> sums{};
   for (int t = 0; t < taps; ++t) {
-    const float w = weights[static_cast<std::size_t>(t)];
-    for (int k = 0; k < kTileSide; ++k) sums[static_cast<std::size_t>(k)] += w * line[k + t];
+    const float w = weights[t];
+    for (std::size_t k = 0; k < kTileSide; ++k) sums[k] += w * line[static_cast<std::size_t>(t) + k];
   }
-  for (std::size_t k = 0; k < kTileSide; ++k) out[k * step] = sums[k];
+  for (std::size_t k = 0; k < kTileSide; ++k) out[k] = sums[k];
+}
+
+/// Takes a row into the bounds of columns.
+[[gnu::target_clones("avx2", "default")]] void widen(const float* row, std::size_t width, float* least, float* most) {
+  for (std::size_t x = 0; x < width; ++x) {
+    least[x] = row[x] < least[x] ? row[x] : least[x];
+    most[x] = row[x] > most[x] ? row[x] : most[x];
+  }
+}
+
+/// `count` fractions of every pixel of a line, in the order of their places.
+void blur_line(const float* line, const std::vector<float>& phases, int count, int padded, int taps, float* out) {
+  std::array<float, kTileSide * 16> planes;
+  for (int i = 0; i < count; ++i)
+    blur_along(line, phases.data() + static_cast<std::ptrdiff_t>(i) * padded, taps, planes.data() + i * kTileSide);
+  for (int k = 0; k < kTileSide; ++k)
+    for (int i = 0; i < count; ++i) *out++ = planes[static_cast<std::size_t>(i * kTileSide + k)];
 }
 
 std::vector<float> phases_of(const PixelKernel& kernel, int count, double shift, int per_pixel) {
@@ -68,8 +93,8 @@ std::vector<float> phases_of(const PixelKernel& kernel, int count, double shift,
   return phases;
 }
 
-std::span<const float> phase(const std::vector<float>& phases, int i, int padded) {
-  return {phases.data() + static_cast<std::ptrdiff_t>(i) * padded, static_cast<std::size_t>(padded)};
+const float* phase(const std::vector<float>& phases, int i, int padded) {
+  return phases.data() + static_cast<std::ptrdiff_t>(i) * padded;
 }
 
 }  // namespace
@@ -81,25 +106,39 @@ TileRange tiles_of(const PixelBox& box) {
   return {x * kTileSide, y * kTileSide, tile(box.x + box.width - 1) - x + 1, tile(box.y + box.height - 1) - y + 1};
 }
 
-std::vector<TileBounds> bounds_of_row(const DoseField& dose, const TileRange& range, int row) {
+std::vector<TileBounds> all_bounds(const DoseField& dose) {
+  const TileRange range = tiles_of(dose.box());
   const PixelBox& box = dose.box();
-  const int reach = dose.kernel().reach(), y = range.y + row * kTileSide;
+  const int reach = dose.kernel().reach();
   const auto width = static_cast<std::size_t>(box.width);
-  std::vector<float> least(dose.row(y), dose.row(y) + width), most = least;
-  for (int r = y - reach; r < y + kTileSide + reach; ++r) {
-    const float* pixels = dose.row(r);
-    for (std::size_t x = 0; x < width; ++x) {
-      least[x] = std::min(least[x], pixels[x]);
-      most[x] = std::max(most[x], pixels[x]);
+  std::vector<TileBounds> bounds(static_cast<std::size_t>(range.rows) * static_cast<std::size_t>(range.columns));
+  tbb::parallel_for(0, range.rows, [&](int row) {
+    const int y = range.y + row * kTileSide;
+    std::vector<float> least(dose.row(y), dose.row(y) + width), most = least;
+    for (int r = std::max(box.y, y - reach); r < std::min(box.y + box.height, y + kTileSide + reach); ++r)
+      widen(dose.row(r), width, least.data(), most.data());
+    for (int column = 0; column < range.columns; ++column) {
+      const int from = std::clamp(range.x + column * kTileSide - reach - box.x, 0, box.width - 1);
+      const int until = std::clamp(range.x + (column + 1) * kTileSide + reach - box.x, from + 1, box.width);
+      bounds[static_cast<std::size_t>(row) * static_cast<std::size_t>(range.columns) +
+             static_cast<std::size_t>(column)] = {*std::min_element(least.begin() + from, least.begin() + until),
+                                                  *std::max_element(most.begin() + from, most.begin() + until)};
     }
-  }
-  std::vector<TileBounds> bounds;
-  for (int column = 0; column < range.columns; ++column) {
-    const int from = std::clamp(range.x + column * kTileSide - reach - box.x, 0, box.width - 1);
-    const int until = std::clamp(range.x + (column + 1) * kTileSide + reach - box.x, from + 1, box.width);
-    bounds.push_back({*std::min_element(least.begin() + from, least.begin() + until),
-                      *std::max_element(most.begin() + from, most.begin() + until)});
-  }
+  });
+  return bounds;
+}
+
+std::vector<TileBounds> bounds_of_row(const DoseField& dose, const TileRange& range, int row) {
+  std::vector<TileBounds> bounds(static_cast<std::size_t>(range.columns));
+  const TileRange own = tiles_of(dose.box());
+  if (own.rows == 0) return bounds;
+  const auto within = [](int from, int own_from, int count) {
+    return static_cast<std::size_t>(std::clamp((from - own_from) / kTileSide, 0, count - 1));
+  };
+  const std::size_t first = within(range.y + row * kTileSide, own.y, own.rows) * static_cast<std::size_t>(own.columns);
+  for (int column = 0; column < range.columns; ++column)
+    bounds[static_cast<std::size_t>(column)] =
+        dose.tile_bounds()[first + within(range.x + column * kTileSide, own.x, own.columns)];
   return bounds;
 }
 
@@ -115,10 +154,9 @@ void TileSampler::sample(const DoseField& dose, int x, int y, std::span<float> o
   std::array<float, kMostWindow> line;
   for (int pixel = 0; pixel < kTileSide; ++pixel)
     for (int i = 0; i < per_pixel_; ++i) {
-      blur_across(window, pixel, phase(phases_, i, padded_), taps, line.data());
-      float* row = out.data() + static_cast<std::size_t>(pixel * per_pixel_ + i) * points();
-      for (int j = 0; j < per_pixel_; ++j)
-        blur_along(line.data(), phase(phases_, j, padded_), taps, row + j, static_cast<std::size_t>(per_pixel_));
+      blur_across(window.row(pixel), window.width, phase(phases_, i, padded_), taps, line.data());
+      blur_line(line.data(), phases_, per_pixel_, padded_, taps,
+                out.data() + static_cast<std::size_t>(pixel * per_pixel_ + i) * points());
     }
 }
 
@@ -137,11 +175,10 @@ void LineSampler::sample(const DoseField& dose, int x, int y, bool along_y, std:
   std::array<float, kTileSide> ends;
   for (int pixel = 0; pixel < kTileSide; ++pixel)
     for (int i = 0; i < across_; ++i) {
-      blur_across(window, pixel, phase(across_phases_, i, padded_), taps, line.data());
+      blur_across(window.row(pixel), window.width, phase(across_phases_, i, padded_), taps, line.data());
       float* row = out.data() + static_cast<std::size_t>(pixel * across_ + i) * points();
-      for (int j = 0; j < along_; ++j)
-        blur_along(line.data(), phase(along_phases_, j, padded_), taps, row + j, static_cast<std::size_t>(along_));
-      blur_along(line.data(), phase(along_phases_, along_, padded_), taps, ends.data(), 1);
+      blur_line(line.data(), along_phases_, along_, padded_, taps, row);
+      blur_along(line.data(), phase(along_phases_, along_, padded_), taps, ends.data());
       row[kTileSide * along_] = ends.back();
     }
 }

@@ -13,12 +13,10 @@ struct TileRange {
 inline constexpr int kTileSide = 8;
 [[nodiscard]] TileRange tiles_of(const PixelBox& box);
 
-/// What no point of a tile is below or above.
-struct TileBounds {
-  float least = 0;
-  float most = 0;
-};
-/// Of one row of tiles.
+using TileBounds = DoseField::TileBounds;
+/// Of all tiles of a field, row by row; by its pixels and box alone.
+[[nodiscard]] std::vector<TileBounds> all_bounds(const DoseField& dose);
+/// Those of one row of a range, which may reach beyond the field's own tiles.
 [[nodiscard]] std::vector<TileBounds> bounds_of_row(const DoseField& dose, const TileRange& range, int row);
 
 /// The dose field on regular points of a tile, by the separable kernel. Threads: as const.

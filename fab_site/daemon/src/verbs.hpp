@@ -6,6 +6,7 @@ namespace telefab::fab {
 [[nodiscard]] VerbBody declare_export(CLI::App& options);
 [[nodiscard]] VerbBody declare_cover(CLI::App& options);
 [[nodiscard]] VerbBody declare_plan(CLI::App& options);
+[[nodiscard]] VerbBody declare_predict(CLI::App& options);
 [[nodiscard]] VerbBody declare_probe(CLI::App& options);
 [[nodiscard]] VerbBody declare_serve(CLI::App& options);
 [[nodiscard]] VerbBody declare_simulate_usb(CLI::App& options);

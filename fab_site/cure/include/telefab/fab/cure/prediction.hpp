@@ -12,8 +12,8 @@ struct PrintToPredict {
   std::uint32_t layers = 0;       ///< of the print
   std::uint32_t lift_layers = 0;  ///< below layer 0 of the part
   LightSource light;
-  std::span<const Layer> part;      ///< from its layer 0 up; empty: nothing is compared
-  std::span<const Layer> supports;  ///< rings by print layer, as many as layers; or empty
+  std::span<const Layer> part;                     ///< from its layer 0 up; empty: nothing is compared
+  std::span<const std::vector<Contour>> supports;  ///< rings by print layer, as many as layers; or empty
 };
 
 struct PredictOptions {

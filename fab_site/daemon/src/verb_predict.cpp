@@ -1,0 +1,176 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <telefab/base/file.hpp>
+#include <telefab/fab/cure/prediction.hpp>
+#include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/verify/print_files.hpp>
+
+#include "read_stack.hpp"
+#include "verbs.hpp"
+
+namespace telefab::fab {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::uint64_t kMaxTextBytes = 4ULL << 30U;
+
+struct PredictVerb {
+  std::string folder, contours, machine, out;
+  std::string machines = default_machine_folder();
+  std::string frame = "part";
+  std::optional<std::string> report, preview;
+  std::optional<std::uint32_t> layer;
+  int sub_pixels = 4;
+  int spacing_px = 1;
+  int threads = 0;
+  bool supports = false;
+  bool json = false;
+};
+
+Result<std::uint32_t> lift_of(const fs::path& path) {
+  const auto bytes = read_file(path, kMaxTextBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  const auto supports = WrittenSupports::from_json({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
+  if (!supports) return fail_in(path.string(), supports.error());
+  return supports->lift_layers();
+}
+
+/// From the option, or those that the planner kept; nothing where it kept none.
+Result<std::optional<LayerStack>> contours_of(const PlannedJob& job, const PredictVerb& o) {
+  auto stack = o.contours.empty() ? job.part() : read_stack(o.contours);
+  if (stack) return std::optional<LayerStack>{std::move(*stack)};
+  if (o.contours.empty() && stack.error().code == ErrorCode::NotFound) return std::optional<LayerStack>{};
+  return tl::unexpected{stack.error()};
+}
+
+void tell(const Prediction& p, const CureModel& model, bool compared) {
+  fmt::print("cured {:.1f} mm3, {} surface points{}\n", p.solid.volume_mm3, p.points.size(),
+             p.support_points ? fmt::format(", {} of supports", p.support_points) : "");
+  if (!compared) {
+    fmt::print("no contours to compare with: name them with --contours\n");
+    return;
+  }
+  const double pitch_um = model.pixel_pitch_mm * 1000;
+  fmt::print("contours enclose {:.1f} mm3: {:+.2f} %\n", p.contour_mm3,
+             p.contour_mm3 > 0 ? 100 * (p.solid.volume_mm3 / p.contour_mm3 - 1) : 0.0);
+  const EdgeFigures& e = p.edges;
+  fmt::print("edges at mid-layer: mean {:.3f} px ({:.1f} um), bias {:+.3f}, 95 % within {:.3f}, most {:.2f} px\n",
+             e.edges.mean_px(), e.edges.mean_px() * pitch_um, e.edges.bias_px(), e.edges.percentile_px(0.95),
+             e.edges.max_px());
+  fmt::print("  away from corners {:.3f} px; lost {:.2f} %; one per cent of dose moves them by {:.4f} px\n",
+             e.smooth.mean_px(), 100 * e.lost_share(), e.latitude_px());
+  fmt::print("  cured or missing farther than 1 px from every contour: {:.1f} px2\n", e.far_px2);
+  if (p.undersides.count() > 0)
+    fmt::print("undersides: {:+.2f} layers ({:+.3f} mm), mean size {:.2f}, most {:.1f}\n", p.undersides.bias_px(),
+               p.undersides.bias_px() * model.layer_mm, p.undersides.mean_px(), p.undersides.max_px());
+}
+
+Result<void> write_files(const Prediction& prediction, const CureModel& model, std::uint32_t lift_layers,
+                         const PredictVerb& o) {
+  std::vector<SurfacePoint> points = prediction.points;
+  if (o.frame == "part") {
+    const auto lift_mm = static_cast<float>(lift_layers * model.layer_mm);
+    for (SurfacePoint& point : points) point.z_mm -= lift_mm;
+  }
+  const auto comment = fmt::format("predicted by telefab-fab, millimetres, {} frame", o.frame);
+  if (auto ok = write_file_atomically(o.out, to_ply(points, comment)); !ok) return ok;
+  if (o.report)
+    if (auto ok = write_file_atomically(*o.report, to_json(prediction, model)); !ok) return ok;
+  if (!o.preview) return {};
+  const auto png = encode_png(prediction.picture);
+  if (!png) return tl::unexpected{png.error()};
+  return write_file_atomically(*o.preview, *png);
+}
+
+Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
+  auto job = PlannedJob::open(o.folder);
+  if (!job) return tl::unexpected{job.error()};
+  const PrintPlan& plan = (*job)->plan();
+  const auto machines = load_machine_profiles(o.machines);
+  if (!machines) return tl::unexpected{machines.error()};
+  const auto machine = find_machine(*machines, o.machine.empty() ? plan.machine : o.machine);
+  if (!machine) return tl::unexpected{machine.error()};
+  auto model = cure_model(*machine);
+  if (!model) return tl::unexpected{model.error()};
+  model->mask = plan.mask_size;
+  const auto stack = contours_of(**job, o);
+  if (!stack) return tl::unexpected{stack.error()};
+  const auto supports = (*job)->supports();
+  if (!supports) return tl::unexpected{supports.error()};
+  const auto lift = lift_of(fs::path{o.folder} / "supports.json");
+  if (!lift) return tl::unexpected{lift.error()};
+
+  PrintToPredict print;
+  print.layers = static_cast<std::uint32_t>(plan.layers.size());
+  print.lift_layers = *lift;
+  if (*stack) print.part = (*stack)->layers();
+  print.supports = *supports;
+  print.light = [&](LayerIndex index) -> Result<LitLayer> {
+    LitLayer light;
+    const auto exposure = plan.layers[index.count()].exposure;
+    if (exposure.count() == 0) return light;
+    auto mask = (*job)->mask(index);
+    if (!mask) return tl::unexpected{mask.error()};
+    light.masks.push_back(std::move(*mask));
+    light.lit.push_back(exposure);
+    return light;
+  };
+  PredictOptions options;
+  options.sub_pixels = o.sub_pixels;
+  options.spacing_px = o.spacing_px;
+  options.supports = o.supports;
+  options.threads = o.threads;
+  if (o.layer) options.picture = LayerIndex{*o.layer};
+  const auto prediction = predict_print(*model, print, options, progress_line(), stop);
+  clear_progress();
+  if (!prediction) return tl::unexpected{prediction.error()};
+  if (auto ok = write_files(*prediction, *model, *lift, o); !ok) return tl::unexpected{ok.error()};
+  if (o.json)
+    fmt::print("{}", to_json(*prediction, *model));
+  else
+    tell(*prediction, *model, stack->has_value());
+  const double leaked = model->leaked_dose(plan.layers.back().exposure);
+  if (leaked >= 0.5)
+    fmt::print(stderr,
+               "telefab-fab: black pixels leak {:.2f} of the critical dose in a tall print; all resin sets at 1\n",
+               leaked);
+  return ExitCode::Ok;
+}
+
+}  // namespace
+
+VerbBody declare_predict(CLI::App& options) {
+  auto o = std::make_shared<PredictVerb>();
+  options.add_option("DIR", o->folder, "a plan folder, as `telefab-fab plan` writes it")->required();
+  options.add_option("--out", o->out, "write the cured part's surface points with normals here (PLY)")->required();
+  options.add_option("--report", o->report, "write edge errors, by layer and overall, here (JSON)");
+  options.add_option("--preview", o->preview, "write a picture here (PNG)");
+  options.add_option("--contours", o->contours,
+                     "the .tfc file it was planned of; default: the one in the folder, where there is one");
+  options.add_option("--machine", o->machine, "profile whose optics and resin are taken; default: the plan's");
+  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  options.add_option("--frame", o->frame, "part: z from the part's first layer; print: z from the platform")
+      ->check(CLI::IsMember({"part", "print"}))
+      ->capture_default_str();
+  options.add_flag("--supports", o->supports, "write the supports' points as well");
+  options.add_option("--layer", o->layer,
+                     "print layer whose edges the picture shows; default: the one of most contour");
+  options.add_option("--sub-pixels", o->sub_pixels, "samples of the solid a pixel and axis")
+      ->check(CLI::Range(1, 16))
+      ->capture_default_str();
+  options.add_option("--spacing-px", o->spacing_px, "distance of surface points, pixels")
+      ->check(CLI::Range(1, 64))
+      ->capture_default_str();
+  options.add_option("--threads", o->threads, "0: all cores; the prediction is the same for any number")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  options.add_flag("--json", o->json, "print the report as JSON");
+  return [o](std::stop_token stop) { return predict(*o, stop); };
+}
+
+}  // namespace telefab::fab
