@@ -2,11 +2,10 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
-
 #include <telefab/base/file.hpp>
 #include <telefab/fab/drivers/make_devices.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/planning/preflight.hpp>
 #include <telefab/fab/print/admission.hpp>
 #include <telefab/fab/print/print_record.hpp>
 
@@ -19,16 +18,8 @@ Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const std::st
   options.job = job;
   const auto summary = write_plan_folder(folder / "plan", stack, machine, options, clock, progress, std::move(stop));
   if (!summary) return tl::unexpected{summary.error()};
-  PlanOutcome outcome{static_cast<std::uint32_t>(summary->plan.layers.size()), {}};
-  if (!summary->check.passes()) {
-    const auto& findings = summary->check.findings;
-    const Finding& first =
-        *std::find_if(findings.begin(), findings.end(), [](const Finding& f) { return holds_the_job(f.kind); });
-    outcome.doubt = fmt::format(
-        "the check of the masks has {} findings, the first: {} in layer {} at ({:.1f}, {:.1f}) mm",
-        summary->check.findings.size(), name_of(first.kind), first.layer.count(), first.place.x_mm, first.place.y_mm);
-  }
-  return outcome;
+  const Preflight preflight = preflight_of(stack, machine, *summary);
+  return PlanOutcome{static_cast<std::uint32_t>(summary->plan.layers.size()), preflight.why_held()};
 }
 
 namespace {

@@ -4,6 +4,7 @@
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/planning/preflight.hpp>
 
 #include "read_stack.hpp"
 #include "verbs.hpp"
@@ -47,24 +48,13 @@ Result<PlanOptions> plan_options(const Options& o) {
   return options;
 }
 
-void print_summary(const PlanSummary& s, const std::string& folder) {
+void print_summary(const PlanSummary& s, const Preflight& preflight, const std::string& folder) {
   fmt::print("{} layers on {} ({} of the part, {} below it), {} anchors\n", s.plan.layers.size(), s.plan.machine,
              s.part_layers, s.lift_layers, s.anchors);
   fmt::print("part {:.1f} mm3, supports {:.1f} mm3; {:.0f} min of print, of that {:.0f} min of light\n",
              s.figures.part_mm3, s.figures.support_mm3, s.print_s / 60, s.exposure_s / 60);
   fmt::print("supports {:.2f} s, masks {:.2f} s; written to {}\n", s.support_seconds, s.mask_seconds, folder);
-  if (s.check.findings.empty()) {
-    fmt::print("check of the masks: nothing floats, no cup, no trap\n");
-    return;
-  }
-  fmt::print("check of the masks: {}\n", s.check.passes() ? "passed, with warnings" : "FAILED, the job would be held");
-  constexpr std::size_t shown = 8;
-  for (std::size_t i = 0; i < s.check.findings.size() && i < shown; ++i) {
-    const Finding& f = s.check.findings[i];
-    fmt::print("  {} in layers {} to {} at ({:.2f}, {:.2f}) mm, {:.3f} mm2\n", name_of(f.kind), f.layer.count(),
-               f.last.count(), f.place.x_mm, f.place.y_mm, f.size_mm2);
-  }
-  if (s.check.findings.size() > shown) fmt::print("  and {} more; see report.json\n", s.check.findings.size() - shown);
+  fmt::print("before printing:{}\n{}", preflight.holds() ? " the job would be held" : "", to_text(preflight));
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
@@ -79,11 +69,12 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
       write_plan_folder(o.out, file->stack, *machine, *options, clock, progress_line(), stop, file->bytes);
   clear_progress();
   if (!summary) return tl::unexpected{summary.error()};
+  const Preflight preflight = preflight_of(file->stack, *machine, *summary);
   if (o.json)
     fmt::print("{}", to_json(*summary));
   else
-    print_summary(*summary, o.out);
-  return summary->check.passes() ? ExitCode::Ok : ExitCode::NotCertified;
+    print_summary(*summary, preflight, o.out);
+  return preflight.holds() ? ExitCode::NotCertified : ExitCode::Ok;
 }
 
 }  // namespace
@@ -93,7 +84,9 @@ VerbBody declare_plan(CLI::App& options) {
   options.add_option("FILE", o->stack, "contour file (.tfc) of telefab-scan slice")->required();
   options.add_option("--machine", o->machine, "machine profile; default: the one it was sliced for");
   options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
-  options.add_option("--out", o->out, "folder for masks, plan.json, supports.json, preview.png, report.json")
+  options
+      .add_option("--out", o->out,
+                  "folder for masks, plan.json, supports.json, preview.png, report.json, preflight.json")
       ->required();
   options.add_option("--masks", o->masks, "how grey levels are found")
       ->check(CLI::IsMember({"cover"}))
@@ -111,7 +104,8 @@ VerbBody declare_plan(CLI::App& options) {
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   options.add_flag("--json", o->json, "print the report as JSON");
-  options.footer("Exit code 8: planned and written, but the check found something that floats.");
+  options.footer(
+      "Exit code 8: planned and written, but something holds the job; preflight.json and the lines above say what.");
   return [o](std::stop_token stop) { return run(*o, stop); };
 }
 

@@ -151,7 +151,9 @@ Result<std::string> WebDesk::report(std::string_view id) {
   const auto folder = path->parent_path().parent_path();
   ordered_json print = report_part(folder / "report" / "print.json");
   if (print.is_object()) print.erase("layers");  // hundreds of rows; `telefab report` fetches the whole file
-  const ordered_json value{{"plan", report_part(*path)}, {"print", print}};
+  const ordered_json value{{"plan", report_part(*path)},
+                           {"preflight", report_part(path->parent_path() / "preflight.json")},
+                           {"print", print}};
   if (value["plan"].is_null()) return fail(ErrorCode::NotFound, "there is no report before the job is planned");
   return value.dump();
 }

@@ -3,6 +3,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/codec/tfc_file.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/planning/preflight.hpp>
 #include <telefab/geometry/contour_lines.hpp>
 
 namespace telefab::fab {
@@ -106,11 +107,13 @@ Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& 
   const auto as_bytes = [](const std::string& text) { return std::as_bytes(std::span{text}); };
   const std::string plan_text = to_json(summary->plan);
   const std::string report_text = to_json(*summary);
+  const std::string preflight_text = to_json(preflight_of(stack, machine, *summary));
   const std::pair<const char*, std::span<const std::byte>> files[] = {
       {"plan.json", as_bytes(plan_text)},
       {"supports.json", as_bytes(summary->supports_json)},
       {kSupportsFile, as_bytes(support_lines)},
       {"report.json", as_bytes(report_text)},
+      {"preflight.json", as_bytes(preflight_text)},
       {kPartFile, tfc},
       {"preview.png", *preview}};
   for (const auto& [name, bytes] : files)

@@ -248,6 +248,8 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
       planned.z_mm = (index.count() + 1) * header.layer_thickness_mm;
       planned.exposure = work.grey_sum == 0 ? std::chrono::microseconds{0} : exposure_of(machine, index.count());
       planned.mask = work.digest;
+      const double lit_mm2 = static_cast<double>(work.grey_sum) / 255 * frame.pixel_pitch_mm * frame.pixel_pitch_mm;
+      if (lit_mm2 > summary.peel.most_mm2) summary.peel = {lit_mm2, index};
       summary.cured_mm3 += static_cast<double>(work.grey_sum) / 255 * voxel_mm3;
       summary.exposure_s += std::chrono::duration<double>(planned.exposure).count();
       summary.print_s += layer_seconds(machine.motion, planned.exposure);

@@ -21,9 +21,10 @@ struct MachineProfile {
   std::string description;  ///< one line for people
 
   struct Platform {
-    double width_mm = 0;     ///< along x, the mask's columns
-    double depth_mm = 0;     ///< along y, the mask's rows
-    double z_travel_mm = 0;  ///< tallest part with its base
+    double width_mm = 0;       ///< along x, the mask's columns
+    double depth_mm = 0;       ///< along y, the mask's rows
+    double z_travel_mm = 0;    ///< tallest part with its base
+    double most_peel_mm2 = 0;  ///< largest layer that its lift can pull off the vat; 0: not stated
     friend bool operator==(const Platform&, const Platform&) = default;
   } platform;
 
@@ -56,6 +57,7 @@ struct MachineProfile {
     std::string name = "assumed";
     double critical_dose_mj_per_cm2 = 10;  ///< Ec
     double penetration_mm = 0.1;           ///< Dp
+    double vat_ml = 0;                     ///< resin that the vat holds; 0: not stated
     friend bool operator==(const Resin&, const Resin&) = default;
   } resin;
 

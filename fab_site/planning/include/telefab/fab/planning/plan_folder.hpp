@@ -7,10 +7,10 @@
 namespace telefab::fab {
 
 /// plan_job into a folder: masks/00000.png.., plan.json, supports.json, supports.jsonl (the support's rings, one
-/// line a print layer), part.tfc, preview.png, report.json. The folder appears whole or not at all; one that holds an
-/// older plan is replaced, any other that is not empty is refused. `tfc` is the file the stack was read from, kept as
-/// part.tfc; where it is empty the stack is encoded (Coding::Exact). Fails as plan_job does, and with Conflict (folder
-/// holds something else), NotPermitted, StorageFailed.
+/// line a print layer), part.tfc, preview.png, report.json, preflight.json. The folder appears whole or not at all; one
+/// that holds an older plan is replaced, any other that is not empty is refused. `tfc` is the file the stack was read
+/// from, kept as part.tfc; where it is empty the stack is encoded (Coding::Exact). Fails as plan_job does, and with
+/// Conflict (folder holds something else), NotPermitted, StorageFailed.
 [[nodiscard]] Result<PlanSummary> write_plan_folder(const std::filesystem::path& folder, const LayerStack& stack,
                                                     const MachineProfile& machine, const PlanOptions& options,
                                                     const Clock& clock, const ProgressSink& progress,

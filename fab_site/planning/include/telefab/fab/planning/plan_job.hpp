@@ -27,6 +27,12 @@ struct PlanOptions {
   [[nodiscard]] Result<void> validate() const;
 };
 
+/// The largest layer: what the peel has to pull off the vat.
+struct PeelLoad {
+  double most_mm2 = 0;  ///< grey-weighted
+  LayerIndex layer;     ///< of the print
+};
+
 /// What was planned, for reports and pictures. Times are the only part that differs from run to run.
 struct PlanSummary {
   PrintPlan plan;
@@ -37,9 +43,10 @@ struct PlanSummary {
   std::uint32_t lift_layers = 0;
   std::string supports_json;  ///< to_json(SupportPlan)
   double cured_mm3 = 0;       ///< grey-weighted volume of all masks
-  double exposure_s = 0;      ///< of all layers
-  double print_s = 0;         ///< exposures, lifts, lowering and settling
-  Image preview;              ///< contact sheet
+  PeelLoad peel;
+  double exposure_s = 0;  ///< of all layers
+  double print_s = 0;     ///< exposures, lifts, lowering and settling
+  Image preview;          ///< contact sheet
   double support_seconds = 0;
   double mask_seconds = 0;
 };

@@ -1,0 +1,44 @@
+#pragma once
+#include <optional>
+#include <string>
+#include <telefab/fab/planning/plan_job.hpp>
+
+namespace telefab::fab {
+
+/// One question asked of a job before it is printed.
+struct PreflightItem {
+  enum class Verdict : std::uint8_t {
+    Passed = 1,
+    Warning = 2,   ///< worth a look; does not hold the job
+    Held = 3,      ///< the job waits until an operator approves it by name
+    NotKnown = 4,  ///< the scan or the machine's profile does not say enough
+  };
+  std::string name;  ///< "size", "certificates", "islands", "hollows", "features", "resin", "peel", "time", ...
+  Verdict verdict = Verdict::Passed;
+  std::string text;  ///< for people, with the figure and its unit
+  std::optional<double> value;
+  std::string unit;                 ///< of the value: "mm", "ml", "mm2", "s", "layers", ...
+  std::optional<LayerIndex> layer;  ///< of the print
+  std::optional<Point2> place;      ///< build frame
+};
+[[nodiscard]] std::string_view name_of(PreflightItem::Verdict verdict);
+
+/// Everything an operator should know before the light goes on.
+struct Preflight {
+  std::vector<PreflightItem> items;
+  [[nodiscard]] bool holds() const;
+  /// Texts of what holds the job, joined; empty where nothing does.
+  [[nodiscard]] std::string why_held() const;
+};
+
+/// {"verdict":"passed","items":[{"name":..,"verdict":..,"text":..,"value":..,"unit":..,"layer":..,"place":[x,y]}]}
+[[nodiscard]] std::string to_json(const Preflight& preflight);
+/// A line an item, for a terminal.
+[[nodiscard]] std::string to_text(const Preflight& preflight);
+
+/// Size, certificates, islands and loose supports, hollows that hold a vacuum or resin, resin against the vat, peel
+/// area against the machine's limit, time. Pure.
+[[nodiscard]] Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine,
+                                     const PlanSummary& summary);
+
+}  // namespace telefab::fab

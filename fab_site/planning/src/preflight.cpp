@@ -1,0 +1,179 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <telefab/fab/planning/preflight.hpp>
+
+namespace telefab::fab {
+namespace {
+
+using Verdict = PreflightItem::Verdict;
+
+PreflightItem size_of(const LayerStack& stack, const MachineProfile& machine, const PlanSummary& summary) {
+  Bounds2 all{{1e9, 1e9}, {-1e9, -1e9}};
+  for (const Layer& layer : stack.layers())
+    for (const Contour& ring : layer.contours) {
+      const Bounds2 b = ring.bounds();
+      all.min = {std::min(all.min.x_mm, b.min.x_mm), std::min(all.min.y_mm, b.min.y_mm)};
+      all.max = {std::max(all.max.x_mm, b.max.x_mm), std::max(all.max.y_mm, b.max.y_mm)};
+    }
+  const double height_mm = static_cast<double>(summary.plan.layers.size()) * stack.header().layer_thickness_mm;
+  PreflightItem item{"size", Verdict::Passed, {}, height_mm, "mm", {}, {}};
+  item.text =
+      fmt::format("{:.1f} x {:.1f} mm, {:.1f} mm high with its supports, fits {} x {} x {} mm",
+                  std::max(0.0, all.max.x_mm - all.min.x_mm), std::max(0.0, all.max.y_mm - all.min.y_mm), height_mm,
+                  machine.platform.width_mm, machine.platform.depth_mm, machine.platform.z_travel_mm);
+  return item;
+}
+
+PreflightItem certificates_of(const LayerStack& stack, const PlanSummary& summary) {
+  std::size_t flagged = 0, unchecked = 0;
+  const Layer* first = nullptr;
+  for (const Layer& layer : stack.layers()) {
+    unchecked += layer.certificate.verdict == LayerCertificate::Verdict::Unchecked;
+    if (layer.certificate.verdict != LayerCertificate::Verdict::Flagged) continue;
+    ++flagged;
+    if (!first) first = &layer;
+  }
+  PreflightItem item{"certificates", Verdict::Passed, {}, static_cast<double>(flagged), "layers", {}, {}};
+  if (first) {
+    item.verdict = Verdict::Warning;
+    item.layer = LayerIndex{first->index.count() + summary.lift_layers};
+    item.place = first->certificate.place;
+    item.text = fmt::format("{} of {} layers are flagged by the slicer; the first, layer {}: {}", flagged,
+                            stack.layers().size(), item.layer->count(), first->certificate.reason);
+  } else if (unchecked > 0) {
+    item.verdict = Verdict::NotKnown;
+    item.text = fmt::format("{} layers carry no certificate: their contours come from elsewhere", unchecked);
+  } else {
+    item.text = fmt::format("all {} layers are certified", stack.layers().size());
+  }
+  return item;
+}
+
+/// Findings of some kinds as one item.
+PreflightItem findings_of(std::string name, Verdict verdict, std::initializer_list<Finding::Kind> kinds,
+                          const SupportReport& check, std::string_view none) {
+  PreflightItem item{std::move(name), Verdict::Passed, std::string{none}, 0.0, "findings", {}, {}};
+  const Finding* first = nullptr;
+  std::size_t count = 0;
+  for (const Finding& finding : check.findings)
+    if (std::ranges::find(kinds, finding.kind) != kinds.end()) {
+      ++count;
+      if (!first) first = &finding;
+    }
+  if (!first) return item;
+  item.verdict = verdict;
+  item.value = static_cast<double>(count);
+  item.layer = first->layer;
+  item.place = first->place;
+  item.text =
+      fmt::format("{} found; the first: {} in layer {} at ({:.1f}, {:.1f}) mm, {:.2f} mm2", count, name_of(first->kind),
+                  first->layer.count(), first->place.x_mm, first->place.y_mm, first->size_mm2);
+  return item;
+}
+
+/// A figure against a limit of the profile, where 0 stands for a limit that nobody stated.
+PreflightItem against(std::string name, double value, std::string unit, double limit, std::string text,
+                      std::string_view key) {
+  PreflightItem item{std::move(name), Verdict::Passed, std::move(text), value, std::move(unit), {}, {}};
+  if (limit <= 0) {
+    item.verdict = Verdict::NotKnown;
+    item.text += fmt::format("; {} of the profile says no limit", key);
+  } else if (value > limit) {
+    item.verdict = Verdict::Held;
+    item.text += fmt::format("; the limit is {:.1f} {} ({})", limit, item.unit, key);
+  } else {
+    item.text += fmt::format(", of {:.1f} {}", limit, item.unit);
+  }
+  return item;
+}
+
+std::string duration(double seconds) {
+  const auto minutes = static_cast<long>(seconds / 60 + 0.5);
+  return minutes < 60 ? fmt::format("{} min", minutes) : fmt::format("{} h {} min", minutes / 60, minutes % 60);
+}
+
+}  // namespace
+
+std::string_view name_of(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::Passed:
+      return "passed";
+    case Verdict::Warning:
+      return "warning";
+    case Verdict::Held:
+      return "held";
+    case Verdict::NotKnown:
+      return "not-known";
+  }
+  return "not-known";
+}
+
+bool Preflight::holds() const {
+  return std::ranges::any_of(items, [](const PreflightItem& item) { return item.verdict == Verdict::Held; });
+}
+
+std::string Preflight::why_held() const {
+  std::string why;
+  for (const PreflightItem& item : items)
+    if (item.verdict == Verdict::Held) why += fmt::format("{}{}: {}", why.empty() ? "" : "; ", item.name, item.text);
+  return why;
+}
+
+Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, const PlanSummary& summary) {
+  Preflight preflight;
+  auto& items = preflight.items;
+  items.push_back(size_of(stack, machine, summary));
+  items.push_back(certificates_of(stack, summary));
+  using Kind = Finding::Kind;
+  items.push_back(
+      findings_of("islands", Verdict::Held, {Kind::Island, Kind::OutOfReach}, summary.check, "nothing floats"));
+  items.push_back(findings_of("supports", Verdict::Held, {Kind::FreePin, Kind::TrappedSupport}, summary.check,
+                              "no support is loose or trapped"));
+  items.push_back(findings_of("hollows", Verdict::Warning, {Kind::SuctionCup, Kind::ResinTrap}, summary.check,
+                              "no hollow holds a vacuum or liquid resin"));
+  const double resin_ml = summary.cured_mm3 / 1000;
+  items.push_back(against("resin", resin_ml, "ml", machine.resin.vat_ml,
+                          fmt::format("{:.1f} ml of resin, supports included", resin_ml), "resin.vat_ml"));
+  PreflightItem pull =
+      against("peel", summary.peel.most_mm2, "mm2", machine.platform.most_peel_mm2,
+              fmt::format("layer {} is the largest, {:.0f} mm2", summary.peel.layer.count(), summary.peel.most_mm2),
+              "platform.most_peel_mm2");
+  pull.layer = summary.peel.layer;
+  items.push_back(std::move(pull));
+  items.push_back(
+      {"time",
+       Verdict::Passed,
+       fmt::format("{} of print, of that {} of light", duration(summary.print_s), duration(summary.exposure_s)),
+       summary.print_s,
+       "s",
+       {},
+       {}});
+  return preflight;
+}
+
+std::string to_json(const Preflight& preflight) {
+  using nlohmann::ordered_json;
+  ordered_json items = ordered_json::array();
+  for (const PreflightItem& item : preflight.items) {
+    ordered_json value{{"name", item.name}, {"verdict", name_of(item.verdict)}, {"text", item.text}};
+    value["value"] = item.value ? ordered_json(*item.value) : ordered_json{};
+    value["unit"] = item.unit;
+    if (item.layer) value["layer"] = item.layer->count();
+    if (item.place) value["place"] = {item.place->x_mm, item.place->y_mm};
+    items.push_back(std::move(value));
+  }
+  return ordered_json{{"verdict", preflight.holds() ? "held" : "passed"}, {"items", items}}.dump(
+             1, ' ', false, ordered_json::error_handler_t::replace) +
+         "\n";
+}
+
+std::string to_text(const Preflight& preflight) {
+  std::string text;
+  for (const PreflightItem& item : preflight.items)
+    text += fmt::format("  {:<9} {:<13} {}\n", name_of(item.verdict), item.name, item.text);
+  return text;
+}
+
+}  // namespace telefab::fab

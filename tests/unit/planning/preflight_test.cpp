@@ -1,0 +1,106 @@
+#include <gmock/gmock.h>
+
+#include <nlohmann/json.hpp>
+#include <telefab/fab/planning/preflight.hpp>
+#include <telefab/test/block_stack.hpp>
+
+namespace telefab::fab {
+namespace {
+
+using testing::HasSubstr;
+using Verdict = PreflightItem::Verdict;
+
+class PreflightTest : public testing::Test {
+ protected:
+  [[nodiscard]] PreflightItem item(std::string_view name) const {
+    const Preflight preflight = preflight_of(stack, machine, summary);
+    for (const PreflightItem& each : preflight.items)
+      if (each.name == name) return each;
+    ADD_FAILURE() << "no item " << name;
+    return {};
+  }
+  LayerStack stack = test::table(3, 1);
+  MachineProfile machine = test::small_machine();
+  PlanSummary summary = plan();
+  [[nodiscard]] PlanSummary plan() const {
+    const VirtualClock clock;
+    auto planned = plan_job(stack, machine, {}, [](const PlannedSheet&) { return Result<void>{}; }, clock, {}, {});
+    EXPECT_TRUE(planned) << planned.error().what;
+    return std::move(*planned);
+  }
+};
+
+TEST_F(PreflightTest, OfAPartThatStandsHoldsNothing) {
+  const Preflight preflight = preflight_of(stack, machine, summary);
+  EXPECT_FALSE(preflight.holds());
+  EXPECT_EQ(preflight.why_held(), "");
+  EXPECT_EQ(item("islands").verdict, Verdict::Passed);
+}
+
+TEST_F(PreflightTest, HoldsAJobForAnIslandAndNamesItsPlace) {
+  summary.check.findings.push_back({Finding::Kind::Island, LayerIndex{2}, LayerIndex{3}, {1.5, 2.5}, 0.25});
+  const PreflightItem islands = item("islands");
+  EXPECT_EQ(islands.verdict, Verdict::Held);
+  EXPECT_EQ(islands.layer, LayerIndex{2});
+  EXPECT_THAT(islands.text, HasSubstr("(1.5, 2.5) mm"));
+  EXPECT_THAT(preflight_of(stack, machine, summary).why_held(), HasSubstr("islands: 1 found"));
+}
+
+TEST_F(PreflightTest, WarnsOfAHollowWithoutHoldingTheJob) {
+  summary.check.findings.push_back({Finding::Kind::SuctionCup, LayerIndex{1}, LayerIndex{2}, {0, 0}, 3});
+  EXPECT_EQ(item("hollows").verdict, Verdict::Warning);
+  EXPECT_FALSE(preflight_of(stack, machine, summary).holds());
+}
+
+TEST_F(PreflightTest, ResinAndPeelAreHeldAgainstTheProfilesLimitsAndNotKnownWithoutThem) {
+  EXPECT_EQ(item("resin").verdict, Verdict::NotKnown);
+  EXPECT_EQ(item("peel").verdict, Verdict::NotKnown);
+  EXPECT_GT(summary.peel.most_mm2, 0);
+  machine.resin.vat_ml = summary.cured_mm3 / 1000 * 1.01;
+  machine.platform.most_peel_mm2 = summary.peel.most_mm2 * 1.01;
+  EXPECT_EQ(item("resin").verdict, Verdict::Passed);
+  EXPECT_EQ(item("peel").verdict, Verdict::Passed);
+  machine.resin.vat_ml = summary.cured_mm3 / 1000 * 0.99;
+  machine.platform.most_peel_mm2 = summary.peel.most_mm2 * 0.99;
+  EXPECT_EQ(item("resin").verdict, Verdict::Held);
+  EXPECT_EQ(item("peel").verdict, Verdict::Held);
+}
+
+TEST_F(PreflightTest, PeelIsTheAreaOfTheLargestLayer) {
+  double most_mm2 = 0;
+  for (const Layer& layer : stack.layers()) {
+    double area_mm2 = 0;
+    for (const Contour& ring : layer.contours) area_mm2 += ring.signed_area_mm2();
+    most_mm2 = std::max(most_mm2, area_mm2);
+  }
+  EXPECT_GE(summary.peel.most_mm2, 0.99 * most_mm2);
+}
+
+TEST_F(PreflightTest, AFlaggedLayerIsAWarningWithTheSlicersReason) {
+  std::vector<Layer> layers{stack.layers().begin(), stack.layers().end()};
+  for (Layer& layer : layers) layer.certificate.verdict = LayerCertificate::Verdict::Certified;
+  layers[1].certificate = {
+      LayerCertificate::Verdict::Flagged, LayerCertificate::Method::Grid, {}, 1, "a gap of 2 mm", Point2{3, 4}};
+  stack = LayerStack::from_layers(stack.header(), std::move(layers)).value();
+  const PreflightItem certificates = item("certificates");
+  EXPECT_EQ(certificates.verdict, Verdict::Warning);
+  EXPECT_EQ(certificates.layer, LayerIndex{1 + summary.lift_layers});
+  EXPECT_THAT(certificates.text, HasSubstr("a gap of 2 mm"));
+}
+
+TEST_F(PreflightTest, JsonTellsVerdictsValuesAndPlaces) {
+  summary.check.findings.push_back({Finding::Kind::Island, LayerIndex{2}, LayerIndex{3}, {1.5, 2.5}, 0.25});
+  const auto json = nlohmann::json::parse(to_json(preflight_of(stack, machine, summary)));
+  EXPECT_EQ(json["verdict"], "held");
+  bool found = false;
+  for (const auto& each : json["items"])
+    if (each["name"] == "islands") {
+      found = true;
+      EXPECT_EQ(each["place"], (nlohmann::json{1.5, 2.5}));
+      EXPECT_EQ(each["layer"], 2);
+    }
+  EXPECT_TRUE(found);
+}
+
+}  // namespace
+}  // namespace telefab::fab
