@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <telefab/geometry/limits.hpp>
 
 namespace telefab::codec {
@@ -42,6 +43,13 @@ void code_signed(const Bits& bits, NumberModel<4>& model, std::int32_t& value, u
 
 template <class Bits>
 void code_residual(const Bits& bits, CurveModels& models, const ResidualContext& near, std::int32_t& residual) {
+  if (near.swings()) {
+    std::uint32_t rest = zigzag(residual - near.guess());
+    bits.number(models.swing, rest, near.swing());
+    const std::int64_t all = std::int64_t{near.guess()} + unzigzag(rest);
+    residual = static_cast<std::int32_t>(std::clamp<std::int64_t>(all, -kMaxDistance, kMaxDistance));
+    return;
+  }
   bool some = residual != 0;
   bits.bit(models.quiet[near.own][near.before], some);
   if (!some) {
@@ -56,6 +64,52 @@ void code_residual(const Bits& bits, CurveModels& models, const ResidualContext&
   residual = static_cast<std::int32_t>(size + 1) * (negative ? -1 : 1);
 }
 
+/// The vertices over edges, one edge after the other. Appends them to a ring.
+template <class Bits>
+class EdgeFilling {
+ public:
+  EdgeFilling(const Bits& bits, FillModels& models, std::int32_t step, GridPoint most, std::uint64_t& budget,
+              std::vector<FillNode>& nodes, MovingRing& made)
+      : bits_{bits}, models_{models}, step_{step}, most_{most}, budget_{budget}, nodes_{nodes}, made_{made} {}
+
+  Result<void> fill(const MovingVertex& a, const MovingVertex& b) { return fill(a, b, FillContext{}); }
+
+ private:
+  Result<void> fill(const MovingVertex& a, const MovingVertex& b, const FillContext& context) {
+    if (context.depth > kDeepestFill) return {};
+    if (next_ == nodes_.size()) nodes_.emplace_back();
+    FillNode node = nodes_[next_];
+    bits_.bit(models_.split[context.split(a.at, b.at)], node.split);
+    if (!node.split) {
+      nodes_[next_++] = node;
+      return {};
+    }
+    if (budget_ == 0) return broken("more vertices than a layer or chunk may have");
+    --budget_;
+    std::uint32_t more = zigzag(node.offset - context.guess());
+    bits_.number(models_.offset, more, context.offset());
+    const std::int64_t offset = std::int64_t{context.guess()} + unzigzag(more);
+    if (offset < -kMaxDistance || offset > kMaxDistance) return broken("a vertex lies outside the stated bounds");
+    node.offset = static_cast<std::int32_t>(offset);
+    nodes_[next_++] = node;
+    MovingVertex between;
+    if (!make_between(a, b, node.offset, step_, most_, between))
+      return broken("a vertex lies outside the stated bounds");
+    if (auto done = fill(a, between, context.below(node.offset)); !done) return done;
+    made_.push_back(between);
+    return fill(between, b, context.below(node.offset));
+  }
+
+  const Bits& bits_;
+  FillModels& models_;
+  std::int32_t step_;
+  GridPoint most_;
+  std::uint64_t& budget_;
+  std::vector<FillNode>& nodes_;
+  MovingRing& made_;
+  std::size_t next_ = 0;
+};
+
 /// One ring that moves. The source is the reference from `start` on; every source vertex is passed once.
 template <class Bits>
 class RingMotion {
@@ -67,6 +121,7 @@ class RingMotion {
     const std::vector<Corner> corners = corners_of(source);
     const MoveRule rule{steps_.residual};
     plan.steps.resize(source.size());
+    EdgeFilling<Bits> edges{bits_, models_.fill[0], steps_.residual, most_, budget_, plan.fills, made_};
     std::int32_t move_before = 0;
     std::int32_t residual_before = 0;
     bool gone_before = false;
@@ -85,57 +140,46 @@ class RingMotion {
       residual_before = step.residual;
       move_before = expected + step.residual * steps_.residual * kDistanceUnit;
       if (!made_.empty())
-        if (auto done = fill(made_.back(), v, plan, 0); !done) return tl::unexpected{done.error()};
+        if (auto done = edges.fill(MovingVertex{made_.back()}, v); !done) return tl::unexpected{done.error()};
       if (!made_.empty() && made_.back().at == v.at) return broken("two neighbouring vertices are equal");
       made_.push_back(v);
     }
     const MovingVertex last = made_.back();
     const MovingVertex first = made_.front();
-    if (auto done = fill(last, first, plan, 0); !done) return tl::unexpected{done.error()};
+    if (auto done = edges.fill(last, first); !done) return tl::unexpected{done.error()};
     if (made_.size() < 3 || made_.back().at == made_.front().at) return broken("a ring without area");
     smooth_motion(made_);
     return std::move(made_);
   }
 
  private:
-  Result<void> fill(const MovingVertex& a, const MovingVertex& b, RingPlan& plan, unsigned depth) {
-    if (depth > kDeepestFill) return {};
-    if (next_fill_ == plan.fills.size()) plan.fills.emplace_back();
-    FillNode node = plan.fills[next_fill_];
-    bits_.bit(models_.split[std::min(depth, 2U)][length_class(a.at, b.at)], node.split);
-    if (!node.split) {
-      plan.fills[next_fill_++] = node;
-      return {};
-    }
-    if (budget_ == 0) return broken("more vertices than a layer or chunk may have");
-    --budget_;
-    std::uint32_t offset = zigzag(node.offset);
-    bits_.number(models_.offset, offset, std::min(depth, 2U));
-    node.offset = unzigzag(offset);
-    plan.fills[next_fill_++] = node;
-    MovingVertex between;
-    if (!make_between(a, b, node.offset, steps_.residual, most_, between))
-      return broken("a vertex lies outside the stated bounds");
-    if (auto done = fill(a, between, plan, depth + 1); !done) return done;
-    made_.push_back(between);
-    return fill(between, b, plan, depth + 1);
-  }
-
   const Bits& bits_;
   CurveModels& models_;
   CurveSteps steps_;
   GridPoint most_;
   std::uint64_t& budget_;
   MovingRing made_;
-  std::size_t next_fill_ = 0;
 };
 
 GridPoint coarser(GridPoint most, std::int32_t step) { return {most.x / step, most.y / step}; }
 
-MovingRing anew(const std::vector<GridPoint>& ring, std::int32_t step) {
+/// What lies over the edges of a ring given anew; the ring itself is coded already.
+template <class Bits>
+Result<MovingRing> code_anew(const Bits& bits, CurveModels& models, CurveSteps steps, GridPoint most, RingPlan& plan,
+                             std::uint64_t& budget) {
+  MovingRing corners;
+  corners.reserve(plan.anew.size());
+  for (const GridPoint p : plan.anew) corners.push_back({{p.x * steps.anew, p.y * steps.anew}});
+  bits.bit(models.filled, plan.filled);
+  if (!plan.filled) return corners;
   MovingRing made;
-  made.reserve(ring.size());
-  for (const GridPoint p : ring) made.push_back({{p.x * step, p.y * step}, 0, 0, true});
+  EdgeFilling<Bits> edges{bits, models.fill[1], steps.residual, most, budget, plan.fills, made};
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    if (i % 64 == 0 && bits.overrun()) return broken("the chunk ends in the middle of a ring");
+    made.push_back(corners[i]);
+    if (auto done = edges.fill(corners[i], corners[i + 1 == corners.size() ? 0 : i + 1]); !done)
+      return tl::unexpected{done.error()};
+  }
   return made;
 }
 
@@ -161,10 +205,24 @@ Result<MovingRing> code_motion(const Bits& bits, CurveState& state, CurveSteps s
 
 }  // namespace
 
+FillModels::FillModels() {
+  // Halves that are not split, of eight, by the offset of the whole.
+  constexpr std::array<unsigned, 16> whole_of_eight{2, 8, 7, 6, 5, 3, 2, 2, 1, 1, 1, 1, 1, 1, 1, 0};
+  for (unsigned parent = 0; parent < whole_of_eight.size(); ++parent)
+    for (unsigned i = 0; i < 8; ++i)
+      for (const unsigned deeper : {0U, 16U}) split[32 + deeper + parent].learn(i < whole_of_eight[parent] ? 0 : 1);
+  for (unsigned context = 1; context < 12; ++context) {
+    const std::uint32_t widest = context < 4 ? 3 : 1U << (context - 1);
+    for (std::uint32_t value = 0; value < widest; value += 1 + value / 4)
+      for (std::uint32_t times = 0; times < 1 + (value < 3 ? 4U : 0U); ++times) offset.learn(value, context);
+  }
+}
+
 ResidualContext ResidualContext::of(const MovingVertex& v, std::int32_t residual_before) {
   const auto sign = [](std::int32_t r) { return r < 0 ? 0U : r == 0 ? 1U : 2U; };
   const auto size = [](std::int32_t r) { return static_cast<unsigned>(std::min(std::abs(r), 2)); };
-  return {v.fresh ? 3U : size(v.last), size(residual_before), sign(v.last), sign(residual_before)};
+  return {v.fresh ? 3U : size(v.last), size(residual_before), sign(v.last), sign(residual_before),
+          residual_before};
 }
 
 void encode_curve_layer(RangeEncoder& coder, CurveState& state, CurveSteps steps, GridPoint most,
@@ -185,7 +243,7 @@ void encode_curve_layer(RangeEncoder& coder, CurveState& state, CurveSteps steps
     } else {
       encode_ring(coder, state.models.exact, plan.anew, first);
       first = plan.anew[0];
-      made.push_back(anew(plan.anew, steps.anew));
+      made.push_back(code_anew(bits, state.models, steps, most, plan, no_limit).value());
     }
   }
   state.below = std::move(made);
@@ -214,10 +272,13 @@ Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& sta
       if (!ring) return tl::unexpected{ring.error()};
       made.push_back(std::move(*ring));
     } else {
-      const auto ring = decode_ring(coder, state.models.exact, first, coarser(most, steps.anew), budget);
+      auto corners = decode_ring(coder, state.models.exact, first, coarser(most, steps.anew), budget);
+      if (!corners) return tl::unexpected{corners.error()};
+      first = corners->front();
+      plan.anew = std::move(*corners);
+      auto ring = code_anew(bits, state.models, steps, most, plan, budget);
       if (!ring) return tl::unexpected{ring.error()};
-      first = ring->front();
-      made.push_back(anew(*ring, steps.anew));
+      made.push_back(std::move(*ring));
     }
     vertices += made.back().size();
     if (vertices > kMaxVerticesPerLayer) return broken("more vertices than a layer or chunk may have");

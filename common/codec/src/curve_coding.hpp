@@ -1,4 +1,7 @@
 #pragma once
+#include <algorithm>
+#include <cstdlib>
+
 #include "layer_coding.hpp"
 #include "moving_ring.hpp"
 
@@ -11,16 +14,43 @@ struct CurveSteps {
   std::int32_t anew = 4;      ///< lattice steps of the coarser lattice of rings given anew
 };
 
+inline constexpr unsigned kDeepestFill = 8;
+
+/// Of the vertices over edges. They begin as if they had seen some edges of smooth curves: a half is split again where
+/// its whole was bent more than a few steps, and then a quarter as much.
+struct FillModels {
+  FillModels();
+  BitModel split[64];      ///< FillContext::split
+  NumberModel<12> offset;  ///< FillContext::offset; less FillContext::guess
+};
+
+/// What is known before the two halves of an edge are coded: on an arc their middles lie a quarter as far aside as that
+/// of the whole.
+struct FillContext {
+  unsigned depth = 0;
+  std::int32_t parent = 0;  ///< offset of the whole
+  [[nodiscard]] std::int32_t guess() const { return divided(parent, 4); }
+  [[nodiscard]] unsigned split(GridPoint a, GridPoint b) const {
+    if (depth == 0) return length_class(a, b);
+    return 32 + (depth > 2 ? 16 : 0) + static_cast<unsigned>(std::min(std::abs(parent), 15));
+  }
+  [[nodiscard]] unsigned offset() const {
+    return depth == 0 ? 0 : 1 + std::min(bit_length(static_cast<std::uint32_t>(std::abs(parent))), 10U);
+  }
+  [[nodiscard]] FillContext below(std::int32_t offset) const { return {depth + 1, offset}; }
+};
+
 /// The adaptive state of one chunk.
 struct CurveModels {
   ChunkModels exact;  ///< certificates, counts and rings given anew
   BitModel moves;
-  BitModel gone[2][12];   ///< by the fate of the vertex before, by bend
-  BitModel quiet[4][3];   ///< residual 0: by own last residual (3: fresh), by the residual before
-  BitModel sign[3][3];    ///< by the signs of both
-  NumberModel<6> size;    ///< residual less 1, by freshness and the residual before
-  BitModel split[3][32];  ///< by depth, by length
-  NumberModel<3> offset;  ///< by depth
+  BitModel gone[2][12];  ///< by the fate of the vertex before, by bend
+  BitModel quiet[4][3];  ///< residual 0: by own last residual (3: fresh), by the residual before
+  BitModel sign[3][3];   ///< by the signs of both
+  NumberModel<6> size;     ///< residual less 1, by freshness and the residual before
+  NumberModel<12> swing;   ///< residual less most of a large one before it, by the size of that
+  FillModels fill[2];    ///< of rings that move, and of rings given anew
+  BitModel filled;
   NumberModel<4> small;
 };
 
@@ -42,10 +72,9 @@ struct RingPlan {
   std::uint32_t start = 0;        ///< its vertex that comes first and is kept
   std::vector<VertexStep> steps;  ///< one a vertex of the reference, from `start`
   std::vector<FillNode> fills;    ///< edge after edge, the closing one last
-  std::vector<GridPoint> anew;    ///< otherwise: vertices on the coarser lattice
+  std::vector<GridPoint> anew;    ///< otherwise: vertices on the coarser lattice,
+  bool filled = false;            ///< and whether `fills` has what lies over their edges
 };
-
-inline constexpr unsigned kDeepestFill = 8;
 
 /// What layers of one chunk share: the rings below and the models. Encoder's and decoder's move alike.
 struct CurveState {
@@ -68,6 +97,13 @@ struct ResidualContext {
   unsigned before = 0;  ///< 0 to 2
   unsigned own_sign = 1;
   unsigned before_sign = 1;
+  std::int32_t residual_before = 0;
+  /// Where a whole stretch moves otherwise than expected, the next vertex most likely does so too.
+  [[nodiscard]] bool swings() const { return std::abs(residual_before) > 2; }
+  [[nodiscard]] std::int32_t guess() const { return divided(residual_before * 3, 4); }
+  [[nodiscard]] unsigned swing() const {
+    return std::min(bit_length(static_cast<std::uint32_t>(std::abs(residual_before))), 11U);
+  }
   [[nodiscard]] static ResidualContext of(const MovingVertex& v, std::int32_t residual_before);
 };
 

@@ -2,90 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+
+#include "edge_fill.hpp"
 
 namespace telefab::codec {
 namespace {
 
-constexpr double kNever = std::numeric_limits<double>::infinity();
 constexpr int kMostGone = 4;              ///< vertices dropped in a row
 constexpr int kLongestGap = 256;          ///< the same where there is no other way
 constexpr int kMostGapTrials = 300;       ///< such ways tried for one ring
 constexpr double kLargestMove = 64 * 40;  ///< lattice steps
 constexpr double kTrackingWeight = 0.6;   ///< bits for an error of the whole tolerance: an exact move predicts the next
 constexpr int kNear = 64;                 ///< target segments searched around the last hit
-
-Place place_of(GridPoint p) { return {static_cast<double>(p.x), static_cast<double>(p.y)}; }
-double square(double v) { return v * v; }
-
-double square_distance_to_chord(Place p, Place a, Place b) {
-  const double dx = b.x - a.x;
-  const double dy = b.y - a.y;
-  const double length = dx * dx + dy * dy;
-  const double along = length > 0 ? std::clamp(((p.x - a.x) * dx + (p.y - a.y) * dy) / length, 0.0, 1.0) : 0.0;
-  return square(p.x - a.x - along * dx) + square(p.y - a.y - along * dy);
-}
-
-/// Where a line meets the target: `at` is segment number + share, `distance` along the line's direction.
-struct Hit {
-  double at = -1;
-  double distance = 0;
-  Place place;
-};
-
-/// The ring to be coded.
-class Target {
- public:
-  explicit Target(std::span<const Place> ring) : ring_{ring} {}
-  [[nodiscard]] std::size_t size() const { return ring_.size(); }
-
-  /// Where the line from p along the normal crosses the ring from right to left, nearest to `expected`.
-  [[nodiscard]] Hit meet(GridPoint p, Normal normal, double expected, std::size_t from, std::size_t count) const {
-    const double nx = normal.x / 16384.0;
-    const double ny = normal.y / 16384.0;
-    Hit best;
-    double best_gap = kNever;
-    std::size_t s = from % size();
-    Place a = ring_[s];
-    double side_a = nx * (a.y - p.y) - ny * (a.x - p.x);
-    for (std::size_t i = 0; i < count; ++i) {
-      const std::size_t e = s + 1 == size() ? 0 : s + 1;
-      const Place b = ring_[e];
-      const double side_b = nx * (b.y - p.y) - ny * (b.x - p.x);
-      if (side_a < 0 && side_b >= 0) {
-        const double share = side_a / (side_a - side_b);
-        const Place q{a.x + share * (b.x - a.x), a.y + share * (b.y - a.y)};
-        const double d = nx * (q.x - p.x) + ny * (q.y - p.y);
-        if (std::abs(d - expected) < best_gap) {
-          best_gap = std::abs(d - expected);
-          best = {static_cast<double>(s) + std::min(share, 0.999999999), d, q};
-        }
-      }
-      s = e;
-      a = b;
-      side_a = side_b;
-    }
-    return best;
-  }
-
-  /// Largest square distance of the vertices strictly between two places to a chord; kNever as soon as it is above.
-  [[nodiscard]] double bulge(GridPoint from, GridPoint to, double at, double end, double most_square) const {
-    const Place a = place_of(from);
-    const Place b = place_of(to);
-    const auto first = static_cast<std::size_t>(std::floor(at)) + 1;
-    const auto last = static_cast<std::size_t>(std::ceil(end));  // exclusive
-    double worst = 0;
-    for (std::size_t i = first; i < last; ++i) {
-      const double d = square_distance_to_chord(ring_[i % size()], a, b);
-      if (d > most_square) return kNever;
-      worst = std::max(worst, d);
-    }
-    return worst;
-  }
-
- private:
-  std::span<const Place> ring_;
-};
 
 struct Candidate {
   std::int32_t level = 0;  ///< the residual; of a fresh vertex the move in steps
@@ -101,12 +29,6 @@ struct Candidate {
   std::int32_t move = 0;
 };
 
-struct Fill {
-  std::vector<FillNode> nodes;
-  std::vector<GridPoint> ring;
-  double worst_square = 0;
-};
-
 class Motion {
  public:
   Motion(const MovingRing& reference, std::span<const Place> target, const CurveModels& models, const FitRule& rule)
@@ -115,6 +37,7 @@ class Motion {
         models_{models},
         rule_{rule},
         move_rule_{rule.steps.residual},
+        filler_{target_, models.fill[0], rule},
         most_square_{square(rule.tolerance)},
         corners_{corners_of(reference)},
         hits_(reference.size()) {}
@@ -218,49 +141,12 @@ class Motion {
   [[nodiscard]] double residual_cost(const MovingVertex& source, std::int32_t residual,
                                      std::int32_t residual_before) const {
     const ResidualContext near = ResidualContext::of(source, residual_before);
+    if (near.swings()) return models_.swing.cost(zigzag(residual - near.guess()), near.swing());
     double bits = cost_of(models_.quiet[near.own][near.before], residual != 0 ? 1 : 0);
     if (residual == 0) return bits;
     bits += cost_of(models_.sign[near.own_sign][near.before_sign], residual < 0 ? 1 : 0);
     return bits +
            models_.size.cost(static_cast<std::uint32_t>(std::abs(residual)) - 1, (near.own == 3 ? 3 : 0) + near.before);
-  }
-
-  /// Cost of the edge between two kept vertices; kNever where it cannot be within the tolerance.
-  double fill(const MovingVertex& a, const MovingVertex& b, double at, double end, unsigned depth, bool may_split,
-              Fill* out) const {
-    if (a.at == b.at || end <= at) return kNever;
-    const double bulge = target_.bulge(a.at, b.at, at, end, most_square_);
-    const auto& split = models_.split[std::min(depth, 2U)][length_class(a.at, b.at)];
-    if (bulge < kNever) {
-      if (out) {
-        if (depth <= kDeepestFill) out->nodes.push_back({});
-        out->worst_square = std::max(out->worst_square, bulge);
-      }
-      return depth <= kDeepestFill ? cost_of(split, 0) : 0;
-    }
-    if (!may_split || depth > kDeepestFill) return kNever;
-    const auto first = static_cast<std::size_t>(std::floor(at));
-    const auto last = static_cast<std::size_t>(std::floor(end));
-    const Hit hit = target_.meet(middle(a.at, b.at), normal_of(a.at, b.at), 0, first, last - first + 1);
-    if (hit.at < 0) return kNever;
-    double meet = hit.at;
-    while (meet < at) meet += static_cast<double>(target_.size());
-    if (meet >= end) return kNever;
-    const auto offset = static_cast<std::int32_t>(std::floor(hit.distance / rule_.steps.residual + 0.5));
-    MovingVertex between;
-    if (!make_between(a, b, offset, rule_.steps.residual, rule_.most, between)) return kNever;
-    const double error = square(between.at.x - hit.place.x) + square(between.at.y - hit.place.y);
-    if (error > most_square_) return kNever;
-    const double own = cost_of(split, 1) + models_.offset.cost(zigzag(offset), std::min(depth, 2U));
-    if (out) {
-      out->nodes.push_back({true, offset});
-      out->worst_square = std::max(out->worst_square, error);
-    }
-    const double left = fill(a, between, at, meet, depth + 1, true, out);
-    if (left == kNever) return kNever;
-    if (out) out->ring.push_back(between.at);
-    const double right = fill(between, b, meet, end, depth + 1, true, out);
-    return own + left + right;
   }
 
   [[nodiscard]] double gone_cost(int k, bool gone_before, bool gone) const {
@@ -291,7 +177,7 @@ class Motion {
         }
         if (cost >= c.cost) continue;
         if (k - j > kMostGone + 1 && gap_trials_-- <= 0) break;
-        cost += fill(before.vertex, c.vertex, before.at, c.at, 0, k - j <= 2 || k - j > kMostGone + 1, nullptr);
+        cost += filler_.fill({before.vertex, c.vertex, before.at, c.at}, k - j <= 2 || k - j > kMostGone + 1, nullptr);
         if (cost >= c.cost) continue;
         c = now;
         c.cost = cost;
@@ -329,7 +215,7 @@ class Motion {
       fills.ring.push_back(c->vertex.at);
       const Candidate& next = p + 1 < path.size() ? *path[p + 1].second : end;
       // fill() sees velocities that are not settled for fresh vertices; it uses positions only.
-      if (fill(c->vertex, next.vertex, c->at, next.at, 0, true, &fills) == kNever) return std::nullopt;
+      if (filler_.fill({c->vertex, next.vertex, c->at, next.at}, true, &fills) == kNever) return std::nullopt;
     }
     fit.plan.fills = std::move(fills.nodes);
     fit.ring = std::move(fills.ring);
@@ -344,6 +230,7 @@ class Motion {
   const CurveModels& models_;
   const FitRule& rule_;
   MoveRule move_rule_;
+  EdgeFiller filler_;
   double most_square_;
   std::vector<Corner> corners_;
   std::vector<Hit> hits_;
@@ -353,76 +240,13 @@ class Motion {
   std::vector<std::vector<Candidate>> ways_;
 };
 
-template <class Point>
-double twice_area_of(std::span<const Point> ring) {
-  double sum = 0;
-  for (std::size_t i = 0; i < ring.size(); ++i) {
-    const Point& a = ring[i];
-    const Point& b = ring[i + 1 == ring.size() ? 0 : i + 1];
-    const double ox = static_cast<double>(ring[0].x);
-    const double oy = static_cast<double>(ring[0].y);
-    sum += (a.x - ox) * (b.y - oy) - (b.x - ox) * (a.y - oy);
-  }
-  return sum;
-}
-
 }  // namespace
-
-double twice_area(std::span<const GridPoint> ring) { return twice_area_of(ring); }
-double twice_area(std::span<const Place> ring) { return twice_area_of(ring); }
 
 std::optional<RingFit> fit_motion(const MovingRing& reference, std::span<const Place> target, const CurveModels& models,
                                   const FitRule& rule) {
   if (reference.size() < 3 || target.size() < 3) return std::nullopt;
   auto fit = Motion{reference, target, models, rule}.fit();
   if (fit && (twice_area(fit->ring) > 0) != (twice_area(target) > 0)) return std::nullopt;
-  return fit;
-}
-
-std::optional<RingFit> fit_anew(std::span<const Place> target, const FitRule& rule, bool all) {
-  const std::int32_t step = rule.steps.anew;
-  const GridPoint most{rule.most.x / step, rule.most.y / step};
-  const auto snap = [&](Place p) {
-    const auto go = [&](double v, std::int32_t limit) {
-      return static_cast<std::int32_t>(std::clamp(std::floor(v / step + 0.5), 0.0, static_cast<double>(limit)));
-    };
-    return GridPoint{go(p.x, most.x), go(p.y, most.y)};
-  };
-  const auto fine = [&](GridPoint p) { return GridPoint{p.x * step, p.y * step}; };
-  const double most_square = square(rule.tolerance);
-  const Target ring{target};
-  RingFit fit;
-  double worst = 0;
-  const std::size_t n = target.size();
-  for (std::size_t i = 0; i < n;) {
-    const GridPoint here = snap(target[i]);
-    worst = std::max(worst, square(here.x * step - target[i].x) + square(here.y * step - target[i].y));
-    if (fit.plan.anew.empty() || !(fit.plan.anew.back() == here)) fit.plan.anew.push_back(here);
-    std::size_t next = i + 1;
-    if (!all) {
-      constexpr std::size_t kPatience = 6;
-      double bulge = 0;
-      for (std::size_t j = i + 2; j <= n && j <= next + kPatience; ++j) {
-        const GridPoint there = snap(target[j % n]);
-        if (there == here) continue;
-        const double b =
-            ring.bulge(fine(here), fine(there), static_cast<double>(i), static_cast<double>(j), most_square);
-        if (b == kNever) continue;
-        next = j;
-        bulge = b;
-      }
-      worst = std::max(worst, bulge);
-    }
-    i = next;
-  }
-  auto& made = fit.plan.anew;
-  while (made.size() > 1 && made.back() == made.front()) made.pop_back();
-  if (made.size() < 3) return all ? std::nullopt : fit_anew(target, rule, true);
-  for (const GridPoint p : made) fit.ring.push_back(fine(p));
-  if ((twice_area(fit.ring) > 0) != (twice_area(target) > 0) || twice_area(fit.ring) == 0)
-    return all ? std::nullopt : fit_anew(target, rule, true);
-  fit.error = std::sqrt(worst);
-  fit.cost_bits = 11.0 * static_cast<double>(made.size()) + 24;
   return fit;
 }
 

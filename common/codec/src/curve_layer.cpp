@@ -91,7 +91,7 @@ LayerFit fit_layer(const Layer& layer, const Grid& grid, const CurveState& state
     if (reference[r] && !exact) best = fit_motion(state.below[*reference[r]], targets[r], state.models, rule);
     if (best) best->plan.reference = static_cast<std::uint32_t>(*reference[r]);
     if (!best || best->cost_bits > kCheapMotion * static_cast<double>(best->ring.size())) {
-      auto anew = fit_anew(targets[r], rule, exact);
+      auto anew = fit_anew(targets[r], state.models, rule, exact);
       if (anew && (!best || anew->cost_bits < best->cost_bits)) best = std::move(anew);
     }
     if (!best) {

@@ -90,7 +90,7 @@ bool make_between(const MovingVertex& a, const MovingVertex& b, std::int32_t off
   made.at = moved(middle(a.at, b.at), normal_of(a.at, b.at), static_cast<std::int32_t>(aside));
   made.velocity = (a.velocity + b.velocity) / 2;
   made.last = 0;
-  made.fresh = false;
+  made.fresh = a.fresh && b.fresh;
   return inside(made.at, most) && !(made.at == a.at) && !(made.at == b.at);
 }
 

@@ -67,6 +67,8 @@ class NumberModel {
 
   void encode(RangeEncoder& coder, std::uint32_t value, unsigned context);
   [[nodiscard]] std::uint32_t decode(RangeDecoder& coder, unsigned context);
+  /// As if the value had been coded.
+  void learn(std::uint32_t value, unsigned context);
   /// Bits that encode() would take.
   [[nodiscard]] double cost(std::uint32_t value, unsigned context) const;
 
@@ -101,6 +103,17 @@ void NumberModel<Contexts>::encode(RangeEncoder& coder, std::uint32_t value, uns
   }
   const unsigned rest = length - 1 - adaptive;
   if (rest) coder.encode_direct(value & ((1U << rest) - 1U), rest);
+}
+
+template <unsigned Contexts>
+void NumberModel<Contexts>::learn(std::uint32_t value, unsigned context) {
+  const unsigned length = bit_length(value);
+  unsigned node = 1;
+  for (int level = 5; level >= 0; --level) {
+    const unsigned bit = (length >> static_cast<unsigned>(level)) & 1U;
+    length_[context][node].learn(bit);
+    node = node * 2 + bit;
+  }
 }
 
 template <unsigned Contexts>
