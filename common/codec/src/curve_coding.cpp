@@ -221,8 +221,7 @@ FillModels::FillModels() {
 ResidualContext ResidualContext::of(const MovingVertex& v, std::int32_t residual_before) {
   const auto sign = [](std::int32_t r) { return r < 0 ? 0U : r == 0 ? 1U : 2U; };
   const auto size = [](std::int32_t r) { return static_cast<unsigned>(std::min(std::abs(r), 2)); };
-  return {v.fresh ? 3U : size(v.last), size(residual_before), sign(v.last), sign(residual_before),
-          residual_before};
+  return {v.fresh ? 3U : size(v.last), size(residual_before), sign(v.last), sign(residual_before), residual_before};
 }
 
 void encode_curve_layer(RangeEncoder& coder, CurveState& state, CurveSteps steps, GridPoint most,

@@ -44,12 +44,12 @@ struct FillContext {
 struct CurveModels {
   ChunkModels exact;  ///< certificates, counts and rings given anew
   BitModel moves;
-  BitModel gone[2][12];  ///< by the fate of the vertex before, by bend
-  BitModel quiet[4][3];  ///< residual 0: by own last residual (3: fresh), by the residual before
-  BitModel sign[3][3];   ///< by the signs of both
-  NumberModel<6> size;     ///< residual less 1, by freshness and the residual before
-  NumberModel<12> swing;   ///< residual less most of a large one before it, by the size of that
-  FillModels fill[2];    ///< of rings that move, and of rings given anew
+  BitModel gone[2][12];   ///< by the fate of the vertex before, by bend
+  BitModel quiet[4][3];   ///< residual 0: by own last residual (3: fresh), by the residual before
+  BitModel sign[3][3];    ///< by the signs of both
+  NumberModel<6> size;    ///< residual less 1, by freshness and the residual before
+  NumberModel<12> swing;  ///< residual less most of a large one before it, by the size of that
+  FillModels fill[2];     ///< of rings that move, and of rings given anew
   BitModel filled;
   NumberModel<4> small;
 };

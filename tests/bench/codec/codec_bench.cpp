@@ -30,7 +30,7 @@ void encode_stack(benchmark::State& state) {
   state.SetItemsProcessed(state.iterations() * kLayers);
   state.counters["bytes_a_layer"] = static_cast<double>(bytes) / kLayers;
 }
-BENCHMARK(encode_stack)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
+BENCHMARK(encode_stack)->Arg(1)->Arg(3)->Unit(benchmark::kMillisecond);
 
 void decode_stack(benchmark::State& state) {
   const LayerStack stack = test::random_stack(2, kLayers);
@@ -40,7 +40,7 @@ void decode_stack(benchmark::State& state) {
     for (const Chunk& chunk : chunks) benchmark::DoNotOptimize(decoder.decode(chunk));
   state.SetItemsProcessed(state.iterations() * kLayers);
 }
-BENCHMARK(decode_stack)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
+BENCHMARK(decode_stack)->Arg(1)->Arg(3)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace telefab
