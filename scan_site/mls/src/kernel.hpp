@@ -63,9 +63,26 @@ struct GatherOutput {
 using GatherFunction = std::size_t (*)(const GatherInput& in, const SampleRun* runs, std::size_t run_count,
                                        const GatherOutput& out, std::size_t count);
 
+/// Samples about a place whose normals do not oppose a direction.
+struct NearInput {
+  const float* places;   ///< as of GatherInput
+  const float* normals;  ///< likewise
+  float x, y, z;         ///< the place
+  float nx, ny, nz;      ///< the direction
+  float radius2;         ///< nearer than or at this squared distance
+};
+/// Writes their squared distances behind each other, room for eight more than come. Returns how many there are.
+using DistancesFunction = std::size_t (*)(const NearInput& in, const SampleRun* runs, std::size_t run_count,
+                                          float* distances2);
+/// Mean of their values (one a sample, 32-byte aligned); `other` where there are none.
+using MeanFunction = float (*)(const NearInput& in, const SampleRun* runs, std::size_t run_count, const float* values,
+                               float other);
+
 struct KernelSet {
   KernelFunction evaluate;
   GatherFunction gather;
+  DistancesFunction distances;
+  MeanFunction mean;
 };
 
 [[nodiscard]] KernelSet baseline_kernels();

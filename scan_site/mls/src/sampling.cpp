@@ -4,84 +4,61 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <numeric>
 
 namespace telefab::scan {
 namespace {
 
 constexpr std::size_t kNeighbours = 12;
 
-/// Calls take(block, d2) for the blocks of eight about a place: d2 are the squared distances of the samples whose
-/// normals do not oppose the given one, kFar for the others and for those not in the runs within the radius.
-constexpr float kFar = 1e30F;
-template <class Take>
-void each_block(const SampleGrid& grid, const Eigen::Vector3f& at, const Eigen::Vector3f& normal, float radius,
-                Take&& take) {
-  const GatherInput arrays = grid.arrays();
-  grid.visit(at, radius, [&](std::uint32_t first, std::uint32_t last) {
-    for (std::uint32_t block = first / 8; 8 * block < last; ++block) {
-      const float* const p = arrays.places + 24 * static_cast<std::size_t>(block);
-      const float* const n = arrays.normals + 24 * static_cast<std::size_t>(block);
-      const auto from = static_cast<int>(std::max(first, 8 * block) - 8 * block);
-      const auto to = static_cast<int>(std::min(last, 8 * block + 8) - 8 * block);
-      std::array<float, 8> d2;
-      for (int i = 0; i < 8; ++i) {
-        const float dx = p[i] - at.x();
-        const float dy = p[i + 8] - at.y();
-        const float dz = p[i + 16] - at.z();
-        const float along = n[i] * normal.x() + n[i + 8] * normal.y() + n[i + 16] * normal.z();
-        const float distance2 = dx * dx + dy * dy + dz * dz;
-        d2[i] = (along >= 0) & (i >= from) & (i < to) ? distance2 : kFar;
-      }
-      take(block, d2);
-    }
-  });
-}
+/// Asks about one sample after another; keeps its work space.
+class Surroundings {
+ public:
+  explicit Surroundings(const SampleGrid& grid) : grid_{grid}, kernels_{fastest_kernels()} {}
 
-/// Squared distance of the twelfth like-oriented neighbour within radius; negative: there are fewer.
-float twelfth_within(const SampleGrid& grid, std::uint32_t sample, float radius, std::vector<float>& near) {
-  near.clear();
-  std::size_t count = 0;
-  each_block(grid, grid.place(sample), grid.normal(sample), radius, [&](std::uint32_t, const auto& d2) {
-    near.resize(count + 8);
-    for (const float d : d2) {
-      near[count] = d;
-      count += d <= radius * radius ? 1 : 0;
+  /// local_spacing of the header.
+  float spacing(std::uint32_t sample, float guess) {
+    float radius = 2.3F * guess;
+    for (int i = 0; i < 12; ++i, radius *= 1.7F) {
+      const NearInput in = about(sample, radius);
+      if (distances_.size() < samples_ + 8) distances_.resize(samples_ + 8);
+      const std::size_t count = kernels_.distances(in, runs_.data(), runs_.size(), distances_.data());
+      // The sample itself is the nearest one.
+      if (count <= kNeighbours) continue;
+      const auto twelfth = distances_.begin() + kNeighbours;
+      std::nth_element(distances_.begin(), twelfth, distances_.begin() + static_cast<std::ptrdiff_t>(count));
+      return std::sqrt(*twelfth * 0.26179939F);  // pi / 12
     }
-  });
-  // The sample itself is the nearest one.
-  if (count <= kNeighbours) return -1;
-  const auto twelfth = near.begin() + kNeighbours;
-  std::nth_element(near.begin(), twelfth, near.begin() + static_cast<std::ptrdiff_t>(count));
-  return *twelfth;
-}
-
-float spacing_at(const SampleGrid& grid, std::uint32_t sample, float guess, std::vector<float>& near) {
-  float radius = 2.5F * guess;
-  for (int i = 0; i < 12; ++i, radius *= 1.7F) {
-    const float r2 = twelfth_within(grid, sample, radius, near);
-    if (r2 >= 0) return std::sqrt(r2 * 0.26179939F);  // pi / 12
+    return radius;
   }
-  return radius;
-}
 
-/// Mean of `spacing` (padded to blocks of eight) over the neighbours within two spacings, itself included.
-float averaged(const SampleGrid& grid, const std::vector<float>& spacing, std::uint32_t sample) {
-  const float radius = 2 * spacing[sample];
-  std::array<float, 8> sum{};
-  std::array<float, 8> count{};
-  each_block(grid, grid.place(sample), grid.normal(sample), radius, [&](std::uint32_t block, const auto& d2) {
-    for (int i = 0; i < 8; ++i) {
-      const float one = d2[i] <= radius * radius ? 1.F : 0.F;
-      sum[i] += one * spacing[8 * std::size_t{block} + i];
-      count[i] += one;
-    }
-  });
-  const float number = std::accumulate(count.begin(), count.end(), 0.F);
-  return number > 0 ? std::accumulate(sum.begin(), sum.end(), 0.F) / number : spacing[sample];
-}
+  /// Mean of `spacing` (aligned, one a sample) over the neighbours within two spacings, itself included.
+  float averaged(std::uint32_t sample, const float* spacing) {
+    const NearInput in = about(sample, 2 * spacing[sample]);
+    return kernels_.mean(in, runs_.data(), runs_.size(), spacing, spacing[sample]);
+  }
+
+ private:
+  NearInput about(std::uint32_t sample, float radius) {
+    const Eigen::Vector3f place = grid_.place(sample);
+    const Eigen::Vector3f normal = grid_.normal(sample);
+    runs_.clear();
+    samples_ = 0;
+    grid_.visit(place, radius, [&](std::uint32_t first, std::uint32_t last) {
+      runs_.push_back({first, last});
+      samples_ += last - first;
+    });
+    const GatherInput arrays = grid_.arrays();
+    return {arrays.places, arrays.normals, place.x(),  place.y(),      place.z(),
+            normal.x(),    normal.y(),     normal.z(), radius * radius};
+  }
+
+  const SampleGrid& grid_;
+  KernelSet kernels_;
+  std::vector<SampleRun> runs_;
+  std::size_t samples_ = 0;
+  std::vector<float> distances_;
+};
 
 }  // namespace
 
@@ -99,24 +76,24 @@ float spacing_from_box(std::span<const Eigen::Vector3f> points) {
 }
 
 float local_spacing(const SampleGrid& grid, std::uint32_t sample, float guess) {
-  std::vector<float> near;
-  return spacing_at(grid, sample, guess, near);
+  return Surroundings{grid}.spacing(sample, guess);
 }
 
 Evenness measure_evenness(const SampleGrid& grid, float guess) {
   const std::uint32_t n = grid.size();
   const std::uint32_t step = std::max<std::uint32_t>(1, n / 1000);
-  std::vector<float> spacing, near;
+  Surroundings surroundings{grid};
+  std::vector<float> spacing;
   float last = guess;
   for (std::uint32_t i = step / 2; i < n; i += step) {
-    const float own = spacing_at(grid, i, last, near);
+    const float own = surroundings.spacing(i, last);
     last = own;
     double sum = 0;
     int count = 0;
     grid.visit(grid.place(i), 1.5F * own, [&](std::uint32_t first, std::uint32_t end) {
       for (std::uint32_t k = first; k < end && count < 12; ++k) {
         if ((grid.place(k) - grid.place(i)).squaredNorm() > 2.25F * own * own) continue;
-        sum += spacing_at(grid, k, own, near);
+        sum += surroundings.spacing(k, own);
         ++count;
       }
     });
@@ -131,27 +108,29 @@ Evenness measure_evenness(const SampleGrid& grid, float guess) {
 
 Result<std::vector<float>> smooth_spacing(const SampleGrid& grid, float guess, std::stop_token stop) {
   const std::uint32_t n = grid.size();
-  std::vector<float> spacing((std::size_t{n} + 7) / 8 * 8);
-  std::vector<float> next(spacing.size());
-  const auto each = [&](auto&& block) {
-    tbb::parallel_for(tbb::blocked_range<std::uint32_t>{0, n, 512}, [&](const auto& range) {
-      if (!stop.stop_requested()) block(range);
+  using Widths = SampleGrid::Widths;  // aligned
+  std::vector<Widths> spacing((std::size_t{n} + 7) / 8);
+  std::vector<Widths> next(spacing.size());
+  const auto each = [&](auto&& one) {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>{0, spacing.size(), 64}, [&](const auto& range) {
+      if (stop.stop_requested()) return;
+      Surroundings surroundings{grid};
+      float last = guess;
+      for (std::size_t block = range.begin(); block < range.end(); ++block)
+        for (std::size_t i = 8 * block; i < std::min<std::size_t>(n, 8 * block + 8); ++i)
+          one(surroundings, static_cast<std::uint32_t>(i), last);
     });
   };
-  each([&](const auto& range) {
-    std::vector<float> near;
-    float last = guess;
-    for (std::uint32_t i = range.begin(); i < range.end(); ++i) spacing[i] = last = spacing_at(grid, i, last, near);
-  });
+  each([&](Surroundings& s, std::uint32_t i, float& last) { spacing[i / 8].width[i % 8] = last = s.spacing(i, last); });
   for (int pass = 0; pass < 2; ++pass) {
-    each([&](const auto& range) {
-      for (std::uint32_t i = range.begin(); i < range.end(); ++i) next[i] = averaged(grid, spacing, i);
-    });
+    each([&](Surroundings& s, std::uint32_t i, float&) { next[i / 8].width[i % 8] = s.averaged(i, spacing[0].width); });
     spacing.swap(next);
   }
+  next = {};
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while measuring the spacing of the scan");
-  spacing.resize(n);
-  return spacing;
+  std::vector<float> flat(n);
+  for (std::uint32_t i = 0; i < n; ++i) flat[i] = spacing[i / 8].width[i % 8];
+  return flat;
 }
 
 }  // namespace telefab::scan

@@ -28,9 +28,14 @@ std::unique_ptr<MlsField> surface_of(PointCloud cloud) {
 }
 
 HeightTopology topology_of(const MlsField& field) {
-  SurfaceSamples level;
-  field.level_samples(0.42, level);
-  return checked(analyse_height(field, level.points, level.normals, {}, {}));
+  const auto from = [&](double least_nz) {
+    SurfaceSamples level;
+    field.level_samples(least_nz, level);
+    return checked(analyse_height(field, level.points, level.normals, {}, {}));
+  };
+  HeightTopology found = from(TopologyOptions{}.steep_sift_cos);
+  if (found.doubts().empty() && found.plateaus().empty()) return found;
+  return from(0.42);
 }
 
 CutSetting setting_for(const ScalarField& surface, const MlsField& field, const HeightTopology& topology) {

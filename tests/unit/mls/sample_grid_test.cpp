@@ -111,5 +111,30 @@ TEST(Gather, CopiesTheSameBytesOnEveryInstructionSet) {
 #endif
 }
 
+TEST(Surroundings, AreTheSameBytesOnEveryInstructionSet) {
+#ifdef TELEFAB_KERNEL_AVX2
+  if (!__builtin_cpu_supports("avx2")) GTEST_SKIP() << "no AVX2 here";
+  const Scattered s = scattered(3000, 6);
+  const SampleGrid grid{s.points, s.normals, s.widths, 0.8};
+  std::vector<SampleRun> runs;
+  grid.visit({11, 6, 2}, 3, [&](std::uint32_t first, std::uint32_t last) { runs.push_back({first, last}); });
+  const GatherInput arrays = grid.arrays();
+  const NearInput in{arrays.places, arrays.normals, 11, 6, 2, 0.6F, -0.5F, 0.3F, 4};
+  std::vector<float> one(3008), other(3008);
+  const std::size_t count = baseline_kernels().distances(in, runs.data(), runs.size(), one.data());
+  ASSERT_GT(count, 20U);
+  ASSERT_LT(count, 900U);
+  ASSERT_EQ(avx2_kernels().distances(in, runs.data(), runs.size(), other.data()), count);
+  one.resize(count);
+  other.resize(count);
+  EXPECT_EQ(one, other);
+  const float mean = baseline_kernels().mean(in, runs.data(), runs.size(), arrays.widths, -1);
+  EXPECT_EQ(mean, avx2_kernels().mean(in, runs.data(), runs.size(), arrays.widths, -1));
+  EXPECT_NEAR(mean, 1, 0.1);
+#else
+  GTEST_SKIP() << "one instruction set on this machine";
+#endif
+}
+
 }  // namespace
 }  // namespace telefab::scan
