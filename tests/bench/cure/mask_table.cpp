@@ -1,6 +1,8 @@
 #include <fmt/format.h>
 
+#include <cmath>
 #include <map>
+#include <telefab/fab/mask/blend.hpp>
 #include <telefab/fab/mask/raster.hpp>
 #include <telefab/test/mask_shapes.hpp>
 
@@ -15,10 +17,17 @@ struct Method {
   fab::Mask (*make)(const MachineProfile& machine, double tau, std::span<const Contour> rings);
 };
 
+fab::Mask blended(const MachineProfile& machine, double tau, std::span<const Contour> rings) {
+  fab::MaskLight light = fab::mask_light(machine).value();
+  light.white = std::exp(light.layer_mm / (2 * light.penetration_mm)) / tau;
+  return fab::MaskBlender::make(fab::mask_frame(machine), light, {}).value().blend({.part = rings}).mask;
+}
+
 constexpr Method kMethods[] = {
     {"binary", [](const MachineProfile& m, double, std::span<const Contour> r) { return binary_mask(m, r); }},
     {"cover",
      [](const MachineProfile& m, double, std::span<const Contour> r) { return fab::rasterise(r, fab::mask_frame(m)); }},
+    {"blend", blended},
 };
 
 constexpr std::pair<double, double> kSettings[] = {{0.5, 0.5}, {0.5, 0.2}, {1.0, 0.5}, {1.0, 0.2}};

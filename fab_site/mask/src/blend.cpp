@@ -1,0 +1,105 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "blend_model.hpp"
+
+namespace telefab::fab {
+namespace {
+
+constexpr double kAttach = 1.05;  // inner pixels get this times the dose that cures a layer through
+
+/// Upper quantile of the normal distribution by bisection: x with P(X > x) = tail.
+double upper_quantile(double tail) {
+  double low = -8, high = 8;
+  for (int i = 0; i < 60; ++i) {
+    const double middle = (low + high) / 2;
+    (std::erfc(middle / std::numbers::sqrt2) / 2 > tail ? low : high) = middle;
+  }
+  return (low + high) / 2;
+}
+
+}  // namespace
+
+Result<void> BlendOptions::validate() const {
+  const auto share = [](double value) { return value > 0 && value <= 1; };
+  if (iterations < 1 || iterations > 1000)
+    return fail(ErrorCode::InvalidInput, fmt::format("{} iterations; 1 to 1000 are possible", iterations));
+  const std::pair<const char*, double> shares[] = {
+      {"regular", regular}, {"corner_weight", corner_weight}, {"support_grey", support_grey}};
+  for (const auto& [name, value] : shares)
+    if (!share(value))
+      return fail(ErrorCode::InvalidInput, fmt::format("{} is {}; above 0 and up to 1 is possible", name, value));
+  return {};
+}
+
+void BlendFigures::add(const BlendFigures& other) {
+  length_px += other.length_px;
+  squares_px3 += other.squares_px3;
+  tiles += other.tiles;
+  unsolved += other.unsolved;
+}
+
+double BlendFigures::residual_px() const { return length_px > 0 ? std::sqrt(squares_px3 / length_px) : 0; }
+
+MaskBlender::Model::Model(const MaskFrame& f, const MaskLight& l, const BlendOptions& o)
+    : frame{f}, light{l}, options{o}, weights{l.spread_px}, encode{l.tone} {
+  const double edge_spread = std::sqrt(l.spread_px * l.spread_px + 1.0 / 12);
+  edge_slope = 1 / (std::sqrt(2 * std::numbers::pi) * edge_spread);
+  target = static_cast<float>(l.threshold());
+  inwards_px = edge_spread * upper_quantile(std::clamp(l.threshold(), 0.02, 0.98));
+  passed = static_cast<float>(l.passed());
+  attach = static_cast<float>(std::min(1.0, kAttach * l.through()));
+  halo = weights.taps() / 2 + 8;
+  side = DoseTiles::kSide + 2 * halo;
+  for (std::size_t i = 0; i < 256; ++i) {
+    tone[i] = static_cast<float>(l.tone[i]);
+    const auto leak = static_cast<float>(l.tone[0]);
+    grey_of_share[i] = encode(leak + (1 - leak) * static_cast<float>(i) / 255);
+  }
+}
+
+Result<MaskBlender> MaskBlender::make(const MaskFrame& frame, const MaskLight& light, const BlendOptions& options) {
+  if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
+  return MaskBlender{std::make_unique<const Model>(frame, light, options)};
+}
+
+MaskBlender::MaskBlender(std::unique_ptr<const Model> model) : model_{std::move(model)} {}
+MaskBlender::~MaskBlender() = default;
+MaskBlender::MaskBlender(MaskBlender&&) noexcept = default;
+MaskBlender& MaskBlender::operator=(MaskBlender&&) noexcept = default;
+
+BlendedLayer MaskBlender::blend(const BlendTask& task) const {
+  return work_on_layer(*model_, task, model_->options.iterations, nullptr);
+}
+
+struct BlendStack::State {
+  const MaskBlender::Model& model;
+  DoseTiles above;
+};
+
+BlendStack::BlendStack(const MaskBlender& blender)
+    : state_{std::make_unique<State>(*blender.model_, DoseTiles{blender.model_->frame.size})} {}
+BlendStack::~BlendStack() = default;
+BlendStack::BlendStack(BlendStack&&) noexcept = default;
+BlendStack& BlendStack::operator=(BlendStack&&) noexcept = default;
+
+BlendedLayer BlendStack::descend(const BlendTask& task, int iterations) {
+  return work_on_layer(state_->model, task, iterations, &state_->above);
+}
+
+void BlendStack::mark_cured(Mask& mask) const {
+  const MaskBlender::Model& m = state_->model;
+  const std::size_t width = m.frame.size.width_px;
+  std::vector<float> doses(width);
+  const float least = m.target * m.passed;  // the dose has gone through one layer since
+  for (std::uint32_t y = 0; y < m.frame.size.height_px; ++y) {
+    state_->above.copy_row(0, static_cast<int>(y), static_cast<int>(width), doses.data());
+    std::uint8_t* row = mask.rows.data() + (m.frame.size.height_px - 1 - y) * width;
+    for (std::size_t x = 0; x < width; ++x) row[x] = doses[x] >= least ? 255 : 0;
+  }
+}
+
+}  // namespace telefab::fab

@@ -1,0 +1,344 @@
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "blend_model.hpp"
+#include "cover_cells.hpp"
+#include "edge_samples.hpp"
+#include "tile_problem.hpp"
+
+namespace telefab::fab {
+namespace {
+
+constexpr int kCore = DoseTiles::kSide;
+constexpr float kSnap = 1e-4F;           // shares of a white dose that make no difference
+constexpr std::size_t kInterleave = 16;  // neighbours on a contour wait for each other's stores
+
+using Model = MaskBlender::Model;
+
+/// Spots by tile, those of halos included.
+struct SpotLists {
+  std::vector<std::uint32_t> starts;
+  std::vector<std::uint32_t> spots;
+};
+SpotLists lists_of(const std::vector<EdgeSpot>& spots, const Model& m, int columns, int rows) {
+  const int taps = m.weights.taps(), reach = m.halo - taps / 2;
+  const auto each_tile = [&](const EdgeSpot& spot, auto&& visit) {
+    if (spot.x_px < 0 || spot.y_px < 0 || spot.x_px > m.frame.size.width_px || spot.y_px > m.frame.size.height_px)
+      return;
+    const auto tile = [&](double place) { return static_cast<int>(std::floor(place / kCore)); };
+    const int left = std::max(0, tile(spot.x_px - reach)), right = std::min(columns - 1, tile(spot.x_px + reach));
+    const int front = std::max(0, tile(spot.y_px - reach)), back = std::min(rows - 1, tile(spot.y_px + reach));
+    for (int y = front; y <= back; ++y)
+      for (int x = left; x <= right; ++x) visit(static_cast<std::size_t>(y * columns + x));
+  };
+  SpotLists lists;
+  lists.starts.assign(static_cast<std::size_t>(columns * rows) + 1, 0);
+  for (const EdgeSpot& spot : spots) each_tile(spot, [&](std::size_t t) { ++lists.starts[t + 1]; });
+  for (std::size_t t = 1; t < lists.starts.size(); ++t) lists.starts[t] += lists.starts[t - 1];
+  lists.spots.resize(lists.starts.back());
+  std::vector<std::uint32_t> next(lists.starts.begin(), lists.starts.end() - 1);
+  for (std::uint32_t i = 0; i < spots.size(); ++i)
+    each_tile(spots[i], [&](std::size_t t) { lists.spots[next[t]++] = i; });
+  return lists;
+}
+
+/// Rows of cover around one row of tiles, with margins left and right so that halos need no care.
+class Strip {
+ public:
+  Strip(const Model& m) : halo_{m.halo}, size_{m.frame.size}, side_{m.side} {
+    stride_ = ((size_.width_px + kCore - 1) / kCore) * kCore + 2 * static_cast<std::size_t>(halo_);
+  }
+  /// Covers rows from `front` - halo on.
+  void fill(const CoverCells& cells, int front) {
+    any_ = false;
+    for (int y = front - halo_; y < front - halo_ + side_ && !any_; ++y)
+      any_ = y >= 0 && y < static_cast<int>(size_.height_px) && !cells.empty(static_cast<std::uint32_t>(y));
+    if (!any_) return;
+    rows_.resize(stride_ * static_cast<std::size_t>(side_));
+    for (int i = 0; i < side_; ++i) {
+      const int y = front - halo_ + i;
+      std::uint8_t* row = rows_.data() + static_cast<std::size_t>(i) * stride_;
+      if (y < 0 || y >= static_cast<int>(size_.height_px) || cells.empty(static_cast<std::uint32_t>(y))) {
+        std::memset(row, 0, stride_);
+        continue;
+      }
+      cells.fill(static_cast<std::uint32_t>(y), row + halo_);
+      std::memset(row, 0, static_cast<std::size_t>(halo_));
+      std::memset(row + halo_ + size_.width_px, 0, stride_ - static_cast<std::size_t>(halo_) - size_.width_px);
+    }
+  }
+  [[nodiscard]] bool any() const { return any_; }
+  /// Row `i` of the strip from column x - halo on.
+  [[nodiscard]] const std::uint8_t* row(int i, int x) const {
+    return rows_.data() + static_cast<std::size_t>(i) * stride_ + static_cast<std::size_t>(x);
+  }
+
+ private:
+  int halo_;
+  PixelSize size_;
+  int side_;
+  std::size_t stride_;
+  bool any_ = false;
+  std::vector<std::uint8_t> rows_;
+};
+
+/// One layer at work.
+class LayerWork {
+ public:
+  LayerWork(const Model& m, const BlendTask& task, int iterations, DoseTiles* above)
+      : m_{m},
+        task_{task},
+        iterations_{iterations},
+        above_{above},
+        part_{task.part, m.frame},
+        inner_{task.part, m.frame, m.inwards_px},
+        supports_{task.supports, m.frame},
+        spots_{edge_spots(task.part, m.frame.pixel_pitch_mm, {.corner_weight = m.options.corner_weight})},
+        part_strip_{m},
+        inner_strip_{m},
+        support_strip_{m} {
+    light_ = static_cast<float>(task.exposure);
+    if (iterations > 0) problem_.resize(m.side);
+    problem_.target = m.target;
+    problem_.regular = static_cast<float>(m.options.regular);
+    problem_.weights = &m.weights;
+    h_.resize(static_cast<std::size_t>(m.side) * static_cast<std::size_t>(m.side));
+    field_.assign(h_.size(), 1.0F);
+  }
+
+  BlendedLayer run() {
+    const PixelSize size = m_.frame.size;
+    const DoseTiles grid{size};
+    const SpotLists lists = lists_of(spots_, m_, grid.columns(), grid.rows());
+    BlendedLayer out{{size, std::vector<std::uint8_t>(std::size_t{size.width_px} * size.height_px)}, {}};
+    for (int row = 0; row < grid.rows(); ++row) {
+      part_strip_.fill(part_, row * kCore);
+      support_strip_.fill(supports_, row * kCore);
+      if (part_strip_.any()) inner_strip_.fill(inner_, row * kCore);
+      const bool lit = part_strip_.any() || support_strip_.any();
+      for (int column = 0; column < grid.columns(); ++column) {
+        const auto t = static_cast<std::size_t>(row * grid.columns() + column);
+        if (lit) draw_cover(out.mask, column, row);
+        if (lists.starts[t] != lists.starts[t + 1]) {
+          if (m_.options.out_of_time && m_.options.out_of_time()) {
+            ++out.figures.unsolved;
+          } else {
+            solve(out, column, row, {lists.spots.data() + lists.starts[t], lists.starts[t + 1] - lists.starts[t]});
+          }
+        }
+        if (above_) pass_on(out.mask, column, row);
+      }
+    }
+    return out;
+  }
+
+ private:
+  [[nodiscard]] std::uint8_t* grey_row(Mask& mask, int x, int y) const {
+    return mask.rows.data() +
+           std::size_t{m_.frame.size.height_px - 1 - static_cast<std::uint32_t>(y)} * m_.frame.size.width_px +
+           static_cast<std::size_t>(x);
+  }
+  [[nodiscard]] const std::uint8_t* cap_row(int x, int y) const {
+    if (task_.caps.rows.empty()) return nullptr;
+    return task_.caps.rows.data() +
+           std::size_t{m_.frame.size.height_px - 1 - static_cast<std::uint32_t>(y)} * m_.frame.size.width_px +
+           static_cast<std::size_t>(x);
+  }
+  [[nodiscard]] int width_in(int column) const {
+    return std::min(kCore, static_cast<int>(m_.frame.size.width_px) - column * kCore);
+  }
+  [[nodiscard]] int height_in(int row) const {
+    return std::min(kCore, static_cast<int>(m_.frame.size.height_px) - row * kCore);
+  }
+
+  /// What a pixel shows unless it is solved for: cover up to its cap, supports on top.
+  void draw_cover(Mask& mask, int column, int row) {
+    const auto scale = static_cast<float>(m_.options.support_grey);
+    for (int y = 0; y < height_in(row); ++y) {
+      std::uint8_t* to = grey_row(mask, column * kCore, row * kCore + y);
+      const std::uint8_t* part = part_strip_.any() ? part_strip_.row(m_.halo + y, column * kCore + m_.halo) : nullptr;
+      const std::uint8_t* support =
+          support_strip_.any() ? support_strip_.row(m_.halo + y, column * kCore + m_.halo) : nullptr;
+      const std::uint8_t* cap = cap_row(column * kCore, row * kCore + y);
+      const int width = width_in(column);
+      if (!cap && !support) {
+        for (int x = 0; x < width; ++x) to[x] = m_.grey_of_share[part[x]];
+        continue;
+      }
+      for (int x = 0; x < width; ++x) {
+        float share = part ? static_cast<float>(part[x]) : 0;
+        if (cap) share *= static_cast<float>(cap[x]) / 255;
+        if (support) share += scale * static_cast<float>(support[x]);
+        to[x] = m_.grey_of_share[static_cast<std::size_t>(std::min(255.0F, share + 0.5F))];
+      }
+    }
+  }
+
+  void fill_field(int x0, int y0) {
+    const auto& projection = m_.light.projection;
+    if (projection.field.empty()) return;
+    const double width = m_.frame.size.width_px, height = m_.frame.size.height_px;
+    for (int y = 0; y < m_.side; ++y)
+      for (int x = 0; x < m_.side; ++x)
+        field_[static_cast<std::size_t>(y * m_.side + x)] =
+            static_cast<float>(field_at(projection, (x0 + x + 0.5) / width, 1 - (y0 + y + 0.5) / height));
+  }
+
+  /// Bounds and reference of every pixel of the tile and its halo.
+  void set_bounds(int column, int row) {
+    const int x0 = column * kCore - m_.halo, y0 = row * kCore - m_.halo;
+    if (above_)
+      above_->copy_square(x0, y0, m_.side, h_.data());
+    else
+      std::fill(h_.begin(), h_.end(), 0.0F);
+    fill_field(x0, y0);
+    const float leak = m_.tone[0], scale = static_cast<float>(m_.options.support_grey) / 255;
+    const int width = static_cast<int>(m_.frame.size.width_px), height = static_cast<int>(m_.frame.size.height_px);
+    for (int y = 0; y < m_.side; ++y) {
+      const int at_y = y0 + y;
+      const bool row_exists = at_y >= 0 && at_y < height;
+      const std::uint8_t* part = part_strip_.any() ? part_strip_.row(y, column * kCore) : nullptr;
+      const std::uint8_t* inner =
+          part_strip_.any() && inner_strip_.any() ? inner_strip_.row(y, column * kCore) : nullptr;
+      const std::uint8_t* support = support_strip_.any() ? support_strip_.row(y, column * kCore) : nullptr;
+      for (int x = 0; x < m_.side; ++x) {
+        const auto at = static_cast<std::size_t>(y * m_.side + x);
+        const float h = h_[at];
+        const int at_x = x0 + x;
+        if (!row_exists || at_x < 0 || at_x >= width) {
+          problem_.least[at] = problem_.most[at] = problem_.reference[at] = h;
+          continue;
+        }
+        const float full = light_ * field_[at];
+        const float p = part ? static_cast<float>(part[x]) / 255 : 0, s = support ? static_cast<float>(support[x]) : 0;
+        float cap = 1;
+        if (const std::uint8_t* caps = cap_row(0, at_y)) cap = static_cast<float>(caps[at_x]) / 255;
+        const float least = std::max(leak, s * scale);
+        const float most = std::max(least, s > 0 && p == 0 ? least : cap);
+        const float wanted = cap * std::max(inner ? static_cast<float>(inner[x]) / 255 : 0, p / 2);
+        problem_.least[at] = h + full * least;
+        problem_.most[at] = h + full * most;
+        problem_.reference[at] = h + full * std::max(least, wanted);
+        if (above_ && part && y > 0 && y + 1 < m_.side && x > 0 && x + 1 < m_.side && inside(part, x, y, column))
+          problem_.least[at] = h + full * std::max(least, std::min(cap, m_.attach));
+      }
+    }
+  }
+
+  /// Whether the pixel and its eight neighbours are all of the part: what is there holds the layer while it is printed.
+  [[nodiscard]] bool inside(const std::uint8_t* part, int x, int y, int column) const {
+    if (part[x] != 255) return false;
+    for (int dy = -1; dy <= 1; ++dy) {
+      const std::uint8_t* near = part_strip_.row(y + dy, column * kCore);
+      if (near[x - 1] != 255 || near[x] != 255 || near[x + 1] != 255) return false;
+    }
+    return true;
+  }
+
+  void set_spots(int column, int row, std::span<const std::uint32_t> list) {
+    const int x0 = column * kCore - m_.halo, y0 = row * kCore - m_.halo, taps = m_.weights.taps();
+    problem_.spots.clear();
+    for (std::size_t lane = 0; lane < kInterleave; ++lane)
+      for (std::size_t i = lane; i < list.size(); i += kInterleave) {
+        const EdgeSpot& spot = spots_[list[i]];
+        const auto across = m_.weights.window(spot.x_px - x0), along = m_.weights.window(spot.y_px - y0);
+        if (across.first < 0 || along.first < 0 || across.first + taps > m_.side || along.first + taps > m_.side)
+          continue;
+        const int column_px = std::min(static_cast<int>(spot.x_px) - x0, m_.side - 1);
+        const int row_px = std::min(static_cast<int>(spot.y_px) - y0, m_.side - 1);
+        // Where a support joins, the part's outline is no edge of what is cured.
+        if (support_strip_.any() && support_strip_.row(row_px, column * kCore)[column_px] > 0) continue;
+        const bool core =
+            column_px >= m_.halo && column_px < m_.halo + kCore && row_px >= m_.halo && row_px < m_.halo + kCore;
+        problem_.spots.push_back({along.first * m_.side + across.first, across.node, along.node,
+                                  spot.weight / static_cast<float>(m_.edge_slope * m_.edge_slope),
+                                  core ? spot.weight : 0.0F});
+      }
+  }
+
+  void solve(BlendedLayer& out, int column, int row, std::span<const std::uint32_t> list) {
+    if (iterations_ == 0) return;
+    set_bounds(column, row);
+    set_spots(column, row, list);
+    if (problem_.spots.empty()) return;
+    const double squares = solve_tile(problem_, iterations_);
+    ++out.figures.tiles;
+    out.figures.squares_px3 += squares / (m_.edge_slope * m_.edge_slope);
+    for (const auto& spot : problem_.spots) out.figures.length_px += static_cast<double>(spot.inside_core);
+    for (int y = 0; y < height_in(row); ++y) {
+      std::uint8_t* to = grey_row(out.mask, column * kCore, row * kCore + y);
+      for (int x = 0; x < width_in(column); ++x) {
+        const auto at = static_cast<std::size_t>((y + m_.halo) * m_.side + x + m_.halo);
+        if (problem_.touched(at)) to[x] = m_.encode((problem_.dose[at] - h_[at]) / (light_ * field_[at]));
+      }
+    }
+  }
+
+  /// Adds what the mask shows and lets the sum through one layer.
+  void pass_on(Mask& mask, int column, int row) {
+    DoseTiles::Tile& tile = above_->tile(column, row);
+    const int width = width_in(column), height = height_in(row);
+    const std::uint8_t grey = *grey_row(mask, column * kCore, row * kCore);
+    bool even = !tile.pixels && m_.light.projection.field.empty();
+    for (int y = 0; y < height && even; ++y) {
+      const std::uint8_t* greys = grey_row(mask, column * kCore, row * kCore + y);
+      even = greys[0] == grey && std::memcmp(greys, greys + 1, static_cast<std::size_t>(width - 1)) == 0;
+    }
+    if (even) {
+      tile.even = snapped(m_.passed * (tile.even + light_ * m_.tone[grey]));
+      return;
+    }
+    if (!tile.pixels) {
+      tile.pixels.reset(new float[kCore * kCore]);
+      std::fill_n(tile.pixels.get(), kCore * kCore, tile.even);
+    }
+    const bool flat = m_.light.projection.field.empty();
+    for (int y = 0; y < height; ++y) {
+      const std::uint8_t* greys = grey_row(mask, column * kCore, row * kCore + y);
+      float* doses = tile.pixels.get() + y * kCore;
+      for (int x = 0; x < width; ++x) {
+        float light = light_ * m_.tone[greys[x]];
+        if (!flat)
+          light *= static_cast<float>(field_at(m_.light.projection, (column * kCore + x + 0.5) / m_.frame.size.width_px,
+                                               1 - (row * kCore + y + 0.5) / m_.frame.size.height_px));
+        doses[x] = snapped(m_.passed * (doses[x] + light));
+      }
+    }
+    settle(tile, width, height);
+  }
+
+  [[nodiscard]] float snapped(float dose) const {
+    const float steady = m_.passed / (1 - m_.passed);
+    if (dose < kSnap) return 0;
+    return std::abs(dose - steady) < kSnap ? steady : dose;
+  }
+
+  static void settle(DoseTiles::Tile& tile, int width, int height) {
+    const float value = tile.pixels[0];
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        if (tile.pixels[static_cast<std::size_t>(y * kCore + x)] != value) return;
+    tile.even = value;
+    tile.pixels.reset();
+  }
+
+  const Model& m_;
+  const BlendTask& task_;
+  int iterations_;
+  DoseTiles* above_;
+  CoverCells part_, inner_, supports_;
+  std::vector<EdgeSpot> spots_;
+  Strip part_strip_, inner_strip_, support_strip_;
+  float light_ = 1;
+  TileProblem problem_;
+  std::vector<float> h_, field_;
+};
+
+}  // namespace
+
+BlendedLayer work_on_layer(const MaskBlender::Model& model, const BlendTask& task, int iterations, DoseTiles* above) {
+  return LayerWork{model, task, iterations, above}.run();
+}
+
+}  // namespace telefab::fab
