@@ -11,6 +11,7 @@ int main(int argc, char** argv) {
   static constexpr telefab::Verb verbs[] = {
       {"plan", "supports, masks and exposures of a contour file, into a folder", declare_plan},
       {"export", "a plan or contours in the formats of other printers and programs", declare_export},
+      {"import", "contours made elsewhere, as a contour file for a machine", declare_import},
       {"serve", "take layers from scan sites, plan and print them", declare_serve},
       {"logs", "what happened to one job here", telefab::declare_logs},
       {"verify", "prove on a plan's masks that nothing floats; exit code 8 if something does", declare_verify},

@@ -82,8 +82,9 @@ Result<std::uint32_t> export_lines(const ContourJob& job, const Options& o, cons
     Layer layer;
     layer.index = LayerIndex{i};
     layer.z_mm = cut_height_mm(layer.index, job.thickness_mm);
-    for (const ContourPart& part : job.parts)
-      layer.contours.insert(layer.contours.end(), part.layers[i].begin(), part.layers[i].end());
+    auto contours = united(job, i);
+    if (!contours) return tl::unexpected{contours.error()};
+    layer.contours = std::move(*contours);
     lines += to_json_line(layer) + '\n';
   }
   if (auto ok = write_file_atomically(o.out, lines); !ok) return tl::unexpected{ok.error()};
@@ -169,7 +170,9 @@ VerbBody declare_export(CLI::App& options) {
                      "machine whose pixels and platform are used; default: the one it was planned or sliced for");
   options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
   options.footer(
-      "Contours of a plan are the part and its supports, as two parts of the file; of a .tfc file the part alone.\n"
+      "Contours of a plan are the part and its supports, as two parts of the file (united in jsonl); of a .tfc file "
+      "the\n"
+      "part alone.\n"
       "Pictures in sl1 and nanodlp are turned as projection.orientation of the machine says; the archive states it.\n"
       "The same input gives the same bytes. A file appears whole or not at all.\n"
       "Examples: telefab-fab export statue-plan --format sl1 --out statue.sl1\n"

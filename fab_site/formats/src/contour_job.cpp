@@ -46,6 +46,20 @@ Result<ContourJob> contour_job(const LayerStack& stack, Point2 platform_mm,
   return job;
 }
 
+Result<std::vector<Contour>> united(const ContourJob& job, std::uint32_t layer) {
+  std::vector<Region> regions;
+  const std::vector<Contour>* only = nullptr;
+  for (const ContourPart& part : job.parts) {
+    if (part.layers[layer].empty()) continue;
+    only = &part.layers[layer];
+    auto region = Region::from_contours(*only);
+    if (!region) return tl::unexpected{region.error()};
+    regions.push_back(std::move(*region));
+  }
+  if (only == nullptr) return std::vector<Contour>{};
+  return regions.size() == 1 ? *only : unite(regions).to_contours();
+}
+
 Bounds2 bounds_of(const ContourJob& job) {
   Bounds2 all{{1e300, 1e300}, {-1e300, -1e300}};
   for (const ContourPart& part : job.parts)

@@ -37,6 +37,8 @@ struct ContourJob {
 [[nodiscard]] Result<ContourJob> contour_job(const LayerStack& stack, Point2 platform_mm,
                                              std::vector<std::vector<Contour>> supports);
 
+/// The rings of all parts in one layer as one region. Of a layer that only one part has, the rings as they are.
+[[nodiscard]] Result<std::vector<Contour>> united(const ContourJob& job, std::uint32_t layer);
 /// Of all rings; a box of zero size at the origin where there is none.
 [[nodiscard]] Bounds2 bounds_of(const ContourJob& job);
 [[nodiscard]] std::uint64_t vertex_count(const ContourJob& job);

@@ -1,0 +1,13 @@
+#pragma once
+#include <string_view>
+
+#include "raw_layers.hpp"
+
+namespace telefab::fab {
+
+/// SVG with a group a layer, its upper side in slic3r:z: paths of straight lines, and polygons. y is turned around at
+/// the drawing's height. Millimetres come from width, height and viewBox, or from `unit_mm`.
+/// Fails: InvalidInput with the byte and what to do (curves, transforms, shapes), TooLarge.
+[[nodiscard]] Result<RawLayers> read_svg(std::string_view text, std::optional<double> unit_mm);
+
+}  // namespace telefab::fab
