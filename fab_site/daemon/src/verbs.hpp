@@ -11,5 +11,6 @@ namespace telefab::fab {
 [[nodiscard]] VerbBody declare_probe(CLI::App& options);
 [[nodiscard]] VerbBody declare_serve(CLI::App& options);
 [[nodiscard]] VerbBody declare_simulate_usb(CLI::App& options);
+[[nodiscard]] VerbBody declare_supports(CLI::App& options);
 [[nodiscard]] VerbBody declare_verify(CLI::App& options);
 }  // namespace telefab::fab

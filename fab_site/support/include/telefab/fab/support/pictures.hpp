@@ -8,15 +8,26 @@ namespace telefab::fab {
 /// Pictures are at most this wide and high.
 inline constexpr std::uint32_t kPictureSide = 1400;
 
-/// One layer as in the paper's Figures 16 and 17: attached grey, self-supported green, to support red, anchors as dots
-/// with the circle they reach.
-[[nodiscard]] Image draw_layer(const LayerRegions& regions, std::span<const Point2> anchors,
-                               Millimetres anchor_distance);
+/// An anchor as one layer sees it.
+struct SeenAnchor {
+  Point2 place;
+  double reach_mm = 0;    ///< in the plane of the layer
+  bool standing = false;  ///< it came with a layer below
+};
+
+/// The anchors that hold one layer of the part: its own, and those of layers below that still reach it.
+[[nodiscard]] std::vector<SeenAnchor> anchors_at(const SupportPlan& plan, LayerIndex part_layer, double thickness_mm,
+                                                 Millimetres anchor_distance);
+
+/// One layer as in the paper's Figures 16 and 17: attached grey, self-supported green, to support red; its own anchors
+/// as full dots, those that stand from below as open ones, with the circles they reach; a legend and a scale.
+[[nodiscard]] Image draw_layer(const LayerRegions& regions, std::span<const SeenAnchor> anchors);
 
 /// A covering alone: the region, the anchors and their circles.
 [[nodiscard]] Image draw_covering(const Region& region, std::span<const Point2> anchors, Millimetres anchor_distance);
 
-/// Part (grey) and supports (orange) in 3-D, seen from a little below the horizon's 20 degrees; shaded voxels.
+/// Part (grey) and supports (orange) on the platform in 3-D, seen from 20 degrees above the horizon, with light,
+/// shadows and a grid of 10 mm (1 mm under prints below 30 mm). RGB, at most kPictureSide a side. Threads: oneTBB.
 [[nodiscard]] Image draw_structure(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm);
 
 /// Part and supports as a binary PLY mesh with a colour at every vertex, for any viewer: sticks and plates as closed

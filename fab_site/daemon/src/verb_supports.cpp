@@ -1,0 +1,130 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <optional>
+#include <telefab/base/file.hpp>
+#include <telefab/fab/support/pictures.hpp>
+
+#include "read_stack.hpp"
+#include "verbs.hpp"
+
+namespace telefab::fab {
+namespace {
+
+constexpr std::uint64_t kMaxHandListBytes = 16U << 20U;
+
+struct Options {
+  std::string stack;
+  std::string machine;
+  std::string machines = default_machine_folder();
+  std::string stand = "auto";
+  std::string hand_list, out, preview, structure, model;
+  std::optional<std::uint32_t> layer;
+  int threads = 0;
+};
+
+Result<SupportOptions> support_options(const Options& o) {
+  SupportOptions options;
+  options.stand = o.stand == "always"  ? SupportOptions::Stand::Always
+                  : o.stand == "never" ? SupportOptions::Stand::Never
+                                       : SupportOptions::Stand::Auto;
+  options.threads = o.threads;
+  if (!o.hand_list.empty()) {
+    const auto text = read_file(o.hand_list, kMaxHandListBytes);
+    if (!text) return tl::unexpected{text.error()};
+    auto hand = hand_list_from_json({reinterpret_cast<const char*>(text->data()), text->size()});
+    if (!hand) return fail_in(o.hand_list, hand.error());
+    options.hand = std::move(*hand);
+  }
+  return options;
+}
+
+Result<void> write_png(const std::string& path, const Image& image) {
+  const auto png = encode_png(image);
+  if (!png) return tl::unexpected{png.error()};
+  return write_file_atomically(path, *png);
+}
+
+/// The layer asked for, or the one with the most to support that no anchor of a layer below holds.
+std::uint32_t layer_to_show(const Options& o, const SupportPlan& plan) {
+  if (o.layer) return *o.layer;
+  std::uint32_t best = 0;
+  std::size_t most = 0, here = 0;
+  const auto anchors = plan.anchors();
+  for (std::size_t i = 0; i < anchors.size(); ++i) {
+    here = i > 0 && anchors[i].layer == anchors[i - 1].layer ? here + 1 : 1;
+    if (here > most) most = here, best = anchors[i].layer.count();
+  }
+  return best;
+}
+
+Result<ExitCode> run(const Options& o, std::stop_token stop) {
+  const auto options = support_options(o);
+  if (!options) return tl::unexpected{options.error()};
+  const auto stack = read_stack(o.stack);
+  if (!stack) return tl::unexpected{stack.error()};
+  const auto machine = machine_for(*stack, o.machine, o.machines);
+  if (!machine) return tl::unexpected{machine.error()};
+  const auto plan = plan_supports(stack->layers(), stack->header(), *machine, *options, progress_line(), stop);
+  clear_progress();
+  if (!plan) return tl::unexpected{plan.error()};
+  const double thickness_mm = stack->header().layer_thickness_mm;
+  const SupportFigures& f = plan->figures();
+  fmt::print("{} anchors on {} layers; {} pins stand on the part, {} of the pins are needles, {} braces\n",
+             plan->anchors().size(), f.layers_with_regions, f.feet_on_part, f.needles, f.braces);
+  fmt::print("supports {:.1f} mm3, {:.1f} % of the part's {:.1f} mm3; lifted by {:.2f} mm\n", f.support_mm3,
+             f.part_mm3 > 0 ? 100 * f.support_mm3 / f.part_mm3 : 0.0, f.part_mm3, plan->lift_layers() * thickness_mm);
+  if (!o.out.empty()) {
+    const std::string text = to_json(*plan);
+    if (auto ok = write_file_atomically(o.out, text); !ok) return tl::unexpected{ok.error()};
+  }
+  if (!o.preview.empty()) {
+    const std::uint32_t layer = layer_to_show(o, *plan);
+    const auto regions = regions_of_layer(stack->layers(), LayerIndex{layer}, *machine);
+    if (!regions) return tl::unexpected{regions.error()};
+    const Millimetres reach{machine->supports.anchor_distance_mm};
+    const auto near = anchors_at(*plan, LayerIndex{layer}, thickness_mm, reach);
+    fmt::print("layer {} at {:.3f} mm: attached {:.2f}, self-supported {:.2f}, to support {:.2f} mm2, {} anchors\n",
+               layer, cut_height_mm(LayerIndex{layer}, thickness_mm), regions->attached.area_mm2(),
+               subtract(regions->self_supported, regions->attached).area_mm2(), regions->to_support.area_mm2(),
+               near.size());
+    if (auto ok = write_png(o.preview, draw_layer(*regions, near)); !ok) return tl::unexpected{ok.error()};
+  }
+  if (!o.structure.empty())
+    if (auto ok = write_png(o.structure, draw_structure(stack->layers(), *plan, thickness_mm)); !ok)
+      return tl::unexpected{ok.error()};
+  if (!o.model.empty()) {
+    const std::string ply =
+        structure_ply(stack->layers(), *plan, thickness_mm, Millimetres{machine->projection.pixel_pitch_mm / 4});
+    if (auto ok = write_file_atomically(o.model, ply); !ok) return tl::unexpected{ok.error()};
+  }
+  return ExitCode::Ok;
+}
+
+}  // namespace
+
+VerbBody declare_supports(CLI::App& options) {
+  auto o = std::make_shared<Options>();
+  options.add_option("FILE", o->stack, "contour file (.tfc) of telefab-scan slice")->required();
+  options.add_option("--machine", o->machine, "machine profile; default: the one it was sliced for");
+  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  options
+      .add_option("--stand", o->stand,
+                  "stand on the platform: auto (where the first layer is large enough), always, never")
+      ->check(CLI::IsMember({"auto", "always", "never"}))
+      ->capture_default_str();
+  options.add_option("--hand-list", o->hand_list, "JSON file of extra and forbidden places for anchors");
+  options.add_option("--layer", o->layer, "part layer of --preview; default: the one with the most anchors of its own");
+  options.add_option("--preview", o->preview,
+                     "PNG of one layer: attached, self-supported, to support, anchors and the circles they reach");
+  options.add_option("--structure", o->structure, "PNG of the part with its supports in 3-D");
+  options.add_option("--model", o->model, "PLY of the part with its supports, in colours, for a viewer");
+  options.add_option("--out", o->out, "anchors and primitives as JSON, as supports.json of a plan");
+  options.add_option("--threads", o->threads, "0: all cores; the supports are the same for any number")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  return [o](std::stop_token stop) { return run(*o, stop); };
+}
+
+}  // namespace telefab::fab
