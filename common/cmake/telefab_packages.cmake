@@ -11,6 +11,7 @@ find_package(Protobuf REQUIRED)
 find_package(SQLite3 REQUIRED)
 find_package(CLI11 REQUIRED)
 find_package(spdlog REQUIRED)
+find_package(prometheus-cpp REQUIRED)
 find_package(xsimd REQUIRED)
 # Debian's xsimd asks for xtl, which only its complex numbers need and no package provides here.
 set_property(TARGET xsimd PROPERTY INTERFACE_LINK_LIBRARIES "")

@@ -9,6 +9,7 @@
 #include <numeric>
 #include <telefab/base/file.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/print/print_record.hpp>
 #include <telefab/geometry/contour_lines.hpp>
 
 #include "intake.hpp"
@@ -69,26 +70,38 @@ ordered_json report_part(const std::filesystem::path& path) {
 
 }  // namespace
 
-double WebDesk::seconds_left(const Job& job) {
-  if (job.state != JobState::Printing && job.state != JobState::Paused && job.state != JobState::Ready) return -1;
-  auto known = seconds_.find(job.id);
-  if (known == seconds_.end()) {
-    const auto folder = folder_.job(job.id);
-    const auto machine = find_machine(machines_, job.machine);
-    if (!folder || !machine) return -1;
-    const auto text = text_of(*folder / "plan" / "plan.json");
-    if (!text) return -1;
-    const auto plan = print_plan_from_json(*text);
-    if (!plan) return -1;
-    std::vector<double> seconds;
-    for (const PlannedLayer& layer : plan->layers)
-      seconds.push_back(layer_seconds(plan->motion, layer.exposure) / machine->devices.speed_up);
-    if (seconds_.size() > kMostJobs) seconds_.clear();
-    known = seconds_.emplace(job.id, std::move(seconds)).first;
+const WebDesk::Light* WebDesk::light_of(const Job& job) {
+  if (job.state < JobState::Ready) return nullptr;
+  const auto known = lights_.find(job.id);
+  // A record comes when the print has ended, so what was read before is read again then, once.
+  if (known != lights_.end() && known->second.is_whole == is_final(job.state)) return &known->second;
+  const auto folder = folder_.job(job.id);
+  const auto machine = find_machine(machines_, job.machine);
+  if (!folder || !machine) return nullptr;
+  const auto text = text_of(*folder / "plan" / "plan.json");
+  if (!text) return nullptr;
+  const auto plan = print_plan_from_json(*text);
+  if (!plan) return nullptr;
+  Light light;
+  light.is_whole = is_final(job.state);
+  light.irradiance_mw_per_cm2 = machine->projection.irradiance_mw_per_cm2;
+  for (const PlannedLayer& layer : plan->layers) {
+    light.planned_s.push_back(std::chrono::duration<double>(layer.exposure).count());
+    light.layer_s.push_back(layer_seconds(plan->motion, layer.exposure) / machine->devices.speed_up);
   }
-  const auto& seconds = known->second;
-  const std::size_t printed = std::min<std::size_t>(job.counters.layers_printed, seconds.size());
-  return std::accumulate(seconds.begin() + static_cast<std::ptrdiff_t>(printed), seconds.end(), 0.0);
+  if (const auto written = text_of(*folder / "report" / "print.json"))
+    if (const auto record = print_record_from_json(*written)) {
+      light.measured_s.resize(light.planned_s.size());
+      light.resin_celsius.resize(light.planned_s.size());
+      for (const LayerRecord& layer : record->layers) {
+        light.retries += layer.retries;
+        if (layer.index.count() >= light.measured_s.size()) continue;
+        light.measured_s[layer.index.count()] = std::chrono::duration<double>(layer.measured).count();
+        light.resin_celsius[layer.index.count()] = layer.resin_celsius;
+      }
+    }
+  if (lights_.size() > kMostJobs) lights_.clear();
+  return &lights_.insert_or_assign(job.id, std::move(light)).first->second;
 }
 
 JobView WebDesk::view_of(const Job& job) {
@@ -110,8 +123,19 @@ JobView WebDesk::view_of(const Job& job) {
   view.progress = job.state == JobState::Sending    ? share(c.layers_sent, c.layers)
                   : job.state == JobState::Planning ? share(c.layers_planned, c.print_layers)
                                                     : share(c.layers_printed, c.print_layers);
-  view.seconds_left = seconds_left(job);
   view.created_unix_s = job.created_unix_ms / 1000;
+  for (const StageSeconds& stage : job.stages) view.stage_seconds.emplace_back(stage.stage, stage.seconds);
+  if (const Light* light = light_of(job)) {
+    const bool is_ahead =
+        job.state == JobState::Ready || job.state == JobState::Printing || job.state == JobState::Paused;
+    const std::size_t printed = std::min<std::size_t>(c.layers_printed, light->layer_s.size());
+    if (is_ahead)
+      view.seconds_left =
+          std::accumulate(light->layer_s.begin() + static_cast<std::ptrdiff_t>(printed), light->layer_s.end(), 0.0);
+    view.planned_exposure_s = std::accumulate(light->planned_s.begin(), light->planned_s.end(), 0.0);
+    for (const auto& seconds : light->measured_s) view.measured_exposure_s += seconds.value_or(0);
+    view.retries = light->retries;
+  }
   return view;
 }
 
@@ -156,6 +180,31 @@ Result<std::string> WebDesk::report(std::string_view id) {
                            {"print", print}};
   if (value["plan"].is_null()) return fail(ErrorCode::NotFound, "there is no report before the job is planned");
   return value.dump();
+}
+
+Result<std::string> WebDesk::preflight(std::string_view id) {
+  const auto path = plan_file(id, "preflight.json");
+  if (!path) return tl::unexpected{path.error()};
+  const auto text = text_of(*path);
+  if (!text) return fail(ErrorCode::NotFound, "the job is not planned yet");
+  return text;
+}
+
+Result<std::string> WebDesk::exposures(std::string_view id) {
+  const auto job = store_.find(id);
+  if (!job) return tl::unexpected{job.error()};
+  const Light* light = light_of(*job);
+  if (!light) return fail(ErrorCode::NotFound, "the job is not planned yet");
+  const auto list = [](const std::vector<std::optional<double>>& values) {
+    ordered_json array = ordered_json::array();
+    for (const auto& value : values) array.push_back(value ? ordered_json(*value) : ordered_json{});
+    return array;
+  };
+  return ordered_json{{"irradiance_mw_per_cm2", light->irradiance_mw_per_cm2},
+                      {"planned_s", light->planned_s},
+                      {"measured_s", list(light->measured_s)},
+                      {"resin_celsius", list(light->resin_celsius)}}
+      .dump();
 }
 
 Result<std::vector<std::byte>> WebDesk::mask_png(std::string_view id, std::uint32_t layer) {

@@ -27,6 +27,8 @@ class WebDesk final : public JobDesk {
   Result<JobView> job(std::string_view id) override;
   Result<std::vector<JobEventView>> events(std::string_view id) override;
   Result<std::string> report(std::string_view id) override;
+  Result<std::string> preflight(std::string_view id) override;
+  Result<std::string> exposures(std::string_view id) override;
   Result<std::vector<std::byte>> mask_png(std::string_view id, std::uint32_t layer) override;
   Result<std::vector<std::byte>> preview_png(std::string_view id) override;
   Result<std::string> layer_json(std::string_view id, std::uint32_t layer) override;
@@ -41,8 +43,19 @@ class WebDesk final : public JobDesk {
     std::vector<Layer> supports;  ///< by print layer
     Bounds2 bounds;               ///< of part and supports
   };
+  /// What a job's plan and record say of its light; kept, since neither changes once it is written.
+  struct Light {
+    std::vector<double> layer_s;                    ///< lift, exposure and settling of each layer on this machine
+    std::vector<double> planned_s;                  ///< exposure of each layer
+    std::vector<std::optional<double>> measured_s;  ///< by layer; empty until printed
+    std::vector<std::optional<double>> resin_celsius;
+    std::uint32_t retries = 0;
+    double irradiance_mw_per_cm2 = 0;
+    bool is_whole = false;  ///< read when the job had ended
+  };
   [[nodiscard]] JobView view_of(const Job& job);
-  [[nodiscard]] double seconds_left(const Job& job);
+  /// Null until planned.
+  [[nodiscard]] const Light* light_of(const Job& job);
   [[nodiscard]] Result<std::filesystem::path> plan_file(std::string_view id, std::string_view name);
   [[nodiscard]] Result<const Sheets*> sheets_of(std::string_view id);
 
@@ -51,7 +64,7 @@ class WebDesk final : public JobDesk {
   std::vector<MachineProfile> machines_;
   CommandPost post_;
   std::optional<Sheets> sheets_;
-  std::map<std::string, std::vector<double>> seconds_;  ///< by job: time of each layer, from its plan
+  std::map<std::string, Light> lights_;  ///< by job
 };
 
 /// The token of DATA/web-token; made, readable by the daemon's user alone, where there is none.

@@ -2,7 +2,7 @@
 "use strict";
 
 const byId = (id) => document.getElementById(id);
-const state = { jobs: [], chosen: null, layer: -1, token: sessionStorage.getItem("token") || "", waiting: null };
+const state = { jobs: [], chosen: null, layer: -1, token: sessionStorage.getItem("token") || "", waiting: null, stage: "" };
 
 const allowed = {
   approve: (s) => s === "ready",
@@ -105,6 +105,65 @@ async function showLayer() {
   }
 }
 
+async function showPreflight(id) {
+  let list = [];
+  try {
+    list = (await get(`/v1/jobs/${id}/preflight`)).items;
+  } catch {
+    // Not planned yet: there is nothing to show.
+  }
+  if (id !== state.chosen) return;
+  byId("preflight-box").hidden = list.length === 0;
+  byId("preflight").replaceChildren(...list.map((each) => {
+    const item = document.createElement("li");
+    item.className = each.verdict;
+    item.append(element("b", each.verdict.replace("-", " ")), element("span", each.name), element("span", each.text));
+    return item;
+  }));
+}
+
+// One step curve: value of layer i from i to i + 1. Nulls leave a gap.
+function drawSteps(pen, values, count, top, colour) {
+  const { width, height } = pen.canvas;
+  pen.beginPath();
+  let down = false;
+  values.forEach((value, i) => {
+    if (value === null) return (down = false);
+    const y = height - 4 - (height - 8) * (value / top);
+    if (down) pen.lineTo((i / count) * width, y);
+    else pen.moveTo((i / count) * width, y);
+    pen.lineTo(((i + 1) / count) * width, y);
+    down = true;
+  });
+  pen.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue(colour);
+  pen.lineWidth = 2;
+  pen.stroke();
+}
+
+async function showDose(id) {
+  let light = { planned_s: [] };
+  try {
+    light = await get(`/v1/jobs/${id}/exposures`);
+  } catch {
+    // Not planned yet: there is nothing to show.
+  }
+  if (id !== state.chosen) return;
+  const planned = light.planned_s;
+  byId("dose-box").hidden = planned.length === 0;
+  if (!planned.length) return;
+  const pen = byId("dose").getContext("2d");
+  pen.clearRect(0, 0, pen.canvas.width, pen.canvas.height);
+  const most = Math.max(...planned, ...light.measured_s.map((s) => s ?? 0), 1e-9);
+  drawSteps(pen, planned, planned.length, most, "--quiet");
+  drawSteps(pen, light.measured_s, planned.length, most, "--part");
+  const heat = light.resin_celsius.filter((t) => t !== null);
+  if (heat.length) drawSteps(pen, light.resin_celsius, planned.length, 60, "--danger");
+  const dose = (s) => `${(s * light.irradiance_mw_per_cm2).toFixed(1)} mJ/cm²`;
+  const last = planned[planned.length - 1];
+  byId("dose-text").textContent = `at full grey: first layer ${dose(planned[0])}, last ${dose(last)}; ${light.measured_s.filter((s) => s !== null).length} of ${planned.length} layers measured` +
+    (heat.length ? `; resin ${Math.min(...heat).toFixed(1)} to ${Math.max(...heat).toFixed(1)} °C` : "");
+}
+
 async function showDetails() {
   const id = state.chosen;
   if (!id) return;
@@ -115,6 +174,13 @@ async function showDetails() {
   } catch (error) {
     byId("events").replaceChildren(element("li", error.message));
   }
+  // What the plan says does not change with every layer.
+  const job = state.jobs.find((j) => j.id === id);
+  const stage = `${id}/${job && job.state}`;
+  if (state.stage === stage) return;
+  state.stage = stage;
+  showPreflight(id);
+  showDose(id);
   try {
     byId("report").textContent = JSON.stringify(await get(`/v1/jobs/${id}/report`), null, 1);
   } catch (error) {

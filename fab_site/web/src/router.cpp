@@ -1,13 +1,13 @@
 #include <fmt/format.h>
 #include <openssl/crypto.h>
 
-#include <array>
 #include <charconv>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <telefab/fab/web/router.hpp>
 
 #include "assets.hpp"
+#include "metrics.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -152,35 +152,6 @@ WebResponse act(const Call& call) {
   return show_job(call);
 }
 
-/// Gauges of every job in the Prometheus text format, version 0.0.4.
-WebResponse metrics(const Call& call) {
-  const auto jobs = call.desk.jobs();
-  if (!jobs) return problem(jobs.error());
-  struct Gauge {
-    std::string_view name;
-    std::string_view help;
-    double (*value)(const JobView&);
-  };
-  static constexpr std::array gauges{
-      Gauge{"telefab_job_layers", "Layers of the print", [](const JobView& j) { return double{1} * j.layers; }},
-      Gauge{"telefab_job_layers_received", "Layers received",
-            [](const JobView& j) { return double{1} * j.layers_received; }},
-      Gauge{"telefab_job_layers_printed", "Layers printed",
-            [](const JobView& j) { return double{1} * j.layers_printed; }},
-      Gauge{"telefab_job_bytes_received", "Bytes received",
-            [](const JobView& j) { return static_cast<double>(j.bytes_received); }},
-      Gauge{"telefab_job_progress", "Share of the present state, 0 to 1", [](const JobView& j) { return j.progress; }},
-  };
-  std::string text;
-  for (const Gauge& gauge : gauges) {
-    text += fmt::format("# HELP {} {}\n# TYPE {} gauge\n", gauge.name, gauge.help, gauge.name);
-    for (const JobView& job : *jobs)
-      if (is_id(job.id))
-        text += fmt::format("{}{{job=\"{}\",state=\"{}\"}} {}\n", gauge.name, job.id, job.state, gauge.value(job));
-  }
-  return {200, "text/plain; version=0.0.4; charset=utf-8", text};
-}
-
 WebResponse asset(std::string_view path, const WebOptions& options) {
   if (path == "/three.js" && !options.three_js.empty())
     return {200, "text/javascript; charset=utf-8", options.three_js, true};
@@ -210,6 +181,10 @@ const std::vector<Row>& rows() {
       {{"GET", "/v1/jobs/{id}/events", "the job's log", false}, show_events},
       {{"GET", "/v1/jobs/{id}/report", "report of plan and print", false},
        [](const Call& c) { return as_json(c.desk.report(c.arguments.id)); }},
+      {{"GET", "/v1/jobs/{id}/preflight", "what was asked before the light went on, with verdicts", false},
+       [](const Call& c) { return as_json(c.desk.preflight(c.arguments.id)); }},
+      {{"GET", "/v1/jobs/{id}/exposures", "light of every layer, planned and measured", false},
+       [](const Call& c) { return as_json(c.desk.exposures(c.arguments.id)); }},
       {{"GET", "/v1/jobs/{id}/preview.png", "contact sheet of the plan", false},
        [](const Call& c) { return as_png(c.desk.preview_png(c.arguments.id)); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}", "contours of part and supports in one layer", false},
@@ -220,7 +195,12 @@ const std::vector<Row>& rows() {
       {{"POST", "/v1/jobs/{id}/pause", "stop before the next exposure, lifted", true}, act<JobAction::Pause>},
       {{"POST", "/v1/jobs/{id}/resume", "go on with the next layer", true}, act<JobAction::Resume>},
       {{"POST", "/v1/jobs/{id}/cancel", "end the job", true}, act<JobAction::Cancel>},
-      {{"GET", "/metrics", "gauges for Prometheus", false}, metrics},
+      {{"GET", "/metrics", "gauges for Prometheus", false},
+       [](const Call& c) -> WebResponse {
+         const auto jobs = c.desk.jobs();
+         if (!jobs) return problem(jobs.error());
+         return {200, "text/plain; version=0.0.4; charset=utf-8", metrics_text(*jobs)};
+       }},
   };
   return table;
 }

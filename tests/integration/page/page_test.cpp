@@ -129,6 +129,41 @@ TEST_F(PageTest, ShowsWhyAJobFailed) {
   keep_screenshot("page-failed");
 }
 
+TEST_F(PageTest, ShowsWhatHoldsAJobBeforeItIsPrinted) {
+  EXPECT_TRUE(says("#preflight .held", "1 found <b>"));
+  EXPECT_TRUE(says("#preflight .passed", "2 h 3 min"));
+}
+
+TEST_F(PageTest, DrawsTheDosePlannedAndMeasured) {
+  EXPECT_TRUE(says("#dose-text", "first layer 108.0 mJ/cm\u00b2, last 27.0 mJ/cm\u00b2; 2 of 4 layers measured"));
+  EXPECT_TRUE(
+      browser->becomes_true("const c = document.querySelector('#dose'); return c.getContext('2d').getImageData(0, 0, "
+                            "c.width, c.height).data.some((v) => v !== 0);"));
+}
+
+TEST_F(PageTest, HasEnoughContrastInEveryText) {
+  // WCAG 2.1, 1.4.3: 4.5 to 1, of every text that shows, against the first opaque ground behind it. Words of controls
+  // that are off are exempt there.
+  const auto count = browser->run(R"(
+    const light = (c) => c.map((v) => v / 255).map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+      .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+    const parts = (text) => (text.match(/[\d.]+/g) || []).map(Number);
+    const ground = (e) => { for (; e; e = e.parentElement) { const c = parts(getComputedStyle(e).backgroundColor);
+      if (c.length === 3 || c[3] === 1) return c.slice(0, 3); } return [255, 255, 255]; };
+    return [...document.querySelectorAll('body *')].filter((e) => e.offsetParent && !e.disabled &&
+      [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim())).filter((e) => {
+        const a = light(parts(getComputedStyle(e).color).slice(0, 3)), b = light(ground(e));
+        return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05) < 4.5; }).length;)");
+  EXPECT_EQ(count, 0);
+}
+
+TEST_F(PageTest, EveryControlHasAName) {
+  EXPECT_EQ(browser->run("return [...document.querySelectorAll('button, input, canvas, img, progress')].filter((e) => "
+                         "!(e.getAttribute('aria-label') || e.getAttribute('aria-labelledby') || e.hasAttribute('alt') "
+                         "|| (e.labels && e.labels.length) || e.textContent.trim())).length;"),
+            0);
+}
+
 TEST_F(PageTest, ScrubsToAnyLayerByKeyboard) {
   browser->type("#layer", "\xEE\x80\x90");  // U+E010, the End key in WebDriver
   EXPECT_TRUE(says("#layer-number", "19"));

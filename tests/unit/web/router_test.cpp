@@ -145,5 +145,16 @@ TEST(OpenApi, ListsExactlyTheRoutesOfTheCode) {
   EXPECT_EQ(documented, coded);
 }
 
+TEST(WebRouter, MetricsTellStatesStagesAndLightInPrometheusText) {
+  RecordingDesk desk;
+  const WebResponse response = answer({"GET", "/metrics", ""}, desk, kOptions);
+  EXPECT_THAT(response.body, HasSubstr("# TYPE telefab_jobs gauge"));
+  EXPECT_THAT(response.body, HasSubstr("telefab_jobs{state=\"printing\"} 1"));
+  EXPECT_THAT(response.body, HasSubstr("telefab_jobs{state=\"failed\"} 0"));
+  EXPECT_THAT(response.body, HasSubstr("telefab_job_layers_printed{job=\"job-1\""));
+  EXPECT_THAT(response.body, HasSubstr("telefab_job_stage_seconds{job=\"job-1\",stage=\"plan\"} 4.5"));
+  EXPECT_THAT(response.body, HasSubstr("telefab_job_planned_exposure_seconds"));
+}
+
 }  // namespace
 }  // namespace telefab::fab

@@ -17,6 +17,14 @@ class RecordingDesk : public JobDesk {
     return std::vector<JobEventView>{{1000, "queued"}};
   }
   [[nodiscard]] Result<std::string> report(std::string_view) override { return std::string{R"({"layers":3})"}; }
+  [[nodiscard]] Result<std::string> preflight(std::string_view) override {
+    return std::string{
+        R"({"verdict":"held","items":[{"name":"islands","verdict":"held","text":"1 found <b>","value":1,"unit":"findings"},{"name":"time","verdict":"passed","text":"2 h 3 min","value":7380,"unit":"s"}]})"};
+  }
+  [[nodiscard]] Result<std::string> exposures(std::string_view) override {
+    return std::string{
+        R"({"irradiance_mw_per_cm2":3,"planned_s":[36,36,9,9],"measured_s":[36.1,36],"resin_celsius":[]})"};
+  }
   [[nodiscard]] Result<std::vector<std::byte>> mask_png(std::string_view, std::uint32_t layer) override {
     if (layer >= 3) return fail(ErrorCode::NotFound, "no such layer");
     return std::vector<std::byte>{std::byte{0x89}};
@@ -47,6 +55,7 @@ class RecordingDesk : public JobDesk {
     job.state = "printing";
     job.layers = 3;
     job.layers_printed = 1;
+    job.stage_seconds = {{"plan", 4.5}};
     return job;
   }
 };

@@ -4,6 +4,7 @@
 #include <string>
 #include <string_view>
 #include <telefab/base/result.hpp>
+#include <utility>
 #include <vector>
 
 namespace telefab::fab {
@@ -22,6 +23,10 @@ struct JobView {
   double progress = 0;       ///< 0 to 1 of the present state
   double seconds_left = -1;  ///< of the print; below 0: not known
   std::int64_t created_unix_s = 0;
+  std::vector<std::pair<std::string, double>> stage_seconds;  ///< "slice", "send", "plan", "print": what each took
+  double planned_exposure_s = 0;                              ///< light of the whole print; 0: not planned yet
+  double measured_exposure_s = 0;                             ///< light that the device reported; 0: not printed yet
+  std::uint32_t retries = 0;                                  ///< device commands that had to be repeated
 };
 
 /// One line of a job's log.
@@ -45,6 +50,11 @@ class JobDesk {
   [[nodiscard]] virtual Result<std::vector<JobEventView>> events(std::string_view id) = 0;
   /// The JSON report of the plan and, once printed, of the print. NotFound until there is one.
   [[nodiscard]] virtual Result<std::string> report(std::string_view id) = 0;
+  /// JSON of what was asked before the light went on; NotFound until planned.
+  [[nodiscard]] virtual Result<std::string> preflight(std::string_view id) = 0;
+  /// JSON of the light of every print layer: {"irradiance_mw_per_cm2":i,"planned_s":[...],"measured_s":[...],
+  /// "resin_celsius":[...]}; the last two are empty, or hold nulls, where nothing was measured. NotFound until planned.
+  [[nodiscard]] virtual Result<std::string> exposures(std::string_view id) = 0;
   /// PNG of the mask of a print layer; NotFound until planned.
   [[nodiscard]] virtual Result<std::vector<std::byte>> mask_png(std::string_view id, std::uint32_t layer) = 0;
   /// PNG contact sheet of the plan.

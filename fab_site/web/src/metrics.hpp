@@ -1,0 +1,10 @@
+#pragma once
+#include <string>
+#include <telefab/fab/web/job_desk.hpp>
+
+namespace telefab::fab {
+
+/// Gauges of every job, and how many jobs are in each state, in the Prometheus text format 0.0.4.
+[[nodiscard]] std::string metrics_text(const std::vector<JobView>& jobs);
+
+}  // namespace telefab::fab
