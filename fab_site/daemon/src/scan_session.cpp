@@ -28,6 +28,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
   struct Told {
     std::shared_ptr<Intake> intake;
     std::optional<Job> last;
+    std::uint32_t due = 0;  ///< no chunk below comes on this connection again
   };
 
   void on_frame(const Frame& frame) {
@@ -98,7 +99,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
       return say(Fault{{}, intake.error(), offer.job});
     }
     Told& told = jobs_[offer.job];
-    told = {*intake, {}};
+    told = {*intake, {}, *intake ? (*intake)->next_sequence() : 0};
     // A job beyond its intake is whole here already.
     say(OfferTaken{offer.job, *intake ? (*intake)->next_sequence() : 0, !*intake || (*intake)->is_complete()});
     if (is_open_) tell(offer.job, told);
@@ -108,11 +109,15 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
     Told* told = mine(chunk.job);
     // Chunks of a job that was refused or cancelled may still be on their way.
     if (!told || !told->intake) return;
-    if (auto taken = told->intake->take(chunk); !taken) {
+    auto taken = chunk.sequence >= told->due
+                     ? told->intake->take(chunk)
+                     : fail(ErrorCode::ProtocolBroken, fmt::format("chunk-order: chunk {} came again", chunk.sequence));
+    if (!taken) {
       desk_.broken(chunk.job, taken.error());
       say(Fault{{}, taken.error(), chunk.job});
       return end(taken.error());
     }
+    told->due = chunk.sequence + 1;
     desk_.received(chunk.job, told->intake->spool().layer_count(), kFrameHeaderBytes + chunk.payload.size());
     say(ChunkKept{chunk.job, chunk.sequence});
   }
