@@ -122,14 +122,15 @@ class StreamConnection final : public Connection, public std::enable_shared_from
     });
   }
 
-  /// False when the connection was closed or lost meanwhile.
+  /// False when nothing is to be read any more; what comes behind last words is read and dropped, so that the peer's
+  /// own close is seen and does not have to be waited for.
   bool take_frames() {
     const auto self = this->shared_from_this();
     while (state_ == State::Open) {
       auto frame = reader_.take();
       if (!frame) {
         end(frame.error());
-        return false;
+        return state_ != State::Closed;
       }
       if (!*frame) break;
       inside_since_ = now();
@@ -189,7 +190,11 @@ class StreamConnection final : public Connection, public std::enable_shared_from
   }
 
   void lose(const Code& error) {
-    if (state_ == State::Draining) return shut();
+    if (state_ == State::Draining) {
+      // The last words still go out to a peer that has ended its own side only.
+      is_peer_done_ = error == boost::asio::error::eof && is_writing_;
+      return is_peer_done_ ? void() : shut();
+    }
     const bool is_end = error == boost::asio::error::eof || error == boost::asio::error::connection_reset ||
                         error == boost::asio::ssl::error::stream_truncated;
     const auto code = error.category() == boost::asio::error::get_ssl_category() && !is_greeted_
@@ -208,6 +213,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
 
   /// Nothing more to say. The peer's own close, or a deadline, ends it: closing at once could destroy the last words.
   void half_close() {
+    if (is_peer_done_) return shut();
     Code ignored;
     stream_.lowest_layer().shutdown(boost::asio::ip::tcp::socket::shutdown_send, ignored);
   }
@@ -221,6 +227,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
   }
 
   Stream stream_;
+  bool is_peer_done_ = false;
   boost::asio::steady_timer tick_;
   boost::asio::steady_timer slow_;
   Peer peer_;

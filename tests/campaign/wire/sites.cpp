@@ -158,8 +158,13 @@ bool Sites::wait_until_kept(const std::string& id, double patience_s) const {
 }
 
 bool Sites::same_chunks(const std::string& id) const {
-  const std::string sent = text_of(folder_ / "scan" / "jobs" / id / "chunks");
-  return !sent.empty() && sent == text_of(folder_ / "fab" / "jobs" / id / "chunks");
+  // The fab's end is written a moment before the last record of its chunks.
+  for (int i = 0; i < 250; ++i) {
+    const std::string sent = text_of(folder_ / "scan" / "jobs" / id / "chunks");
+    if (!sent.empty() && sent == text_of(folder_ / "fab" / "jobs" / id / "chunks")) return true;
+    std::this_thread::sleep_for(kLookEvery);
+  }
+  return false;
 }
 
 }  // namespace telefab::test
