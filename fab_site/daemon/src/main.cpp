@@ -17,6 +17,7 @@ int main(int argc, char** argv) {
       {"verify", "prove on a plan's masks that nothing floats; exit code 8 if something does", declare_verify},
       {"predict", "the part that a plan's masks and exposures will cure, against its contours", declare_predict},
       {"supports", "figures and pictures of a contour file's supports, without masks", declare_supports},
+      {"calibrate", "test masks, and the profile's optics and resin from what was measured", declare_calibrate},
       {"cover", "place the fewest anchors that hold given regions", declare_cover},
       {"machines", "list the machine profiles", telefab::declare_machines},
       {"probe", "ask the machine's devices who they are, LEDs off", declare_probe},

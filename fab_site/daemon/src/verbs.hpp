@@ -3,6 +3,7 @@
 
 // One function a verb, each in its own verb_NAME.cpp; main.cpp holds the table.
 namespace telefab::fab {
+[[nodiscard]] VerbBody declare_calibrate(CLI::App& options);
 [[nodiscard]] VerbBody declare_export(CLI::App& options);
 [[nodiscard]] VerbBody declare_import(CLI::App& options);
 [[nodiscard]] VerbBody declare_cover(CLI::App& options);

@@ -1,0 +1,105 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+#include <telefab/base/file.hpp>
+#include <telefab/fab/cure/calibration.hpp>
+#include <telefab/image/png.hpp>
+
+#include "verbs.hpp"
+
+namespace telefab::fab {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::uint64_t kMaxMeasuredBytes = 64U << 20U;
+
+struct CalibrateVerb {
+  std::string what, measured, machine, out;
+  std::string machines = default_machine_folder();
+  double irradiance_mw_per_cm2 = 0;
+};
+
+Result<MachineProfile> chosen_machine(const CalibrateVerb& o) {
+  if (o.machine.empty()) return fail(ErrorCode::InvalidInput, "name the machine with --machine");
+  const auto machines = load_machine_profiles(o.machines);
+  if (!machines) return tl::unexpected{machines.error()};
+  return find_machine(*machines, o.machine);
+}
+
+Result<ExitCode> write_masks(const CalibrateVerb& o, std::stop_token stop) {
+  if (o.out.empty()) return fail(ErrorCode::InvalidInput, "name a folder for the masks with --out");
+  const auto machine = chosen_machine(o);
+  if (!machine) return tl::unexpected{machine.error()};
+  const auto tests = calibration_masks(*machine);
+  if (!tests) return tl::unexpected{tests.error()};
+  const fs::path folder{o.out};
+  std::error_code error;
+  if (fs::exists(folder / "measured.csv", error))
+    return fail(ErrorCode::Conflict,
+                fmt::format("{} may hold measurements; name another folder", (folder / "measured.csv").string()));
+  fs::create_directories(folder, error);
+  if (error) return fail(ErrorCode::NotPermitted, fmt::format("cannot make the folder {}: {}", o.out, error.message()));
+  for (const TestMask& test : tests->masks) {
+    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "calibrate was cancelled; the folder is not complete");
+    const auto png = encode_png_grey(test.mask.size.width_px, test.mask.size.height_px, test.mask.rows);
+    if (!png) return tl::unexpected{png.error()};
+    if (auto ok = write_file_atomically(folder / test.file, *png); !ok) return tl::unexpected{ok.error()};
+  }
+  if (auto ok = write_file_atomically(folder / "exposures.json", exposures_json(*tests, *machine)); !ok)
+    return tl::unexpected{ok.error()};
+  if (auto ok = write_file_atomically(folder / "README.md", tests->readme); !ok) return tl::unexpected{ok.error()};
+  if (auto ok = write_file_atomically(folder / "measured.csv", tests->measured_csv); !ok)
+    return tl::unexpected{ok.error()};
+  fmt::print("{} masks in {}; read its README.md for what to measure\n", tests->masks.size(), o.out);
+  return ExitCode::Ok;
+}
+
+Result<ExitCode> fit(const CalibrateVerb& o) {
+  if (o.measured.empty()) return fail(ErrorCode::InvalidInput, "name the file of measurements, e.g. measured.csv");
+  const auto bytes = read_file(o.measured, kMaxMeasuredBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  const auto rows = measured_from_csv({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
+  if (!rows) return fail_in(o.measured, rows.error());
+  double irradiance = o.irradiance_mw_per_cm2;
+  if (irradiance == 0 && !o.machine.empty()) {
+    const auto machine = chosen_machine(o);
+    if (!machine) return tl::unexpected{machine.error()};
+    irradiance = machine->projection.irradiance_mw_per_cm2;
+  }
+  const auto calibration = fit_calibration(*rows, irradiance);
+  if (!calibration) return fail_in(o.measured, calibration.error());
+  const std::string fragment = to_toml_fragment(*calibration);
+  fmt::print("{}", fragment);
+  if (!o.out.empty())
+    if (auto ok = write_file_atomically(o.out, fragment); !ok) return tl::unexpected{ok.error()};
+  return ExitCode::Ok;
+}
+
+}  // namespace
+
+VerbBody declare_calibrate(CLI::App& options) {
+  auto o = std::make_shared<CalibrateVerb>();
+  options.add_option("WHAT", o->what, "masks: write test masks; fit: fit the profile's figures to measurements")
+      ->required()
+      ->check(CLI::IsMember({"masks", "fit"}));
+  options.add_option("MEASURED", o->measured, "fit: the filled-in measured.csv");
+  options.add_option(
+      "--machine", o->machine,
+      "machine profile; masks: for its pixels and exposure; fit: its irradiance, where none was measured");
+  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  options.add_option("--irradiance", o->irradiance_mw_per_cm2, "fit: mW/cm2 of a white area, where none was measured")
+      ->check(CLI::Range(0.01, 1000.0));
+  options.add_option("--out", o->out, "masks: folder; fit: file for the sections of the profile (TOML)");
+  options.footer(
+      "measured.csv has the columns test, grey, row, column, period_px, exposure_s, value, unit; `calibrate masks` "
+      "writes\n"
+      "it with a row for everything to measure.\n"
+      "Example: telefab-fab calibrate masks --machine machine-a --out calibration\n"
+      "         telefab-fab calibrate fit calibration/measured.csv --machine machine-a --out fitted.toml");
+  return [o](std::stop_token stop) { return o->what == "masks" ? write_masks(*o, stop) : fit(*o); };
+}
+
+}  // namespace telefab::fab
