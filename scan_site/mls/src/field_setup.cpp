@@ -67,7 +67,7 @@ std::vector<SampleGrid> bands_of(SampleGrid grid, std::span<const float> spacing
 /// As many gathered cells as fit about two megabytes: then the layers of a block share them.
 std::size_t slots_for(double spacing_mm, double reference_mm) {
   constexpr double kBytes = 2e6;
-  constexpr double kReachWidths = 4.5;
+  constexpr double kReachWidths = 4.9;
   const double neighbours = 3.14159 * std::pow(kReachWidths * reference_mm / spacing_mm, 2) + 16;
   std::size_t slots = 64;
   while (slots < 4096 && 2 * static_cast<double>(slots) * neighbours * 7 * sizeof(float) < kBytes) slots *= 2;

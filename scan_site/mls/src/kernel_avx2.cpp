@@ -23,53 +23,74 @@ constexpr PackTable kPack;
 /// Lanes of a block that belong to a run.
 unsigned lanes_of(const SampleRun& run, std::uint32_t block) {
   const std::uint32_t before = 8 * block;
-  unsigned mask = 0xff;
-  if (run.first > before) mask &= 0xffU << (run.first - before);
-  if (run.last < before + 8) mask &= 0xffU >> (before + 8 - run.last);
-  return mask;
+  const unsigned skipped = run.first > before ? run.first - before : 0;
+  const unsigned wanted = run.last - before < 8 ? run.last - before : 8;
+  return 0xffU << skipped & ((1U << wanted) - 1);
 }
 
 __m256i packing(unsigned mask) {
   return _mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPack.order[mask])));
 }
 
-std::size_t gather_avx2(const GatherInput& in, const SampleRun* runs, std::size_t run_count, const GatherOutput& out,
+template <bool kOneWidth>
+std::size_t gather_runs(const GatherInput in, const SampleRun* runs, std::size_t run_count, const GatherOutput out,
                         std::size_t count) {
   const __m256 cx = _mm256_set1_ps(in.x), cy = _mm256_set1_ps(in.y), cz = _mm256_set1_ps(in.z);
   const __m256 cut = _mm256_set1_ps(in.cut_widths), margin = _mm256_set1_ps(in.margin);
   const __m256 scale = _mm256_set1_ps(in.scale), one = _mm256_set1_ps(1.F);
-  __m256 width = _mm256_set1_ps(in.width);
+  const auto reach2_of = [&](__m256 width) {
+    const __m256 reach = _mm256_add_ps(_mm256_mul_ps(cut, width), margin);
+    return _mm256_mul_ps(reach, reach);
+  };
+  const auto k_of = [&](__m256 width) {
+    const __m256 w = _mm256_mul_ps(width, scale);
+    return _mm256_div_ps(one, _mm256_mul_ps(w, w));
+  };
+  __m256 reach2 = reach2_of(_mm256_set1_ps(in.width));
+  __m256 k = k_of(_mm256_set1_ps(in.width));
   for (std::size_t r = 0; r < run_count; ++r) {
-    const std::uint32_t end = (runs[r].last + 7) / 8;
-    for (std::uint32_t block = runs[r].first / 8; block < end; ++block) {
+    const SampleRun run = runs[r];
+    for (std::uint32_t block = run.first / 8; 8 * block < run.last; ++block) {
       const float* const place = in.places + 24 * static_cast<std::size_t>(block);
+      const float* const normal = in.normals + 24 * static_cast<std::size_t>(block);
       const __m256 dx = _mm256_sub_ps(_mm256_load_ps(place), cx);
       const __m256 dy = _mm256_sub_ps(_mm256_load_ps(place + 8), cy);
       const __m256 dz = _mm256_sub_ps(_mm256_load_ps(place + 16), cz);
       const __m256 r2 =
           _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(dx, dx), _mm256_mul_ps(dy, dy)), _mm256_mul_ps(dz, dz));
-      if (in.widths != nullptr) width = _mm256_load_ps(in.widths + 8 * static_cast<std::size_t>(block));
-      const __m256 reach = _mm256_add_ps(_mm256_mul_ps(cut, width), margin);
-      auto mask = static_cast<unsigned>(_mm256_movemask_ps(_mm256_cmp_ps(r2, _mm256_mul_ps(reach, reach), _CMP_LT_OQ)));
-      mask &= lanes_of(runs[r], block);
-      if (mask == 0) continue;
+      if constexpr (!kOneWidth) {
+        const __m256 width = _mm256_load_ps(in.widths + 8 * static_cast<std::size_t>(block));
+        reach2 = reach2_of(width);
+        k = k_of(width);
+      }
+      // No branch on an empty mask: many are, and nobody can predict which.
+      const unsigned mask =
+          static_cast<unsigned>(_mm256_movemask_ps(_mm256_cmp_ps(r2, reach2, _CMP_LT_OQ))) & lanes_of(run, block);
       const __m256i order = packing(mask);
+      float* const to = out.floats + count;
       const auto put = [&](std::size_t array, __m256 value) {
-        _mm256_storeu_ps(out.floats + array * out.stride + count, _mm256_permutevar8x32_ps(value, order));
+        _mm256_storeu_ps(to + array * out.stride, _mm256_permutevar8x32_ps(value, order));
       };
-      const float* const normal = in.normals + 24 * static_cast<std::size_t>(block);
-      const __m256 w = _mm256_mul_ps(width, scale);
       put(0, _mm256_mul_ps(dx, scale));
       put(1, _mm256_mul_ps(dy, scale));
       put(2, _mm256_mul_ps(dz, scale));
       put(3, _mm256_load_ps(normal));
       put(4, _mm256_load_ps(normal + 8));
       put(5, _mm256_load_ps(normal + 16));
-      put(6, _mm256_div_ps(one, _mm256_mul_ps(w, w)));
-      count += static_cast<unsigned>(__builtin_popcount(mask));
+      if constexpr (kOneWidth)
+        _mm256_storeu_ps(to + 6 * out.stride, k);
+      else
+        put(6, k);
+      count += static_cast<unsigned>(_mm_popcnt_u32(mask));
     }
   }
   return count;
+}
+
+std::size_t gather_avx2(const GatherInput& in, const SampleRun* runs, std::size_t run_count, const GatherOutput& out,
+                        std::size_t count) {
+  return in.widths != nullptr ? gather_runs<false>(in, runs, run_count, out, count)
+                              : gather_runs<true>(in, runs, run_count, out, count);
 }
 
 struct Near {
@@ -105,7 +126,7 @@ std::size_t distances_avx2(const NearInput& in, const SampleRun* runs, std::size
       __m256 r2;
       const unsigned mask = near.lanes(in.places + at, in.normals + at, r2) & lanes_of(runs[r], block);
       _mm256_storeu_ps(distances2 + count, _mm256_permutevar8x32_ps(r2, packing(mask)));
-      count += static_cast<unsigned>(__builtin_popcount(mask));
+      count += static_cast<unsigned>(_mm_popcnt_u32(mask));
     }
   return count;
 }
@@ -124,7 +145,7 @@ float mean_avx2(const NearInput& in, const SampleRun* runs, std::size_t run_coun
           _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(static_cast<int>(mask)), bits), bits);
       const __m256 value = _mm256_load_ps(values + 8 * static_cast<std::size_t>(block));
       sum = _mm256_add_ps(sum, _mm256_and_ps(value, _mm256_castsi256_ps(chosen)));
-      count += static_cast<unsigned>(__builtin_popcount(mask));
+      count += static_cast<unsigned>(_mm_popcnt_u32(mask));
     }
   if (count == 0) return other;
   alignas(32) float lane[8];

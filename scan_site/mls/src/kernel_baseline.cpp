@@ -75,7 +75,7 @@ KernelSet baseline_kernels() { return {evaluate_lanes<Baseline>, gather_baseline
 
 KernelSet fastest_kernels() {
 #ifdef TELEFAB_KERNEL_AVX2
-  if (__builtin_cpu_supports("avx2")) return avx2_kernels();
+  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("popcnt")) return avx2_kernels();
 #endif
   return baseline_kernels();
 }

@@ -103,6 +103,8 @@ struct Triple {
 };
 inline double dot(const Triple& a, const Triple& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
+// The input goes by value: what stores into theta must not make the pointers be read again.
+
 /// theta of every neighbour, and the first sums. p points from the query to the neighbour.
 template <class Arch>
 struct FirstPass {
@@ -114,7 +116,7 @@ struct FirstPass {
 };
 
 template <class Arch>
-FirstPass<Arch> first_pass(const KernelInput& in, const Lanes<Arch>& qx, const Lanes<Arch>& qy, const Lanes<Arch>& qz) {
+FirstPass<Arch> first_pass(const KernelInput in, const Lanes<Arch>& qx, const Lanes<Arch>& qy, const Lanes<Arch>& qz) {
   using L = Lanes<Arch>;
   L w = L::all(0), nx = w, ny = w, nz = w, sx = w, sy = w, sz = w, f = w, q = w;
   for (std::size_t i = 0; i < in.count; i += kLanes) {
@@ -146,7 +148,7 @@ FirstPass<Arch> first_pass(const KernelInput& in, const Lanes<Arch>& qx, const L
 
 /// sum over neighbours of 2 theta k (a + b p.n_i + u.p + t.n_i) p
 template <class Arch>
-Triple weighted_places(const KernelInput& in, const Lanes<Arch>& qx, const Lanes<Arch>& qy, const Lanes<Arch>& qz,
+Triple weighted_places(const KernelInput in, const Lanes<Arch>& qx, const Lanes<Arch>& qy, const Lanes<Arch>& qz,
                        double a, double b, const Triple& u, const Triple& t) {
   using L = Lanes<Arch>;
   const auto all = [](double v) { return L::all(static_cast<float>(v)); };
@@ -181,7 +183,7 @@ struct PaperSums {
 };
 
 template <class Arch>
-PaperSums paper_sums(const KernelInput& in, const Lanes<Arch>& qx, const Lanes<Arch>& qy, const Lanes<Arch>& qz,
+PaperSums paper_sums(const KernelInput in, const Lanes<Arch>& qx, const Lanes<Arch>& qy, const Lanes<Arch>& qz,
                      const Triple& n) {
   using L = Lanes<Arch>;
   const auto all = [](double v) { return L::all(static_cast<float>(v)); };
@@ -204,7 +206,7 @@ PaperSums paper_sums(const KernelInput& in, const Lanes<Arch>& qx, const Lanes<A
 /// Gradient of the paper's value: by d (through n and x), then by theta. `e` is the mean d^2 (0 and by_e 0 for the
 /// literal form), by_e the derivative of the value by e.
 template <class Arch>
-Triple paper_gradient(const KernelInput& in, const Lanes<Arch>& qx, const Lanes<Arch>& qy, const Lanes<Arch>& qz,
+Triple paper_gradient(const KernelInput in, const Lanes<Arch>& qx, const Lanes<Arch>& qy, const Lanes<Arch>& qz,
                       const FirstPass<Arch>& first, const Triple& n, double length, double value, double e,
                       double by_e) {
   using L = Lanes<Arch>;

@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::size_t kArrays = 7;
 /// Side of the gather lattice in reference widths: larger cells are gathered less often and evaluated longer.
-constexpr double kLatticeWidths = 1.5;
+constexpr double kLatticeWidths = 2;
 /// Below this sum of weights the field is noise: farther than about two widths from every sample.
 constexpr double kLeastWeight = 0.02;
 const float kCutWidths = std::sqrt(kCut);

@@ -72,14 +72,15 @@ class SampleGrid {
   template <class Take>
   void visit(const Eigen::Vector3f& centre, float radius, Take&& take) const {
     if (count_ == 0) return;
-    const auto [x0, x1] = range(centre.x(), radius, low_.x(), nx_);
     const auto [y0, y1] = range(centre.y(), radius, low_.y(), ny_);
     const auto [z0, z1] = range(centre.z(), radius, low_.z(), nz_);
     for (int k = z0; k <= z1; ++k) {
       const float dz = outside(centre.z(), low_.z() + static_cast<float>(k) * cell_);
       for (int j = y0; j <= y1; ++j) {
         const float dy = outside(centre.y(), low_.y() + static_cast<float>(j) * cell_);
-        if (dy * dy + dz * dz > radius * radius) continue;
+        const float left = radius * radius - dy * dy - dz * dz;
+        if (left < 0) continue;
+        const auto [x0, x1] = range(centre.x(), std::sqrt(left), low_.x(), nx_);
         const std::size_t row = (static_cast<std::size_t>(k) * ny_ + j) * words_;
         const std::uint32_t from = cells_before(row, x0);
         const std::uint32_t to = cells_before(row, x1 + 1);
