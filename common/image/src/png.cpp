@@ -6,6 +6,8 @@
 #include <memory>
 #include <telefab/image/png.hpp>
 
+#include "run_deflate.hpp"
+
 namespace telefab {
 namespace {
 
@@ -29,6 +31,20 @@ void put_chunk(std::vector<std::byte>& out, std::string_view type, const Body& b
   put_number(out, libdeflate_crc32(0, out.data() + start + 4, length + 4));
 }
 
+/// Rows led by their filter number, 0, as a zlib stream.
+Result<std::vector<std::byte>> deflate_rows(std::span<const std::uint8_t> pixels, std::size_t row) {
+  if (auto packed = deflate_runs(pixels, row)) return std::move(*packed);
+  const std::size_t height = pixels.size() / row;
+  std::vector<std::uint8_t> raw((row + 1) * height);
+  for (std::size_t y = 0; y < height; ++y) std::memcpy(raw.data() + y * (row + 1) + 1, pixels.data() + y * row, row);
+  const std::unique_ptr<libdeflate_compressor, decltype(&libdeflate_free_compressor)> deflater{
+      libdeflate_alloc_compressor(kDeflateLevel), &libdeflate_free_compressor};
+  if (!deflater) return fail(ErrorCode::Internal, "no memory to compress an image");
+  std::vector<std::byte> packed(libdeflate_zlib_compress_bound(deflater.get(), raw.size()));
+  packed.resize(libdeflate_zlib_compress(deflater.get(), raw.data(), raw.size(), packed.data(), packed.size()));
+  return packed;
+}
+
 Result<std::vector<std::byte>> encode(std::uint32_t width, std::uint32_t height, std::uint32_t channels,
                                       std::span<const std::uint8_t> pixels) {
   const std::uint64_t row = std::uint64_t{width} * channels;
@@ -36,17 +52,11 @@ Result<std::vector<std::byte>> encode(std::uint32_t width, std::uint32_t height,
       row * height != pixels.size())
     return fail(ErrorCode::InvalidInput, fmt::format("an image of {} x {} pixels and {} channels cannot have {} bytes",
                                                      width, height, channels, pixels.size()));
-  // Every row is led by its filter number, 0.
-  std::vector<std::uint8_t> raw((row + 1) * height);
-  for (std::uint32_t y = 0; y < height; ++y) std::memcpy(raw.data() + y * (row + 1) + 1, pixels.data() + y * row, row);
-
-  const std::unique_ptr<libdeflate_compressor, decltype(&libdeflate_free_compressor)> deflater{
-      libdeflate_alloc_compressor(kDeflateLevel), &libdeflate_free_compressor};
-  if (!deflater) return fail(ErrorCode::Internal, "no memory to compress an image");
-  const std::size_t most = libdeflate_zlib_compress_bound(deflater.get(), raw.size());
+  const auto packed = deflate_rows(pixels, row);
+  if (!packed) return tl::unexpected{packed.error()};
 
   std::vector<std::byte> out;
-  out.reserve(most + 64);
+  out.reserve(packed->size() + 64);
   for (const unsigned c : {0x89U, 0x50U, 0x4eU, 0x47U, 0x0dU, 0x0aU, 0x1aU, 0x0aU})
     out.push_back(static_cast<std::byte>(c));
   put_chunk(out, "IHDR", [&] {
@@ -54,11 +64,7 @@ Result<std::vector<std::byte>> encode(std::uint32_t width, std::uint32_t height,
     put_number(out, height);
     for (const unsigned value : {8U, channels == 1 ? 0U : 2U, 0U, 0U, 0U}) out.push_back(static_cast<std::byte>(value));
   });
-  put_chunk(out, "IDAT", [&] {
-    const std::size_t at = out.size();
-    out.resize(at + most);
-    out.resize(at + libdeflate_zlib_compress(deflater.get(), raw.data(), raw.size(), out.data() + at, most));
-  });
+  put_chunk(out, "IDAT", [&] { out.insert(out.end(), packed->begin(), packed->end()); });
   put_chunk(out, "IEND", [] {});
   return out;
 }
@@ -95,6 +101,8 @@ Result<Image> decode_png(std::span<const std::byte> bytes, std::uint64_t max_pix
   if (const int code = spng_decoded_image_size(context.get(), format, &size)) return bad(code);
   Image image{header.width, header.height, grey ? 1U : 3U, std::vector<std::uint8_t>(size)};
   if (const int code = spng_decode_image(context.get(), image.pixels.data(), size, format, 0)) return bad(code);
+  // Only on the way to the end of the file is the checksum of the last pixels compared.
+  if (const int code = spng_decode_chunks(context.get())) return bad(code);
   return image;
 }
 
