@@ -111,6 +111,8 @@ class StreamConnection final : public Connection, public std::enable_shared_from
     last_received_ = now();
     window_bytes_ += size;
     if (state_ == State::Open) {
+      // The time of a frame begins with its first byte, however long the silence before was.
+      if (!reader_.is_inside_frame()) inside_since_ = now();
       reader_.feed(std::span{buffer_}.first(size));
       if (!take_frames()) return;
     }
@@ -143,7 +145,6 @@ class StreamConnection final : public Connection, public std::enable_shared_from
         if (handler) handler(std::move(**frame));
       }
     }
-    if (!reader_.is_inside_frame()) inside_since_ = now();
     return state_ != State::Closed;
   }
 

@@ -116,7 +116,22 @@ struct Row {
   double encode_s = 0;
   double decode_s = 0;
   std::size_t vertices = 0;
+  int left_out = 0;         ///< rings smaller than the coding's grid; their layers say so
+  double left_out_mm2 = 0;  ///< area of the largest of them
 };
+
+/// The rings given that are not among the decoded ones: none of their vertices lies near one.
+std::vector<Contour> take_left_out(std::vector<Contour>& given, const Edges& decoded, double near_mm) {
+  std::vector<Contour> out;
+  std::vector<Contour> kept;
+  for (Contour& contour : given) {
+    const auto v = contour.vertices();
+    const bool is_out = std::all_of(v.begin(), v.end(), [&](Point2 p) { return decoded.distance(p) > near_mm; });
+    (is_out ? out : kept).push_back(std::move(contour));
+  }
+  given = std::move(kept);
+  return out;
+}
 
 Result<Row> measure(const LayerStack& stack, const CodecOptions& options) {
   Row row;
@@ -147,11 +162,15 @@ Result<Row> measure(const LayerStack& stack, const CodecOptions& options) {
   const double pitch = stack.header().pixel_pitch_mm;
   for (const auto& chunk : decoded)
     for (const Layer& layer : chunk) {
-      const auto& given = stack.layers()[layer.index.count()].contours;
+      std::vector<Contour> given = stack.layers()[layer.index.count()].contours;
+      const Edges edges{layer.contours, 5 * pitch};
+      if (layer.contours.size() < given.size())
+        for (const Contour& lost : take_left_out(given, edges, pitch)) {
+          ++row.left_out;
+          row.left_out_mm2 = std::max(row.left_out_mm2, std::abs(lost.signed_area_mm2()));
+        }
       for (const Contour& contour : layer.contours) row.vertices += contour.vertices().size();
-      const double error = std::max(farthest(layer.contours, Edges{given, 5 * pitch}),
-                                    farthest(given, Edges{layer.contours, 5 * pitch})) /
-                           pitch;
+      const double error = std::max(farthest(layer.contours, Edges{given, 5 * pitch}), farthest(given, edges)) / pitch;
       if (error > row.worst_pitch) row.worst_layer = layer.index.count();
       row.worst_pitch = std::max(row.worst_pitch, error);
     }
@@ -179,8 +198,9 @@ int run(const std::vector<std::string>& words) {
   }
   fmt::print(
       "| file | layers | contour m | vertices | float64 kB | coding | kB | of float64 | bits/mm | bits/vertex given "
-      "| vertices kept | worst error pitch (layer) | encode layers/s | decode layers/s |\n");
-  fmt::print("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
+      "| vertices kept | worst error pitch (layer) | rings left out (largest mm2) | encode layers/s | decode layers/s "
+      "|\n");
+  fmt::print("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
   for (const std::string& file : files) {
     const auto stack = read_stack(file, pitch_mm, layer_mm);
     if (!stack) {
@@ -210,11 +230,13 @@ int run(const std::vector<std::string>& words) {
       const double raw_kb = static_cast<double>(vertices) * 16 / 1000;
       const double layers = static_cast<double>(stack->layers().size());
       fmt::print(
-          "| {} | {} | {:.1f} | {} | {:.0f} | {} | {:.1f} | 1/{:.0f} | {:.2f} | {:.2f} | {} | {:.4f} ({}) | {:.0f} | "
+          "| {} | {} | {:.1f} | {} | {:.0f} | {} | {:.1f} | 1/{:.0f} | {:.2f} | {:.2f} | {} | {:.4f} ({}) | {} "
+          "({:.1g}) | {:.0f} | "
           "{:.0f} |\n",
           file.substr(file.find_last_of('/') + 1), stack->layers().size(), length_mm / 1000, vertices, raw_kb, name,
           row->kb, raw_kb / row->kb, row->kb * 8000 / length_mm, row->kb * 8000 / static_cast<double>(vertices),
-          row->vertices, row->worst_pitch, row->worst_layer, layers / row->encode_s, layers / row->decode_s);
+          row->vertices, row->worst_pitch, row->worst_layer, row->left_out, row->left_out_mm2, layers / row->encode_s,
+          layers / row->decode_s);
       std::fflush(stdout);
     }
   }
