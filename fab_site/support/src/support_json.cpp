@@ -75,7 +75,10 @@ std::string to_json(const SupportPlan& plan) {
                      {"braces", f.braces},
                      {"needles", f.needles},
                      {"part_mm3", rounded(f.part_mm3)},
-                     {"support_mm3", rounded(f.support_mm3)}};
+                     {"support_mm3", rounded(f.support_mm3)},
+                     {"steadying", f.steadying},
+                     {"stability_mm", rounded(f.stability_mm)},
+                     {"least_stable_layer", f.least_stable.count()}};
   Json anchors = Json::array();
   for (const Anchor& a : plan.anchors())
     anchors.push_back({{"x_mm", rounded(a.place.x_mm)},

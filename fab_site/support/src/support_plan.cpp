@@ -8,6 +8,7 @@
 #include <telefab/fab/support/support_plan.hpp>
 
 #include "route.hpp"
+#include "stability.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -58,6 +59,7 @@ class Planner {
           report(progress_, "anchors", static_cast<double>(k) / static_cast<double>(found.layers.size()));
       }
     }
+    if (options_.mode == SupportOptions::Mode::Auto) steady(found, lift);
     report(progress_, "structure", 0);
     auto routed = route_supports(anchors_, found.layers, lift, t_, machine_);
     figures_.feet_on_part = routed.feet_on_part;
@@ -68,6 +70,27 @@ class Planner {
     figures_.support_mm3 = volume_mm3(sections.structure());
     report(progress_, "structure", 1);
     return SupportPlan{lift, std::move(anchors_), std::move(sections), figures_};
+  }
+
+  void steady(const Analysis& found, std::uint32_t lift) {
+    if (lift > 0) {
+      for (Anchor& anchor : steadying_anchors(found.layers, anchors_, machine_)) {
+        const double z = cut_height_mm(anchor.layer, t_);
+        const bool forbidden =
+            std::any_of(options_.hand.forbidden.begin(), options_.hand.forbidden.end(), [&](const auto& f) {
+              return z >= f.from_z_mm && z <= f.to_z_mm &&
+                     std::hypot(anchor.place.x_mm - f.place.x_mm, anchor.place.y_mm - f.place.y_mm) <= f.radius_mm;
+            });
+        if (forbidden) continue;
+        anchors_.push_back(anchor);
+        ++figures_.steadying;
+      }
+      std::stable_sort(anchors_.begin(), anchors_.end(),
+                       [](const Anchor& a, const Anchor& b) { return a.layer < b.layer; });
+    }
+    const Stability stands = stability_of(found.layers, anchors_, lift == 0, machine_);
+    figures_.stability_mm = stands.slack_mm;
+    figures_.least_stable = stands.layer;
   }
 
   Result<std::vector<Region>> read(std::span<const Layer> layers) {

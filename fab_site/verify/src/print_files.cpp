@@ -32,10 +32,15 @@ Result<WrittenSupports> WrittenSupports::from_json(std::string_view text) {
       if (!(std::abs(v) <= 1e5)) throw std::out_of_range{"a number beyond 100 m"};
       return v;
     };
-    out.lift_layers_ = root.at("lift_layers").get<std::uint32_t>();
+    const auto layer = [](const nlohmann::json& value) {
+      const auto n = value.get<std::int64_t>();
+      if (n < 0 || n > 10'000'000) throw std::out_of_range{"a layer below 0 or beyond ten million"};
+      return static_cast<std::uint32_t>(n);
+    };
+    out.lift_layers_ = layer(root.at("lift_layers"));
     for (const auto& a : root.at("anchors"))
       out.anchors_.emplace_back(Point2{finite(a.at("x_mm")), finite(a.at("y_mm"))},
-                                LayerIndex{a.at("part_layer").get<std::uint32_t>()});
+                                LayerIndex{layer(a.at("part_layer"))});
     for (const auto& s : root.at("sticks")) {
       const auto &p = s.at("bottom_mm"), &q = s.at("top_mm");
       out.cones_.push_back({finite(p.at(0)), finite(p.at(1)), finite(p.at(2)), finite(s.at("bottom_radius_mm")),

@@ -130,6 +130,24 @@ TEST_F(Fax, StartsAPrintOnlyAfterApprovalWhereTheFabSaysSo) {
   EXPECT_EQ(watch->finish(), 0) << watch->errors();
 }
 
+TEST_F(Fax, HoldsAJobWithAnIslandUntilAnOperatorOfTheFabLetsItThroughByName) {
+  // Tips far below a pixel: they cure nowhere, so the part floats and the check of the masks must say so.
+  std::ofstream{folder() / "machines" / "toy.toml", std::ios::app}
+      << "[supports]\ntip_radius_mm = 0.01\npin_radius_mm = 0.015\nfoot_radius_mm = 0.02\n";
+  start_both();
+  const std::string job = submit_torus();
+  const auto watch = telefab_begun({"watch", job});
+  EXPECT_THAT(watch->wait_for_error_line("island"), testing::AllOf(HasSubstr("ready"), HasSubstr("approve")));
+  const Outcome approved = telefab({"approve", job, "--site", fab_site(), "--who", "Ada"});
+  EXPECT_EQ(approved.code, 0) << approved.errors;
+  EXPECT_EQ(watch->finish(), 0) << watch->errors();
+  // Who let it through stays on record.
+  std::string audit;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator{folder()})
+    if (entry.path().filename() == "audit.log") audit += text_of(entry.path());
+  EXPECT_THAT(audit, testing::AllOf(HasSubstr("Ada"), HasSubstr("approve " + job)));
+}
+
 TEST_F(Fax, FailsABadScanWithItsReasonAndExitCode5) {
   start_both();
   const auto bad = folder() / "bad.ply";

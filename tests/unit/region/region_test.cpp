@@ -55,6 +55,24 @@ TEST(Region, SimplifiesWithoutMovingTheBoundaryFurtherThanTold) {
   EXPECT_TRUE(subtract(fine, offset(coarse, Millimetres{0.0101}, Millimetres{1e-4})).empty());
 }
 
+TEST(Region, UnitesThousandsOfDiscsToWhatOneByOneWouldGive) {
+  // A quarter of them overlap their neighbours, the others stand alone.
+  std::vector<Region> discs;
+  Region slowly;
+  for (int i = 0; i < 400; ++i) {
+    const double x = (i % 20) * 3 + (i % 4 == 0 ? 1.2 : 0.0), y = (i / 20) * 3;
+    discs.push_back(disc({x, y}, Millimetres{1}, Millimetres{0.02}));
+    slowly = unite(slowly, discs.back());
+  }
+  const Region at_once = unite(discs);
+  EXPECT_NEAR(at_once.area_mm2(), slowly.area_mm2(), 1e-4);
+  EXPECT_LT(subtract(at_once, slowly).area_mm2(), 1e-4);
+  EXPECT_EQ(at_once.pieces().size(), slowly.pieces().size());
+  // Only those in the band of the cut are left out.
+  const Region cut = subtract(at_once, region({box(-5, -5, 20)}));
+  EXPECT_NEAR(cut.area_mm2() + intersect(at_once, region({box(-5, -5, 20)})).area_mm2(), at_once.area_mm2(), 1e-4);
+}
+
 TEST(Region, RefusesCoordinatesBeyondTheLimit) { EXPECT_FALSE(Region::from_contours(std::vector{box(0, 0, 1e7)})); }
 
 TEST(Region, KnowsAPointInsideEachPiece) {

@@ -59,6 +59,15 @@ TEST(LayerRule, DoesNotTrustAContactTooSmallForAPixel) {
   EXPECT_NEAR(analyse_layer(below, region({stacks::box(0, 0, 4, 4)}), law()).to_support.area_mm2(), 16, 1e-2);
 }
 
+TEST(LayerRule, LetsASpeckRestThatLiesOnTheLayerBelowAsAWhole) {
+  SelfSupportLaw fine = law();
+  fine.contact = Millimetres{0.5};
+  const auto found = analyse_layer(region({stacks::box(0, 0, 4, 4)}),
+                                   region({stacks::box(1, 1, 1.3, 1.3), stacks::box(8, 8, 8.3, 8.3)}), fine);
+  ASSERT_EQ(found.islands.size(), 1U);
+  EXPECT_NEAR(found.islands.front().bounds().min.x_mm, 8, 0.1);
+}
+
 TEST(WithoutSpecks, TakesAFloatingSpeckOutSoThatWhatGrowsFromItIsAnIsland) {
   std::vector<Region> layers{region({stacks::box(0, 0, 9, 9)}),
                              region({stacks::box(0, 0, 9, 9), stacks::box(20, 20, 20.1, 20.1)}),

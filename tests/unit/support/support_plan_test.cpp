@@ -72,12 +72,60 @@ TEST(SupportPlan, SharesAnchorsBetweenLayersOfASlope) {
   EXPECT_LT(plan.anchors().size(), plan.figures().layers_with_regions);
 }
 
-TEST(SupportPlan, IsTheSameOnAnyNumberOfThreads) {
-  SupportOptions one;
-  one.threads = 1;
-  SupportOptions four;
-  four.threads = 4;
-  EXPECT_EQ(to_json(planned(stacks::ball(), one)), to_json(planned(stacks::ball(), four)));
+TEST(SupportPlan, IsTheSameOnOneTwoAndEightThreads) {
+  for (const auto& s : {stacks::ball(), stacks::hook(), stacks::tilted_cylinder()}) {
+    SupportOptions options;
+    options.threads = 1;
+    const std::string one = to_json(planned(s, options));
+    for (const int threads : {2, 8}) {
+      options.threads = threads;
+      EXPECT_EQ(to_json(planned(s, options)), one) << threads;
+    }
+  }
+}
+
+TEST(SupportPlan, SteadiesALiftedBallOnThreePinsOrMore) {
+  const auto plan = planned(stacks::ball());
+  EXPECT_GE(plan.anchors().size(), 3U);
+  EXPECT_GE(plan.figures().stability_mm, 0);
+}
+
+TEST(SupportPlan, KeepsALeaningPartOverItsPinsUntilTheLastLayer) {
+  // A rod that leans by half its height: what would hold its first layer alone is left behind by its weight.
+  const auto rod = stacks::stack(
+      18, [](double z) { return std::vector<std::vector<Point2>>{stacks::circle(40 + 0.5 * z, 50, 2.5)}; });
+  SupportOptions never;
+  never.stand = SupportOptions::Stand::Never;
+  const auto plan = planned(rod, never);
+  EXPECT_GE(plan.figures().stability_mm, 0);
+}
+
+TEST(SupportPlan, SaysWhereAStandingPartLeavesItsFoot) {
+  const auto crane = stacks::stack(20, [](double z) {
+    return std::vector<std::vector<Point2>>{z < 16 ? stacks::box(40, 40, 46, 46) : stacks::box(40, 40, 90, 46)};
+  });
+  SupportOptions options;
+  options.hand.forbidden.push_back({{65, 43}, 40, 0, 99});  // nothing may hold the arm
+  const auto plan = planned(crane, options);
+  EXPECT_LT(plan.figures().stability_mm, 0);
+  EXPECT_GT(plan.figures().least_stable.count(), 100U);
+}
+
+TEST(SupportPlan, BeginsNoFootInTheAirBelowAThinShelf) {
+  // Two shelves, the lower one of a single layer: what stands on it must not come out below.
+  const auto shelves = stacks::stack(12, [](double z) {
+    std::vector<std::vector<Point2>> rings{stacks::box(20, 40, 30, 60)};
+    if (z > 5.95 && z < 6.08) rings = {stacks::box(20, 40, 60, 60)};
+    if (z > 10) rings = {stacks::box(20, 40, 60, 60)};
+    return rings;
+  });
+  const auto plan = planned(shelves);
+  ASSERT_GT(plan.figures().feet_on_part, 0U);
+  for (const Stick& stick : plan.structure().sticks) {
+    if (stick.bottom.z_mm < 1 || (stick.kind != StickKind::Foot && stick.kind != StickKind::Needle)) continue;
+    const auto k = static_cast<std::size_t>(std::lround(stick.bottom.z_mm / 0.15)) - plan.lift_layers();
+    EXPECT_TRUE(part(shelves, k).contains({stick.bottom.x_mm, stick.bottom.y_mm})) << stick.bottom.z_mm;
+  }
 }
 
 TEST(SupportPlan, MakesNothingWhenToldSo) {

@@ -49,6 +49,8 @@ TEST(WrittenSupports, RefuseADamagedFile) {
   EXPECT_FALSE(WrittenSupports::from_json("{}"));
   EXPECT_FALSE(WrittenSupports::from_json("{\"lift_layers\":1"));
   EXPECT_FALSE(WrittenSupports::from_json(R"({"lift_layers":0,"anchors":[{}],"sticks":[],"plates":[]})"));
+  EXPECT_FALSE(WrittenSupports::from_json(R"({"lift_layers":-3,"anchors":[],"sticks":[],"plates":[]})"));
+  EXPECT_FALSE(WrittenSupports::from_json(R"({"lift_layers":4000000000,"anchors":[],"sticks":[],"plates":[]})"));
 }
 
 TEST(SupportCheck, FindsTheDropOfAHookThatNobodyHolds) {
@@ -81,6 +83,45 @@ TEST(SupportCheck, NoticesAPinThatHoldsNothing) {
     return rings;
   };
   EXPECT_EQ(check_supports(print, stacks::machine(), {}, {})->count(Finding::Kind::FreePin), 1U);
+}
+
+TEST(SupportCheck, LetsAPinEndInTheLayerWhereWhatItHoldsBeginsAndEnds) {
+  // A fleck of one layer, smaller than the pin under it.
+  const auto s = stacks::stack(6, [](double z) {
+    std::vector<std::vector<Point2>> rings{stacks::box(30, 30, 50, 50)};
+    if (z > 3 && z < 3.15) rings.push_back(stacks::box(59.8, 59.8, 60.2, 60.2));
+    return rings;
+  });
+  PrintGeometry print;
+  print.part = s.layers;
+  print.anchors.emplace_back(Point2{60, 60}, LayerIndex{20});
+  const auto pin_up_to = [](std::uint32_t last) {
+    return [last](LayerIndex k) {
+      std::vector<Contour> rings;
+      if (k.count() <= last) rings.push_back(Contour::from_vertices(stacks::circle(60, 60, 0.5)).value());
+      return rings;
+    };
+  };
+  print.support = pin_up_to(20);
+  EXPECT_EQ(check_supports(print, stacks::machine(), {}, {})->count(Finding::Kind::FreePin), 0U);
+  print.support = pin_up_to(24);
+  EXPECT_EQ(check_supports(print, stacks::machine(), {}, {})->count(Finding::Kind::FreePin), 1U);
+}
+
+TEST(SupportCheck, CallsNoSkinAnIslandThatIsTooThinToCure) {
+  const auto sheet = [](double wide) {
+    return stacks::stack(6, [wide](double z) {
+      std::vector<std::vector<Point2>> rings{stacks::box(30, 30, 50, 50)};
+      if (z > 3) rings.push_back(stacks::box(60, 30, 60 + wide, 50));
+      return rings;
+    });
+  };
+  for (const auto& [wide, islands] : {std::pair{0.02, 0U}, {0.2, 1U}}) {
+    const auto s = sheet(wide);
+    PrintGeometry print;
+    print.part = s.layers;
+    EXPECT_EQ(check_supports(print, stacks::machine(), {}, {})->count(Finding::Kind::Island), islands) << wide;
+  }
 }
 
 TEST(SupportCheck, NoticesASupportInAClosedHollow) {

@@ -66,6 +66,10 @@ struct SupportFigures {
   std::uint32_t needles = 0;  ///< pins in places too tight for a full one
   double part_mm3 = 0;
   double support_mm3 = 0;
+  std::uint32_t steadying = 0;  ///< anchors that only keep a lifted part over its pins
+  double stability_mm = 0;      ///< least slack of the centre of mass inside the hull of what holds the print, counted
+                                ///< from a twentieth of its height; negative: it may tip over
+  LayerIndex least_stable;      ///< of the part: the moment of that
   friend bool operator==(const SupportFigures&, const SupportFigures&) = default;
 };
 
