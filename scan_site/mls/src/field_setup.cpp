@@ -177,7 +177,7 @@ Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, st
   FieldParts& parts = setup.field;
   parts.origin = placed.origin;
   parts.kernels = fastest_kernels();
-  placed.confidence = {};
+  std::vector<float>{}.swap(placed.confidence);
   const float guess = spacing_from_box(placed.points);
   SampleGrid grid{std::move(placed.points), std::move(placed.normals), {}, kCellSpacings * guess};
   const Evenness even = measure_evenness(grid, guess);

@@ -11,6 +11,12 @@ namespace {
 
 constexpr std::size_t kGrain = 64;
 
+/// Gives the memory back, which assigning {} does not.
+template <class T>
+void release(std::vector<T>& v) {
+  std::vector<T>{}.swap(v);
+}
+
 void put(std::vector<SampleGrid::Block>& blocks, std::size_t i, const Eigen::Vector3f& v) {
   SampleGrid::Block& b = blocks[i / 8];
   b.x[i % 8] = v.x();
@@ -116,7 +122,7 @@ SampleGrid::SampleGrid(std::vector<Eigen::Vector3f> points, std::vector<Eigen::V
     });
   };
   sorted_into(places_, points);
-  points = {};
+  release(points);
   sorted_into(normals_, normals);
   if (widths_mm.empty()) return;
   widths_.assign(places_.size(), {});
@@ -127,14 +133,14 @@ SampleGrid::SampleGrid(std::vector<Eigen::Vector3f> points, std::vector<Eigen::V
 SampleGrid SampleGrid::with_cells(double cell_mm) && {
   std::vector<Eigen::Vector3f> points(count_), normals(count_);
   for (std::uint32_t i = 0; i < count_; ++i) points[i] = place(i);
-  places_ = {};
+  release(places_);
   for (std::uint32_t i = 0; i < count_; ++i) normals[i] = normal(i);
-  normals_ = {};
+  release(normals_);
   return {std::move(points), std::move(normals), {}, cell_mm};
 }
 
 void SampleGrid::set_width(float width_mm) {
-  widths_ = {};
+  release(widths_);
   width_mm_ = widest_mm_ = width_mm;
 }
 

@@ -126,7 +126,7 @@ Result<std::vector<float>> smooth_spacing(const SampleGrid& grid, float guess, s
     each([&](Surroundings& s, std::uint32_t i, float&) { next[i / 8].width[i % 8] = s.averaged(i, spacing[0].width); });
     spacing.swap(next);
   }
-  next = {};
+  std::vector<Widths>{}.swap(next);
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while measuring the spacing of the scan");
   std::vector<float> flat(n);
   for (std::uint32_t i = 0; i < n; ++i) flat[i] = spacing[i / 8].width[i % 8];

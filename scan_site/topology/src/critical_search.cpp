@@ -3,10 +3,12 @@
 #include <tbb/blocked_range.h>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/SVD>
 #include <algorithm>
+#include <memory>
 #include <unordered_map>
 
 #include "cells.hpp"
@@ -99,11 +101,12 @@ std::optional<CriticalPoint> newton(FieldCursor& cursor, const Vec3& start, doub
 
 std::vector<Vec3> sift(const ScalarField& field, std::span<const Vec3> samples, std::span<const Vec3> normals,
                        const SearchWidth& width) {
-  struct Best {
+  struct Aligned {
+    std::uint64_t key;
     double nz;
-    Vec3 point;
+    std::size_t sample;
   };
-  std::unordered_map<std::uint64_t, Best> best;
+  std::vector<Aligned> level;
   for (std::size_t i = 0; i < samples.size(); ++i) {
     const double nz = normals[i].z();
     if (std::abs(nz) < width.least_nz) continue;
@@ -112,35 +115,49 @@ std::vector<Vec3> sift(const ScalarField& field, std::span<const Vec3> samples, 
     const double size = width.cell_kernels * std::exp2(octave);
     const std::uint64_t key =
         (key_of(cell_of(samples[i], size)) ^ static_cast<std::uint64_t>(octave + 64) << 56) << 1 | (nz > 0 ? 1u : 0u);
-    const auto [at, is_new] = best.try_emplace(key, Best{std::abs(nz), samples[i]});
-    Best& b = at->second;
-    if (!is_new && (std::abs(nz) > b.nz || (std::abs(nz) == b.nz && lower(samples[i], b.point))))
-      b = {std::abs(nz), samples[i]};
+    level.push_back({key, std::abs(nz), i});
   }
+  tbb::parallel_sort(level.begin(), level.end(), [&](const Aligned& a, const Aligned& b) {
+    if (a.key != b.key) return a.key < b.key;
+    if (a.nz != b.nz) return a.nz > b.nz;
+    return lower(samples[a.sample], samples[b.sample]);
+  });
   std::vector<Vec3> starts;
-  starts.reserve(best.size());
-  for (const auto& [key, b] : best) starts.push_back(b.point);
-  std::sort(starts.begin(), starts.end(), lower);
+  for (std::size_t i = 0; i < level.size(); ++i)
+    if (i == 0 || level[i].key != level[i - 1].key) starts.push_back(samples[level[i].sample]);
+  tbb::parallel_sort(starts.begin(), starts.end(), lower);
   return starts;
 }
 
 Result<std::vector<CriticalPoint>> find_critical_points(const ScalarField& field, std::span<const Vec3> starts,
                                                         const SearchWidth& width, std::stop_token stop) {
-  std::vector<std::optional<CriticalPoint>> found(starts.size());
-  tbb::enumerable_thread_specific<std::unique_ptr<FieldCursor>> cursors([&] { return field.cursor(); });
+  // Few starts lead anywhere: keep those only.
+  struct Found {
+    std::size_t start;
+    CriticalPoint point;
+  };
+  struct Searcher {
+    std::unique_ptr<FieldCursor> cursor;
+    std::vector<Found> found;
+  };
+  tbb::enumerable_thread_specific<Searcher> searchers([&] { return Searcher{field.cursor(), {}}; });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, starts.size(), 32), [&](const auto& range) {
     if (stop.stop_requested()) return;
-    FieldCursor& cursor = *cursors.local();
+    Searcher& searcher = searchers.local();
     for (std::size_t i = range.begin(); i < range.end(); ++i) {
       const double h = field.kernel_width_mm(starts[i]);
-      found[i] = newton(cursor, starts[i], h, width.first_step_kernels * h);
+      if (const auto point = newton(*searcher.cursor, starts[i], h, width.first_step_kernels * h))
+        searcher.found.push_back({i, *point});
     }
   });
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while searching critical points");
 
+  std::vector<Found> found;
+  for (const Searcher& searcher : searchers) found.insert(found.end(), searcher.found.begin(), searcher.found.end());
+  std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.start < b.start; });
   std::vector<CriticalPoint> all;
-  for (const auto& c : found)
-    if (c) all.push_back(*c);
+  all.reserve(found.size());
+  for (const Found& f : found) all.push_back(f.point);
   return merged(field, {}, all);
 }
 
