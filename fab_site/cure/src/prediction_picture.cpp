@@ -28,6 +28,38 @@ View view() {
 
 double dot(const std::array<double, 3>& a, double x, double y, double z) { return a[0] * x + a[1] * y + a[2] * z; }
 
+/// What a pixel of the picture sees.
+struct Seen {
+  float depth = -std::numeric_limits<float>::infinity();
+  float x = 0, y = 0, z = 0;  ///< normal
+};
+
+/// Normals are averaged over a few pixels that lie as deep: steps of layers and pixels are finer than a pixel here, and
+/// their sides and tops in turn would be noise.
+void shade(const std::vector<Seen>& seen, float same_depth, Image& image) {
+  constexpr int reach = 3;
+  const std::array<double, 3> light{-0.35, -0.6, 0.72};
+  for (int y = 0; y < kPane; ++y)
+    for (int x = 0; x < kPane; ++x) {
+      const std::size_t at = static_cast<std::size_t>(y) * kPane + static_cast<std::size_t>(x);
+      if (!std::isfinite(seen[at].depth)) continue;
+      double nx = 0, ny = 0, nz = 0;
+      for (int py = std::max(0, y - reach); py <= std::min(kPane - 1, y + reach); ++py)
+        for (int px = std::max(0, x - reach); px <= std::min(kPane - 1, x + reach); ++px) {
+          const Seen& other = seen[static_cast<std::size_t>(py) * kPane + static_cast<std::size_t>(px)];
+          if (!(std::abs(other.depth - seen[at].depth) < same_depth)) continue;
+          nx += static_cast<double>(other.x);
+          ny += static_cast<double>(other.y);
+          nz += static_cast<double>(other.z);
+        }
+      const double length = std::max(1e-9, std::sqrt(nx * nx + ny * ny + nz * nz));
+      const double level = 0.28 + 0.72 * std::max(0.0, dot(light, nx, ny, nz) / length);
+      image.pixels[3 * at] = static_cast<std::uint8_t>(228 * level);
+      image.pixels[3 * at + 1] = static_cast<std::uint8_t>(196 * level);
+      image.pixels[3 * at + 2] = static_cast<std::uint8_t>(134 * level);
+    }
+}
+
 Image shaded(std::span<const SurfacePoint> points, double spacing_mm) {
   Image image{kPane, kPane, 3, std::vector<std::uint8_t>(std::size_t{kPane} * kPane * 3, 255)};
   if (points.empty()) return image;
@@ -43,27 +75,21 @@ Image shaded(std::span<const SurfacePoint> points, double spacing_mm) {
   const double scale = (kPane - 2 * kMargin) / std::max({right - left, high - low, 1e-6});
   // Every point covers its patch of the surface, so that nothing shines through.
   const int radius = std::max(1, static_cast<int>(std::ceil(0.75 * spacing_mm * scale)));
-  std::vector<float> depth(std::size_t{kPane} * kPane, -std::numeric_limits<float>::infinity());
-  const std::array<double, 3> light{-0.35, -0.6, 0.72};
+  std::vector<Seen> seen(std::size_t{kPane} * kPane);
   for (const SurfacePoint& p : points) {
-    const double facing = dot(v.towards, p.normal_x, p.normal_y, p.normal_z);
-    if (facing < -0.05) continue;
+    if (dot(v.towards, p.normal_x, p.normal_y, p.normal_z) < -0.3) continue;
     const int x = static_cast<int>(kPane / 2.0 + (dot(v.right, p.x_mm, p.y_mm, p.z_mm) - (left + right) / 2) * scale);
     const int y = static_cast<int>(kPane / 2.0 - (dot(v.up, p.x_mm, p.y_mm, p.z_mm) - (low + high) / 2) * scale);
     const auto z = static_cast<float>(dot(v.towards, p.x_mm, p.y_mm, p.z_mm));
-    const double shade = 0.25 + 0.75 * std::max(0.0, dot(light, p.normal_x, p.normal_y, p.normal_z));
     for (int py = std::max(0, y - radius); py <= std::min(kPane - 1, y + radius); ++py)
       for (int px = std::max(0, x - radius); px <= std::min(kPane - 1, x + radius); ++px) {
-        const std::size_t at = static_cast<std::size_t>(py) * kPane + static_cast<std::size_t>(px);
+        Seen& pixel = seen[static_cast<std::size_t>(py) * kPane + static_cast<std::size_t>(px)];
         // The middle of a splat wins over the rims of its neighbours.
         const float ranked = z - static_cast<float>((std::abs(px - x) + std::abs(py - y)) * 0.5 / scale);
-        if (ranked <= depth[at]) continue;
-        depth[at] = ranked;
-        image.pixels[3 * at] = static_cast<std::uint8_t>(225 * shade);
-        image.pixels[3 * at + 1] = static_cast<std::uint8_t>(190 * shade);
-        image.pixels[3 * at + 2] = static_cast<std::uint8_t>(120 * shade);
+        if (ranked > pixel.depth) pixel = {ranked, p.normal_x, p.normal_y, p.normal_z};
       }
   }
+  shade(seen, static_cast<float>(4 * spacing_mm), image);
   return image;
 }
 
