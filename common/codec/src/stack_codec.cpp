@@ -193,23 +193,32 @@ struct StackEncoder::State {
     GridLayer coded;
     for (const Contour& contour : layer.contours) {
       auto ring = grid.snap(contour);
-      if (ring.empty())
+      if (ring.empty()) {
         certificate = lose(std::move(certificate), contour);
-      else
-        coded.rings.push_back(std::move(ring));
+        continue;
+      }
+      for (const Point2 v : contour.vertices()) {
+        const codec::Place p = grid.place(v);
+        const codec::GridPoint q = grid.snap(v);
+        worst_error_steps =
+            std::max(worst_error_steps, std::sqrt((p.x - q.x) * (p.x - q.x) + (p.y - q.y) * (p.y - q.y)));
+      }
+      coded.rings.push_back(std::move(ring));
     }
     if (!keeps_promise(certificate, coded.rings)) flag(certificate, "contours cross or touch on the coding grid", {});
     coded.certificate = certificate;
     codec::encode_layer(coder, curve->models.exact, coded);
-    worst_error_steps = std::max(worst_error_steps, std::sqrt(0.5));
     return std::move(coded.rings);
   }
 
   std::vector<std::vector<codec::GridPoint>> add_curve(const Layer& layer, LayerCertificate& certificate) {
     codec::LayerFit fit = codec::fit_layer(layer, grid, *curve, rule, false);
     if (!keeps_promise(certificate, fit.rings)) {
-      fit = codec::fit_layer(layer, grid, *curve, rule, true);
-      if (!keeps_promise(certificate, fit.rings)) flag(certificate, "contours cross or touch on the coding grid", {});
+      codec::LayerFit exact = codec::fit_layer(layer, grid, *curve, rule, true);
+      if (keeps_promise(certificate, exact.rings))
+        fit = std::move(exact);
+      else  // they cross as given; every vertex kept would not help
+        flag(certificate, "contours cross or touch on the coding grid", {});
     }
     for (const std::size_t lost : fit.lost) certificate = lose(std::move(certificate), layer.contours[lost]);
     codec::encode_curve_layer(coder, *curve, rule.steps, grid.most(), certificate, fit.plans);

@@ -103,7 +103,8 @@ Result<LayerStack> read_stack(const std::string& path, double pitch_mm, double l
   header.layer_thickness_mm = layer_mm;
   header.pixel_pitch_mm = pitch_mm;
   header.layer_count = static_cast<std::uint32_t>(layers.size());
-  header.bounds = bounds;
+  header.bounds = {{bounds.min.x_mm - pitch_mm, bounds.min.y_mm - pitch_mm},
+                   {bounds.max.x_mm + pitch_mm, bounds.max.y_mm + pitch_mm}};
   header.scan_name = path;
   for (std::uint32_t i = 0; i < layers.size(); ++i) layers[i].z_mm = cut_height_mm(LayerIndex{i}, layer_mm);
   return LayerStack::from_layers(header, std::move(layers));
