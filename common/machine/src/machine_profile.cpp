@@ -70,6 +70,8 @@ const std::vector<Key>& keys() {
        NumberKey{at(&P::projection, &P::Projection::pixel_pitch_mm), 0.001, 1}},
       {"projection", "orientation", false, "what the optics do to a mask",
        TextKey{at(&P::projection, &P::Projection::orientation), {"normal", "mirror-x", "mirror-y", "rotate-180"}}},
+      {"projection", "controllers", false, "who drives which half of the mirrors",
+       TextKey{at(&P::projection, &P::Projection::controllers), {"auto", "one", "left-right", "right-left"}}},
       {"projection", "spread_px", false, "sigma of one pixel's Gaussian light spot",
        NumberKey{at(&P::projection, &P::Projection::spread_px), 0.05, 5}},
       {"projection", "gamma", false, "relative irradiance = (grey/255)^gamma, unless there is a curve",

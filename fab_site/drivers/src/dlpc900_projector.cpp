@@ -1,9 +1,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <telefab/fab/drivers/dlpc900_image.hpp>
 #include <telefab/fab/drivers/dlpc900_projector.hpp>
+#include <telefab/fab/mask/orientation.hpp>
 #include <utility>
 
 namespace telefab::fab {
@@ -31,15 +33,6 @@ std::vector<std::byte> bytes(std::initializer_list<std::uint32_t> values) {
 /// One entry, shown once: the controller ends the exposure itself under both readings of the count.
 std::vector<std::byte> one_pattern_once() { return bytes({1, 0, 1, 0, 0, 0}); }
 
-MaskView columns(const Mask& mirrors, std::uint32_t first, std::uint32_t count, std::vector<std::uint8_t>& storage) {
-  storage.clear();
-  for (std::uint32_t y = 0; y < mirrors.size.height_px; ++y) {
-    const auto row = mirrors.rows.begin() + std::ptrdiff_t{y} * mirrors.size.width_px + first;
-    storage.insert(storage.end(), row, row + count);
-  }
-  return {{count, mirrors.size.height_px}, storage};
-}
-
 void append_upload(std::vector<std::vector<std::byte>>& frames, Command begin, Command block, const MaskView& part) {
   const std::vector<std::byte> image = encode_dlpc900_image(part);
   const auto size = static_cast<std::uint32_t>(image.size());
@@ -62,19 +55,14 @@ std::size_t total_bytes(const std::vector<std::vector<std::byte>>& frames) {
 }  // namespace
 
 Mask place_on_mirrors(const MaskView& mask, PixelSize mirrors, std::string_view orientation) {
-  const bool flip_x = orientation == "mirror-x" || orientation == "rotate-180";
-  const bool flip_y = orientation == "mirror-y" || orientation == "rotate-180";
+  // The profile's table lets no other word through.
+  const Mask turned = turned_for_optics(mask, orientation_from_name(orientation).value_or(Orientation{}));
   Mask out{mirrors, std::vector<std::uint8_t>(std::size_t{mirrors.width_px} * mirrors.height_px)};
   const std::uint32_t left = (mirrors.width_px - mask.size.width_px) / 2;
   const std::uint32_t top = (mirrors.height_px - mask.size.height_px) / 2;
-  for (std::uint32_t y = 0; y < mask.size.height_px; ++y) {
-    const auto* from = mask.rows.data() + std::size_t{flip_y ? mask.size.height_px - 1 - y : y} * mask.size.width_px;
-    auto* to = out.rows.data() + std::size_t{top + y} * mirrors.width_px + left;
-    if (flip_x)
-      std::reverse_copy(from, from + mask.size.width_px, to);
-    else
-      std::copy_n(from, mask.size.width_px, to);
-  }
+  for (std::uint32_t y = 0; y < mask.size.height_px; ++y)
+    std::copy_n(turned.rows.data() + std::size_t{y} * mask.size.width_px, mask.size.width_px,
+                out.rows.data() + std::size_t{top + y} * mirrors.width_px + left);
   return out;
 }
 
@@ -126,6 +114,11 @@ Result<void> Dlpc900Projector::identify() {
         ErrorCode::InvalidInput,
         fmt::format("the machine's masks have {} x {} pixels, the {} has {} x {} mirrors", options_.mask.width_px,
                     options_.mask.height_px, dmd->name, dmd->size.width_px, dmd->size.height_px));
+  const std::string& stated = options_.controllers;
+  if (stated != "auto" && (stated == "one") == dmd->two_controllers)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("the profile says projection.controllers = \"{}\"; {} controller drives the {}. Correct it",
+                            stated, dmd->two_controllers ? "more than one" : "one", dmd->name));
   facts_.name =
       fmt::format("DLPC900 {} firmware {}.{}.{}", dmd->name, identity_.major, identity_.minor, identity_.patch);
   facts_.size = options_.mask;
@@ -188,10 +181,10 @@ std::vector<std::vector<std::byte>> Dlpc900Projector::frames_of(const Mask& mirr
   frames.push_back(frame(kWrite, 0, Command::PatternDefinition, pattern_definition(exposure_us, options_.led)));
   frames.push_back(frame(kWrite, 0, Command::PatternConfiguration, one_pattern_once()));
   if (identity_.dmd.two_controllers) {
-    const std::uint32_t half = mirrors.size.width_px / 2;
-    std::vector<std::uint8_t> storage;
-    append_upload(frames, Command::ImageBegin, Command::ImageBlock, columns(mirrors, 0, half, storage));
-    append_upload(frames, Command::SecondImageBegin, Command::SecondImageBlock, columns(mirrors, half, half, storage));
+    const std::array<Mask, 2> halves = halves_of(mirrors.view());
+    const std::size_t first = options_.controllers == "right-left" ? 1 : 0;
+    append_upload(frames, Command::ImageBegin, Command::ImageBlock, halves[first].view());
+    append_upload(frames, Command::SecondImageBegin, Command::SecondImageBlock, halves[1 - first].view());
   } else {
     append_upload(frames, Command::ImageBegin, Command::ImageBlock, mirrors.view());
   }

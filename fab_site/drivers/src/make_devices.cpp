@@ -37,6 +37,7 @@ Result<std::unique_ptr<Dlpc900Projector>> open_projector(const MachineProfile& m
   Dlpc900Options options;
   options.mask = machine.mask_size();
   options.orientation = machine.projection.orientation;
+  options.controllers = machine.projection.controllers;
   options.led = *led;
   options.led_current = static_cast<std::uint8_t>(machine.devices.led_current);
   return Dlpc900Projector::open(std::move(*usb), options, clock);

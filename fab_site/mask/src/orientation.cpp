@@ -27,4 +27,19 @@ Mask turned_for_optics(const MaskView& mask, Orientation optics) {
   return out;
 }
 
+std::array<Mask, 2> halves_of(const MaskView& mask) {
+  const std::uint32_t half = mask.size.width_px / 2;
+  std::array<Mask, 2> halves;
+  for (Mask& m : halves) {
+    m.size = {half, mask.size.height_px};
+    m.rows.reserve(std::size_t{half} * mask.size.height_px);
+  }
+  for (std::uint32_t y = 0; y < mask.size.height_px; ++y)
+    for (std::size_t i = 0; i < 2; ++i) {
+      const auto row = mask.rows.subspan(std::size_t{y} * mask.size.width_px + i * half, half);
+      halves[i].rows.insert(halves[i].rows.end(), row.begin(), row.end());
+    }
+  return halves;
+}
+
 }  // namespace telefab::fab

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <telefab/fab/mask/orientation.hpp>
 #include <telefab/fab/usb/decorators.hpp>
 #include <telefab/test/print_rig.hpp>
 
@@ -32,8 +33,7 @@ class Borrowed final : public UsbTransport {
 
 struct OneLayer {
   Result<void> show(UsbTransport& bus, Microseconds exposure = 200ms) {
-    auto projector =
-        Dlpc900Projector::open(std::make_unique<Borrowed>(bus), {.mask = PrintRig::kSize, .led_current = 10}, clock);
+    auto projector = Dlpc900Projector::open(std::make_unique<Borrowed>(bus), options, clock);
     if (!projector) return tl::unexpected{projector.error()};
     const auto mask = masks.mask(LayerIndex{0});
     if (const auto ok = (*projector)->load(mask->view(), exposure); !ok) return ok;
@@ -50,6 +50,7 @@ struct OneLayer {
     }
     return fail(ErrorCode::Internal, "never exposed");
   }
+  Dlpc900Options options{.mask = PrintRig::kSize, .led_current = 10};
   std::uint32_t parts = 0;
   VirtualClock clock;
   MachineLog log;
@@ -75,6 +76,65 @@ TEST(Dlpc900Projector, DrivesBothHalvesOfATwoControllerArray) {
   ModelUsb usb{model, bench.clock};
   ASSERT_TRUE(bench.show(usb));
   EXPECT_EQ(model.image(), place_on_mirrors(bench.masks.mask(LayerIndex{0})->view(), model.mirrors(), "normal"));
+}
+
+/// A part without any symmetry, an L that leans to one corner.
+Mask leaning_l(PixelSize size) {
+  Mask mask{size, std::vector<std::uint8_t>(std::size_t{size.width_px} * size.height_px)};
+  for (std::uint32_t y = 0; y < size.height_px; ++y)
+    for (std::uint32_t x = 0; x < size.width_px; ++x)
+      if ((x < size.width_px / 5 && y > size.height_px / 6) ||
+          (y > size.height_px * 3 / 4 && x < size.width_px * 2 / 3))
+        mask.rows[std::size_t{y} * size.width_px + x] = static_cast<std::uint8_t>(50 + (x + 3 * y) % 200);
+  return mask;
+}
+
+/// What lies on the vat of a machine whose optics and wiring are as its profile says: the light of the mirrors, each
+/// controller's half on its side, seen through the optics.
+TEST(Dlpc900Projector, LaysAnAsymmetricPartOnTheVatWhateverOpticsAndWiring) {
+  for (const std::uint8_t type : {std::uint8_t{1}, std::uint8_t{2}})
+    for (const char* optics : {"normal", "mirror-x", "mirror-y", "rotate-180"})
+      for (const char* wiring : {"auto", "left-right", "right-left"}) {
+        if (type == 1 && std::string_view{wiring} != "auto") continue;
+        OneLayer bench;
+        Dlpc900Model model{type, 6, bench.clock, &bench.log};
+        ModelUsb usb{model, bench.clock};
+        // As large as all mirrors, so that nothing is centred.
+        bench.options.mask = model.mirrors();
+        bench.options.orientation = optics;
+        bench.options.controllers = wiring;
+        const Mask part = leaning_l(model.mirrors());
+        auto projector = Dlpc900Projector::open(std::make_unique<Borrowed>(usb), bench.options, bench.clock);
+        ASSERT_TRUE(projector) << projector.error().what;
+        ASSERT_TRUE((*projector)->load(part.view(), 200ms));
+        for (int i = 0; i < 20000 && (*projector)->poll()->state != LightState::Loaded; ++i)
+          bench.clock.sleep_for(10ms);
+        ASSERT_TRUE((*projector)->expose());
+        // The model puts the first controller's half on the left; this machine may have it on the right.
+        Mask mirrors = model.image();
+        if (std::string_view{wiring} == "right-left") {
+          const auto halves = halves_of(mirrors.view());
+          const std::uint32_t half = mirrors.size.width_px / 2;
+          for (std::uint32_t y = 0; y < mirrors.size.height_px; ++y)
+            for (std::uint32_t x = 0; x < half; ++x) {
+              const std::size_t row = std::size_t{y} * mirrors.size.width_px;
+              mirrors.rows[row + half + x] = halves[0].rows[std::size_t{y} * half + x];
+              mirrors.rows[row + x] = halves[1].rows[std::size_t{y} * half + x];
+            }
+        }
+        EXPECT_TRUE(turned_for_optics(mirrors.view(), orientation_from_name(optics).value()) == part)
+            << int{type} << ' ' << optics << ' ' << wiring;
+      }
+}
+
+TEST(Dlpc900Projector, RefusesAProfileThatStatesOtherControllersThanItHas) {
+  OneLayer bench;
+  bench.options.controllers = "left-right";
+  EXPECT_THAT(bench.show(bench.usb).error().what, testing::HasSubstr("projection.controllers"));
+  Dlpc900Model model{2, 6, bench.clock, &bench.log};
+  ModelUsb usb{model, bench.clock};
+  bench.options.controllers = "one";
+  EXPECT_EQ(bench.show(usb).error().code, ErrorCode::InvalidInput);
 }
 
 TEST(Dlpc900Projector, WorksOnEveryFirmwareOfTheTable) {

@@ -18,8 +18,8 @@ struct Image {
 };
 
 /// PNG (ISO/IEC 15948), 8 bits a channel, no filter. Masks and drawings are long runs and rows like the row above:
-/// only these are looked for (run_deflate.hpp); other images are deflated by libdeflate at level 1. The same image gives
-/// the same bytes. Fails with InvalidInput for sizes that do not fit the pixels.
+/// only these are looked for (run_deflate.hpp); other images are deflated by libdeflate at level 1. The same image
+/// gives the same bytes. Fails with InvalidInput for sizes that do not fit the pixels.
 [[nodiscard]] Result<std::vector<std::byte>> encode_png(const Image& image);
 /// The same for grey pixels that are not in an Image.
 [[nodiscard]] Result<std::vector<std::byte>> encode_png_grey(std::uint32_t width_px, std::uint32_t height_px,

@@ -31,8 +31,11 @@ struct MachineProfile {
   struct Projection {
     double pixel_pitch_mm = 0;           ///< on the vat; pixels = floor(platform / pitch)
     std::string orientation = "normal";  ///< normal | mirror-x | mirror-y | rotate-180: what the optics do to a mask
-    double spread_px = 0.5;              ///< sigma of one pixel's Gaussian light spot
-    double gamma = 1.0;                  ///< H(grey) = (grey / 255)^gamma, unless there is a curve
+    /// auto | one | left-right | right-left: who drives the mirrors. Of two controllers each shows one half of the
+    /// columns of the turned mask; the first one's is named first. auto: what the device says, the first one left.
+    std::string controllers = "auto";
+    double spread_px = 0.5;  ///< sigma of one pixel's Gaussian light spot
+    double gamma = 1.0;      ///< H(grey) = (grey / 255)^gamma, unless there is a curve
     /// H at equally spaced greys from 0 to 255, straight between them: 2 to 256 numbers that never fall, the first 0,
     /// the last 1. Empty: gamma holds. Black's own light is `leak`, not here.
     std::vector<double> curve;

@@ -49,6 +49,7 @@ struct Dlpc900Identity {
 struct Dlpc900Options {
   PixelSize mask;                      ///< centred on the mirrors, dark around; at most their number
   std::string orientation = "normal";  ///< what the optics do: normal | mirror-x | mirror-y | rotate-180
+  std::string controllers = "auto";    ///< as MachineProfile: auto | one | left-right | right-left
   dlpc900::Led led = dlpc900::Led::Blue;
   std::uint8_t led_current = 0;        ///< 0..255; nothing above it is ever sent
   bool inverted_led_polarity = false;  ///< of the board, stated by its maker; never guessed

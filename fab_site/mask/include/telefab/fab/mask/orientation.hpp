@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <string_view>
 #include <telefab/base/result.hpp>
 #include <telefab/fab/mask/mask.hpp>
@@ -17,5 +18,8 @@ struct Orientation {
 
 /// The picture that the light engine must show, so that the optics lay the mask itself on the vat.
 [[nodiscard]] Mask turned_for_optics(const MaskView& mask, Orientation optics);
+
+/// The left and the right half of the columns, for mirrors that two controllers drive. The width is even.
+[[nodiscard]] std::array<Mask, 2> halves_of(const MaskView& mask);
 
 }  // namespace telefab::fab
