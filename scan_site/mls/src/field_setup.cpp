@@ -36,11 +36,11 @@ constexpr double kWidest = 4;
 /// Kernel width over spacing while noise is measured and outliers are sought.
 constexpr double kTrialFactor = 2;
 
-/// Parts the samples into bands of a factor 2.2 in spacing, which becomes their width. Leaves the grid empty.
-std::vector<SampleGrid> bands_of(SampleGrid grid, std::span<const float> spacing) {
+/// Parts the samples into bands of a factor 2.2 in spacing, which becomes their width.
+std::vector<SampleGrid> bands_of(SampleGrid grid, std::vector<float> spacing) {
   const auto [least, most] = std::minmax_element(spacing.begin(), spacing.end());
-  const auto band_of = [&](float s) {
-    return static_cast<std::size_t>(std::max(0.0, std::log(s / *least) / std::log(2.2)));
+  const auto band_of = [first = *least](float s) {
+    return static_cast<std::size_t>(std::max(0.0, std::log(s / first) / std::log(2.2)));
   };
   std::vector<SampleGrid> bands;
   if (band_of(*most) == 0) {
@@ -48,18 +48,31 @@ std::vector<SampleGrid> bands_of(SampleGrid grid, std::span<const float> spacing
     bands.push_back(std::move(grid));
     return bands;
   }
-  for (std::size_t band = 0; band <= band_of(*most); ++band) {
+  struct Part {
     std::vector<Eigen::Vector3f> points, normals;
     std::vector<float> widths;
-    for (std::uint32_t i = 0; i < grid.size(); ++i) {
-      if (band_of(spacing[i]) != band) continue;
-      points.push_back(grid.place(i));
-      normals.push_back(grid.normal(i));
-      widths.push_back(spacing[i]);
-    }
-    if (points.empty()) continue;
-    const float widest = *std::max_element(widths.begin(), widths.end());
-    bands.emplace_back(std::move(points), std::move(normals), widths, kCellSpacings * widest);
+  };
+  std::vector<Part> parts(band_of(*most) + 1);
+  std::vector<std::size_t> counts(parts.size(), 0);
+  for (const float s : spacing) ++counts[band_of(s)];
+  for (std::size_t b = 0; b < parts.size(); ++b) {
+    parts[b].points.reserve(counts[b]);
+    parts[b].normals.reserve(counts[b]);
+    parts[b].widths.reserve(counts[b]);
+  }
+  for (std::uint32_t i = 0; i < grid.size(); ++i) {
+    Part& part = parts[band_of(spacing[i])];
+    part.points.push_back(grid.place(i));
+    part.normals.push_back(grid.normal(i));
+    part.widths.push_back(spacing[i]);
+  }
+  grid = {};
+  std::vector<float>{}.swap(spacing);
+  for (Part& part : parts) {
+    if (part.points.empty()) continue;
+    const float widest = *std::max_element(part.widths.begin(), part.widths.end());
+    bands.emplace_back(std::move(part.points), std::move(part.normals), part.widths, kCellSpacings * widest);
+    std::vector<float>{}.swap(part.widths);
   }
   return bands;
 }
@@ -193,7 +206,7 @@ Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, st
     for (float& s : *spacing)
       s = std::clamp(s, static_cast<float>(kNarrowest * even.spacing_mm),
                      static_cast<float>(kWidest * even.spacing_mm));
-    parts.bands = bands_of(std::move(grid), *spacing);
+    parts.bands = bands_of(std::move(grid), std::move(*spacing));
   } else {
     grid.set_width(static_cast<float>(even.spacing_mm));
     parts.bands.push_back(std::move(grid));

@@ -33,7 +33,11 @@ ScaleTable::ScaleTable(std::span<const SampleGrid> bands, const Vec3& origin, do
   const Eigen::Array3d low = lowest.cast<double>();
   const Eigen::Array3d high = highest.cast<double>();
   cell_mm_ = 4 * reference_mm;
-  while (((high - low) / cell_mm_ + 3).prod() > 8e6) cell_mm_ *= 1.5;
+  // While it is filled a cell takes 17 bytes: not more than a sample or two.
+  std::size_t samples = 0;
+  for (const SampleGrid& band : bands) samples += band.size();
+  const double most = std::max(1e6, 0.5 * static_cast<double>(samples));
+  while (((high - low) / cell_mm_ + 3).prod() > most) cell_mm_ *= 1.2;
   low_ = origin + (low - cell_mm_).matrix();
   count_ = ((high - low) / cell_mm_).cast<int>() + 3;
   const auto cells = static_cast<std::size_t>(count_.prod());
