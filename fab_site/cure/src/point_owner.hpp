@@ -6,7 +6,7 @@
 namespace telefab::fab {
 
 /// Tells points of the part from points of its supports, layer by layer from the top: a place belongs to whose contour
-/// it lies in or beside, where neither is to what was there in the layer above (that is what cures through), and where
+/// it lies in or beside, where neither is to what was there a few layers above (that is what cures through), and where
 /// nothing was to the nearer of both in this layer (that is what grew).
 class PointOwner {
  public:
@@ -17,10 +17,12 @@ class PointOwner {
   [[nodiscard]] bool is_support(PixelPlace place, const RingIndex& part, const RingIndex& supports) const;
 
  private:
-  static constexpr std::uint8_t kPart = 0, kSupport = 1, kNobody = 2;
-  void mark(const RingIndex& rings, double grown_px, std::uint8_t value);
+  /// Twice the layer, counted from the top and from 1, and one more for supports.
+  static constexpr std::uint32_t kNobody = 0;
+  void mark(const RingIndex& rings, double grown_px, std::uint32_t owner);
   PixelSize size_;
-  std::vector<std::uint8_t> owners_;
+  std::uint32_t layer_ = 0;
+  std::vector<std::uint32_t> owners_;
 };
 
 }  // namespace telefab::fab
