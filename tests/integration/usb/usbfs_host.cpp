@@ -48,6 +48,7 @@ std::vector<guint8> string_descriptor(std::string_view text) {
 
 struct UsbfsHost::State {
   struct Urb {
+    UMockdevIoctlClient* owner;
     UMockdevIoctlData* data;
     UMockdevIoctlData* buffer;
     bool done;
@@ -61,7 +62,7 @@ struct UsbfsHost::State {
   UMockdevTestbed* testbed = umockdev_testbed_new();
   UMockdevIoctlBase* handler = umockdev_ioctl_base_new();
   GSource* timer = nullptr;
-  std::mutex own;
+  std::recursive_mutex own;  ///< answering a dead client tells of its end within the answer
   std::list<Urb> urbs;
   std::atomic<std::uint64_t> ioctls = 0;
   std::atomic<bool> plugged = false;
@@ -189,6 +190,7 @@ struct UsbfsHost::State {
     switch (request) {
       case USBDEVFS_GET_CAPABILITIES: {
         UMockdevIoctlData* d = umockdev_ioctl_data_resolve(arg, 0, sizeof(guint32), nullptr);
+        if (d == nullptr) return complete(-1, EFAULT);  // it died in the middle of the call, here and below
         *reinterpret_cast<guint32*>(d->data) = USBDEVFS_CAP_BULK_CONTINUATION | USBDEVFS_CAP_NO_PACKET_SIZE_LIM;
         return complete(0);
       }
@@ -216,10 +218,12 @@ struct UsbfsHost::State {
         return complete(-1, ENODATA);
       case USBDEVFS_SUBMITURB: {
         UMockdevIoctlData* data = umockdev_ioctl_data_resolve(arg, 0, sizeof(usbdevfs_urb), nullptr);
+        if (data == nullptr) return complete(-1, EFAULT);
         usbdevfs_urb& urb = urb_of(data);
         UMockdevIoctlData* buffer = umockdev_ioctl_data_resolve(data, G_STRUCT_OFFSET(usbdevfs_urb, buffer),
                                                                 static_cast<gsize>(urb.buffer_length), nullptr);
-        urbs.push_back({UMOCKDEV_IOCTL_DATA(g_object_ref(data)), UMOCKDEV_IOCTL_DATA(g_object_ref(buffer)), false});
+        urbs.push_back(
+            {client, UMOCKDEV_IOCTL_DATA(g_object_ref(data)), UMOCKDEV_IOCTL_DATA(g_object_ref(buffer)), false});
         Urb& u = urbs.back();
         if (urb.type == USBDEVFS_URB_TYPE_CONTROL)
           control(u);
@@ -230,8 +234,9 @@ struct UsbfsHost::State {
       }
       case USBDEVFS_REAPURBNDELAY: {
         for (auto u = urbs.begin(); u != urbs.end(); ++u) {
-          if (!u->done) continue;
+          if (!u->done || u->owner != client) continue;
           UMockdevIoctlData* slot = umockdev_ioctl_data_resolve(arg, 0, sizeof(gpointer), nullptr);
+          if (slot == nullptr) return complete(-1, EFAULT);
           (void)umockdev_ioctl_data_set_ptr(slot, 0, u->data);
           const Urb reaped = *u;
           urbs.erase(u);
@@ -245,7 +250,7 @@ struct UsbfsHost::State {
       }
       case USBDEVFS_DISCARDURB: {
         for (Urb& u : urbs)
-          if (!u.done && *reinterpret_cast<gulong*>(arg->data) == u.data->client_addr) {
+          if (!u.done && u.owner == client && *reinterpret_cast<gulong*>(arg->data) == u.data->client_addr) {
             finish(u, -ENOENT, 0);
             update_signal();
             return complete(0);
@@ -268,6 +273,21 @@ struct UsbfsHost::State {
     return TRUE;
   }
 
+  /// A process closed the node or died: as usbfs does, its transfers end and nobody reaps them.
+  void vanished(const UMockdevIoctlClient* client) {
+    const std::lock_guard one_at_a_time{own};
+    std::erase_if(urbs, [&](const Urb& u) {
+      if (u.owner != client) return false;
+      g_object_unref(u.buffer);
+      g_object_unref(u.data);
+      return true;
+    });
+    update_signal();
+  }
+
+  static void on_vanished(UMockdevIoctlBase*, UMockdevIoctlClient* client, gpointer self) {
+    static_cast<State*>(self)->vanished(client);
+  }
   static gboolean on_ioctl(UMockdevIoctlBase*, UMockdevIoctlClient* client, gpointer self) {
     return static_cast<State*>(self)->handle(client) ? TRUE : FALSE;
   }
@@ -279,6 +299,7 @@ UsbfsHost::UsbfsHost(fab::Dlpc900Model& model, std::mutex& mutex, std::string se
   State& s = *state_;
   g_main_context_push_thread_default(s.context);
   g_signal_connect(s.handler, "handle-ioctl", G_CALLBACK(&State::on_ioctl), &s);
+  g_signal_connect(s.handler, "client-vanished", G_CALLBACK(&State::on_vanished), &s);
   s.add_device();
   s.timer = g_timeout_source_new(1);
   g_source_set_callback(s.timer, &State::on_tick, &s, nullptr);
@@ -325,6 +346,8 @@ PtyHost::PtyHost(fab::GrblModel& model, std::mutex& mutex) {
   (void)::tcgetattr(master_, &raw);
   ::cfmakeraw(&raw);
   (void)::tcsetattr(master_, TCSANOW, &raw);
+  // Held open, so that the line stays there between two programs.
+  slave_ = ::open(path_.c_str(), O_RDWR | O_NOCTTY | O_CLOEXEC);
   thread_ = std::thread{[this, &model, &mutex] {
     while (!stop_) {
       pollfd p{master_, POLLIN, 0};
@@ -334,7 +357,7 @@ PtyHost::PtyHost(fab::GrblModel& model, std::mutex& mutex) {
       const std::lock_guard lock{mutex};
       if (n > 0) (void)model.receive({bytes.data(), static_cast<std::size_t>(n)});
       const std::string out = model.transmit();
-      if (!out.empty() && ::write(master_, out.data(), out.size()) < 0) return;
+      if (!out.empty()) (void)!::write(master_, out.data(), out.size());  // nobody listens: lost, as on a real line
     }
   }};
 }
@@ -342,6 +365,7 @@ PtyHost::PtyHost(fab::GrblModel& model, std::mutex& mutex) {
 PtyHost::~PtyHost() {
   stop_ = true;
   thread_.join();
+  ::close(slave_);
   ::close(master_);
 }
 

@@ -37,6 +37,7 @@ class PtyHost {
 
  private:
   int master_ = -1;
+  int slave_ = -1;
   std::string path_;
   std::atomic<bool> stop_ = false;
   std::thread thread_;

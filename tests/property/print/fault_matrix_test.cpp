@@ -151,7 +151,7 @@ INSTANTIATE_TEST_SUITE_P(Faults, StageFaultMatrix, testing::Range<std::size_t>(0
 
 TEST(LightInjection, NeverShinesBeyondItsTimeNorWhileThePlatformMoves) {
   // Stops, cancels, open covers, unplugged cables and silent death at random moments of a job.
-  for (std::uint64_t seed = 0; seed < 500; ++seed) {
+  for (std::uint64_t seed = 0; seed < 1000; ++seed) {
     SCOPED_TRACE(seed);
     std::mt19937_64 rng{seed};
     PrintRig rig{2};

@@ -58,6 +58,8 @@ class Dlpc900Model {
   void add_up_dose(bool wanted) { add_up_ = wanted; }
   /// Seconds of full light per mirror so far, row-major.
   [[nodiscard]] std::vector<float> dose_s();
+  /// A fresh part begins: dose_s() counts from zero.
+  void forget_dose() { dose_s_.clear(); }
   [[nodiscard]] PixelSize mirrors() const { return dmd_.size; }
   /// Orders that would have shown a pattern for ever; must stay zero.
   [[nodiscard]] std::uint32_t endless_orders() const { return endless_; }

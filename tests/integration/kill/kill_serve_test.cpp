@@ -1,0 +1,268 @@
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <linux/sockios.h>
+#include <signal.h>
+#include <sys/ioctl.h>
+#include <sys/stat.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <random>
+#include <telefab/base/clock.hpp>
+#include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/print/print_journal.hpp>
+#include <telefab/fab/print/print_record.hpp>
+#include <telefab/store/job_store.hpp>
+#include <utility>
+
+#include "two_sites.hpp"
+#include "usbfs_host.hpp"
+
+// kill -9 of the unmodified `telefab-fab serve`, whose projector and stage are the strict models behind an emulated
+// usbfs node and a pseudo terminal. The models live on, as real devices do, and are the witness. TELEFAB_KILLS says
+// how many kills (default 6).
+
+namespace telefab::fab {
+namespace {
+
+using namespace std::chrono_literals;
+namespace fs = std::filesystem;
+
+constexpr Nanoseconds kFrame = 16'667us;
+constexpr Nanoseconds kPatience = 60s;
+constexpr double kZTolerance_mm = 1e-3;
+
+class ServeKilled : public test::TwoSites {
+ protected:
+  /// What the witness saw of one print.
+  struct Seen {
+    std::vector<LitSpan> light;
+    std::vector<float> dose;
+  };
+
+  void SetUp() override {
+    const char* preload = std::getenv("LD_PRELOAD");
+    if (preload == nullptr || std::string_view{preload}.find("umockdev") == std::string_view::npos)
+      GTEST_SKIP() << "skipped: umockdev is not preloaded; run through ctest";
+    host = std::make_unique<test::UsbfsHost>(model, mutex, "T6500");
+    line = std::make_unique<test::PtyHost>(board, mutex);
+    set_real_machine();
+    make_template();
+  }
+
+  void set_real_machine() const {
+    std::ofstream{folder() / "machines" / "toy.toml"} << fmt::format(R"(name = "toy"
+description = "A small quick machine on the device models"
+[platform]
+width_mm = 20.0
+depth_mm = 20.0
+z_travel_mm = 8.0
+[projection]
+pixel_pitch_mm = 0.1
+irradiance_mw_per_cm2 = 30.0
+[layers]
+thickness_mm = 0.2
+exposure_s = 0.15
+bottom_count = 2
+bottom_exposure_s = 0.3
+[motion]
+lift_mm = 0.5
+lift_speed_mm_per_s = 8.0
+lower_speed_mm_per_s = 8.0
+settle_s = 0.02
+[devices]
+projector = "dlpc900"
+stage = "grbl"
+led_current = 20
+allowed_slowdown = 4.0
+stage_serial = "{}"
+)",
+                                                                     line->path());
+  }
+
+  /// A fab's folder with one job planned and cleared to print.
+  void make_template() {
+    start_fab({"--start", "on-approval"});
+    start_scan();
+    const auto submitted = telefab({"submit", torus().string(), "--machine", "toy", "--height-mm", "1"});
+    ASSERT_EQ(submitted.code, 0) << submitted.errors;
+    job = submitted.output.substr(0, submitted.output.find('\n'));
+    const auto watch = telefab_begun({"watch", job});
+    ASSERT_NE(watch->wait_for_error_line("approve").find("ready"), std::string::npos) << watch->errors();
+    kill_scan();
+    kill_fab();
+    auto store = JobStore::open(folder() / "fab" / "jobs.sqlite", clock);
+    ASSERT_TRUE(store) << store.error().what;
+    ASSERT_TRUE((*store)->move(job, JobState::Ready, ""));
+    store->reset();
+    fs::copy(folder() / "fab", folder() / "template", fs::copy_options::recursive);
+    auto planned = PlannedJob::open(job_folder() / "plan");
+    ASSERT_TRUE(planned) << planned.error().what;
+    plan = (*planned)->plan();
+  }
+
+  [[nodiscard]] std::string what_jobs_say() const { return telefab({"jobs", "--site", fab_site()}).output; }
+  [[nodiscard]] fs::path job_folder() const { return folder() / "fab" / "jobs" / job; }
+  [[nodiscard]] bool is_printed() const { return fs::exists(job_folder() / "report" / "as-built.json"); }
+
+  template <class Condition>
+  bool await(Condition condition) {
+    for (const Nanoseconds until = clock.now() + kPatience; clock.now() < until; clock.sleep_for(2ms))
+      if (condition()) return true;
+    return condition();
+  }
+
+  [[nodiscard]] std::uint64_t transfers() {
+    const std::lock_guard lock{mutex};
+    return model.transfers();
+  }
+  void wait_for_dark() {
+    EXPECT_TRUE(await([&] {
+      const std::lock_guard lock{mutex};
+      model.tick();
+      board.tick();
+      return !model.lit();
+    }));
+  }
+
+  void begin_part() {
+    if (std::exchange(has_begun, true)) {
+      fab().send_signal(SIGTERM);
+      EXPECT_EQ(fab().finish(), 0);
+    }
+    kill_fab();
+    fs::remove_all(folder() / "fab");
+    fs::copy(folder() / "template", folder() / "fab", fs::copy_options::recursive);
+    wait_for_dark();
+    const std::lock_guard lock{mutex};
+    model.forget_dose();
+    seen_before = log.light().size();
+  }
+  [[nodiscard]] Seen seen() {
+    const std::lock_guard lock{mutex};
+    auto light = log.light();
+    light.erase(light.begin(), light.begin() + static_cast<std::ptrdiff_t>(seen_before));
+    return {std::move(light), model.dose_s()};
+  }
+  [[nodiscard]] Nanoseconds light_at(double z_mm) {
+    Nanoseconds sum{};
+    for (const LitSpan& lit : seen().light)
+      if (std::abs(lit.z_mm - z_mm) < kZTolerance_mm) sum += lit.until - lit.from;
+    return sum;
+  }
+
+  /// The option that decides about a layer that was perhaps exposed, by what the witness saw; "ask" where there is
+  /// none.
+  [[nodiscard]] std::string decide() {
+    auto file = open_journal_file(job_folder() / "journal");
+    if (!file) return "ask";
+    const auto journal = PrintJournal::open(std::move(*file));
+    if (!journal || !journal->resume_point().maybe_exposed) return "ask";
+    ++decisions;
+    const PlannedLayer& layer = plan.layers[journal->resume_point().next.count()];
+    return light_at(layer.z_mm) > 0ns ? "exposed" : "again";
+  }
+
+  void expect_same_part(const Seen& now, const Seen& reference) {
+    ASSERT_EQ(now.light.size(), reference.light.size());
+    for (std::size_t k = 0; k < now.light.size(); ++k) {
+      EXPECT_EQ(now.light[k].mask, reference.light[k].mask) << k;
+      EXPECT_EQ((now.light[k].until - now.light[k].from).count(),
+                (reference.light[k].until - reference.light[k].from).count())
+          << k;
+      EXPECT_NEAR(now.light[k].z_mm, reference.light[k].z_mm, kZTolerance_mm) << k;
+    }
+    EXPECT_TRUE(now.dose == reference.dose) << "the dose of some mirror differs";
+  }
+
+  SystemClock clock;
+  MachineLog log;
+  std::mutex mutex;
+  Dlpc900Model model{1, 6, clock, &log};
+  GrblModel board{8.5, clock, &log};
+  std::unique_ptr<test::UsbfsHost> host;
+  std::unique_ptr<test::PtyHost> line;
+  std::string job;
+  PrintPlan plan;
+  std::size_t seen_before = 0;
+  bool has_begun = false;
+  int decisions = 0;
+};
+
+/// Nothing waits to be read on any socket of this process, at either end. umockdev loses its place when a client dies
+/// within an emulated ioctl, so the kills strike between two of them; an exposure, a move or a transfer may be under
+/// way.
+bool is_quiet() {
+  for (const auto& entry : fs::directory_iterator{"/proc/self/fd"}) {
+    const int fd = std::atoi(entry.path().filename().c_str());
+    struct stat about {};
+    if (::fstat(fd, &about) != 0 || !S_ISSOCK(about.st_mode)) continue;
+    int unread = 0, unsent = 0;
+    if (::ioctl(fd, SIOCINQ, &unread) == 0 && unread > 0) return false;
+    if (::ioctl(fd, SIOCOUTQ, &unsent) == 0 && unsent > 0) return false;
+  }
+  return true;
+}
+
+int kills_wanted() {
+  const char* text = std::getenv("TELEFAB_KILLS");
+  return text != nullptr ? std::max(1, std::atoi(text)) : 6;
+}
+
+TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItIsKilled) {
+  begin_part();
+  const std::uint64_t transfers_before = transfers();
+  const Nanoseconds from = clock.now();
+  start_fab({"--after-crash", "ask"});
+  ASSERT_TRUE(await([&] { return is_printed(); })) << "never printed";
+  const Nanoseconds whole = clock.now() - from;
+  const std::uint64_t in_all = transfers() - transfers_before;
+  const Seen reference = seen();
+  ASSERT_GT(reference.light.size(), 4u);
+
+  int kills = 0, parts = 0;
+  std::mt19937_64 rng{7};
+  for (const int wanted = kills_wanted(); kills < wanted; ++parts) {
+    SCOPED_TRACE(fmt::format("part {}", parts));
+    begin_part();
+    start_fab({"--after-crash", "ask"});
+    for (int deaths = 1 + static_cast<int>(rng() % 3); deaths > 0 && kills < wanted; --deaths) {
+      // Half of them by what has gone over the bus, half by time.
+      const bool by_bus = rng() % 2 == 0;
+      const std::uint64_t bus = transfers() + 1 + rng() % std::max<std::uint64_t>(1, in_all * 2 / 3);
+      const Nanoseconds time = clock.now() + Nanoseconds{static_cast<std::int64_t>(rng() % (whole.count() * 2u / 3u))};
+      const bool ran = await([&] { return is_printed() || (by_bus ? transfers() >= bus : clock.now() >= time); });
+      ASSERT_TRUE(ran) << what_jobs_say();
+      if (is_printed()) break;
+      ASSERT_TRUE(await([&] {
+        fab().send_signal(SIGSTOP);
+        clock.sleep_for(2ms);
+        if (is_quiet()) return true;
+        fab().send_signal(SIGCONT);
+        return false;
+      }));
+      kill_fab();  // SIGKILL
+      ++kills;
+      wait_for_dark();  // the controller ends a running exposure itself; a service starts again after two seconds
+      start_fab({"--after-crash", decide()});
+    }
+    ASSERT_TRUE(await([&] { return is_printed(); }))
+        << "never finished: " << what_jobs_say() << text_of(job_folder() / "journal");
+    expect_same_part(seen(), reference);
+    const auto sealed = text_of(job_folder() / "report" / "as-built.json");
+    const auto record = unseal(sealed, {});
+    ASSERT_TRUE(record) << record.error().what;
+    EXPECT_EQ(record->layers.size(), plan.layers.size());
+    if (HasFailure()) break;
+  }
+  EXPECT_EQ(log.light_while_moving(), 0ns);
+  for (const LitSpan& lit : log.light()) EXPECT_LE(lit.until - lit.from, 300ms + kFrame);
+  EXPECT_EQ(model.endless_orders(), 0u);
+  fmt::print(
+      "{} kills of telefab-fab serve in {} prints of {} layers ({} lit): every part got the same light; {} explicit "
+      "decisions; one print {:.1f} s, {} transfers\n",
+      kills, parts, plan.layers.size(), reference.light.size(), decisions, double(whole.count()) * 1e-9, in_all);
+}
+
+}  // namespace
+}  // namespace telefab::fab
