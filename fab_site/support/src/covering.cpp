@@ -12,6 +12,7 @@ namespace {
 constexpr double kSafety = 0.999;  ///< we solve for a hair less than promised, so that rounding cannot break it
 constexpr double kSearchTolerance = 0.003;  ///< of the reach
 constexpr double kSmall = 60;               ///< wanted anchors below which both starts are tried
+constexpr std::size_t kFew = 24;            ///< anchors below which all of them move to close a gap
 constexpr std::size_t kMaxAnchors = 200'000;
 const double kHexArea = 1.5 * std::sqrt(3.0);  ///< of the hexagon inside the unit circle
 
@@ -86,7 +87,11 @@ class Solver {
                     fmt::format("covering: more than {} anchors; give a larger anchor distance", kMaxAnchors));
       add_where_out_of_reach(state);
     }
-    if (!options_.plain) thin_out(state);
+    if (options_.plain) return state;
+    // Near the gap first, which is quick; of few anchors all may move for what is left.
+    thin_out(state, options_.removals, state.sites.size() < kFew);
+    if (state.sites.size() >= kFew && static_cast<double>(state.sites.size()) < kSmall)
+      thin_out(state, options_.removals / 2, true);
     return state;
   }
 
@@ -168,6 +173,15 @@ class Solver {
     state = std::move(best);
   }
 
+  /// In bursts: where one closes less than a third of what is open, the others will not close it.
+  void relax_while_it_closes(State& state, int sweeps, int burst) {
+    for (int left = sweeps; left > 0 && state.worst > 1; left -= burst) {
+      const double open = state.worst - 1;
+      relax(state, std::min(burst, left));
+      if (state.worst - 1 > 0.67 * open) break;
+    }
+  }
+
   /// One new anchor at every point out of reach, farthest first, none within reach of a new one before it.
   void add_where_out_of_reach(State& state) {
     std::vector<std::uint32_t> order(state.cells.size());
@@ -194,16 +208,14 @@ class Solver {
 
   /// Takes away one anchor after the other, those with the smallest cells first, where the neighbours can close the
   /// gap. Only the surroundings of the gap are relaxed and measured again.
-  void thin_out(State& state) {
-    int tries = options_.removals;
+  void thin_out(State& state, int tries, bool all_move) {
     std::vector<char> failed(state.sites.size(), 0);
     while (tries-- > 0 && state.sites.size() > 1 && !stop_.stop_requested()) {
       std::size_t least = state.sites.size();
       for (std::size_t i = 0; i < state.sites.size(); ++i)
         if (!failed[i] && (least == state.sites.size() || state.cells[i].area < state.cells[least].area)) least = i;
       if (least == state.sites.size()) break;
-      if (!(static_cast<double>(state.sites.size()) < kSmall ? closed_by_all(state, least)
-                                                             : closed_without(state, least))) {
+      if (!(all_move ? closed_by_all(state, least) : closed_without(state, least))) {
         failed[least] = 1;
         continue;
       }
@@ -218,12 +230,7 @@ class Solver {
     fewer.sites = state.sites;
     fewer.sites.erase(fewer.sites.begin() + static_cast<std::ptrdiff_t>(gone));
     measure(fewer);
-    // In bursts: where one closes less than a third of what is open, the rest will not close it.
-    for (int left = 2 * options_.sweeps, burst = 4; left > 0 && fewer.worst > 1; left -= burst) {
-      const double open = fewer.worst - 1;
-      relax(fewer, std::min(burst, left));
-      if (fewer.worst - 1 > 0.67 * open) break;
-    }
+    relax_while_it_closes(fewer, 2 * options_.sweeps, 4);
     if (fewer.worst > 1) return false;
     state = std::move(fewer);
     return true;
