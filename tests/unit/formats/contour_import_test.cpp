@@ -2,8 +2,11 @@
 #include <gtest/gtest.h>
 #include <zip.h>
 
+#include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
+#include <numbers>
 #include <random>
 #include <telefab/fab/formats/contour_export.hpp>
 #include <telefab/fab/formats/contour_import.hpp>
@@ -232,6 +235,50 @@ TEST(ImportContours, ReadsDirectionFromNestingAndSaysHowManyRingsItTurned) {
   EXPECT_EQ(import->report.turned_rings, 2U);
   EXPECT_EQ(import->stack.layers()[0].certificate.measured_euler, 1);
 }
+
+/// Stacks of rings in cells of 1 mm, each ring turned, of any direction and order; the nesting is known by making.
+class ImportNesting : public testing::TestWithParam<std::uint64_t> {};
+TEST_P(ImportNesting, TellsOuterRingsFromHolesHoweverManyAndDeep) {
+  std::mt19937_64 rng{GetParam()};
+  const auto uniform = [&](double low, double high) {
+    return low + (high - low) * static_cast<double>(rng() >> 11U) * 0x1p-53;
+  };
+  std::vector<std::string> lines;
+  double area_mm2 = 0;
+  int euler = 0;
+  for (int cell = 0; cell < 900; ++cell) {
+    const double x = 1 + cell % 36, y = 1 + cell / 36;
+    const int deep = static_cast<int>(rng() % 7);
+    for (int d = 0; d < deep; ++d) {
+      const int n = 3 + static_cast<int>(rng() % 40);
+      // So far apart that a chord of the outer ring never reaches the inner one.
+      const double radius = 0.48 * std::pow(0.49, d), turn = uniform(0, 6);
+      const bool clockwise = rng() % 2 != 0;
+      std::string line = "$$POLYLINE/1," + std::to_string(clockwise ? 0 : 1) + "," + std::to_string(n);
+      std::vector<Point2> ring;
+      for (int k = 0; k < n; ++k) {
+        const double angle = turn + 2 * std::numbers::pi * (clockwise ? n - k : k) / n;
+        ring.push_back({x + radius * std::cos(angle), y + radius * std::sin(angle)});
+        line += "," + std::to_string(ring.back().x_mm * 100) + "," + std::to_string(ring.back().y_mm * 100);
+      }
+      area_mm2 += (d % 2 == 0 ? 1 : -1) * std::abs(signed_area_mm2(ring));
+      euler += d % 2 == 0 ? 1 : -1;
+      lines.push_back(line + "\n");
+    }
+  }
+  std::shuffle(lines.begin(), lines.end(), rng);
+  std::string layer = "$$LAYER/0\n$$LAYER/10\n";
+  for (const std::string& line : lines) layer += line;
+  ASSERT_GT(lines.size(), 1000U);
+  const auto import = read(cli(layer));
+  ASSERT_TRUE(import) << import.error().what;
+  double got = 0;
+  for (const Contour& ring : import->stack.layers()[0].contours) got += ring.signed_area_mm2();
+  EXPECT_NEAR(got, area_mm2, 1e-3);
+  EXPECT_EQ(import->stack.layers()[0].certificate.measured_euler, euler);
+  EXPECT_EQ(import->report.rebuilt_layers, 0U);
+}
+INSTANTIATE_TEST_SUITE_P(Seeds, ImportNesting, testing::Range<std::uint64_t>(0, 8));
 
 TEST(ImportContours, RefusesCrossingRingsWithLayerAndPlace) {
   const std::string other = "$$POLYLINE/1,1,4,500,500,1500,500,1500,700,500,700\n";
