@@ -29,6 +29,8 @@ constexpr std::uint32_t kBlock = 8;
 constexpr double kBandKernels = 0.4;
 /// Steeper samples than this (65 degrees) never lie near a critical point; the search in doubt looks this widely.
 constexpr double kNearLevel = 0.42;
+/// Samples of a scan whose copies count.
+constexpr std::size_t kLargeScan = 500'000;
 /// A sample within this many kernel widths of a contour is covered by it,
 constexpr double kCoverKernels = 0.75;
 /// and all must be, unless the noise exceeds this many spacings: then this share may stray.
@@ -68,9 +70,12 @@ Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) 
     field.level_samples(least_nz, level);
     return analyse_height(field, level.points, level.normals, options, stop);
   };
-  // Only plateaus and places in doubt ask for the steeper samples, which are four times as many.
-  auto found = from(options.steep_sift_cos);
-  if (found && found->doubts().empty() && found->plateaus().empty()) return found;
+  // Only plateaus and places in doubt ask for the steeper samples. They are four times as many: of a large scan the
+  // others are tried alone first, to save memory.
+  if (field.sample_count() > kLargeScan) {
+    auto found = from(options.steep_sift_cos);
+    if (found && found->doubts().empty() && found->plateaus().empty()) return found;
+  }
   return from(kNearLevel);
 }
 

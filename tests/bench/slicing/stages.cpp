@@ -33,8 +33,10 @@ HeightTopology topology_of(const MlsField& field) {
     field.level_samples(least_nz, level);
     return checked(analyse_height(field, level.points, level.normals, {}, {}));
   };
-  HeightTopology found = from(TopologyOptions{}.steep_sift_cos);
-  if (found.doubts().empty() && found.plateaus().empty()) return found;
+  if (field.sample_count() > 500'000) {
+    HeightTopology found = from(TopologyOptions{}.steep_sift_cos);
+    if (found.doubts().empty() && found.plateaus().empty()) return found;
+  }
   return from(0.42);
 }
 
