@@ -6,7 +6,7 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace telefab;
   MachineProfile machine;
-  machine.name = "m";
+  machine.name = std::string{"fuzzed"};
   machine.platform = {40, 30, 50};
   machine.projection.pixel_pitch_mm = 0.1;
   machine.layers.thickness_mm = 0.1;
