@@ -12,6 +12,8 @@ namespace {
 
 constexpr int kCore = DoseTiles::kSide;
 constexpr float kSnap = 1e-4F;           // shares of a white dose that make no difference
+constexpr int kSolid = 32;               // cover from which a pixel has a cap of its own, as in SolidRows
+constexpr int kBeside = 2;               // pixels
 constexpr std::size_t kInterleave = 16;  // neighbours on a contour wait for each other's stores
 
 using Model = MaskBlender::Model;
@@ -115,13 +117,16 @@ class LayerWork {
     for (int row = 0; row < grid.rows(); ++row) {
       part_strip_.fill(part_, row * kCore);
       support_strip_.fill(supports_, row * kCore);
-      if (part_strip_.any()) inner_strip_.fill(inner_, row * kCore);
+      if (part_strip_.any()) {
+        inner_strip_.fill(inner_, row * kCore);
+        fill_caps(row * kCore);
+      }
       const bool lit = part_strip_.any() || support_strip_.any();
       for (int column = 0; column < grid.columns(); ++column) {
         const auto t = static_cast<std::size_t>(row * grid.columns() + column);
         if (lit) draw_cover(out.mask, column, row);
         if (lists.starts[t] != lists.starts[t + 1]) {
-          if (m_.options.out_of_time && m_.options.out_of_time()) {
+          if (task_.out_of_time && task_.out_of_time()) {
             ++out.figures.unsolved;
           } else {
             solve(out, column, row, {lists.spots.data() + lists.starts[t], lists.starts[t + 1] - lists.starts[t]});
@@ -139,11 +144,23 @@ class LayerWork {
            std::size_t{m_.frame.size.height_px - 1 - static_cast<std::uint32_t>(y)} * m_.frame.size.width_px +
            static_cast<std::size_t>(x);
   }
-  [[nodiscard]] const std::uint8_t* cap_row(int x, int y) const {
-    if (task_.caps.rows.empty()) return nullptr;
-    return task_.caps.rows.data() +
-           std::size_t{m_.frame.size.height_px - 1 - static_cast<std::uint32_t>(y)} * m_.frame.size.width_px +
-           static_cast<std::size_t>(x);
+  /// Caps of row i of the strip from column x on; nothing where there are none.
+  [[nodiscard]] const std::uint8_t* cap_row(int i, int x) const {
+    const auto at = static_cast<std::size_t>(i);
+    if (at >= capped_.size() || !capped_[at]) return nullptr;
+    return caps_.data() + at * m_.frame.size.width_px + static_cast<std::size_t>(x);
+  }
+  void fill_caps(int front) {
+    if (!task_.caps) return;
+    const std::size_t width = m_.frame.size.width_px;
+    caps_.resize(width * static_cast<std::size_t>(m_.side));
+    capped_.assign(static_cast<std::size_t>(m_.side), 0);
+    for (int i = 0; i < m_.side; ++i) {
+      const int y = front - m_.halo + i;
+      if (y < 0 || y >= static_cast<int>(m_.frame.size.height_px)) continue;
+      const auto at = static_cast<std::size_t>(i);
+      capped_[at] = task_.caps(static_cast<std::uint32_t>(y), {caps_.data() + at * width, width});
+    }
   }
   [[nodiscard]] int width_in(int column) const {
     return std::min(kCore, static_cast<int>(m_.frame.size.width_px) - column * kCore);
@@ -160,7 +177,7 @@ class LayerWork {
       const std::uint8_t* part = part_strip_.any() ? part_strip_.row(m_.halo + y, column * kCore + m_.halo) : nullptr;
       const std::uint8_t* support =
           support_strip_.any() ? support_strip_.row(m_.halo + y, column * kCore + m_.halo) : nullptr;
-      const std::uint8_t* cap = cap_row(column * kCore, row * kCore + y);
+      const std::uint8_t* cap = cap_row(m_.halo + y, column * kCore);
       const int width = width_in(column);
       if (!cap && !support) {
         for (int x = 0; x < width; ++x) to[x] = m_.grey_of_share[part[x]];
@@ -212,8 +229,7 @@ class LayerWork {
         }
         const float full = light_ * field_[at];
         const float p = part ? static_cast<float>(part[x]) / 255 : 0, s = support ? static_cast<float>(support[x]) : 0;
-        float cap = 1;
-        if (const std::uint8_t* caps = cap_row(0, at_y)) cap = static_cast<float>(caps[at_x]) / 255;
+        const float cap = p * 255 < kSolid ? cap_beside(column, x, y) : cap_of(column, x, y);
         const float least = std::max(leak, s * scale);
         const float most = std::max(least, s > 0 && p == 0 ? least : cap);
         const float wanted = cap * std::max(inner ? static_cast<float>(inner[x]) / 255 : 0, p / 2);
@@ -224,6 +240,25 @@ class LayerWork {
           problem_.least[at] = h + full * std::max(least, std::min(cap, m_.attach));
       }
     }
+  }
+
+  [[nodiscard]] float cap_of(int column, int x, int y) const {
+    const std::uint8_t* caps = cap_row(y, 0);
+    return caps ? static_cast<float>(caps[column * kCore - m_.halo + x]) / 255 : 1;
+  }
+
+  /// A pixel outside of the part may give as much light as the part's pixels around it: light beside an underside
+  /// would cure what lies below just as well.
+  [[nodiscard]] float cap_beside(int column, int x, int y) const {
+    if (!task_.caps || !part_strip_.any()) return 1;
+    float most = -1;
+    for (int j = std::max(0, y - kBeside); j <= std::min(m_.side - 1, y + kBeside); ++j) {
+      if (j >= static_cast<int>(capped_.size())) continue;
+      const std::uint8_t* part = part_strip_.row(j, column * kCore);
+      for (int i = std::max(0, x - kBeside); i <= std::min(m_.side - 1, x + kBeside); ++i)
+        if (part[i] >= kSolid) most = std::max(most, cap_of(column, i, j));
+    }
+    return most < 0 ? 1 : most;
   }
 
   /// Whether the pixel and its eight neighbours are all of the part: what is there holds the layer while it is printed.
@@ -333,6 +368,8 @@ class LayerWork {
   float light_ = 1;
   TileProblem problem_;
   std::vector<float> h_, field_;
+  std::vector<std::uint8_t> caps_;  ///< rows of the strip, without margins
+  std::vector<char> capped_;        ///< by row of the strip
 };
 
 }  // namespace

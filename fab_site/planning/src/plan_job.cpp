@@ -5,10 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <telefab/fab/mask/raster.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
-#include <telefab/fab/region/region.hpp>
 #include <telefab/image/canvas.hpp>
+
+#include "layer_source.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -17,7 +17,9 @@ constexpr std::uint32_t kPreviewTiles = 24;
 constexpr std::uint32_t kPreviewColumns = 6;
 constexpr std::uint32_t kTilePx = 260;
 constexpr std::uint32_t kLeastIslandPx = 4;
-constexpr std::uint32_t kLayersPerBlock = 16;
+constexpr std::uint32_t kBlocksPerRound = 2;  // for every thread
+constexpr std::uint64_t kMaskBudgetBytes = 320U << 20U;
+constexpr std::uint64_t kCopiesPerMask = 3;  // the mask, the PNG before and after it is deflated
 
 /// What one layer's work leaves behind; written by index, read in order.
 struct LayerWork {
@@ -27,19 +29,11 @@ struct LayerWork {
   Digest digest;
   LayerRuns runs;
   std::uint64_t grey_sum = 0;
+  std::uint64_t solid_pixels = 0;
   Image tile;
 };
 
 std::span<const std::byte> bytes_of(const Mask& mask) { return std::as_bytes(std::span{mask.rows}); }
-
-/// Part and supports as one region a layer, so that where a tip enters the part nothing is counted twice.
-Result<Mask> mask_of(const Layer* part, const Region& supports, const MaskFrame& frame) {
-  if (supports.empty()) return part ? rasterise(part->contours, frame) : rasterise({}, frame);
-  if (!part || part->contours.empty()) return rasterise(supports.to_contours(), frame);
-  const auto region = Region::from_contours(part->contours);
-  if (!region) return tl::unexpected{region.error()};
-  return merged(rasterise(part->contours, frame), rasterise(subtract(supports, *region).to_contours(), frame));
-}
 
 /// The box of all contours; the header's may be wider by what the slicer looked through.
 Bounds2 bounds_of(std::span<const Layer> layers) {
@@ -143,19 +137,58 @@ std::string_view name_of(MaskMethod method) {
   switch (method) {
     case MaskMethod::Cover:
       return "cover";
+    case MaskMethod::Blend:
+      return "blend";
+    case MaskMethod::BlendStack:
+      return "blend-stack";
   }
   return "cover";
 }
 
 Result<MaskMethod> mask_method_from_name(std::string_view name) {
-  if (name == "cover") return MaskMethod::Cover;
-  return fail(ErrorCode::InvalidInput, fmt::format("{} is no way to make masks; there is: cover", name));
+  for (const MaskMethod method : {MaskMethod::Cover, MaskMethod::Blend, MaskMethod::BlendStack})
+    if (name == name_of(method)) return method;
+  return fail(ErrorCode::InvalidInput,
+              fmt::format("{} is no way to make masks; there are: cover, blend, blend-stack", name));
 }
 
 Result<void> PlanOptions::validate() const {
   if (threads < 0 || threads > 1024)
     return fail(ErrorCode::InvalidInput, fmt::format("{} threads; 0 (all cores) to 1024 are possible", threads));
+  if (mask_iterations < 1 || mask_iterations > 1000)
+    return fail(ErrorCode::InvalidInput, fmt::format("{} mask iterations; 1 to 1000 are possible", mask_iterations));
+  if (mask_deadline.count() < 0) return fail(ErrorCode::InvalidInput, "a mask deadline cannot be negative");
+  if (!(support_grey > 0 && support_grey <= 1))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("a support grey of {}; above 0 and up to 1 is possible", support_grey));
+  if (!(cure_depth_layers >= 0 && cure_depth_layers <= 20))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("a cure depth of {} layers; up to 20 are possible", cure_depth_layers));
   return supports.validate();
+}
+
+void MaskFigures::add(const MaskFigures& other) {
+  length_px += other.length_px;
+  squares_px3 += other.squares_px3;
+  tiles += other.tiles;
+  unsolved += other.unsolved;
+}
+
+double MaskFigures::residual_px() const { return length_px > 0 ? std::sqrt(squares_px3 / length_px) : 0; }
+
+Result<MachineProfile> exposed_to_depth(MachineProfile machine, double cure_depth_layers) {
+  if (cure_depth_layers == 0) return machine;
+  auto& layers = machine.layers;
+  const double irradiance = machine.projection.irradiance_mw_per_cm2, critical = machine.resin.critical_dose_mj_per_cm2;
+  if (!(irradiance > 0 && critical > 0 && machine.resin.penetration_mm > 0 && layers.exposure_s > 0))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("machine {} has no figures for resin and light; a cure depth needs "
+                            "resin.critical_dose_mj_per_cm2, resin.penetration_mm and projection.irradiance_mw_per_cm2",
+                            machine.name));
+  const double dose = critical * std::exp(cure_depth_layers * layers.thickness_mm / machine.resin.penetration_mm);
+  layers.bottom_exposure_s *= dose / irradiance / layers.exposure_s;
+  layers.exposure_s = dose / irradiance;
+  return machine;
 }
 
 double layer_seconds(const MachineProfile::Motion& motion, std::chrono::microseconds exposure) {
@@ -163,10 +196,13 @@ double layer_seconds(const MachineProfile::Motion& motion, std::chrono::microsec
          motion.lift_mm / motion.lower_speed_mm_per_s + motion.settle_s;
 }
 
-Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& machine, const PlanOptions& options,
+Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& profile, const PlanOptions& options,
                              const PlanSink& sink, const Clock& clock, const ProgressSink& progress,
                              std::stop_token stop) {
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
+  const auto exposed = exposed_to_depth(profile, options.cure_depth_layers);
+  if (!exposed) return tl::unexpected{exposed.error()};
+  const MachineProfile& machine = *exposed;
   const StackHeader& header = stack.header();
   if (auto ok = fits(stack, machine, header.layer_count); !ok) return tl::unexpected{ok.error()};
 
@@ -183,6 +219,11 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
   summary.figures = supports->figures();
   summary.anchors = supports->anchors().size();
   summary.supports_json = to_json(*supports);
+  summary.masks = options.masks;
+  summary.mask_iterations = options.masks == MaskMethod::Cover ? 0 : options.mask_iterations;
+  summary.white_dose_mj_per_cm2 = machine.projection.irradiance_mw_per_cm2 * machine.layers.exposure_s;
+  summary.cure_depth_mm =
+      machine.resin.penetration_mm * std::log(summary.white_dose_mj_per_cm2 / machine.resin.critical_dose_mj_per_cm2);
   const std::uint32_t print_layers = summary.part_layers + summary.lift_layers;
   if (auto ok = fits(stack, machine, print_layers); !ok) return tl::unexpected{ok.error()};
 
@@ -203,44 +244,62 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
   plan.motion = machine.motion;
   plan.z_travel_mm = machine.platform.z_travel_mm;
 
-  const std::uint8_t cured_from = cure_level(machine);
+  const LayerSource source{stack, *supports};
+  const auto maker = make_mask_maker(source, machine, options, clock);
+  if (!maker) return tl::unexpected{maker.error()};
   MaskWatch watch{frame.pixel_pitch_mm, kLeastIslandPx};
-  const auto work_on = [&](std::uint32_t print_layer) {
+  const auto finish = [&](MaskMaker::Made made, const std::function<void(Mask&)>& cured) {
     LayerWork work;
-    const Layer* part =
-        print_layer >= summary.lift_layers ? &stack.layers()[print_layer - summary.lift_layers] : nullptr;
-    const Region section = supports->section_region(LayerIndex{print_layer});
-    auto mask = mask_of(part, section, frame);
-    if (!mask) {
-      work.outcome = tl::unexpected{mask.error()};
-      return work;
-    }
-    auto png = encode_png_grey(frame.size.width_px, frame.size.height_px, mask->rows);
+    const Mask& mask = made.mask;
+    auto png = encode_png_grey(frame.size.width_px, frame.size.height_px, mask.rows);
     if (!png) {
       work.outcome = tl::unexpected{png.error()};
       return work;
     }
     work.png = std::move(*png);
-    work.supports = section.to_contours();
-    work.digest = digest_of(bytes_of(*mask));
-    work.runs = LayerRuns::from_mask(mask->view(), cured_from);
-    for (const std::uint8_t level : mask->rows) work.grey_sum += level;
-    if (std::binary_search(tile_layers.begin(), tile_layers.end(), print_layer)) work.tile = cropped(*mask, crop);
+    work.supports = std::move(made.section);
+    work.digest = digest_of(bytes_of(mask));
+    for (const std::uint8_t level : mask.rows) work.grey_sum += level;
+    if (std::binary_search(tile_layers.begin(), tile_layers.end(), made.index)) work.tile = cropped(mask, crop);
+    cured(made.mask);
+    work.runs = LayerRuns::from_mask(made.mask.view(), 255);
+    for (const std::uint8_t level : made.mask.rows) work.solid_pixels += level == 255;
     return work;
   };
 
-  tbb::task_arena arena{options.threads == 0 ? tbb::task_arena::automatic : options.threads};
+  // So that large masks do not fill the memory, few of them are under way at once.
+  const std::uint64_t mask_bytes = std::uint64_t{frame.size.width_px} * frame.size.height_px;
+  const int at_once = static_cast<int>(std::clamp<std::uint64_t>(
+      kMaskBudgetBytes / (kCopiesPerMask * mask_bytes), 1,
+      static_cast<std::uint64_t>(options.threads == 0 ? tbb::this_task_arena::max_concurrency() : options.threads)));
+  tbb::task_arena arena{at_once};
   const double voxel_mm3 = frame.pixel_pitch_mm * frame.pixel_pitch_mm * header.layer_thickness_mm;
-  std::vector<LayerWork> block;
-  for (std::uint32_t first = 0; first < print_layers; first += kLayersPerBlock) {
+  const std::uint32_t in_block = (*maker)->block_layers();
+  const std::uint32_t in_round = in_block * kBlocksPerRound * static_cast<std::uint32_t>(at_once);
+  std::vector<LayerWork> round;
+  for (std::uint32_t first = 0; first < print_layers; first += in_round) {
     if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
-    const std::uint32_t count = std::min(kLayersPerBlock, print_layers - first);
-    block.assign(count, {});
-    arena.execute(
-        [&] { tbb::parallel_for(std::uint32_t{0}, count, [&](std::uint32_t i) { block[i] = work_on(first + i); }); });
+    const std::uint32_t count = std::min(in_round, print_layers - first);
+    const std::uint32_t blocks = (count + in_block - 1) / in_block;
+    round.clear();
+    round.resize(count);
+    std::vector<Result<MaskFigures>> reached(blocks);
+    const auto make_block = [&](std::uint32_t block) {
+      const std::uint32_t from = first + block * in_block;
+      const auto take = [&](MaskMaker::Made made, const std::function<void(Mask&)>& cured) -> Result<void> {
+        LayerWork& work = round[made.index - first];
+        work = finish(std::move(made), cured);
+        return work.outcome;
+      };
+      reached[block] = (*maker)->make(from, std::min(in_block, first + count - from), take, stop);
+    };
+    arena.execute([&] { tbb::parallel_for(std::uint32_t{0}, blocks, make_block, tbb::simple_partitioner{}); });
+    for (const auto& block : reached) {
+      if (!block) return tl::unexpected{block.error()};
+      summary.mask_figures.add(*block);
+    }
     for (std::uint32_t i = 0; i < count; ++i) {
-      LayerWork& work = block[i];
-      if (!work.outcome) return tl::unexpected{work.outcome.error()};
+      LayerWork& work = round[i];
       const LayerIndex index{first + i};
       if (auto done = sink({index, work.png, work.supports}); !done) return tl::unexpected{done.error()};
       PlannedLayer planned;
@@ -248,7 +307,10 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
       planned.z_mm = (index.count() + 1) * header.layer_thickness_mm;
       planned.exposure = work.grey_sum == 0 ? std::chrono::microseconds{0} : exposure_of(machine, index.count());
       planned.mask = work.digest;
-      const double lit_mm2 = static_cast<double>(work.grey_sum) / 255 * frame.pixel_pitch_mm * frame.pixel_pitch_mm;
+      // What is solid in the end may have been lit by later layers alone; the pull is judged by the larger area.
+      const double lit_mm2 =
+          std::max(static_cast<double>(work.grey_sum) / 255, static_cast<double>(work.solid_pixels)) *
+          frame.pixel_pitch_mm * frame.pixel_pitch_mm;
       if (lit_mm2 > summary.peel.most_mm2) summary.peel = {lit_mm2, index};
       summary.cured_mm3 += static_cast<double>(work.grey_sum) / 255 * voxel_mm3;
       summary.exposure_s += std::chrono::duration<double>(planned.exposure).count();
@@ -285,6 +347,16 @@ std::string to_json(const PlanSummary& s) {
                            {"cured_mm3", s.cured_mm3},
                            {"exposure_s", s.exposure_s},
                            {"print_s", s.print_s},
+                           {"white_dose_mj_per_cm2", s.white_dose_mj_per_cm2},
+                           {"cure_depth_mm", s.cure_depth_mm},
+                           {"masks",
+                            {{"method", name_of(s.masks)},
+                             {"iterations", s.mask_iterations},
+                             {"contour_px", s.mask_figures.length_px},
+                             {"residual_rms_px", s.mask_figures.residual_px()},
+                             {"tiles_solved", s.mask_figures.tiles},
+                             {"tiles_left_as_cover", s.mask_figures.unsolved},
+                             {"deadline_reached", s.mask_figures.unsolved > 0}}},
                            {"plan_digest", to_hex(plan_digest(s.plan))},
                            {"check", ordered_json::parse(to_json(s.check))},
                            {"seconds", {{"supports", s.support_seconds}, {"masks", s.mask_seconds}}}};

@@ -109,10 +109,9 @@ TEST(Blend, ReportsWhatItReachedAndKeepsCoverWhenTimeIsOut) {
   EXPECT_EQ(solved.figures.unsolved, 0U);
   EXPECT_GT(solved.figures.length_px, 20);
   EXPECT_LT(solved.figures.residual_px(), 0.02);
-  BlendOptions hurried;
-  hurried.out_of_time = [] { return true; };
-  const auto kept =
-      MaskBlender::make(mask_frame(machine), light_of(machine, 0.5), hurried).value().blend({.part = shape.rings});
+  const auto kept = MaskBlender::make(mask_frame(machine), light_of(machine, 0.5), {})
+                        .value()
+                        .blend({.part = shape.rings, .out_of_time = [] { return true; }});
   EXPECT_EQ(kept.mask, rasterise(shape.rings, mask_frame(machine)));
   EXPECT_EQ(kept.figures.tiles, 0U);
   EXPECT_EQ(kept.figures.unsolved, solved.figures.tiles);

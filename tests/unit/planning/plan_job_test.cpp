@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <telefab/fab/mask/raster.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
@@ -49,7 +50,9 @@ TEST(PlanJob, GivesBottomLayersTheLongerExposureAndEmptyLayersNone) {
 
 TEST(PlanJob, DigestsAndPicturesAreThoseOfTheMasks) {
   const LayerStack stack = test::table(3, 2);
-  const Planned planned = plan(stack, without_supports());
+  PlanOptions options = without_supports();
+  options.masks = MaskMethod::Cover;
+  const Planned planned = plan(stack, options);
   ASSERT_TRUE(planned.summary);
   for (std::size_t i = 0; i < 5; ++i) {
     const Mask mask = rasterise(stack.layers()[i].contours, mask_frame(test::small_machine()));
@@ -63,7 +66,7 @@ TEST(PlanJob, HoldsAnOverhangBySupportsAndTheCheckPasses) {
   ASSERT_TRUE(planned.summary) << planned.summary.error().what;
   EXPECT_GT(planned.summary->anchors, 2U);
   EXPECT_TRUE(planned.summary->check.passes());
-  EXPECT_GT(planned.summary->cured_mm3, planned.summary->figures.part_mm3);
+  EXPECT_GT(planned.summary->figures.support_mm3, 0);
 }
 
 TEST(PlanJob, SeesWhatFloatsWhereNothingHoldsIt) {
@@ -124,6 +127,72 @@ TEST(PlanJob, StopsWhenAskedAndHandsOnTheSinksError) {
   };
   EXPECT_EQ(plan_job(test::table(3, 3), test::small_machine(), {}, full, clock, {}, {}).error().code,
             ErrorCode::StorageFailed);
+}
+
+TEST(PlanJob, MasksOfEveryMethodAreTheSameOnAnyNumberOfThreads) {
+  const LayerStack stack = test::table(40, 20);
+  for (const MaskMethod method : {MaskMethod::Cover, MaskMethod::Blend, MaskMethod::BlendStack}) {
+    PlanOptions options = without_supports();
+    options.masks = method;
+    options.threads = 1;
+    const Planned one = plan(stack, options);
+    ASSERT_TRUE(one.summary) << one.summary.error().what;
+    options.threads = 3;
+    EXPECT_EQ(plan(stack, options).pngs, one.pngs) << name_of(method);
+    EXPECT_EQ(mask_method_from_name(name_of(method)).value(), method);
+  }
+}
+
+TEST(PlanJob, LeavesLayersOverAVoidDarkWhereLaterLightCuresThem) {
+  const std::uint32_t foot = 30;
+  const auto grey_over_void = [&](bool compensate, std::uint32_t layer) {
+    PlanOptions options = without_supports();
+    options.compensate_undersides = compensate;
+    const Planned planned = plan(test::table(foot, 12), options);
+    const auto image = decode_png(planned.pngs[layer], 1'000'000).value();
+    return image.pixels[std::size_t{200} * image.width_px + 190];  // (19, 10) mm
+  };
+  EXPECT_EQ(grey_over_void(true, foot), 0);
+  EXPECT_EQ(grey_over_void(true, foot + 8), 255);
+  EXPECT_EQ(grey_over_void(false, foot), 255);
+  EXPECT_EQ(grey_over_void(false, foot - 1), 0);
+}
+
+TEST(PlanJob, ReportsWhatTheSolverReachedAndWhatTimeLeftUndone) {
+  const auto report = [](const PlanOptions& options) {
+    return nlohmann::json::parse(to_json(*plan(test::table(6, 3), options).summary))["masks"];
+  };
+  const auto solved = report(without_supports());
+  EXPECT_EQ(solved["method"], "blend-stack");
+  EXPECT_EQ(solved["deadline_reached"], false);
+  EXPECT_GT(solved["tiles_solved"], 0);
+  PlanOptions hurried = without_supports();
+  hurried.mask_deadline = std::chrono::nanoseconds{1};
+  EXPECT_EQ(report(hurried)["deadline_reached"], false);  // the test's clock stands still
+}
+
+TEST(PlanJob, TakesExposuresFromACureDepthWhereOneIsAsked) {
+  PlanOptions options = without_supports();
+  options.cure_depth_layers = 3;
+  const Planned planned = plan(test::table(3, 3), options);
+  ASSERT_TRUE(planned.summary);
+  const double seconds = 5 * std::exp(3 * 0.1 / 0.2) / 10;  // Ec exp(depth / Dp) / irradiance
+  EXPECT_NEAR(std::chrono::duration<double>(planned.summary->plan.layers[5].exposure).count(), seconds, 1e-6);
+  EXPECT_NEAR(std::chrono::duration<double>(planned.summary->plan.layers[0].exposure).count(), 4 * seconds, 1e-5);
+  EXPECT_NEAR(planned.summary->cure_depth_mm, 0.3, 1e-9);
+}
+
+TEST(PlanJob, RefusesOptionsOutOfRange) {
+  const auto refused = [](auto change) {
+    PlanOptions options;
+    change(options);
+    const auto planned = plan(test::table(3, 3), options);
+    return !planned.summary && planned.summary.error().code == ErrorCode::InvalidInput;
+  };
+  EXPECT_TRUE(refused([](PlanOptions& o) { o.mask_iterations = 0; }));
+  EXPECT_TRUE(refused([](PlanOptions& o) { o.support_grey = 0; }));
+  EXPECT_TRUE(refused([](PlanOptions& o) { o.cure_depth_layers = 21; }));
+  EXPECT_TRUE(refused([](PlanOptions& o) { o.mask_deadline = std::chrono::nanoseconds{-1}; }));
 }
 
 TEST(PlanJob, CountsThePrintsTimeFromExposuresAndMotion) {

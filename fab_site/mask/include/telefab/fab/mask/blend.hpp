@@ -11,9 +11,6 @@ struct BlendOptions {
   double regular = 1e-3;       ///< (0, 1]; pull towards the reference; from 3e-4 down islands appear at corners
   double corner_weight = 0.2;  ///< (0, 1]; of what lies within a pixel of a corner; 1 costs latitude
   double support_grey = 1.0;   ///< (0, 1]; irradiance of supports as share of white
-  /// Asked before every tile; from the first yes on, tiles keep their cover. Empty: never. The only thing that can
-  /// make masks differ from run to run.
-  std::function<bool()> out_of_time;
   [[nodiscard]] Result<void> validate() const;
 };
 
@@ -32,8 +29,12 @@ struct BlendTask {
   std::span<const Contour> part;
   std::span<const Contour> supports;
   double exposure = 1;  ///< its time over a normal layer's
-  /// Most irradiance of each pixel as share of white, as grey 0 to 255, laid out as a mask is; empty: white everywhere.
-  MaskView caps;
+  /// Writes the most irradiance of each pixel of row y (from the front) as grey share of white and says true, or says
+  /// false where the row has no caps. Empty: no caps.
+  std::function<bool(std::uint32_t y, std::span<std::uint8_t> row)> caps;
+  /// Asked before every tile; from the first yes on, tiles keep their cover. Empty: never. The only thing that can
+  /// make masks differ from run to run.
+  std::function<bool()> out_of_time;
 };
 
 struct BlendedLayer {

@@ -14,22 +14,47 @@ namespace telefab::fab {
 
 /// How grey levels are found.
 enum class MaskMethod : std::uint8_t {
-  Cover = 1,  ///< the share of each pixel that the region covers
+  Cover = 1,       ///< the share of each pixel that the region covers
+  Blend = 2,       ///< greys solved so that each layer's own light cures to its contour
+  BlendStack = 3,  ///< the same for the light of all layers together, from the top down
 };
 [[nodiscard]] std::string_view name_of(MaskMethod method);
 [[nodiscard]] Result<MaskMethod> mask_method_from_name(std::string_view name);
 
 struct PlanOptions {
   std::string job = "job";  ///< name of the job in the plan
-  MaskMethod masks = MaskMethod::Cover;
+  MaskMethod masks = MaskMethod::BlendStack;
+  int mask_iterations = 20;  ///< 1 to 1000; of solved masks
+  /// Most time spent on solving one mask; what is not solved by then keeps its cover and is reported. 0: no limit, and
+  /// only then is the plan the same on every run.
+  std::chrono::nanoseconds mask_deadline{0};
+  double support_grey = 1;            ///< (0, 1]; irradiance of supports as share of white, solved masks only
+  bool compensate_undersides = true;  ///< BlendStack: layers over a void stay dark where later ones shine through
+  /// How deep one normal exposure cures, (0, 20] layers; its time then follows from resin and irradiance, and that of
+  /// bottom layers in proportion. 0: the profile's times hold.
+  double cure_depth_layers = 0;
   SupportOptions supports;
   int threads = 0;  ///< 0 (all cores) to 1024; the plan is the same for any number
   [[nodiscard]] Result<void> validate() const;
 };
 
+/// How well solved masks meet their contours by the planner's own model.
+struct MaskFigures {
+  double length_px = 0;        ///< of contour that was solved for
+  double squares_px3 = 0;      ///< residuals squared, summed along it
+  std::uint64_t tiles = 0;     ///< pieces solved
+  std::uint64_t unsolved = 0;  ///< pieces that kept their cover because time was out
+  void add(const MaskFigures& other);
+  [[nodiscard]] double residual_px() const;  ///< root mean square
+};
+
+/// The machine with exposures that follow from a cure depth, as PlanOptions says; itself for 0.
+/// Fails with InvalidInput where resin or light have no figures to reckon with.
+[[nodiscard]] Result<MachineProfile> exposed_to_depth(MachineProfile machine, double cure_depth_layers);
+
 /// The largest layer: what the peel has to pull off the vat.
 struct PeelLoad {
-  double most_mm2 = 0;  ///< grey-weighted
+  double most_mm2 = 0;  ///< solid or lit (grey-weighted), whichever is more
   LayerIndex layer;     ///< of the print
 };
 
@@ -47,6 +72,11 @@ struct PlanSummary {
   double exposure_s = 0;  ///< of all layers
   double print_s = 0;     ///< exposures, lifts, lowering and settling
   Image preview;          ///< contact sheet
+  MaskMethod masks = MaskMethod::Cover;
+  int mask_iterations = 0;
+  MaskFigures mask_figures;
+  double white_dose_mj_per_cm2 = 0;  ///< of a normal exposure
+  double cure_depth_mm = 0;          ///< of it; negative where it cures nothing
   double support_seconds = 0;
   double mask_seconds = 0;
 };

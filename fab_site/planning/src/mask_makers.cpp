@@ -1,0 +1,191 @@
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <telefab/fab/mask/blend.hpp>
+#include <telefab/fab/mask/column_caps.hpp>
+#include <telefab/fab/verify/support_check.hpp>
+
+#include "layer_source.hpp"
+
+namespace telefab::fab {
+namespace {
+
+constexpr std::uint32_t kSingleLayers = 8;  // a block where layers know nothing of each other
+constexpr std::uint32_t kStackLayers = 24;  // a block of the stack, without what it looks through
+constexpr std::uint32_t kSolvedAhead = 4;   // of what it looks through, the nearest are solved, the rest drawn
+constexpr double kForgotten = 100;          // light is forgotten when this little of it is left
+
+MaskFigures reached(const BlendFigures& f) { return {f.length_px, f.squares_px3, f.tiles, f.unsolved}; }
+
+double exposure_ratio(const MachineProfile& machine, std::uint32_t layer) {
+  return layer < machine.layers.bottom_count ? machine.layers.bottom_exposure_s / machine.layers.exposure_s : 1;
+}
+
+/// What a single exposure from that grey on cures.
+std::function<void(Mask&)> cured_from(std::uint8_t level) {
+  return [level](Mask& mask) {
+    for (std::uint8_t& grey : mask.rows) grey = grey >= level ? 255 : 0;
+  };
+}
+
+class SingleMaker final : public MaskMaker {
+ public:
+  SingleMaker(const LayerSource& source, const MachineProfile& machine, std::unique_ptr<MaskBlender> blender,
+              const PlanOptions& options, const Clock& clock)
+      : source_{source},
+        machine_{machine},
+        frame_{mask_frame(machine)},
+        level_{cure_level(machine)},
+        blender_{std::move(blender)},
+        deadline_{options.mask_deadline},
+        clock_{clock} {}
+
+  [[nodiscard]] std::uint32_t block_layers() const override { return kSingleLayers; }
+
+  [[nodiscard]] Result<MaskFigures> make(std::uint32_t first, std::uint32_t count, const Take& take,
+                                         const std::stop_token& stop) const override {
+    MaskFigures figures;
+    for (std::uint32_t i = first; i < first + count; ++i) {
+      if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
+      auto layer = source_.layer(i);
+      if (!layer) return tl::unexpected{layer.error()};
+      Made made{i, {}, std::move(layer->section)};
+      if (blender_) {
+        BlendTask task{.part = layer->part, .supports = layer->supports, .exposure = exposure_ratio(machine_, i)};
+        if (deadline_.count() > 0)
+          task.out_of_time = [this, until = clock_.now() + deadline_] { return clock_.now() >= until; };
+        auto blended = blender_->blend(task);
+        figures.add(reached(blended.figures));
+        made.mask = std::move(blended.mask);
+      } else {
+        made.mask = rasterise(layer->part, frame_);
+        if (!layer->supports.empty()) made.mask = merged(std::move(made.mask), rasterise(layer->supports, frame_));
+      }
+      if (auto ok = take(std::move(made), cured_from(level_)); !ok) return tl::unexpected{ok.error()};
+    }
+    return figures;
+  }
+
+ private:
+  const LayerSource& source_;
+  const MachineProfile& machine_;
+  MaskFrame frame_;
+  std::uint8_t level_;
+  std::unique_ptr<MaskBlender> blender_;  ///< none: by cover
+  std::chrono::nanoseconds deadline_;
+  const Clock& clock_;
+};
+
+class StackMaker final : public MaskMaker {
+ public:
+  StackMaker(const LayerSource& source, const MachineProfile& machine, const MaskLight& light, MaskBlender blender,
+             const PlanOptions& options, const Clock& clock)
+      : source_{source},
+        machine_{machine},
+        frame_{mask_frame(machine)},
+        blender_{std::move(blender)},
+        iterations_{options.mask_iterations},
+        ahead_{static_cast<std::uint32_t>(
+            std::clamp(std::ceil(std::log(kForgotten) * light.penetration_mm / light.layer_mm), 1.0, 64.0))},
+        caps_{light, options.compensate_undersides ? static_cast<int>(ahead_) : 0},
+        capped_{options.compensate_undersides},
+        deadline_{options.mask_deadline},
+        clock_{clock} {}
+
+  [[nodiscard]] std::uint32_t block_layers() const override { return kStackLayers; }
+
+  [[nodiscard]] Result<MaskFigures> make(std::uint32_t first, std::uint32_t count, const Take& take,
+                                         const std::stop_token& stop) const override {
+    const std::uint32_t until = std::min(source_.count(), first + count + ahead_);
+    const std::uint32_t reach = capped_ ? static_cast<std::uint32_t>(caps_.reach()) : 0;
+    const std::uint32_t lowest = first > reach ? first - reach : 0;
+    std::vector<SourceLayer> layers;
+    std::vector<SolidRows> solid;
+    for (std::uint32_t i = lowest; i < until; ++i) {
+      if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
+      auto layer = source_.layer(i);
+      if (!layer) return tl::unexpected{layer.error()};
+      if (capped_) solid.emplace_back(layer->part, layer->supports, frame_);
+      layers.push_back(std::move(*layer));
+    }
+    MaskFigures figures;
+    BlendStack stack{blender_};
+    for (std::uint32_t i = until; i-- > first;) {
+      if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
+      SourceLayer& layer = layers[i - lowest];
+      BlendTask task{.part = layer.part, .supports = layer.supports};
+      task.exposure = exposure_ratio(machine_, i);
+      const auto caps = capped_ ? std::optional{caps_of(solid, i, lowest, until)} : std::nullopt;
+      if (caps) task.caps = [&caps](std::uint32_t y, std::span<std::uint8_t> row) { return caps->fill(y, row); };
+      if (deadline_.count() > 0)
+        task.out_of_time = [this, end = clock_.now() + deadline_] { return clock_.now() >= end; };
+      auto blended = stack.descend(task, i < first + count + kSolvedAhead ? iterations_ : 0);
+      if (i >= first + count) continue;
+      figures.add(reached(blended.figures));
+      if (auto ok = take({i, std::move(blended.mask), std::move(layer.section)},
+                         [&stack](Mask& mask) { stack.mark_cured(mask); });
+          !ok)
+        return tl::unexpected{ok.error()};
+    }
+    return figures;
+  }
+
+ private:
+  [[nodiscard]] LayerCaps caps_of(const std::vector<SolidRows>& solid, std::uint32_t i, std::uint32_t lowest,
+                                  std::uint32_t until) const {
+    const auto reach = static_cast<std::uint32_t>(caps_.reach());
+    std::vector<const SolidRows*> below, above;
+    for (std::uint32_t k = 1; k <= reach && k <= i; ++k) below.push_back(&solid[i - k - lowest]);
+    for (std::uint32_t k = 1; k <= ahead_ && i + k < until; ++k) above.push_back(&solid[i + k - lowest]);
+    return {caps_, solid[i - lowest], std::move(below), std::move(above), i < reach};
+  }
+
+  const LayerSource& source_;
+  const MachineProfile& machine_;
+  MaskFrame frame_;
+  MaskBlender blender_;
+  int iterations_;
+  std::uint32_t ahead_;
+  CapTable caps_;
+  bool capped_;
+  std::chrono::nanoseconds deadline_;
+  const Clock& clock_;
+};
+
+}  // namespace
+
+Result<SourceLayer> LayerSource::layer(std::uint32_t print_layer) const {
+  SourceLayer layer;
+  const std::uint32_t lift = supports_->lift_layers();
+  if (print_layer >= lift) layer.part = stack_->layers()[print_layer - lift].contours;
+  const Region section = supports_->section_region(LayerIndex{print_layer});
+  if (section.empty()) return layer;
+  layer.section = section.to_contours();
+  if (layer.part.empty()) {
+    layer.supports = layer.section;
+    return layer;
+  }
+  const auto part = Region::from_contours(layer.part);
+  if (!part) return tl::unexpected{part.error()};
+  layer.supports = subtract(section, *part).to_contours();
+  return layer;
+}
+
+Result<std::unique_ptr<MaskMaker>> make_mask_maker(const LayerSource& source, const MachineProfile& machine,
+                                                   const PlanOptions& options, const Clock& clock) {
+  if (options.masks == MaskMethod::Cover)
+    return std::make_unique<SingleMaker>(source, machine, nullptr, options, clock);
+  const auto light = mask_light(machine);
+  if (!light) return tl::unexpected{light.error()};
+  BlendOptions blend;
+  blend.iterations = options.mask_iterations;
+  blend.support_grey = options.support_grey;
+  auto blender = MaskBlender::make(mask_frame(machine), *light, blend);
+  if (!blender) return tl::unexpected{blender.error()};
+  if (options.masks == MaskMethod::BlendStack)
+    return std::make_unique<StackMaker>(source, machine, *light, std::move(*blender), options, clock);
+  return std::make_unique<SingleMaker>(source, machine, std::make_unique<MaskBlender>(std::move(*blender)), options,
+                                       clock);
+}
+
+}  // namespace telefab::fab
