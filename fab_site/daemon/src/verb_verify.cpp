@@ -1,10 +1,12 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/fab/cure/dose_field.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/print/print_record.hpp>
 #include <telefab/fab/verify/print_files.hpp>
@@ -25,11 +27,62 @@ struct VerifyOptions {
   std::string override_by;
 };
 
+/// Whether the masks were solved for the light of all layers together.
+bool is_for_whole_stack(const std::string& folder) {
+  const auto bytes = read_file(std::filesystem::path{folder} / "report.json", 1U << 28U);
+  if (!bytes) return false;
+  const std::string_view text{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+  return text.find("\"method\": \"blend-stack\"") != std::string_view::npos;
+}
+
+/// What all light together cures at least down to the middle of its layer, bottom layer first.
+Result<std::vector<LayerRuns>> cured_runs(PlannedJob& job, const MachineProfile& machine, const ProgressSink& progress,
+                                          const std::stop_token& stop) {
+  const auto model = cure_model(machine);
+  if (!model) return tl::unexpected{model.error()};
+  DoseStream light{*model};
+  const auto least = static_cast<float>(model->to_middle());
+  const std::size_t count = job.plan().layers.size();
+  std::vector<LayerRuns> runs(count);
+  for (std::size_t k = count; k-- > 0;) {
+    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "verify: stopped");
+    auto mask = job.mask(LayerIndex{static_cast<std::uint32_t>(k)});
+    if (!mask) return tl::unexpected{mask.error()};
+    const MaskExposure exposure{mask->view(), job.plan().layers[k].exposure};
+    const auto dose = light.descend({&exposure, 1});
+    if (!dose) return tl::unexpected{dose.error()};
+    const PixelBox& box = dose->box();
+    std::fill(mask->rows.begin(), mask->rows.end(), std::uint8_t{0});
+    const int width = static_cast<int>(mask->size.width_px), height = static_cast<int>(mask->size.height_px);
+    // The blur is a mean of what is around: only where neighbours differ does it decide.
+    const auto is_cured = [&](int x, int y) {
+      int enough = 0;
+      for (int i = -1; i <= 1; ++i)
+        for (int j = -1; j <= 1; ++j) enough += dose->pixel(x + j, y + i) >= least;
+      return enough == 9 || (enough > 0 && dose->sample({x + 0.5, y + 0.5}).dose >= model->to_middle());
+    };
+    for (int y = std::max(0, box.y); y < std::min(height, box.y + box.height); ++y) {
+      std::uint8_t* row = mask->rows.data() + static_cast<std::ptrdiff_t>(height - 1 - y) * width;
+      for (int x = std::max(0, box.x); x < std::min(width, box.x + box.width); ++x) row[x] = is_cured(x, y) ? 255 : 0;
+    }
+    runs[k] = LayerRuns::from_mask(mask->view(), 255);
+    report(progress, "light", static_cast<double>(count - k) / static_cast<double>(count));
+  }
+  return runs;
+}
+
 /// The final masks, by flood fill.
 Result<SupportReport> check_masks(PlannedJob& job, const MachineProfile& machine, const VerifyOptions& o,
                                   const ProgressSink& progress, const std::stop_token& stop) {
   MaskWatch watch{machine.projection.pixel_pitch_mm, o.least_pixels};
   const auto level = static_cast<std::uint8_t>(o.grey.value_or(cure_level(machine)));
+  if (!o.grey && is_for_whole_stack(o.folder)) {
+    auto runs = cured_runs(job, machine, progress, stop);
+    if (!runs) return tl::unexpected{runs.error()};
+    for (LayerRuns& layer : *runs)
+      if (auto ok = watch.add(std::move(layer)); !ok) return tl::unexpected{ok.error()};
+    return watch.finish();
+  }
   const std::size_t count = job.plan().layers.size();
   for (std::size_t k = 0; k < count; ++k) {
     if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "verify: stopped");
@@ -145,7 +198,11 @@ VerbBody declare_verify(CLI::App& options) {
   options.add_option("--least-pixels", o->least_pixels, "islands of fewer pixels are let pass")
       ->capture_default_str()
       ->check(CLI::Range(1U, 1'000'000U));
-  options.add_option("--grey", o->grey, "a pixel is solid from this grey level; the cure level where left out")
+  options
+      .add_option(
+          "--grey", o->grey,
+          "a pixel is solid from this grey level; where left out: from the light of all layers for masks made by "
+          "blend-stack, from the cure level of one exposure for others")
       ->check(CLI::Range(1U, 255U));
   options.add_option("--out", o->out, "write the findings as JSON here");
   options.add_option("--override", o->override_by, "name of the operator who lets the job pass all the same");

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -19,6 +20,22 @@ double upper_quantile(double tail) {
     (std::erfc(middle / std::numbers::sqrt2) / 2 > tail ? low : high) = middle;
   }
   return (low + high) / 2;
+}
+
+/// The dose at the middle of a pixel.
+float blurred(const MaskBlender::Model& m, const DoseTiles& doses, int x, int y) {
+  const int taps = m.weights.taps();
+  const auto at = m.weights.window(0.5);
+  const float* weights = m.weights.node(at.node);
+  std::array<float, 24> row{};
+  float sum = 0;
+  for (int i = 0; i < taps; ++i) {
+    doses.copy_row(x + at.first, y + at.first + i, taps, row.data());
+    float across = 0;
+    for (int k = 0; k < taps; ++k) across += weights[k] * row[static_cast<std::size_t>(k)];
+    sum += weights[i] * across;
+  }
+  return sum;
 }
 
 }  // namespace
@@ -92,13 +109,32 @@ BlendedLayer BlendStack::descend(const BlendTask& task, int iterations) {
 
 void BlendStack::mark_cured(Mask& mask) const {
   const MaskBlender::Model& m = state_->model;
-  const std::size_t width = m.frame.size.width_px;
-  std::vector<float> doses(width);
+  const int width = static_cast<int>(m.frame.size.width_px), height = static_cast<int>(m.frame.size.height_px);
   const float least = m.target * m.passed;  // the dose has gone through one layer since
-  for (std::uint32_t y = 0; y < m.frame.size.height_px; ++y) {
-    state_->above.copy_row(0, static_cast<int>(y), static_cast<int>(width), doses.data());
-    std::uint8_t* row = mask.rows.data() + (m.frame.size.height_px - 1 - y) * width;
-    for (std::size_t x = 0; x < width; ++x) row[x] = doses[x] >= least ? 255 : 0;
+  // Rows y - 1, y and y + 1 with a pixel of margin: 1 where a pixel's own dose is enough.
+  const auto stride = static_cast<std::size_t>(width) + 2;
+  std::vector<float> doses(stride);
+  std::array<std::vector<std::uint8_t>, 3> enough;
+  const auto read = [&](int y, std::vector<std::uint8_t>& row) {
+    row.resize(stride);
+    state_->above.copy_row(-1, y, width + 2, doses.data());
+    for (std::size_t x = 0; x < stride; ++x) row[x] = doses[x] >= least;
+  };
+  read(-1, enough[0]);
+  read(0, enough[1]);
+  for (int y = 0; y < height; ++y) {
+    read(y + 1, enough[2]);
+    std::uint8_t* row = mask.rows.data() + static_cast<std::ptrdiff_t>(height - 1 - y) * width;
+    for (int x = 0; x < width; ++x) {
+      int sum = 0;
+      for (const auto& near : enough)
+        sum += near[static_cast<std::size_t>(x)] + near[static_cast<std::size_t>(x) + 1] +
+               near[static_cast<std::size_t>(x) + 2];
+      // The blur is a mean of what is around: only where neighbours differ does it decide.
+      row[x] = sum == 0 ? 0 : sum == 9 || blurred(m, state_->above, x, y) >= least ? 255 : 0;
+    }
+    std::swap(enough[0], enough[1]);
+    std::swap(enough[1], enough[2]);
   }
 }
 

@@ -21,6 +21,12 @@ double exposure_ratio(const MachineProfile& machine, std::uint32_t layer) {
   return layer < machine.layers.bottom_count ? machine.layers.bottom_exposure_s / machine.layers.exposure_s : 1;
 }
 
+/// Supports are drawn by cover, but where a long exposure would make them grow they are solved like the part.
+BlendTask task_of(const SourceLayer& layer, double exposure) {
+  if (exposure > 1 && layer.part.empty()) return {.part = layer.supports, .exposure = exposure};
+  return {.part = layer.part, .supports = layer.supports, .exposure = exposure};
+}
+
 /// What a single exposure from that grey on cures.
 std::function<void(Mask&)> cured_from(std::uint8_t level) {
   return [level](Mask& mask) {
@@ -51,7 +57,7 @@ class SingleMaker final : public MaskMaker {
       if (!layer) return tl::unexpected{layer.error()};
       Made made{i, {}, std::move(layer->section)};
       if (blender_) {
-        BlendTask task{.part = layer->part, .supports = layer->supports, .exposure = exposure_ratio(machine_, i)};
+        BlendTask task = task_of(*layer, exposure_ratio(machine_, i));
         if (deadline_.count() > 0)
           task.out_of_time = [this, until = clock_.now() + deadline_] { return clock_.now() >= until; };
         auto blended = blender_->blend(task);
@@ -113,8 +119,7 @@ class StackMaker final : public MaskMaker {
     for (std::uint32_t i = until; i-- > first;) {
       if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
       SourceLayer& layer = layers[i - lowest];
-      BlendTask task{.part = layer.part, .supports = layer.supports};
-      task.exposure = exposure_ratio(machine_, i);
+      BlendTask task = task_of(layer, exposure_ratio(machine_, i));
       const auto caps = capped_ ? std::optional{caps_of(solid, i, lowest, until)} : std::nullopt;
       if (caps) task.caps = [&caps](std::uint32_t y, std::span<std::uint8_t> row) { return caps->fill(y, row); };
       if (deadline_.count() > 0)
