@@ -15,6 +15,11 @@ constexpr const char* kThreeJs = "/usr/share/javascript/three/three.min.js";  //
 constexpr std::uint64_t kMaxThreeJsBytes = 4U << 20U;
 constexpr auto kKeepEvery = std::chrono::milliseconds{100};
 
+/// What an operator can put right at the machine; nothing of the job is lost by it.
+bool is_device_trouble(ErrorCode code) {
+  return code == ErrorCode::DeviceLost || code == ErrorCode::DeviceTimeout || code == ErrorCode::DeviceRefused;
+}
+
 /// The profile as both sites compare it: what the virtual devices do is the fab's own matter.
 Digest digest_of_profile(MachineProfile machine) {
   machine.devices = {};
@@ -103,8 +108,11 @@ Result<void> FabSite::run(std::stop_token stop) {
     loop_.after(kKeepEvery, keep);
   };
   keep();
+  ServiceNotifier service;
+  service.begin(loop_, [this] { return is_printer_alive(); });
   const std::stop_callback on_stop{stop, [this] { loop_.stop(); }};
   if (!stop.stop_requested()) loop_.run();
+  service.end();
   log_line("telefab-fab ends; a print under way goes dark and is resumed at the next start");
   return {};
 }
@@ -307,6 +315,12 @@ void FabSite::on_print_progress(const std::string& job, const PrintProgress& pro
   });
 }
 
+bool FabSite::is_printer_alive() {
+  // Before its first wait the print opens devices and codes every mask, for as long as that takes.
+  const std::uint64_t beats = print_beats_;
+  return print_beat_.is_alive(beats > 0 ? std::optional{beats} : std::nullopt, clock_.now());
+}
+
 void FabSite::print(const std::string& job, std::stop_token stop) {
   const auto control = std::make_shared<PrintControl>();
   {
@@ -327,7 +341,7 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
     policy.maybe_exposed = config_.after_crash;
     return print_from(
         *folder, *machine, policy, *control, [&](const PrintProgress& progress) { on_print_progress(job, progress); },
-        stop);
+        print_beats_, stop);
   };
   Result<PrintRecord> record = fail(ErrorCode::Internal, "not begun");
   try {
@@ -339,10 +353,13 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
     const std::lock_guard lock{control_mutex_};
     printing_.clear();
     control_.reset();
+    print_beats_ = 0;
   }
   if (device_->is_ending()) return;  // the journal tells the next start where to go on
   later([this, job, record, seconds = std::chrono::duration<double>(clock_.now() - began).count()] {
     ledger_->set_stage_seconds(job, "print", seconds);
+    if (!record && is_device_trouble(record.error().code))
+      return move(job, JobState::Paused, record.error().what + "; telefab resume tries again");
     if (!record) return end_job(job, JobState::Failed, record.error().what);
     const auto live = live_.find(job);
     if (live != live_.end()) {

@@ -1,7 +1,9 @@
 #pragma once
+#include <atomic>
 #include <map>
 #include <telefab/desk/client_session.hpp>
 #include <telefab/desk/daemon_log.hpp>
+#include <telefab/desk/service_notifier.hpp>
 #include <telefab/desk/site_ledger.hpp>
 #include <telefab/desk/site_runtime.hpp>
 #include <telefab/fab/print/print_runner.hpp>
@@ -70,6 +72,8 @@ class FabSite final : public FabDesk {
   /// On the planner's and the device's thread.
   void plan(const std::string& job, std::stop_token stop);
   void print(const std::string& job, std::stop_token stop);
+  /// Whether the print under way, if there is one, still looks at its devices.
+  [[nodiscard]] bool is_printer_alive();
   void on_print_progress(const std::string& job, const PrintProgress& progress);
   /// From any thread to the loop's.
   void later(std::function<void()> work) { loop_.post(std::move(work)); }
@@ -90,8 +94,10 @@ class FabSite final : public FabDesk {
   net::Loop loop_;
   std::map<std::string, Live> live_;
   std::mutex control_mutex_;
-  std::string printing_;                   ///< guarded by control_mutex_
-  std::shared_ptr<PrintControl> control_;  ///< of the job being printed; guarded by control_mutex_
+  std::string printing_;                        ///< guarded by control_mutex_
+  std::shared_ptr<PrintControl> control_;       ///< of the job being printed; guarded by control_mutex_
+  std::atomic<std::uint64_t> print_beats_ = 0;  ///< waits of the print under way; 0: none, or not so far yet
+  Heartbeat print_beat_{std::chrono::seconds{30}};
   std::unique_ptr<WorkQueue> planner_;
   std::unique_ptr<WorkQueue> device_;
   std::unique_ptr<net::Listener> listener_;

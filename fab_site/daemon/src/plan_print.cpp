@@ -1,5 +1,8 @@
 #include "plan_print.hpp"
 
+#include "intake.hpp"
+#include "provenance.hpp"
+
 #include <fmt/format.h>
 
 #include <telefab/base/file.hpp>
@@ -26,6 +29,45 @@ namespace {
 
 constexpr std::uint64_t kLargestKey = 64 * 1024;
 
+/// A clock whose waits are counted.
+class BeatingClock final : public Clock {
+ public:
+  BeatingClock(Clock& inner, std::atomic<std::uint64_t>& beats) : inner_{inner}, beats_{beats} {}
+  Nanoseconds now() const override { return inner_.now(); }
+  Nanoseconds wall() const override { return inner_.wall(); }
+  void sleep_for(Nanoseconds duration) override {
+    ++beats_;
+    inner_.sleep_for(duration);
+  }
+
+ private:
+  Clock& inner_;
+  std::atomic<std::uint64_t>& beats_;
+};
+
+constexpr std::uint64_t kLargestPlanFile = 1U << 30U;
+
+/// Where the part comes from: what the scan site said and signed, what was received, what was planned.
+std::map<std::string, std::string> provenance_of(const std::filesystem::path& folder) {
+  std::map<std::string, std::string> known{{provenance::kSoftware, "telefab-fab 0.1.0"}};
+  if (const auto offer = saved_offer(folder)) {
+    known[provenance::kScanName] = offer->header.scan_name;
+    known[provenance::kProfile] = to_hex(offer->profile);
+    known[provenance::kParameters] = offer->parameters;
+    known[provenance::kTransform] = fmt::format("{}", fmt::join(offer->header.scan_to_build, " "));
+    std::string key;
+    for (const std::byte b : offer->public_key) key += fmt::format("{:02x}", std::to_integer<unsigned>(b));
+    if (!key.empty()) known[provenance::kSignedBy] = key;
+  }
+  if (const auto spool = ChunkSpool::open(folder / "chunks"); spool && spool->finished())
+    known[provenance::kContours] = to_hex(*spool->finished());
+  if (const auto supports = read_file(folder / "plan" / "supports.json", kLargestPlanFile))
+    known[provenance::kSupports] = to_hex(digest_of(*supports));
+  if (const auto part = read_file(folder / "plan" / "part.tfc", kLargestPlanFile))
+    known[provenance::kPart] = to_hex(digest_of(*part));
+  return known;
+}
+
 /// The record sealed, in report/as-built.json; signed where the site has a key, as-built-key.pem beside its jobs.
 Result<void> keep_as_built(const std::filesystem::path& folder, const PrintRecord& record) {
   const auto key_path = folder.parent_path().parent_path() / "as-built-key.pem";
@@ -44,7 +86,7 @@ Result<void> keep_as_built(const std::filesystem::path& folder, const PrintRecor
 
 Result<PrintRecord> print_from(const std::filesystem::path& folder, const MachineProfile& machine,
                                const PrintPolicy& policy, PrintControl& control, const PrintSink& sink,
-                               std::stop_token stop) {
+                               std::atomic<std::uint64_t>& beats, std::stop_token stop) {
   const auto job = PlannedJob::open(folder / "plan");
   if (!job) return tl::unexpected{job.error()};
   const auto clock = make_clock(machine);
@@ -65,9 +107,11 @@ Result<PrintRecord> print_from(const std::filesystem::path& folder, const Machin
     if (!cost) return tl::unexpected{cost.error()};
     if (const auto ok = admit(*cost, machine.devices.allowed_slowdown); !ok) return tl::unexpected{ok.error()};
   }
-  PrintRunner runner{*devices->projector, *devices->stage, **job, *journal, *clock};
+  BeatingClock beating{*clock, beats};
+  PrintRunner runner{*devices->projector, *devices->stage, **job, *journal, beating};
   auto record = runner.run((*job)->plan(), scaled, control, sink, std::move(stop));
   if (!record) return record;
+  record->provenance = provenance_of(folder);
   std::error_code error;
   std::filesystem::create_directories(folder / "report", error);
   if (auto kept = write_file_atomically(folder / "report" / "print.json", to_json(*record) + "\n"); !kept)

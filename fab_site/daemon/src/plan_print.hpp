@@ -1,4 +1,5 @@
 #pragma once
+#include <atomic>
 #include <filesystem>
 #include <telefab/base/progress.hpp>
 #include <telefab/fab/print/print_runner.hpp>
@@ -18,8 +19,9 @@ struct PlanOutcome {
                                             const ProgressSink& progress, std::stop_token stop);
 
 /// Prints what plan_into planned, or goes on where folder/journal ends. The record goes to folder/report/print.json.
+/// `beats` rises with every wait of the runner, several times a second; when it stands still, the print hangs.
 [[nodiscard]] Result<PrintRecord> print_from(const std::filesystem::path& folder, const MachineProfile& machine,
                                              const PrintPolicy& policy, PrintControl& control, const PrintSink& sink,
-                                             std::stop_token stop);
+                                             std::atomic<std::uint64_t>& beats, std::stop_token stop);
 
 }  // namespace telefab::fab

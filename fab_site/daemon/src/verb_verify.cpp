@@ -11,6 +11,7 @@
 #include <telefab/fab/print/print_record.hpp>
 #include <telefab/fab/verify/print_files.hpp>
 
+#include "provenance.hpp"
 #include "read_stack.hpp"
 #include "verbs.hpp"
 
@@ -127,8 +128,25 @@ void tell(std::string_view what, const SupportReport& report) {
   }
 }
 
+/// What the record says it was made of against what lies in the plan folder. One line a finding.
+std::vector<std::string> check_provenance(const PrintRecord& record, const std::filesystem::path& folder) {
+  std::vector<std::string> findings;
+  const auto expect = [&](const char* key, std::string_view what, const Digest& here) {
+    const auto said = record.provenance.find(key);
+    if (said != record.provenance.end() && said->second != to_hex(here))
+      findings.push_back(fmt::format("{} of the plan folder are not those of the record: {}... instead of {}...", what,
+                                     to_hex(here).substr(0, 12), said->second.substr(0, 12)));
+  };
+  constexpr std::uint64_t kLargestPlanFile = 1U << 30U;
+  if (const auto part = read_file(folder / "part.tfc", kLargestPlanFile))
+    expect(provenance::kPart, "the contours", digest_of(*part));
+  if (const auto supports = read_file(folder / "supports.json", kLargestPlanFile))
+    expect(provenance::kSupports, "the supports", digest_of(*supports));
+  return findings;
+}
+
 /// The sealed record of the print against its plan. True: nothing is wrong with it.
-Result<bool> check_as_built(const PrintPlan& plan, const VerifyOptions& o) {
+Result<bool> check_as_built(const PlannedJob& job, const VerifyOptions& o) {
   constexpr std::uint64_t kLargestRecord = 1U << 28U;
   const auto text = read_file(*o.as_built, kLargestRecord);
   if (!text) return tl::unexpected{text.error()};
@@ -140,9 +158,12 @@ Result<bool> check_as_built(const PrintPlan& plan, const VerifyOptions& o) {
   }
   const auto record = unseal({reinterpret_cast<const char*>(text->data()), text->size()}, key);
   if (!record) return tl::unexpected{record.error()};
-  const auto findings = compare(*record, plan);
+  auto findings = compare(*record, job.plan());
+  for (std::string& finding : check_provenance(*record, o.folder)) findings.push_back(std::move(finding));
   fmt::print("as built: {} layers in {} runs, {}\n", record->layers.size(), record->runs,
              findings.empty() ? "made as planned" : "NOT AS PLANNED");
+  for (const auto& [name, value] : record->provenance)
+    if (name != provenance::kParameters) fmt::print("  {:<16} {}\n", name, value);
   for (const std::string& finding : findings) fmt::print("  {}\n", finding);
   return findings.empty();
 }
@@ -170,7 +191,7 @@ Result<ExitCode> verify(const VerifyOptions& o, std::stop_token stop) {
     text += ",\n\"regions\": " + to_json(*regions);
   }
   if (o.as_built) {
-    const auto sound = check_as_built((*job)->plan(), o);
+    const auto sound = check_as_built(**job, o);
     if (!sound) return tl::unexpected{sound.error()};
     passes &= *sound;
   }

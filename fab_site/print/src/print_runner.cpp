@@ -20,6 +20,7 @@ overloaded(F...) -> overloaded<F...>;
 
 constexpr int kDarkTries = 5;
 constexpr Nanoseconds kLoadGrace = 20s;
+constexpr Nanoseconds kSurelyUndivided = 15s;  // below what any supported controller times at once (DLPC900: 16.7 s)
 constexpr Nanoseconds kExposureGrace = 1s;
 
 Nanoseconds seconds(double s) { return Nanoseconds{static_cast<Nanoseconds::rep>(s * 1e9)}; }
@@ -260,7 +261,10 @@ class Run {
 
   [[nodiscard]] std::optional<PrintEvent> look_at_exposure() {
     const Nanoseconds now = clock_.now();
-    if (now < exposure_->due) return std::nullopt;
+    const Nanoseconds whole{plan_.layers[layer_of(state_).count()].exposure};
+    // A projector that splits a long exposure starts the next part from poll(); a short one ends by itself, and looking
+    // at it early could only cut it short.
+    if (now < exposure_->due && whole <= kSurelyUndivided) return std::nullopt;
     const auto status = projector_.poll();
     if (!status) return DeviceFailed{status.error()};
     if (status->state == LightState::Exposed) {

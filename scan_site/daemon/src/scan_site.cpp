@@ -77,8 +77,11 @@ Result<void> ScanSite::run(std::stop_token stop) {
     loop_.after(kKeepEvery, keep);
   };
   keep();
+  ServiceNotifier service;
+  service.begin(loop_, [] { return true; });
   const std::stop_callback on_stop{stop, [this] { loop_.stop(); }};
   if (!stop.stop_requested()) loop_.run();
+  service.end();
   log_line("telefab-scan ends");
   return {};
 }

@@ -1,6 +1,7 @@
 #pragma once
 #include <telefab/desk/client_session.hpp>
 #include <telefab/desk/daemon_log.hpp>
+#include <telefab/desk/service_notifier.hpp>
 #include <telefab/desk/site_ledger.hpp>
 #include <telefab/desk/site_runtime.hpp>
 

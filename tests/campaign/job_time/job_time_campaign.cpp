@@ -62,6 +62,7 @@ int simulate(const char* folder) {
   fmt::print(
       "light: {:.6f} of the planned time; {} ns while the platform moved; {} findings against the plan; {} refusals\n",
       worst, log.light_while_moving().count(), compare(*record, plan).size(), model.refusals());
+  if (!record->cause.what.empty()) fmt::print("cause: {}\n", record->cause.what);
   return record->outcome == PrintOutcome::Done ? 0 : 1;
 }
 

@@ -39,6 +39,21 @@ TEST(ModelPrint, GivesFiftyLayersTheirDoseAndNothingElse) {
   EXPECT_EQ(rig.projector_model.refusals(), 0u);
 }
 
+TEST(ModelPrint, GivesAnExposureLongerThanTheDeviceTimesItsWholeDoseInParts) {
+  PrintRig rig{2, 36s};
+  ASSERT_TRUE(rig.connect());
+  const auto record = rig.print();
+  ASSERT_TRUE(record);
+  ASSERT_EQ(record->outcome, PrintOutcome::Done) << record->cause.what;
+  EXPECT_TRUE(compare(*record, rig.plan).empty());
+  EXPECT_EQ(record->layers[0].parts, 3u);
+  Nanoseconds lit{};
+  for (const LitSpan& span : rig.log.light()) lit += span.until - span.from;
+  EXPECT_EQ(rig.log.light().size(), 6u);
+  EXPECT_NEAR(double(lit.count()), 72e9, 1e6);
+  EXPECT_EQ(rig.log.light_while_moving(), 0ns);
+}
+
 /// Noise over part of the platform: what hardly compresses.
 class NoiseMasks final : public MaskSource {
  public:

@@ -1,0 +1,16 @@
+#pragma once
+
+/// Keys of PrintRecord::provenance as the daemon fills it; digests are hexadecimal.
+namespace telefab::fab::provenance {
+
+inline constexpr const char* kScanName = "scan_name";        ///< file name of the scan, for people
+inline constexpr const char* kContours = "contours_sha256";  ///< digest_of(LayerStack) as it arrived
+inline constexpr const char* kTransform = "scan_to_build";   ///< sixteen numbers, row-major
+inline constexpr const char* kParameters = "parameters";     ///< the job's, JSON
+inline constexpr const char* kProfile = "profile_sha256";    ///< machine profile both sites agreed on
+inline constexpr const char* kPart = "part_sha256";          ///< of plan/part.tfc, the contours as planned
+inline constexpr const char* kSupports = "supports_sha256";  ///< of plan/supports.json
+inline constexpr const char* kSignedBy = "scan_site_key";    ///< Ed25519 public key that signed the offer
+inline constexpr const char* kSoftware = "software";         ///< program and version
+
+}  // namespace telefab::fab::provenance
