@@ -64,8 +64,7 @@ void FabLink::retry(const Error& why) {
   for (auto& [id, sending] : jobs_) sending.is_taken = false;
   fail_questions(why);
   if (is_news) events_.changed(false, why.what);
-  pause_ = was_up ? kShortestPause : std::min(pause_ * 2, kLongestPause);
-  loop_.after(pause_, [this, alive = alive_] {
+  loop_.after(std::exchange(pause_, std::min(pause_ * 2, kLongestPause)), [this, alive = alive_] {
     if (*alive && !connection_) connect();
   });
 }
@@ -113,7 +112,6 @@ void FabLink::hear(const Hello& hello) {
   }
   machines_ = std::move(machines);
   is_greeted_ = true;
-  pause_ = kShortestPause;
   connection_->set_greeted();
   events_.changed(true, {});
   for (auto& [id, sending] : jobs_) offer(sending);
@@ -168,6 +166,9 @@ void FabLink::hear(const OfferTaken& taken) {
   const auto found = jobs_.find(taken.job);
   if (found == jobs_.end()) return;
   Sending& sending = found->second;
+  // Only what moves a job on counts as a working line: a fab that greets and then hangs up is not asked ten times a
+  // second.
+  pause_ = kShortestPause;
   sending.is_taken = true;
   sending.next = sending.kept = taken.next_sequence;
   const auto layers = sending.spool->with([&](const ChunkSpool& spool) -> std::uint32_t {
