@@ -89,6 +89,23 @@ PreflightItem against(std::string name, double value, std::string unit, double l
   return item;
 }
 
+/// A layer that a full exposure does not cure through sticks to nothing, whatever the masks are.
+PreflightItem dose_of(const LayerStack& stack, const PlanSummary& summary) {
+  constexpr double kSafeLayers = 1.2;
+  const double layer_mm = stack.header().layer_thickness_mm;
+  PreflightItem item{"dose", Verdict::Passed, {}, summary.cure_depth_mm, "mm", {}, {}};
+  item.text = fmt::format("{:.1f} mJ/cm2 cure {:.3f} mm deep, layers are {} mm", summary.white_dose_mj_per_cm2,
+                          std::max(0.0, summary.cure_depth_mm), layer_mm);
+  if (summary.cure_depth_mm < layer_mm) {
+    item.verdict = Verdict::Held;
+    item.text += ": they would not stick together. Expose longer, or calibrate resin and irradiance";
+  } else if (summary.cure_depth_mm < kSafeLayers * layer_mm) {
+    item.verdict = Verdict::Warning;
+    item.text += fmt::format(": less than {} layers leave no room for error", kSafeLayers);
+  }
+  return item;
+}
+
 std::string duration(double seconds) {
   const auto minutes = static_cast<long>(seconds / 60 + 0.5);
   return minutes < 60 ? fmt::format("{} min", minutes) : fmt::format("{} h {} min", minutes / 60, minutes % 60);
@@ -126,6 +143,7 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
   auto& items = preflight.items;
   items.push_back(size_of(stack, machine, summary));
   items.push_back(certificates_of(stack, summary));
+  items.push_back(dose_of(stack, summary));
   using Kind = Finding::Kind;
   items.push_back(
       findings_of("islands", Verdict::Held, {Kind::Island, Kind::OutOfReach}, summary.check, "nothing floats"));

@@ -53,6 +53,9 @@ thickness_mm = 0.2
 exposure_s = 4.0
 bottom_count = 2
 bottom_exposure_s = 8.0
+[resin]
+critical_dose_mj_per_cm2 = 4.0
+penetration_mm = 0.3
 [devices]
 speed_up = {:.1f}
 )",

@@ -66,6 +66,9 @@ thickness_mm = 0.2
 exposure_s = 0.15
 bottom_count = 2
 bottom_exposure_s = 0.3
+[resin]
+critical_dose_mj_per_cm2 = 1.5
+penetration_mm = 0.3
 [motion]
 lift_mm = 0.5
 lift_speed_mm_per_s = 8.0

@@ -1,5 +1,7 @@
 #include <gmock/gmock.h>
 
+#include <cmath>
+
 #include <nlohmann/json.hpp>
 #include <telefab/fab/planning/preflight.hpp>
 #include <telefab/test/block_stack.hpp>
@@ -64,6 +66,17 @@ TEST_F(PreflightTest, ResinAndPeelAreHeldAgainstTheProfilesLimitsAndNotKnownWith
   machine.platform.most_peel_mm2 = summary.peel.most_mm2 * 0.99;
   EXPECT_EQ(item("resin").verdict, Verdict::Held);
   EXPECT_EQ(item("peel").verdict, Verdict::Held);
+}
+
+TEST_F(PreflightTest, HoldsAJobWhoseDoseDoesNotCureThroughALayer) {
+  EXPECT_EQ(item("dose").verdict, Verdict::Passed);
+  machine.resin.critical_dose_mj_per_cm2 = 20 / std::exp(0.1 / 0.2 * 1.1);  // 1.1 layers deep
+  summary = plan();
+  EXPECT_EQ(item("dose").verdict, Verdict::Warning);
+  machine.resin.critical_dose_mj_per_cm2 = 20 / std::exp(0.1 / 0.2 * 0.9);
+  summary = plan();
+  EXPECT_EQ(item("dose").verdict, Verdict::Held);
+  EXPECT_THAT(item("dose").text, HasSubstr("would not stick together"));
 }
 
 TEST_F(PreflightTest, PeelIsTheAreaOfTheLargestLayer) {
