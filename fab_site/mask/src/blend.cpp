@@ -122,17 +122,20 @@ void BlendStack::mark_cured(Mask& mask) const {
   };
   read(-1, enough[0]);
   read(0, enough[1]);
+  std::vector<std::uint8_t> columns(stride), around(static_cast<std::size_t>(width));
   for (int y = 0; y < height; ++y) {
     read(y + 1, enough[2]);
     std::uint8_t* row = mask.rows.data() + static_cast<std::ptrdiff_t>(height - 1 - y) * width;
-    for (int x = 0; x < width; ++x) {
-      int sum = 0;
-      for (const auto& near : enough)
-        sum += near[static_cast<std::size_t>(x)] + near[static_cast<std::size_t>(x) + 1] +
-               near[static_cast<std::size_t>(x) + 2];
-      // The blur is a mean of what is around: only where neighbours differ does it decide.
-      row[x] = sum == 0 ? 0 : sum == 9 || blurred(m, state_->above, x, y) >= least ? 255 : 0;
+    for (std::size_t x = 0; x < stride; ++x)
+      columns[x] = static_cast<std::uint8_t>(enough[0][x] + enough[1][x] + enough[2][x]);
+    for (std::size_t x = 0; x < around.size(); ++x) {
+      around[x] = static_cast<std::uint8_t>(columns[x] + columns[x + 1] + columns[x + 2]);
+      row[x] = around[x] == 9 ? 255 : 0;
     }
+    // The blur is a mean of what is around: only where neighbours differ does it decide.
+    for (int x = 0; x < width; ++x)
+      if (const int sum = around[static_cast<std::size_t>(x)]; sum != 0 && sum != 9)
+        row[x] = blurred(m, state_->above, x, y) >= least ? 255 : 0;
     std::swap(enough[0], enough[1]);
     std::swap(enough[1], enough[2]);
   }

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 
@@ -15,6 +16,13 @@ constexpr float kSnap = 1e-4F;           // shares of a white dose that make no 
 constexpr int kSolid = 32;               // cover from which a pixel has a cap of its own, as in SolidRows
 constexpr int kBeside = 2;               // pixels
 constexpr std::size_t kInterleave = 16;  // neighbours on a contour wait for each other's stores
+
+/// Shares of the 256 greys: a division a pixel is the dearest step of all.
+constexpr std::array<float, 256> kShare = [] {
+  std::array<float, 256> shares{};
+  for (std::size_t grey = 0; grey < shares.size(); ++grey) shares[grey] = static_cast<float>(grey) / 255;
+  return shares;
+}();
 
 using Model = MaskBlender::Model;
 
@@ -210,6 +218,10 @@ class LayerWork {
     else
       std::fill(h_.begin(), h_.end(), 0.0F);
     fill_field(x0, y0);
+    if (task_.caps && part_strip_.any())
+      find_caps_beside(column);
+    else
+      beside_.clear();
     const float leak = m_.tone[0], scale = static_cast<float>(m_.options.support_grey) / 255;
     const int width = static_cast<int>(m_.frame.size.width_px), height = static_cast<int>(m_.frame.size.height_px);
     for (int y = 0; y < m_.side; ++y) {
@@ -228,11 +240,11 @@ class LayerWork {
           continue;
         }
         const float full = light_ * field_[at];
-        const float p = part ? static_cast<float>(part[x]) / 255 : 0, s = support ? static_cast<float>(support[x]) : 0;
-        const float cap = p * 255 < kSolid ? cap_beside(column, x, y) : cap_of(column, x, y);
+        const float p = part ? kShare[part[x]] : 0, s = support ? static_cast<float>(support[x]) : 0;
+        const float cap = (part ? part[x] : 0) < kSolid ? cap_beside(at) : cap_of(column, x, y);
         const float least = std::max(leak, s * scale);
         const float most = std::max(least, s > 0 && p == 0 ? least : cap);
-        const float wanted = cap * std::max(inner ? static_cast<float>(inner[x]) / 255 : 0, p / 2);
+        const float wanted = cap * std::max(inner ? kShare[inner[x]] : 0, p / 2);
         problem_.least[at] = h + full * least;
         problem_.most[at] = h + full * most;
         problem_.reference[at] = h + full * std::max(least, wanted);
@@ -244,21 +256,43 @@ class LayerWork {
 
   [[nodiscard]] float cap_of(int column, int x, int y) const {
     const std::uint8_t* caps = cap_row(y, 0);
-    return caps ? static_cast<float>(caps[column * kCore - m_.halo + x]) / 255 : 1;
+    return caps ? kShare[caps[column * kCore - m_.halo + x]] : 1;
   }
 
   /// A pixel outside of the part may give as much light as the part's pixels around it: light beside an underside
-  /// would cure what lies below just as well.
-  [[nodiscard]] float cap_beside(int column, int x, int y) const {
-    if (!task_.caps || !part_strip_.any()) return 1;
-    float most = -1;
-    for (int j = std::max(0, y - kBeside); j <= std::min(m_.side - 1, y + kBeside); ++j) {
-      if (j >= static_cast<int>(capped_.size())) continue;
-      const std::uint8_t* part = part_strip_.row(j, column * kCore);
-      for (int i = std::max(0, x - kBeside); i <= std::min(m_.side - 1, x + kBeside); ++i)
-        if (part[i] >= kSolid) most = std::max(most, cap_of(column, i, j));
+  /// would cure what lies below just as well. Leaves in beside_ the highest cap of the part's pixels within kBeside,
+  /// plus one; 0 where there are none.
+  void find_caps_beside(int column) {
+    const auto side = static_cast<std::size_t>(m_.side);
+    const std::size_t margin = kBeside;
+    beside_.resize(side * side);
+    own_.assign(side * (side + 2 * margin), 0);
+    for (std::size_t y = 0; y < side; ++y) {
+      const std::uint8_t* part = part_strip_.row(static_cast<int>(y), column * kCore);
+      const std::uint8_t* caps = cap_row(static_cast<int>(y), 0);
+      std::uint16_t* own = own_.data() + y * (side + 2 * margin) + margin;
+      for (int x = 0; x < m_.side; ++x)
+        if (part[x] >= kSolid)
+          own[x] = static_cast<std::uint16_t>((caps ? caps[column * kCore - m_.halo + x] : 255) + 1);
+      const std::uint16_t* from = own - margin;
+      for (std::size_t x = 0; x < side; ++x) {
+        std::uint16_t most = from[x];
+        for (std::size_t i = 1; i <= 2 * margin; ++i) most = std::max(most, from[x + i]);
+        beside_[y * side + x] = most;
+      }
     }
-    return most < 0 ? 1 : most;
+    own_.resize(side * side);
+    std::copy(beside_.begin(), beside_.end(), own_.begin());
+    for (std::size_t y = 0; y < side; ++y) {
+      const std::size_t front = y > margin ? y - margin : 0, back = std::min(side - 1, y + margin);
+      for (std::size_t j = front; j <= back; ++j)
+        for (std::size_t x = 0; x < side; ++x)
+          beside_[y * side + x] = std::max(beside_[y * side + x], own_[j * side + x]);
+    }
+  }
+
+  [[nodiscard]] float cap_beside(std::size_t at) const {
+    return beside_.empty() || beside_[at] == 0 ? 1 : kShare[beside_[at] - 1U];
   }
 
   /// Whether the pixel and its eight neighbours are all of the part: what is there holds the layer while it is printed.
@@ -370,6 +404,7 @@ class LayerWork {
   std::vector<float> h_, field_;
   std::vector<std::uint8_t> caps_;  ///< rows of the strip, without margins
   std::vector<char> capped_;        ///< by row of the strip
+  std::vector<std::uint16_t> own_, beside_;
 };
 
 }  // namespace
