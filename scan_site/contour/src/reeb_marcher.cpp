@@ -28,6 +28,12 @@ struct Vertex {
   double closeness_mm = 0;
 };
 
+/// A march that gave no contour, and the way it went.
+struct LostMarch {
+  MarchProblem problem;
+  std::vector<Point2> way;
+};
+
 class Marcher {
  public:
   Marcher(const ScalarField& field, FieldCursor& cursor, double z_mm, const MarchOptions& options)
@@ -57,11 +63,13 @@ class Marcher {
     return std::nullopt;
   }
 
-  std::variant<Contour, MarchProblem> around(const Vertex& first) {
-    const auto open = [&](const Vec2& p) { return MarchProblem{MarchProblem::Kind::Open, {p.x(), p.y()}}; };
+  std::variant<Contour, LostMarch> around(const Vertex& first) {
     double h = kernel_at(first.point);
     const double ds = options_.chord_mm;
     std::vector<Point2> ring{{first.point.x(), first.point.y()}};
+    const auto lost = [&](MarchProblem::Kind kind, const Vec2& p) {
+      return LostMarch{{kind, {p.x(), p.y()}}, std::move(ring)};
+    };
     double closeness = first.closeness_mm;
     Vertex here = first;
     double step = std::min(kFirstStepKernels * h, 4 * ds);
@@ -76,7 +84,7 @@ class Marcher {
       if (!next || length < 0.3 * step) {
         step *= 0.35;
         bend = 0;
-        if (step < kShortestStepKernels * h) return open(here.point);
+        if (step < kShortestStepKernels * h) return lost(MarchProblem::Kind::Open, here.point);
         continue;
       }
       // Angles of the chord with both tangents: equal on an arc (sagitta L a / 4), opposite on a bend.
@@ -85,7 +93,7 @@ class Marcher {
       const double sagitta = length * (std::abs(leave) + std::abs(arrive)) / 8;
       if (std::abs(leave) + std::abs(arrive) > kTurnLimit || sagitta > 1.05 * ds) {
         step *= std::clamp(std::sqrt(0.8 * ds / std::max(sagitta, 1e-12)), 0.25, 0.7);
-        if (step < kShortestStepKernels * h) return open(here.point);
+        if (step < kShortestStepKernels * h) return lost(MarchProblem::Kind::Open, here.point);
         continue;
       }
       const Vec2 to_start = first.point - here.point;
@@ -94,11 +102,11 @@ class Marcher {
           std::abs(cross(chord, to_start)) / length < std::max(3 * ds, 0.2 * length) &&
           first.tangent.dot(here.tangent) > 0.3) {
         if (closeness / static_cast<double>(ring.size()) > options_.pick_kernels * h)
-          return MarchProblem{MarchProblem::Kind::FalseSheet, ring.front()};
+          return lost(MarchProblem::Kind::FalseSheet, first.point);
         // A last vertex on top of the first adds nothing.
         if (to_start.norm() < 0.05 * length && ring.size() > 4) ring.pop_back();
         auto contour = Contour::from_vertices(std::move(ring));
-        if (!contour) return MarchProblem{MarchProblem::Kind::NoArea, {first.point.x(), first.point.y()}};
+        if (!contour) return lost(MarchProblem::Kind::NoArea, first.point);
         return std::move(*contour);
       }
       ring.push_back({next->point.x(), next->point.y()});
@@ -111,7 +119,7 @@ class Marcher {
       const double wanted = 2 * std::sqrt(std::max(2 * radius * ds - ds * ds, ds * ds)) * 0.92;
       step = std::clamp(wanted, 0.5 * length, 2 * length);
     }
-    return open(here.point);
+    return lost(MarchProblem::Kind::Open, here.point);
   }
 
  private:
@@ -152,6 +160,8 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
   const Vec3 any = seeds.empty() ? near_plane.points.front() : seeds.front();
   SegmentGrid grid{field.kernel_width_mm(any)};
   Marcher marcher{field, cursor, z_mm, options};
+  // One failure a way is enough: every sample beside an open contour would go the same way again.
+  SegmentGrid failed{field.kernel_width_mm(any)};
 
   const auto try_seed = [&](const Vec2& seed, bool must_lead) {
     const double h = marcher.kernel_at(seed);
@@ -163,8 +173,9 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
     const Vec2 outward{first->tangent.y(), -first->tangent.x()};
     if (grid.runs_beside(first->point, outward, std::max(kSameContourKernels * h, 3 * options.chord_mm))) return false;
     auto found = marcher.around(*first);
-    if (const auto* problem = std::get_if<MarchProblem>(&found)) {
-      layer.problems.push_back(*problem);
+    if (const auto* lost = std::get_if<LostMarch>(&found)) {
+      layer.problems.push_back(lost->problem);
+      if (lost->problem.kind == MarchProblem::Kind::Open) failed.add_path(lost->way);
       return false;
     }
     layer.contours.push_back(std::move(std::get<Contour>(found)));
@@ -176,13 +187,11 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
     if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while marching a layer");
     try_seed(seed.head<2>(), true);
   }
-  // One failure a place is enough: samples beside an open contour would all fail again.
-  SegmentGrid failed{field.kernel_width_mm(any)};
   for (std::size_t i = 0; i < near_plane.points.size(); ++i) {
     const double h = field.kernel_width_mm(near_plane.points[i]);
     const auto p = moved_to_plane(near_plane.points[i], near_plane.normals[i], z_mm, h);
     if (!p || grid.runs_beside(*p, near_plane.normals[i].head<2>(), kCoverKernels * h)) continue;
-    if (failed.runs_beside(*p, near_plane.normals[i].head<2>(), h)) continue;
+    if (failed.runs_beside(*p, near_plane.normals[i].head<2>(), kCoverKernels * h)) continue;
     if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while marching a layer");
     const std::size_t problems = layer.problems.size();
     if (try_seed(*p, false)) {
@@ -190,7 +199,7 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
     } else if (layer.problems.size() > problems) {
       const Vec2 side = 0.01 * h * Vec2{-near_plane.normals[i].y(), near_plane.normals[i].x()};
       const Point2 ends[2] = {{p->x() - side.x(), p->y() - side.y()}, {p->x() + side.x(), p->y() + side.y()}};
-      failed.add(ends);
+      failed.add_path(ends);
     }
   }
   layer.evaluations = marcher.evaluations();

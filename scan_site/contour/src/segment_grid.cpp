@@ -27,22 +27,27 @@ void SegmentGrid::grow() {
 }
 
 void SegmentGrid::add(std::span<const Point2> ring) {
-  for (std::size_t i = 0; i < ring.size(); ++i) {
-    const Point2& a = ring[i];
-    const Point2& b = ring[i + 1 == ring.size() ? 0 : i + 1];
-    const auto number = static_cast<std::uint32_t>(segments_.size());
-    segments_.push_back({{a.x_mm, a.y_mm}, {b.x_mm, b.y_mm}});
-    const auto [left, right] = std::minmax({cell(a.x_mm), cell(b.x_mm)});
-    const auto [low, high] = std::minmax({cell(a.y_mm), cell(b.y_mm)});
-    for (std::int32_t y = low; y <= high; ++y)
-      for (std::int32_t x = left; x <= right; ++x) {
-        if (2 * (cells_ + 1) > slots_.size()) grow();
-        Slot& slot = slots_[slot_of(x, y)];
-        if (slot.entry == kNone) ++cells_;
-        entries_.push_back({number, slot.entry});
-        slot = {x, y, static_cast<std::uint32_t>(entries_.size() - 1)};
-      }
-  }
+  add_path(ring);
+  if (!ring.empty()) add_segment(ring.back(), ring.front());
+}
+
+void SegmentGrid::add_path(std::span<const Point2> way) {
+  for (std::size_t i = 1; i < way.size(); ++i) add_segment(way[i - 1], way[i]);
+}
+
+void SegmentGrid::add_segment(const Point2& from, const Point2& to) {
+  const auto number = static_cast<std::uint32_t>(segments_.size());
+  segments_.push_back({{from.x_mm, from.y_mm}, {to.x_mm, to.y_mm}});
+  const auto [left, right] = std::minmax({cell(from.x_mm), cell(to.x_mm)});
+  const auto [low, high] = std::minmax({cell(from.y_mm), cell(to.y_mm)});
+  for (std::int32_t y = low; y <= high; ++y)
+    for (std::int32_t x = left; x <= right; ++x) {
+      if (2 * (cells_ + 1) > slots_.size()) grow();
+      Slot& slot = slots_[slot_of(x, y)];
+      if (slot.entry == kNone) ++cells_;
+      entries_.push_back({number, slot.entry});
+      slot = {x, y, static_cast<std::uint32_t>(entries_.size() - 1)};
+    }
 }
 
 bool SegmentGrid::runs_beside(const Vec2& p, const Vec2& outward, double reach_mm) const {

@@ -15,6 +15,8 @@ class SegmentGrid {
   /// For questions of up to `reach_mm`: a place asks the four cells about it.
   explicit SegmentGrid(double reach_mm) : per_mm_{0.5 / reach_mm} {}
   void add(std::span<const Point2> ring);
+  /// The same without the segment from the last point to the first.
+  void add_path(std::span<const Point2> way);
   /// True when a segment whose solid lies opposite to `outward` runs within `reach_mm` of p.
   [[nodiscard]] bool runs_beside(const Vec2& p, const Vec2& outward, double reach_mm) const;
 
@@ -32,6 +34,7 @@ class SegmentGrid {
     std::int32_t i, j;
     std::uint32_t entry = kNone;
   };
+  void add_segment(const Point2& from, const Point2& to);
   [[nodiscard]] std::int32_t cell(double v_mm) const;
   [[nodiscard]] std::size_t slot_of(std::int32_t i, std::int32_t j) const;
   void grow();

@@ -14,6 +14,8 @@ namespace {
 // Critical heights nearer than this (in kernel widths) are not put in order.
 constexpr double kFineRun = 0.01;
 constexpr double kCoarseRun = 0.04;
+/// A scan too rough for its kernel leaves hundreds of doubts, which no second look at the same surface takes away.
+constexpr std::size_t kHopelessDoubts = 50;
 }  // namespace
 
 std::string_view name_of(CriticalKind kind) {
@@ -190,7 +192,7 @@ Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const 
   // Where points and graph contradict each other: first order heights less finely, then search more widely at the
   // heights in doubt. The first result without doubts is taken, else the one with the fewest.
   auto best = build(kFineRun);
-  if (!best || best->doubts().empty()) return best;
+  if (!best || best->doubts().empty() || best->doubts().size() > kHopelessDoubts) return best;
   if (auto coarse = build(kCoarseRun); !coarse)
     return coarse;
   else if (coarse->doubts().size() < best->doubts().size())
