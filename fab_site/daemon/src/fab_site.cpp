@@ -14,6 +14,7 @@ namespace {
 constexpr const char* kThreeJs = "/usr/share/javascript/three/three.min.js";  // Debian libjs-three
 constexpr std::uint64_t kMaxThreeJsBytes = 4U << 20U;
 constexpr auto kKeepEvery = std::chrono::milliseconds{100};
+constexpr auto kDarkLookEvery = std::chrono::milliseconds{20};
 
 /// What an operator can put right at the machine; nothing of the job is lost by it.
 bool is_device_trouble(ErrorCode code) {
@@ -110,10 +111,23 @@ Result<void> FabSite::run(std::stop_token stop) {
   keep();
   ServiceNotifier service;
   service.begin(loop_, [this] { return is_printer_alive(); });
-  const std::stop_callback on_stop{stop, [this] { loop_.stop(); }};
-  if (!stop.stop_requested()) loop_.run();
+  // The loop goes on, and feeds the watchdog, until the print under way is dark and its journal says so.
+  const std::function<void()> end_when_dark = [&] {
+    if (device_->has_ended()) return loop_.stop();
+    loop_.after(kDarkLookEvery, end_when_dark);
+  };
+  const std::stop_callback on_stop{stop, [&] {
+                                     later([&] {
+                                       if (!device_->is_idle())
+                                         log_line("telefab-fab ends when the light of the print under way has ended");
+                                       planner_->ask_to_end();
+                                       device_->ask_to_end();
+                                       end_when_dark();
+                                     });
+                                   }};
+  loop_.run();
   service.end();
-  log_line("telefab-fab ends; a print under way goes dark and is resumed at the next start");
+  log_line("telefab-fab ends; a print under way is dark and is resumed at the next start");
   return {};
 }
 
@@ -411,7 +425,7 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
       else if (job->message.empty())
         control->resume();
       else
-        control->decide(Decision::TreatAsExposed);
+        control->decide(Decision::TreatAsExposed, command.who);
       break;
     case JobCommand::Cancel:
       if (control) {

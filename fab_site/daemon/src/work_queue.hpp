@@ -1,4 +1,5 @@
 #pragma once
+#include <atomic>
 #include <condition_variable>
 #include <deque>
 #include <functional>
@@ -16,7 +17,10 @@ class WorkQueue {
   using Work = std::function<void(const std::string& job, std::stop_token stop)>;
 
   WorkQueue(const char* thread_name, Work work)
-      : work_{std::move(work)}, thread_{[this, thread_name](std::stop_token stop) { run(thread_name, stop); }} {}
+      : work_{std::move(work)}, thread_{[this, thread_name](std::stop_token stop) {
+          run(thread_name, stop);
+          has_ended_ = true;
+        }} {}
   ~WorkQueue() { end(); }
   WorkQueue(const WorkQueue&) = delete;
   WorkQueue& operator=(const WorkQueue&) = delete;
@@ -34,15 +38,23 @@ class WorkQueue {
     current_stop_.request_stop();
     return true;
   }
-  /// Stops the work under way and waits for it; nothing is begun any more.
-  void end() {
+  /// Asks the work under way to stop and returns at once; nothing is begun any more.
+  void ask_to_end() {
     thread_.request_stop();
-    {
-      const std::lock_guard lock{mutex_};
-      current_stop_.request_stop();
-      changed_.notify_all();
-    }
+    const std::lock_guard lock{mutex_};
+    current_stop_.request_stop();
+    changed_.notify_all();
+  }
+  /// Asks to end and waits for it.
+  void end() {
+    ask_to_end();
     if (thread_.joinable()) thread_.join();
+  }
+  /// Nothing is under way nor ever will be.
+  [[nodiscard]] bool has_ended() const { return has_ended_; }
+  [[nodiscard]] bool is_idle() const {
+    const std::lock_guard lock{mutex_};
+    return current_.empty();
   }
   /// The daemon ends, as opposed to the job.
   [[nodiscard]] bool is_ending() const { return thread_.get_stop_token().stop_requested(); }
@@ -72,6 +84,7 @@ class WorkQueue {
   std::deque<std::string> waiting_;
   std::string current_;
   std::stop_source current_stop_;
+  std::atomic<bool> has_ended_ = false;
   std::jthread thread_;  ///< last: everything above is there before it runs
 };
 

@@ -7,6 +7,7 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <map>
 #include <telefab/fab/print/print_journal.hpp>
 
 #include "print_record_json.hpp"
@@ -107,6 +108,7 @@ bool needs_sync(JournalStep step) {
 std::string line_of(const JournalEntry& e) {
   Json j{{"step", name_of(e.step)}, {"layer", e.layer.count()}, {"wall_ns", e.wall.count()}};
   if (e.step == JournalStep::Planned) j["plan_sha256"] = to_hex(e.plan);
+  if (!e.by.empty()) j["by"] = e.by;
   if (carries_record(e.step)) j["made"] = layer_to_json(e.made);
   const std::string body = j.dump();
   return checksum(body) + " " + body + "\n";
@@ -122,7 +124,7 @@ std::optional<JournalEntry> entry_of(std::string_view line) {
     JournalEntry e;
     const auto step = j.at("step").get<std::string>();
     bool known = false;
-    for (int i = 0; i <= static_cast<int>(JournalStep::Finished); ++i)
+    for (int i = 0; i <= static_cast<int>(JournalStep::Stopped); ++i)
       if (name_of(static_cast<JournalStep>(i)) == step) {
         e.step = static_cast<JournalStep>(i);
         known = true;
@@ -135,6 +137,7 @@ std::optional<JournalEntry> entry_of(std::string_view line) {
       if (!plan) return std::nullopt;
       e.plan = *plan;
     }
+    e.by = j.value("by", "");
     if (carries_record(e.step)) e.made = layer_from_json(j.at("made"));
     return e;
   } catch (const nlohmann::json::exception&) {
@@ -199,6 +202,7 @@ ResumePoint PrintJournal::resume_point() const {
       case JournalStep::Ready:
       case JournalStep::Lifted:
       case JournalStep::Finished:
+      case JournalStep::Stopped:
         break;
     }
   return point;
@@ -216,8 +220,15 @@ std::uint32_t PrintJournal::runs() const {
 
 std::vector<LayerRecord> PrintJournal::layers() const {
   std::vector<LayerRecord> made;
-  for (const JournalEntry& e : entries_)
-    if (carries_record(e.step) && (made.empty() || made.back().index < e.layer)) made.push_back(e.made);
+  std::map<LayerIndex, std::string> again;  // decisions about layers whose light is still to come
+  for (const JournalEntry& e : entries_) {
+    if (e.step == JournalStep::DecidedAgain) again[e.layer] = "again: " + e.by;
+    if (!carries_record(e.step) || (!made.empty() && made.back().index >= e.layer)) continue;
+    made.push_back(e.made);
+    if (e.step == JournalStep::DecidedExposed) made.back().decided = "exposed: " + e.by;
+    if (const auto said = again.find(e.layer); said != again.end() && e.step == JournalStep::Exposed)
+      made.back().decided = said->second;
+  }
   return made;
 }
 

@@ -32,7 +32,7 @@ class Builder {
   /// Writes empty layers down as passed and returns the first layer from here that needs light, or the end.
   [[nodiscard]] LayerIndex pass_empty(LayerIndex from, Commands& commands) const {
     while (!past_end(from) && at(from).exposure.count() == 0) {
-      commands.emplace_back(WriteJournal{JournalStep::Passed, from});
+      commands.emplace_back(WriteJournal{JournalStep::Passed, from, {}});
       from = from + LayerIndex{1};
     }
     return from;
@@ -42,7 +42,7 @@ class Builder {
   [[nodiscard]] Step finish(Commands commands) {
     const Ticket move = fresh();
     commands.emplace_back(LightOff{});
-    commands.emplace_back(WriteJournal{JournalStep::Finished, end()});
+    commands.emplace_back(WriteJournal{JournalStep::Finished, end(), {}});
     commands.emplace_back(GoHome{move});
     return to(Finishing{end(), move}, std::move(commands));
   }
@@ -69,12 +69,14 @@ class Builder {
 
   /// Peel off after layer; the mask of the next one loads meanwhile.
   [[nodiscard]] Step lift_from(const Exposing& s) {
-    Commands commands{LightOff{}, WriteJournal{JournalStep::Exposed, s.layer}};
+    Commands commands{LightOff{}, WriteJournal{JournalStep::Exposed, s.layer, {}}};
     const LayerIndex next = pass_empty(s.layer + LayerIndex{1}, commands);
-    Lifting lifting{s.layer, next, fresh(), {}, s.pause_after};
+    if (s.after == AfterExposure::Stop) return stopped(next, false, std::move(commands));
+    const bool pause = s.after == AfterExposure::Pause;
+    Lifting lifting{s.layer, next, fresh(), {}, pause};
     commands.emplace_back(
         MoveTo{lifting.move, at(s.layer).z_mm + plan_.motion.lift_mm, plan_.motion.lift_speed_mm_per_s});
-    if (!past_end(next) && !s.pause_after) {
+    if (!past_end(next) && !pause) {
       lifting.mask.ticket = fresh();
       commands.emplace_back(LoadMask{lifting.mask.ticket, next});
     }
@@ -84,8 +86,8 @@ class Builder {
   [[nodiscard]] Step expose_when_ready(const Settling& s) {
     if (!s.settled || !s.mask.done) return to(s);
     const Ticket exposure = fresh();
-    return to(Exposing{s.layer, exposure, false},
-              {WriteJournal{JournalStep::Ready, s.layer}, WriteJournal{JournalStep::Exposing, s.layer},
+    return to(Exposing{s.layer, exposure, AfterExposure::GoOn},
+              {WriteJournal{JournalStep::Ready, s.layer, {}}, WriteJournal{JournalStep::Exposing, s.layer, {}},
                Expose{exposure, s.layer}});
   }
 
@@ -106,6 +108,15 @@ class Builder {
     return to(Cancelling{next, move}, {LightOff{}, HoldStage{}, GoHome{move}});
   }
 
+  /// Dark and at rest, to be resumed by the next start of the site.
+  [[nodiscard]] Step stopped(LayerIndex next, bool maybe_exposed, Commands commands = {}) const {
+    if (commands.empty()) commands.emplace_back(LightOff{});
+    commands.emplace_back(HoldStage{});
+    commands.emplace_back(WriteJournal{JournalStep::Stopped, next, {}});
+    return to(Faulted{next, maybe_exposed, {ErrorCode::Cancelled, "the site stopped; resume the print"}},
+              std::move(commands));
+  }
+
   [[nodiscard]] LayerIndex end() const { return LayerIndex{static_cast<std::uint32_t>(plan_.layers.size())}; }
 
  private:
@@ -119,12 +130,12 @@ Step stop_on(const PrintState& state, const Error& cause, const Builder& b) {
   return b.to(Faulted{layer_of(state), exposing != nullptr, cause}, {LightOff{}, HoldStage{}});
 }
 
-Step decided(LayerIndex layer, Decision decision, Builder& b) {
-  switch (decision) {
+Step decided(LayerIndex layer, const DecisionMade& made, Builder& b) {
+  switch (made.decision) {
     case Decision::ExposeAgain:
-      return b.home_for(layer, {WriteJournal{JournalStep::DecidedAgain, layer}});
+      return b.home_for(layer, {WriteJournal{JournalStep::DecidedAgain, layer, made.by}});
     case Decision::TreatAsExposed:
-      return b.home_for(layer + LayerIndex{1}, {WriteJournal{JournalStep::DecidedExposed, layer}});
+      return b.home_for(layer + LayerIndex{1}, {WriteJournal{JournalStep::DecidedExposed, layer, made.by}});
     case Decision::GiveUp:
       return b.to(Cancelled{layer}, {LightOff{}});
   }
@@ -136,6 +147,14 @@ Step decided(LayerIndex layer, Decision decision, Builder& b) {
 Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& event, Ticket last_ticket) {
   Builder b{plan, last_ticket};
   const auto stay = [&] { return b.to(state); };
+
+  if (const auto* stop = std::get_if<StopAsked>(&event)) {
+    if (is_final(state) || std::holds_alternative<Faulted>(state)) return stay();
+    const auto* exposing = std::get_if<Exposing>(&state);
+    if (exposing != nullptr && stop->let_exposure_end)
+      return b.to(Exposing{exposing->layer, exposing->exposure, AfterExposure::Stop});
+    return b.stopped(layer_of(state), exposing != nullptr || std::holds_alternative<AwaitingDecision>(state));
+  }
 
   // Rows that hold in every state where something goes on.
   const bool at_work = !is_final(state) && !std::holds_alternative<Idle>(state) &&
@@ -156,7 +175,7 @@ Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& even
           },
           [&](const Idle&, const CancelAsked&) { return b.to(Cancelled{}, {LightOff{}}); },
 
-          [&](const AwaitingDecision& s, const DecisionMade& e) { return decided(s.layer, e.decision, b); },
+          [&](const AwaitingDecision& s, const DecisionMade& e) { return decided(s.layer, e, b); },
           [&](const AwaitingDecision& s, const CancelAsked&) { return b.to(Cancelled{s.layer}, {LightOff{}}); },
 
           [&](const Homing& s, const MoveDone& e) {
@@ -204,19 +223,19 @@ Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& even
           [&](const Exposing& s, const ExposureRefused& e) {
             if (e.exposure != s.exposure) return stay();
             return b.to(Faulted{s.layer, false, e.cause},
-                        {LightOff{}, HoldStage{}, WriteJournal{JournalStep::NotExposed, s.layer}});
+                        {LightOff{}, HoldStage{}, WriteJournal{JournalStep::NotExposed, s.layer, {}}});
           },
           [&](const Exposing& s, const PauseAsked&) {
-            return b.to(Exposing{s.layer, s.exposure, true});
+            return s.after == AfterExposure::Stop ? stay() : b.to(Exposing{s.layer, s.exposure, AfterExposure::Pause});
           },
           [&](const Exposing& s, const ResumeAsked&) {
-            return b.to(Exposing{s.layer, s.exposure, false});
+            return s.after == AfterExposure::Stop ? stay() : b.to(Exposing{s.layer, s.exposure, AfterExposure::GoOn});
           },
           [&](const Exposing& s, const CancelAsked&) { return b.cancel(s.layer); },
 
           [&](const Lifting& s, const MoveDone& e) {
             if (e.move != s.move) return stay();
-            Commands commands{WriteJournal{JournalStep::Lifted, s.layer}};
+            Commands commands{WriteJournal{JournalStep::Lifted, s.layer, {}}};
             if (b.past_end(s.next)) return b.finish(std::move(commands));
             if (s.pause_after) return b.to(Paused{s.next}, std::move(commands));
             return b.lower_to(s.next, std::move(commands), s.mask);
@@ -294,8 +313,9 @@ std::string_view name_of(Decision decision) {
 }
 
 std::string_view name_of(JournalStep step) {
-  static constexpr std::string_view names[] = {"planned", "ready",  "exposing",      "not-exposed",     "exposed",
-                                               "lifted",  "passed", "decided-again", "decided-exposed", "finished"};
+  static constexpr std::string_view names[] = {"planned",         "ready",    "exposing", "not-exposed",
+                                               "exposed",         "lifted",   "passed",   "decided-again",
+                                               "decided-exposed", "finished", "stopped"};
   return names[static_cast<std::size_t>(step)];
 }
 

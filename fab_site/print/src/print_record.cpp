@@ -83,6 +83,7 @@ Json layer_to_json(const LayerRecord& l) {
          {"parts", l.parts},
          {"mask_sha256", to_hex(l.mask)},
          {"note", l.note}};
+  if (!l.decided.empty()) j["decided"] = l.decided;
   if (l.resin_celsius) j["resin_celsius"] = *l.resin_celsius;
   return j;
 }
@@ -98,6 +99,7 @@ LayerRecord layer_from_json(const nlohmann::json& j) {
   l.parts = j.at("parts").get<std::uint32_t>();
   l.mask = digest_from_json(j.at("mask_sha256"));
   l.note = j.at("note").get<std::string>();
+  l.decided = j.value("decided", "");
   if (j.contains("resin_celsius")) l.resin_celsius = j.at("resin_celsius").get<double>();
   return l;
 }

@@ -61,12 +61,9 @@ class Run {
   void print(std::stop_token stop) {
     feed(StartAsked{journal_.resume_point()});
     while (!is_final(state_)) {
-      if (stop.stop_requested()) {
-        (void)go_dark();
-        (void)stage_.hold();
-        state_ =
-            Faulted{layer_of(state_), may_be_lit(state_), {ErrorCode::Cancelled, "the site stopped; resume the print"}};
-        return;
+      if (stop.stop_requested() && !std::exchange(stopping_, true)) {
+        feed(StopAsked{exposure_ && exposure_->due - clock_.now() <= policy_.longest_last_light});
+        continue;
       }
       if (const auto* faulted = std::get_if<Faulted>(&state_)) {
         if (!may_recover(*faulted)) return;
@@ -75,9 +72,16 @@ class Run {
         feed(ResumeAsked{});
         continue;
       }
-      if (std::holds_alternative<AwaitingDecision>(state_) && policy_.maybe_exposed) {
-        feed(DecisionMade{*policy_.maybe_exposed});
-        continue;
+      if (std::holds_alternative<AwaitingDecision>(state_)) {
+        // A word of the operator that came first counts more than the policy.
+        if (auto wish = control_.take()) {
+          feed(*wish);
+          continue;
+        }
+        if (policy_.maybe_exposed) {
+          feed(DecisionMade{*policy_.maybe_exposed, "policy"});
+          continue;
+        }
       }
       if (auto event = observe())
         feed(*event);
@@ -105,7 +109,7 @@ class Run {
 
  private:
   [[nodiscard]] bool may_recover(const Faulted& faulted) const {
-    return recoveries_ > 0 && alarm_.empty() && is_device_fault(faulted.cause.code) &&
+    return !stopping_ && recoveries_ > 0 && alarm_.empty() && is_device_fault(faulted.cause.code) &&
            (!faulted.maybe_exposed || policy_.maybe_exposed);
   }
 
@@ -205,7 +209,7 @@ class Run {
   }
 
   [[nodiscard]] std::optional<PrintEvent> write(const WriteJournal& c) {
-    JournalEntry entry{c.step, c.layer, clock_.wall(), {}, {}};
+    JournalEntry entry{c.step, c.layer, clock_.wall(), {}, c.by, {}};
     if (c.layer.count() < plan_.layers.size()) {
       const PlannedLayer& planned = plan_.layers[c.layer.count()];
       entry.made = c.step == JournalStep::Exposed ? made_ : LayerRecord{};
@@ -311,6 +315,7 @@ class Run {
   LayerRecord made_;
   std::uint32_t retries_ = 0;
   std::uint32_t recoveries_;
+  bool stopping_ = false;
   double z_mm_ = 0;
   std::string alarm_;
   std::vector<Nanoseconds> left_;
@@ -350,7 +355,8 @@ Result<PrintRecord> PrintRunner::run(const PrintPlan& plan, const PrintPolicy& p
   const Digest digest = plan_digest(plan);
   if (const auto ok = journal_.belongs_to(digest); !ok) return tl::unexpected{ok.error()};
   if (journal_.finished()) return fail(ErrorCode::Conflict, "this job is printed already");
-  if (const auto ok = journal_.write({JournalStep::Planned, journal_.resume_point().next, clock_.wall(), digest, {}});
+  if (const auto ok =
+          journal_.write({JournalStep::Planned, journal_.resume_point().next, clock_.wall(), digest, {}, {}});
       !ok)
     return tl::unexpected{ok.error()};
 

@@ -32,7 +32,8 @@ std::vector<PrintState> every_state() {
     states.insert(states.end(), {AwaitingDecision{k}, Retreating{k, kMove}, Paused{k}, Finishing{at(4), kMove},
                                  Cancelling{k, kMove}, Faulted{k, false, kCause}, Faulted{k, true, kCause}});
     for (const bool pause : {false, true}) {
-      states.insert(states.end(), {Homing{k, kMove, pause}, Exposing{k, kMove, pause}});
+      states.insert(states.end(),
+                    {Homing{k, kMove, pause}, Exposing{k, kMove, pause ? AfterExposure::Pause : AfterExposure::GoOn}});
       for (const bool loaded : {false, true})
         states.insert(states.end(),
                       {Lowering{k, kMove, {kMask, loaded}, pause}, Settling{k, kMove, {kMask, loaded}, pause},
@@ -43,7 +44,7 @@ std::vector<PrintState> every_state() {
 }
 
 std::vector<PrintEvent> every_event() {
-  static_assert(std::variant_size_v<PrintEvent> == 13, "add the new event below");
+  static_assert(std::variant_size_v<PrintEvent> == 14, "add the new event below");
   std::vector<PrintEvent> events{DeviceFailed{kCause},
                                  InterlockOpened{},
                                  TooHot{60},
@@ -52,9 +53,11 @@ std::vector<PrintEvent> every_event() {
                                  CancelAsked{},
                                  StartAsked{{at(0), false}},
                                  StartAsked{{at(1), true}},
-                                 StartAsked{{at(4), false}}};
+                                 StartAsked{{at(4), false}},
+                                 StopAsked{true},
+                                 StopAsked{false}};
   for (const auto d : {Decision::ExposeAgain, Decision::TreatAsExposed, Decision::GiveUp})
-    events.emplace_back(DecisionMade{d});
+    events.emplace_back(DecisionMade{d, "ana"});
   for (const Ticket t : {kMove, kMask, Ticket{3}}) {
     events.insert(events.end(),
                   {MoveDone{t}, MaskLoaded{t}, TimerDone{t}, ExposureDone{t}, ExposureRefused{t, kCause}});
@@ -190,13 +193,54 @@ TEST(PrintMachine, AsksBeforeItTouchesALayerThatWasPerhapsExposed) {
     const Step step = next(kPlan, from, event, kLast);
     ASSERT_TRUE(std::holds_alternative<AwaitingDecision>(step.state));
     EXPECT_FALSE(starts_motion(step));
-    const Step again = next(kPlan, step.state, DecisionMade{Decision::ExposeAgain}, kLast);
+    const Step again = next(kPlan, step.state, DecisionMade{Decision::ExposeAgain, "ana"}, kLast);
     EXPECT_EQ(layer_of(again.state), at(1));
-    const Step after = next(kPlan, step.state, DecisionMade{Decision::TreatAsExposed}, kLast);
+    const Step after = next(kPlan, step.state, DecisionMade{Decision::TreatAsExposed, "ana"}, kLast);
     EXPECT_EQ(layer_of(after.state), at(3)) << "layer 2 is empty";
     EXPECT_TRUE(
-        std::holds_alternative<Cancelled>(next(kPlan, step.state, DecisionMade{Decision::GiveUp}, kLast).state));
+        std::holds_alternative<Cancelled>(next(kPlan, step.state, DecisionMade{Decision::GiveUp, "ana"}, kLast).state));
   }
+}
+
+TEST(PrintMachine, WritesDownWhoDecided) {
+  for (const Decision d : {Decision::ExposeAgain, Decision::TreatAsExposed}) {
+    const Step step = next(kPlan, AwaitingDecision{at(1)}, DecisionMade{d, "ana"}, kLast);
+    const auto* entry = std::get_if<WriteJournal>(&step.commands.front());
+    ASSERT_NE(entry, nullptr);
+    EXPECT_EQ(entry->by, "ana");
+    EXPECT_EQ(entry->layer, at(1));
+  }
+}
+
+TEST(PrintMachine, AnOrderlyStopLeavesNoStateAtWorkNorLit) {
+  for (const PrintState& from : every_state()) {
+    SCOPED_TRACE(name_of(from));
+    const Step step = next(kPlan, from, StopAsked{false}, kLast);
+    EXPECT_TRUE(is_final(step.state) || std::holds_alternative<Faulted>(step.state));
+    EXPECT_FALSE(starts_motion(step));
+    EXPECT_EQ(layer_of(step.state), layer_of(from));
+    if (is_final(from) || std::holds_alternative<Faulted>(from)) continue;
+    EXPECT_EQ(std::get<Faulted>(step.state).maybe_exposed,
+              may_be_lit(from) || std::holds_alternative<AwaitingDecision>(from));
+    const auto* last = std::get_if<WriteJournal>(&step.commands.back());
+    ASSERT_NE(last, nullptr);
+    EXPECT_EQ(last->step, JournalStep::Stopped);
+  }
+}
+
+TEST(PrintMachine, AStopThatWaitsForTheLightLeavesTheLayerExposedAndAllElseForbidden) {
+  Step step = next(kPlan, Exposing{at(0), Ticket{12}, AfterExposure::GoOn}, StopAsked{true}, kLast);
+  ASSERT_TRUE(may_be_lit(step.state));
+  EXPECT_TRUE(step.commands.empty());
+  for (const PrintEvent& event : std::vector<PrintEvent>{PauseAsked{}, ResumeAsked{}})
+    step = next(kPlan, step.state, event, kLast);
+  step = next(kPlan, step.state, ExposureDone{Ticket{12}}, kLast);
+  const auto* faulted = std::get_if<Faulted>(&step.state);
+  ASSERT_NE(faulted, nullptr);
+  EXPECT_FALSE(faulted->maybe_exposed);
+  EXPECT_EQ(faulted->next, at(1));
+  EXPECT_EQ(faulted->cause.code, ErrorCode::Cancelled);
+  EXPECT_FALSE(starts_motion(step));
 }
 
 TEST(PrintMachine, HandsOutATicketNobodyHolds) {

@@ -171,7 +171,7 @@ TEST(PrintRunner, WaitsForTheOperatorWhenNoPolicyDecides) {
   b.projector.faults.ignore_expose_at = 1;
   EXPECT_TRUE(b.print().maybe_exposed);
   const PrintRecord record = b.print([&](const PrintProgress& p) {
-    if (p.state == "awaiting-decision") b.control.decide(Decision::ExposeAgain);
+    if (p.state == "awaiting-decision") b.control.decide(Decision::ExposeAgain, "ana");
   });
   EXPECT_EQ(record.outcome, PrintOutcome::Done);
   expect_every_layer_once(b);
@@ -214,6 +214,81 @@ TEST(PrintRunner, StopsDarkAndResumableWhenTheSiteStops) {
   EXPECT_EQ(record.cause.code, ErrorCode::Cancelled);
   b.stop = {};
   EXPECT_EQ(b.print().outcome, PrintOutcome::Done);
+  expect_every_layer_once(b);
+}
+
+TEST(PrintRunner, LetsTheLightEndWhenTheSiteStopsAndGuessesAboutNoLayer) {
+  for (const Nanoseconds after : {0ns, Nanoseconds{300ms}, Nanoseconds{690ms}}) {
+    SCOPED_TRACE(after.count());
+    Bench b;
+    const PrintRecord record = b.print([&](const PrintProgress& p) {
+      if (p.state != "exposing" || p.layer != LayerIndex{2}) return;
+      b.clock.advance(after);
+      b.stop.request_stop();
+    });
+    EXPECT_EQ(record.outcome, PrintOutcome::Faulted);
+    EXPECT_EQ(record.cause.code, ErrorCode::Cancelled);
+    EXPECT_FALSE(record.maybe_exposed);
+    EXPECT_EQ(record.next, LayerIndex{3});
+    EXPECT_EQ(b.journal.entries().back().step, JournalStep::Stopped);
+    EXPECT_EQ(b.journal.resume_point(), (ResumePoint{LayerIndex{3}, false}));
+    ASSERT_EQ(b.log.light().size(), 3u);
+    EXPECT_EQ(b.log.light().back().until - b.log.light().back().from, 700ms);
+    b.stop = {};
+    EXPECT_EQ(b.print().outcome, PrintOutcome::Done);
+    expect_every_layer_once(b);
+  }
+}
+
+TEST(PrintRunner, GoesDarkAtOnceWhenTheRestOfTheLightIsLongerThanAStopMayTake) {
+  Bench b;
+  PrintPolicy policy;
+  policy.longest_last_light = 200ms;
+  const PrintRecord record = b.print(
+      [&](const PrintProgress& p) {
+        if (p.state == "exposing" && p.layer == LayerIndex{2}) b.stop.request_stop();
+      },
+      policy);
+  EXPECT_TRUE(record.maybe_exposed);
+  EXPECT_EQ(record.next, LayerIndex{2});
+  EXPECT_EQ(b.journal.entries().back().step, JournalStep::Stopped);
+  EXPECT_LE(b.log.light().back().until - b.log.light().back().from, 60ms);
+}
+
+TEST(PrintRunner, StaysInDoubtWhenTheSiteStopsBeforeADecision) {
+  Bench b;
+  b.projector.faults.ignore_expose_at = 1;
+  EXPECT_TRUE(b.print().maybe_exposed);
+  const PrintRecord record = b.print([&](const PrintProgress& p) {
+    if (p.state == "awaiting-decision") b.stop.request_stop();
+  });
+  EXPECT_TRUE(record.maybe_exposed);
+  EXPECT_TRUE(b.journal.resume_point().maybe_exposed);
+}
+
+TEST(PrintRunner, FollowsTheOperatorBeforeThePolicyAndNamesWhoDecided) {
+  for (const bool by_operator : {false, true}) {
+    SCOPED_TRACE(by_operator);
+    Bench b;
+    b.projector.faults.ignore_expose_at = 1;
+    EXPECT_TRUE(b.print().maybe_exposed);
+    PrintPolicy policy;
+    policy.maybe_exposed = by_operator ? Decision::TreatAsExposed : Decision::ExposeAgain;
+    if (by_operator) b.control.decide(Decision::ExposeAgain, "ana");
+    const PrintRecord record = b.print({}, policy);
+    EXPECT_EQ(record.outcome, PrintOutcome::Done);
+    expect_every_layer_once(b);
+    EXPECT_EQ(record.layers.at(1).decided, by_operator ? "again: ana" : "again: policy");
+    EXPECT_EQ(record.layers.at(0).decided, "");
+    EXPECT_EQ(*print_record_from_json(to_json(record)), record);
+  }
+}
+
+TEST(PrintRunner, ForgetsADecisionAboutNothing) {
+  Bench b;
+  b.control.decide(Decision::TreatAsExposed, "ana");
+  const PrintRecord record = b.print();
+  EXPECT_EQ(record.outcome, PrintOutcome::Done);
   expect_every_layer_once(b);
 }
 

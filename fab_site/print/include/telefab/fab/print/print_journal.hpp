@@ -37,12 +37,13 @@ struct JournalEntry {
   LayerIndex layer;
   Nanoseconds wall{};
   Digest plan;       ///< Planned only
+  std::string by;    ///< Decided* only: who decided
   LayerRecord made;  ///< Exposed, Passed and DecidedExposed only
 };
 
 /// What has been done so far, one line of JSON with a checksum each. Each line is written before the deed it announces
-/// and synced where the deed cannot be taken back (Exposing, Exposed, Decided*, NotExposed, Planned, Finished).
-/// Threads: one caller at a time.
+/// and synced where the deed cannot be taken back (Exposing, Exposed, Decided*, NotExposed, Planned, Finished,
+/// Stopped). Threads: one caller at a time.
 class PrintJournal {
  public:
   /// Reads what there is; drops a torn or damaged tail and cuts it off. Fails with Storage* as the file does.

@@ -1,6 +1,7 @@
 #pragma once
 #include <chrono>
 #include <cstdint>
+#include <string>
 #include <string_view>
 #include <telefab/base/clock.hpp>
 #include <telefab/fab/print/print_plan.hpp>
@@ -19,6 +20,9 @@ enum class Decision : std::uint8_t {
   GiveUp,          ///< end the print
 };
 [[nodiscard]] std::string_view name_of(Decision decision);
+
+/// What follows an exposure that was not asked to end early.
+enum class AfterExposure : std::uint8_t { GoOn, Pause, Stop };
 
 /// Where a print begins or goes on: taken from the journal.
 struct ResumePoint {
@@ -59,7 +63,7 @@ struct Settling {
 struct Exposing {
   LayerIndex layer;
   Ticket exposure{};
-  bool pause_after = false;
+  AfterExposure after = AfterExposure::GoOn;
 };
 struct Lifting {
   LayerIndex layer;
@@ -132,11 +136,16 @@ struct ResumeAsked {};
 struct CancelAsked {};
 struct DecisionMade {
   Decision decision{};
+  std::string by;  ///< who decided, for the journal and the record: "policy", or the operator's name
+};
+/// The site ends. The print is left dark, at rest and resumable (Faulted, its cause Cancelled).
+struct StopAsked {
+  bool let_exposure_end = false;  ///< false: dark at once; a layer under way was then perhaps exposed
 };
 
 using PrintEvent =
     std::variant<StartAsked, MoveDone, MaskLoaded, TimerDone, ExposureDone, ExposureRefused, DeviceFailed,
-                 InterlockOpened, TooHot, PauseAsked, ResumeAsked, CancelAsked, DecisionMade>;
+                 InterlockOpened, TooHot, PauseAsked, ResumeAsked, CancelAsked, DecisionMade, StopAsked>;
 
 // ---- commands, carried out in order; one that fails drops those behind it and becomes DeviceFailed
 // -------------------
@@ -153,6 +162,7 @@ enum class JournalStep : std::uint8_t {
   DecidedAgain,    ///< maybe exposed: will be exposed again
   DecidedExposed,  ///< maybe exposed: counts as exposed
   Finished,
+  Stopped,  ///< an orderly stop of the site; `layer` is the next one. Absent after a crash
 };
 
 struct LightOff {};
@@ -180,6 +190,7 @@ struct Expose {
 struct WriteJournal {
   JournalStep step{};
   LayerIndex layer;
+  std::string by;  ///< Decided* only: who decided
 };
 
 using PrintCommand = std::variant<LightOff, HoldStage, GoHome, MoveTo, LoadMask, StartTimer, Expose, WriteJournal>;

@@ -32,7 +32,8 @@ class PrintControl {
   void pause() { ask(PauseAsked{}); }
   void resume() { ask(ResumeAsked{}); }
   void cancel() { ask(CancelAsked{}); }
-  void decide(Decision decision) { ask(DecisionMade{decision}); }
+  /// `by`: who decides, for the journal and the record. Changes nothing where no layer is in doubt.
+  void decide(Decision decision, std::string by) { ask(DecisionMade{decision, std::move(by)}); }
   void open_interlock() { ask(InterlockOpened{}); }
   /// The oldest wish not yet taken.
   [[nodiscard]] std::optional<PrintEvent> take();
@@ -45,12 +46,16 @@ class PrintControl {
 
 /// What the print does when nobody is asked.
 struct PrintPolicy {
-  /// For a layer that was perhaps exposed; empty: wait in awaiting-decision until PrintControl::decide().
+  /// For a layer that was perhaps exposed, unless PrintControl::decide() was called before; empty: wait in
+  /// awaiting-decision until it is.
   std::optional<Decision> maybe_exposed;
   /// How often a fault with the light certainly off is answered by homing and trying the layer again; >= 0.
   std::uint32_t recoveries = 2;
   /// Resin warmer than this stops the print; empty: no limit.
   std::optional<double> hottest_celsius;
+  /// A stop request lets an exposure end whose rest is at most this, so that nobody need guess about its layer; a
+  /// longer one goes dark at once. Longer than any layer of a usual job, shorter than systemd's TimeoutStopSec.
+  Nanoseconds longest_last_light = std::chrono::seconds{60};
   /// Wait between two looks at a device whose answer is due; > 0.
   Nanoseconds poll = std::chrono::milliseconds{10};
   /// Longest wait without a look at the operator's wishes and the sensors; >= poll. Sped-up virtual machines multiply
@@ -77,8 +82,9 @@ class PrintRunner {
   PrintRunner(Projector& projector, ZStage& stage, MaskSource& masks, PrintJournal& journal, Clock& clock,
               Sensors* sensors = nullptr);
 
-  /// Prints, or goes on where the journal ends, until done, cancelled or faulted beyond recovery; a stop request goes
-  /// dark and holds at once and leaves the print resumable (Faulted, its cause Cancelled). Returns the record of what
+  /// Prints, or goes on where the journal ends, until done, cancelled or faulted beyond recovery; a stop request
+  /// lets an exposure under way end (PrintPolicy::longest_last_light), else goes dark and holds at once, and leaves the
+  /// print resumable (Faulted, its cause Cancelled). Returns the record of what
   /// happened; fails only when nothing could be begun: InvalidInput (plan), NotTrusted (journal of another plan),
   /// Conflict (finished already), Device* (light could not be switched off).
   [[nodiscard]] Result<PrintRecord> run(const PrintPlan& plan, const PrintPolicy& policy, PrintControl& control,
