@@ -19,6 +19,9 @@ void declare_serve_options(CLI::App& app, ServeOptions& options) {
   app.add_option("--tls", options.tls_folder,
                  "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as deploy/certs makes it");
   app.add_option("--tls-name", options.tls_name, "NAME of the certificate in that folder")->capture_default_str();
+  app.add_option("--web", options.web,
+                 "HOST:PORT of the web page and its API, e.g. 127.0.0.1:7480; default: none. What changes a job needs "
+                 "the token in DATA/web-token");
   app.add_option("--hook", options.hooks.program,
                  "program to run at every change of a job's state: TELEFAB_JOB, TELEFAB_STATE, TELEFAB_MESSAGE, "
                  "TELEFAB_NAME and TELEFAB_MACHINE in its environment, the job as JSON on its input");

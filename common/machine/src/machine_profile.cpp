@@ -333,6 +333,13 @@ std::string to_toml(const MachineProfile& profile) {
   return text;
 }
 
+Digest digest_of_profile(MachineProfile profile) {
+  profile.devices = {};
+  Hasher hasher;
+  hasher.feed(to_toml(profile));
+  return hasher.digest();
+}
+
 std::string describe_keys() {
   std::string text;
   for (const Key& key : keys())

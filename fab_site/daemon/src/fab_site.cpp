@@ -7,6 +7,7 @@
 #include <telefab/base/file.hpp>
 
 #include "plan_print.hpp"
+#include "upload.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -19,14 +20,6 @@ constexpr auto kDarkLookEvery = std::chrono::milliseconds{20};
 /// What an operator can put right at the machine; nothing of the job is lost by it.
 bool is_device_trouble(ErrorCode code) {
   return code == ErrorCode::DeviceLost || code == ErrorCode::DeviceTimeout || code == ErrorCode::DeviceRefused;
-}
-
-/// The profile as both sites compare it: what the virtual devices do is the fab's own matter.
-Digest digest_of_profile(MachineProfile machine) {
-  machine.devices = {};
-  Hasher hasher;
-  hasher.feed(to_toml(machine));
-  return hasher.digest();
 }
 
 }  // namespace
@@ -69,27 +62,28 @@ Result<void> FabSite::start() {
 }
 
 Result<void> FabSite::start_web() {
-  if (config_.web.empty()) return {};
-  const auto address = net::endpoint_from_text(config_.web);
-  if (!address) return fail_in("--web", address.error());
-  auto token = web_token(folder_.path());
+  if (config_.serve.web.empty()) return {};
+  auto token = web_token(folder_);
   if (!token) return tl::unexpected{token.error()};
-  web_desk_ = std::make_unique<WebDesk>(store(), folder_, machines_,
-                                        [this](const Command& asked, std::function<void(Result<Job>)> done) {
-                                          later([this, asked, done = std::move(done)] {
-                                            note(asked.who, fmt::format("{} {}", name_of(asked.command), asked.job));
-                                            command(asked, done);
-                                          });
-                                        });
+  web_desk_ = std::make_unique<WebDesk>(
+      store(), folder_, machines_,
+      [this](const Command& asked, std::function<void(Result<Job>)> done) {
+        later([this, asked, done = std::move(done)] {
+          note(asked.who, fmt::format("{} {}", name_of(asked.command), asked.job));
+          command(asked, done);
+        });
+      },
+      [this](const NewJob& upload, std::function<void(Result<Job>)> done) {
+        later([this, upload, done = std::move(done)] { done(take_upload(upload)); });
+      });
   std::string three_js;
   if (const auto library = read_file(kThreeJs, kMaxThreeJsBytes))
     three_js.assign(reinterpret_cast<const char*>(library->data()), library->size());
-  auto server =
-      WebServer::listen(address->host, address->port, *web_desk_, {std::move(*token), "0.1.0", std::move(three_js)});
+  web_site_ = std::make_unique<FabWeb>(*web_desk_, WebOptions{std::move(*token), "0.1.0", std::move(three_js)});
+  auto server = open_page(config_.serve, folder_, *web_site_, "telefab-fab/0.1.0");
   if (!server) return tl::unexpected{server.error()};
   web_ = std::move(*server);
-  log_line(fmt::format("the page is at http://{}:{}/", address->host, web_->port()));
-  return write_file_atomically(folder_.path() / "web-port", std::string_view{fmt::format("{}\n", web_->port())});
+  return {};
 }
 
 FabSite::~FabSite() {
@@ -230,6 +224,22 @@ void FabSite::completed(const std::string& job) {
   planner_->add(job);
 }
 
+Result<Job> FabSite::take_upload(const NewJob& upload) {
+  const auto folder = folder_.job(*upload.id);
+  if (!folder) return tl::unexpected{folder.error()};
+  const auto offer = saved_offer(*folder);
+  if (!offer) return tl::unexpected{offer.error()};
+  auto job = store().create(upload);
+  if (!job) return job;
+  note(upload.owner, fmt::format("upload {} {} for {} {}", job->id, job->name, job->machine, upload.parameters));
+  Live& live = live_[job->id];
+  live.send_began = clock_.now();
+  live.counters.layers = live.counters.layers_sent = offer->header.layer_count;
+  live.is_dirty = true;
+  completed(job->id);
+  return store().find(job->id);
+}
+
 void FabSite::broken(const std::string& job, const Error& why) { end_job(job, JobState::Failed, why.what); }
 
 Result<void> FabSite::take_up(const Job& job) {
@@ -248,7 +258,10 @@ Result<void> FabSite::take_up(const Job& job) {
       device_->add(job.id);
       break;
     default:
-      break;  // the scan site will offer it again
+      // A scan site will offer its job again; nobody would an upload, whose layers are all here.
+      if (const auto folder = folder_.job(job.id))
+        if (const auto intake = Intake::reopen(*folder); intake && intake->is_complete()) completed(job.id);
+      break;
   }
   return {};
 }
@@ -302,7 +315,8 @@ void FabSite::count_planned(const std::string& job, std::uint32_t done, std::uin
 }
 
 void FabSite::planned(const std::string& job, const std::string& doubt) {
-  if (config_.start_on_approval || !doubt.empty())
+  const auto folder = folder_.job(job);
+  if (config_.start_on_approval || !doubt.empty() || (folder && waits_for_approval(*folder)))
     return move(job, JobState::Ready, fmt::format("waits for `telefab approve`{}{}", doubt.empty() ? "" : ": ", doubt));
   move(job, JobState::Ready, "");
   device_->add(job);

@@ -7,7 +7,7 @@
 #include <telefab/desk/site_ledger.hpp>
 #include <telefab/desk/site_runtime.hpp>
 #include <telefab/fab/print/print_runner.hpp>
-#include <telefab/fab/web/web_server.hpp>
+#include <telefab/fab/web/router.hpp>
 #include <telefab/machine/machine_profile.hpp>
 
 #include "scan_session.hpp"
@@ -19,7 +19,6 @@ namespace telefab::fab {
 
 struct FabSiteConfig {
   ServeOptions serve;
-  std::string web;                 ///< HOST:PORT of the page and the API; empty: none
   std::string site_keys;           ///< folder with SITE.sign.pub; empty: the --tls folder, or none without TLS
   bool start_on_approval = false;  ///< a planned job waits for `telefab approve`
   /// For a layer that was perhaps exposed when the power went; empty: the print waits for an operator.
@@ -63,6 +62,8 @@ class FabSite final : public FabDesk {
   [[nodiscard]] Result<void> start();
   [[nodiscard]] Result<void> start_web();
   [[nodiscard]] Result<void> take_up(const Job& job);
+  /// Makes the job whose layers write_upload has put on disk.
+  [[nodiscard]] Result<Job> take_upload(const NewJob& upload);
   void welcome(const net::ConnectionPtr& connection);
   void move(const std::string& job, JobState state, std::string_view message);
   void end_job(const std::string& job, JobState state, std::string_view message);
@@ -102,6 +103,7 @@ class FabSite final : public FabDesk {
   std::unique_ptr<WorkQueue> device_;
   std::unique_ptr<net::Listener> listener_;
   std::unique_ptr<WebDesk> web_desk_;
+  std::unique_ptr<FabWeb> web_site_;
   std::unique_ptr<WebServer> web_;
 };
 

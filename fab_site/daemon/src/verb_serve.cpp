@@ -16,9 +16,6 @@ VerbBody declare_serve(CLI::App& options) {
   auto o = std::make_shared<Options>();
   o->config.serve = {"127.0.0.1:7420", "", default_machine_folder(), "", "fab-site"};
   declare_serve_options(options, o->config.serve);
-  options.add_option("--web", o->config.web,
-                     "HOST:PORT of the web page and its API, e.g. 127.0.0.1:7480; default: none. What changes a job "
-                     "needs the token in DATA/web-token");
   options.add_option("--site-keys", o->config.site_keys,
                      "folder with SITE.sign.pub of every scan site whose jobs are taken; jobs not signed with one of "
                      "them are refused. Default: the --tls folder; without TLS, on loopback only, every job is taken");

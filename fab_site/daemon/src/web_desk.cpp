@@ -1,10 +1,8 @@
 #include "web_desk.hpp"
 
 #include <fmt/format.h>
-#include <sys/random.h>
 
 #include <algorithm>
-#include <future>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <telefab/base/file.hpp>
@@ -13,6 +11,7 @@
 #include <telefab/geometry/contour_lines.hpp>
 
 #include "intake.hpp"
+#include "upload.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -22,7 +21,6 @@ using nlohmann::ordered_json;
 constexpr std::uint64_t kMaxFileBytes = 256U << 20U;
 constexpr std::size_t kMostJobs = 200;
 constexpr std::size_t kMostEvents = 500;
-constexpr auto kCommandTimeout = std::chrono::seconds{5};
 
 Result<std::string> text_of(const std::filesystem::path& path) {
   const auto bytes = read_file(path, kMaxFileBytes);
@@ -132,6 +130,7 @@ JobView WebDesk::view_of(const Job& job) {
     if (is_ahead)
       view.seconds_left =
           std::accumulate(light->layer_s.begin() + static_cast<std::ptrdiff_t>(printed), light->layer_s.end(), 0.0);
+    view.print_seconds = std::accumulate(light->layer_s.begin(), light->layer_s.end(), 0.0);
     view.planned_exposure_s = std::accumulate(light->planned_s.begin(), light->planned_s.end(), 0.0);
     for (const auto& seconds : light->measured_s) view.measured_exposure_s += seconds.value_or(0);
     view.retries = light->retries;
@@ -278,15 +277,18 @@ Result<void> WebDesk::act(std::string_view id, JobAction action, std::string_vie
       command.command = JobCommand::Cancel;
       break;
   }
-  // Shared, for an answer that comes after this call gave up.
-  const auto answered = std::make_shared<std::promise<Result<Job>>>();
-  auto answer = answered->get_future();
-  post_(command, [answered](Result<Job> job) { answered->set_value(std::move(job)); });
-  if (answer.wait_for(kCommandTimeout) != std::future_status::ready)
-    return fail(ErrorCode::Unreachable, "the daemon is busy; look at the job before you try again");
-  const auto job = answer.get();
+  const auto job = command_and_wait(post_, command);
   if (!job) return tl::unexpected{job.error()};
   return {};
+}
+
+Result<std::string> WebDesk::take_file(std::string_view name, std::string_view tfc, bool start) {
+  auto upload = write_upload(folder_, machines_, name, std::as_bytes(std::span{tfc}), start);
+  if (!upload) return tl::unexpected{upload.error()};
+  const auto job = command_and_wait(
+      [&](const Command&, std::function<void(Result<Job>)> done) { uploaded_(*upload, std::move(done)); }, {});
+  if (!job) return tl::unexpected{job.error()};
+  return job->id;
 }
 
 std::string WebDesk::devices_json() {
@@ -296,25 +298,6 @@ std::string WebDesk::devices_json() {
                                       machine.devices.projector, machine.devices.stage, machine.mask_size().width_px,
                                       machine.mask_size().height_px, machine.layers.thickness_mm);
   return value.dump();
-}
-
-Result<std::string> web_token(const std::filesystem::path& data) {
-  const auto path = data / "web-token";
-  if (auto kept = text_of(path)) {
-    while (!kept->empty() && (kept->back() == '\n' || kept->back() == ' ')) kept->pop_back();
-    if (kept->size() < 16)
-      return fail(
-          ErrorCode::InvalidInput,
-          fmt::format("{} holds no token of at least 16 characters; remove it to have one made", path.string()));
-    return *kept;
-  }
-  std::array<unsigned char, 16> random{};
-  if (::getrandom(random.data(), random.size(), 0) != static_cast<ssize_t>(random.size()))
-    return fail(ErrorCode::Internal, "no random numbers for the web token");
-  std::string token;
-  for (const unsigned char byte : random) token += fmt::format("{:02x}", byte);
-  if (auto written = write_new_secret(path, token + "\n"); !written) return tl::unexpected{written.error()};
-  return token;
 }
 
 }  // namespace telefab::fab

@@ -2,7 +2,7 @@
 #include <functional>
 #include <map>
 #include <optional>
-#include <telefab/desk/site_runtime.hpp>
+#include <telefab/desk/site_page.hpp>
 #include <telefab/fab/print/print_plan.hpp>
 #include <telefab/fab/web/job_desk.hpp>
 #include <telefab/geometry/layer.hpp>
@@ -12,16 +12,21 @@
 
 namespace telefab::fab {
 
-/// Hands a command to the daemon's loop; the answer comes on the loop's thread.
-using CommandPost = std::function<void(const Command&, std::function<void(Result<Job>)>)>;
+/// An uploaded job, its layers on disk: hands it to the daemon's loop; the answer comes on the loop's thread.
+using UploadPost = std::function<void(const NewJob&, std::function<void(Result<Job>)>)>;
 
 /// The daemon as its web page sees it: reads the store and the job folders itself, passes commands on. Lives on the
 /// thread "web"; keeps the layers of the job last looked at.
 class WebDesk final : public JobDesk {
  public:
   /// Store and folder must outlive the desk.
-  WebDesk(JobStore& store, const DataFolder& folder, std::vector<MachineProfile> machines, CommandPost post)
-      : store_{store}, folder_{folder}, machines_{std::move(machines)}, post_{std::move(post)} {}
+  WebDesk(JobStore& store, const DataFolder& folder, std::vector<MachineProfile> machines, CommandPost post,
+          UploadPost uploaded)
+      : store_{store},
+        folder_{folder},
+        machines_{std::move(machines)},
+        post_{std::move(post)},
+        uploaded_{std::move(uploaded)} {}
 
   Result<std::vector<JobView>> jobs() override;
   Result<JobView> job(std::string_view id) override;
@@ -33,6 +38,7 @@ class WebDesk final : public JobDesk {
   Result<std::vector<std::byte>> preview_png(std::string_view id) override;
   Result<std::string> layer_json(std::string_view id, std::uint32_t layer) override;
   Result<void> act(std::string_view id, JobAction action, std::string_view who) override;
+  Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) override;
   std::string devices_json() override;
   std::uint64_t revision() override { return store_.revision(); }
 
@@ -63,11 +69,9 @@ class WebDesk final : public JobDesk {
   const DataFolder& folder_;
   std::vector<MachineProfile> machines_;
   CommandPost post_;
+  UploadPost uploaded_;
   std::optional<Sheets> sheets_;
   std::map<std::string, Light> lights_;  ///< by job
 };
-
-/// The token of DATA/web-token; made, readable by the daemon's user alone, where there is none.
-[[nodiscard]] Result<std::string> web_token(const std::filesystem::path& data);
 
 }  // namespace telefab::fab

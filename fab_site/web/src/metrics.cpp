@@ -1,24 +1,11 @@
 #include "metrics.hpp"
 
-#include <prometheus/metric_family.h>
-#include <prometheus/text_serializer.h>
-
 #include <array>
 #include <map>
+#include <telefab/web/gauges.hpp>
 
 namespace telefab::fab {
 namespace {
-
-using prometheus::ClientMetric;
-using prometheus::MetricFamily;
-using prometheus::MetricType;
-
-ClientMetric sample(std::vector<ClientMetric::Label> labels, double value) {
-  ClientMetric metric;
-  metric.label = std::move(labels);
-  metric.gauge.value = value;
-  return metric;
-}
 
 struct JobGauge {
   const char* name;
@@ -45,32 +32,24 @@ constexpr std::array kJobGauges{
              [](const JobView& j) { return 1.0 * j.retries; }},
 };
 
-MetricFamily family(const char* name, const char* help) { return {name, help, MetricType::Gauge, {}}; }
-
 }  // namespace
 
 std::string metrics_text(const std::vector<JobView>& jobs) {
-  std::vector<MetricFamily> families;
+  Gauges gauges;
   std::map<std::string, double> in_state;
   for (const JobView& job : jobs) ++in_state[job.state];
-  MetricFamily states = family("telefab_jobs", "Jobs in each state; queued and ready ones wait");
   for (const char* state :
        {"queued", "slicing", "sending", "planning", "ready", "printing", "paused", "done", "failed", "cancelled"})
-    states.metric.push_back(sample({{"state", state}}, in_state[state]));
-  families.push_back(std::move(states));
-  for (const JobGauge& gauge : kJobGauges) {
-    MetricFamily each = family(gauge.name, gauge.help);
+    gauges.add("telefab_jobs", "Jobs in each state; queued and ready ones wait", {{"state", state}}, in_state[state]);
+  for (const JobGauge& gauge : kJobGauges)
     for (const JobView& job : jobs)
-      each.metric.push_back(
-          sample({{"job", job.id}, {"machine", job.machine}, {"state", job.state}}, gauge.value(job)));
-    families.push_back(std::move(each));
-  }
-  MetricFamily stages = family("telefab_job_stage_seconds", "What each stage of a job took");
+      gauges.add(gauge.name, gauge.help, {{"job", job.id}, {"machine", job.machine}, {"state", job.state}},
+                 gauge.value(job));
   for (const JobView& job : jobs)
     for (const auto& [stage, seconds] : job.stage_seconds)
-      stages.metric.push_back(sample({{"job", job.id}, {"stage", stage}}, seconds));
-  families.push_back(std::move(stages));
-  return prometheus::TextSerializer{}.Serialize(families);
+      gauges.add("telefab_job_stage_seconds", "What each stage of a job took", {{"job", job.id}, {"stage", stage}},
+                 seconds);
+  return gauges.text();
 }
 
 }  // namespace telefab::fab

@@ -1,6 +1,7 @@
 #pragma once
 #include <string>
 #include <telefab/fab/web/job_desk.hpp>
+#include <vector>
 
 namespace telefab::fab {
 

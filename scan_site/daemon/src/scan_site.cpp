@@ -56,10 +56,29 @@ Result<void> ScanSite::start(const ScanSiteConfig& config) {
        [this](const std::string& address, const Error& why) { note(address, "refused: " + why.what); }});
   if (!listener) return tl::unexpected{listener.error()};
   listener_ = std::move(*listener);
+  return start_web(config.serve);
+}
+
+Result<void> ScanSite::start_web(const ServeOptions& options) {
+  if (options.web.empty()) return {};
+  auto token = web_token(folder_);
+  if (!token) return tl::unexpected{token.error()};
+  web_desk_ = std::make_unique<WebDesk>(store(), folder_, fab_,
+                                        [this](const Command& asked, std::function<void(Result<Job>)> done) {
+                                          loop_.post([this, asked, done = std::move(done)] {
+                                            note(asked.who, fmt::format("{} {}", name_of(asked.command), asked.job));
+                                            command(asked, done);
+                                          });
+                                        });
+  web_site_ = std::make_unique<ScanWeb>(*web_desk_, std::move(*token), "0.1.0");
+  auto server = open_page(options, folder_, *web_site_, "telefab-scan/0.1.0");
+  if (!server) return tl::unexpected{server.error()};
+  web_ = std::move(*server);
   return {};
 }
 
 ScanSite::~ScanSite() {
+  web_.reset();
   listener_.reset();
   link_.reset();
   slicer_.reset();
@@ -217,6 +236,7 @@ SlicerEvents ScanSite::slicer_events() {
 FabLinkEvents ScanSite::link_events() {
   return {[this](bool is_up, const std::string& why) {
             log_line(is_up ? fmt::format("the fab {} is reached", fab_) : fmt::format("the fab {}: {}", fab_, why));
+            if (web_desk_) web_desk_->set_link(is_up, why);
             if (is_up) tell_cancelled();
             for (const auto& [job, live] : live_)
               if (const auto now = store().find(job); now && now->state == JobState::Sending)

@@ -7,6 +7,7 @@
 
 #include "fab_link.hpp"
 #include "slicer.hpp"
+#include "web_desk.hpp"
 
 namespace telefab::scan {
 
@@ -15,8 +16,8 @@ struct ScanSiteConfig {
   std::string fab;  ///< HOST:PORT
 };
 
-/// The daemon: clients' scans in, layers out to the fab, and the fab's news back. Stop order: listener, link, slicer,
-/// ledger.
+/// The daemon: clients' scans in, layers out to the fab, and the fab's news back. Stop order: web, listener, link,
+/// slicer, ledger.
 class ScanSite final : public SiteDesk {
  public:
   /// Everything is checked and the port is bound when this returns.
@@ -40,6 +41,7 @@ class ScanSite final : public SiteDesk {
   ScanSite(DataFolder folder, const Clock& clock, std::vector<MachineProfile> own_machines)
       : folder_{std::move(folder)}, clock_{clock}, own_machines_{std::move(own_machines)} {}
   [[nodiscard]] Result<void> start(const ScanSiteConfig& config);
+  [[nodiscard]] Result<void> start_web(const ServeOptions& options);
   void welcome(const net::ConnectionPtr& connection);
   [[nodiscard]] SlicerEvents slicer_events();
   [[nodiscard]] FabLinkEvents link_events();
@@ -72,6 +74,9 @@ class ScanSite final : public SiteDesk {
   std::unique_ptr<Slicer> slicer_;
   std::unique_ptr<FabLink> link_;
   std::unique_ptr<net::Listener> listener_;
+  std::unique_ptr<WebDesk> web_desk_;
+  std::unique_ptr<ScanWeb> web_site_;
+  std::unique_ptr<WebServer> web_;
 };
 
 }  // namespace telefab::scan

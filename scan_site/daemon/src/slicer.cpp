@@ -121,13 +121,6 @@ class SpoolWriter {
 
 }  // namespace
 
-Digest digest_of_profile(MachineProfile machine) {
-  machine.devices = {};
-  Hasher hasher;
-  hasher.feed(to_toml(machine));
-  return hasher.digest();
-}
-
 Result<Offer> saved_offer(const std::filesystem::path& folder) {
   const auto bytes = read_file(folder / "offer", kMaxBodyBytes + kFrameHeaderBytes);
   if (!bytes) return tl::unexpected{bytes.error()};

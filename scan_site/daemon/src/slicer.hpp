@@ -58,9 +58,6 @@ class Slicer {
   std::jthread thread_;
 };
 
-/// The profile as both sites compare it: what the virtual devices do is the fab's own matter.
-[[nodiscard]] Digest digest_of_profile(MachineProfile machine);
-
 /// The offer of a job as its folder keeps it; NotFound before the first layer was cut.
 [[nodiscard]] Result<Offer> saved_offer(const std::filesystem::path& folder);
 

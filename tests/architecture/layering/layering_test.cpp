@@ -22,9 +22,9 @@ using Strings = std::vector<std::string>;
 /// common may be included by both sites.
 const std::array<Strings, 3> kOrder{
     Strings{"common/base", "common/geometry", "common/machine", "common/image", "common/codec", "common/program",
-            "common/store", "common/spool", "common/wire", "common/net", "common/desk", "common/cli"},
+            "common/store", "common/spool", "common/wire", "common/net", "common/web", "common/desk", "common/cli"},
     Strings{"scan_site/cloud", "scan_site/digitize", "scan_site/registration", "scan_site/mls", "scan_site/topology",
-            "scan_site/contour", "scan_site/measure", "scan_site/pipeline", "scan_site/daemon"},
+            "scan_site/contour", "scan_site/measure", "scan_site/pipeline", "scan_site/web", "scan_site/daemon"},
     Strings{"fab_site/region", "fab_site/support", "fab_site/mask", "fab_site/verify", "fab_site/cure",
             "fab_site/device", "fab_site/print", "fab_site/planning", "fab_site/formats", "fab_site/usb",
             "fab_site/drivers", "fab_site/spool", "fab_site/web", "fab_site/daemon"}};
@@ -33,9 +33,10 @@ const std::array<Strings, 3> kOrder{
 const Strings kLeaves{"common/cli", "scan_site/daemon", "fab_site/daemon"};
 
 /// What may see sockets, jobs on disk, the wire, the program frame: the daemons and the outer half of common.
-const Strings kOuter{"common/program", "common/store", "common/spool", "common/wire", "common/net", "common/desk"};
-const Strings kMayUseOuter{"common/program",  "common/store",   "common/spool", "common/wire",
-                           "common/net",      "common/desk",    "common/cli",   "scan_site/daemon",
+const Strings kOuter{"common/program", "common/store", "common/spool", "common/wire",
+                     "common/net",     "common/web",   "common/desk"};
+const Strings kMayUseOuter{"common/program",  "common/store",   "common/spool", "common/wire",   "common/net",
+                           "common/web",      "common/desk",    "common/cli",   "scan_site/web", "scan_site/daemon",
                            "fab_site/daemon", "fab_site/spool", "fab_site/web"};
 
 struct Heavy {
@@ -52,9 +53,9 @@ const std::vector<Heavy> kHeavy{
     {"telefab/v1/", {"common/wire"}},
     {"sqlite3.h", {"common/store"}},
     {"zip.h", {"fab_site/formats"}},
-    {"boost/asio", {"common/net", "common/cli", "fab_site/web", "scan_site/daemon", "fab_site/daemon"}},
-    {"boost/beast", {"fab_site/web"}},
-    {"openssl/", {"common/base", "common/net", "fab_site/web"}},
+    {"boost/asio", {"common/net", "common/cli", "common/web", "scan_site/daemon", "fab_site/daemon"}},
+    {"boost/beast", {"common/web"}},
+    {"openssl/", {"common/base", "common/net", "common/web"}},
     {"xsimd/", {"scan_site/mls"}},
     // desk: the options that both serve verbs share.
     {"CLI/", {"common/program", "common/desk", "common/cli", "scan_site/daemon", "fab_site/daemon"}},

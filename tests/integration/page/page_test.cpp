@@ -1,14 +1,12 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <openssl/evp.h>
 
 #include <atomic>
-#include <fstream>
 #include <mutex>
-#include <telefab/fab/web/web_server.hpp>
+#include <telefab/fab/web/router.hpp>
 #include <telefab/test/recording_desk.hpp>
 
-#include "web_driver.hpp"
+#include "screenshot.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -69,25 +67,15 @@ class PageTest : public testing::Test {
     browser->open(fmt::format("http://127.0.0.1:{}/", server->port()));
     ASSERT_TRUE(browser->becomes_true("return document.querySelector('#job-name').textContent === 'statue.ply';"));
   }
-  void keep_screenshot(const std::string& name) const {
-    const std::string base64 = browser->screenshot();
-    std::string bytes(base64.size(), '\0');
-    const int size =
-        EVP_DecodeBlock(reinterpret_cast<unsigned char*>(bytes.data()),
-                        reinterpret_cast<const unsigned char*>(base64.data()), static_cast<int>(base64.size()));
-    ASSERT_GT(size, 1000);
-    const std::filesystem::path folder = std::getenv("TELEFAB_SCREENSHOTS") ? std::getenv("TELEFAB_SCREENSHOTS") : ".";
-    std::filesystem::create_directories(folder);
-    std::ofstream{folder / (name + ".png"), std::ios::binary}.write(bytes.data(), size);
-  }
+  void keep_screenshot(const std::string& name) const { test::keep_screenshot(*browser, name); }
   [[nodiscard]] bool says(const std::string& css, const std::string& text) const {
     return browser->becomes_true(
         fmt::format("return document.querySelector('{}').textContent.includes('{}');", css, text));
   }
 
   LivingDesk desk;
-  std::unique_ptr<WebServer> server =
-      WebServer::listen("127.0.0.1", 0, desk, {.token = "secret", .version = "0"}).value();
+  FabWeb site{desk, {.token = "secret", .version = "0", .three_js = ""}};
+  std::unique_ptr<WebServer> server = WebServer::listen("127.0.0.1", 0, site, "telefab-fab/0").value();
   std::unique_ptr<test::Browser> browser;
 };
 

@@ -6,7 +6,7 @@
 #include <unistd.h>
 
 #include <random>
-#include <telefab/fab/web/web_server.hpp>
+#include <telefab/fab/web/router.hpp>
 #include <telefab/test/recording_desk.hpp>
 
 namespace telefab::fab {
@@ -51,7 +51,8 @@ class Client {
 class WebServerTest : public testing::Test {
  protected:
   RecordingDesk desk;
-  std::unique_ptr<WebServer> server = WebServer::listen("127.0.0.1", 0, desk, {"secret", "0.1.0"}).value();
+  FabWeb site{desk, {"secret", "0.1.0", ""}};
+  std::unique_ptr<WebServer> server = WebServer::listen("127.0.0.1", 0, site, "telefab-fab/0.1.0").value();
 
   std::string ask(const std::string& request) {
     const Client client{server->port()};
@@ -129,9 +130,10 @@ TEST_F(WebServerTest, LeavesRoomForAnOperatorBesideManyWatchers) {
 
 TEST(WebServer, SaysWhichPortIsTaken) {
   RecordingDesk desk;
-  const auto first = WebServer::listen("127.0.0.1", 0, desk, {});
+  FabWeb site{desk, {}};
+  const auto first = WebServer::listen("127.0.0.1", 0, site, "");
   ASSERT_TRUE(first);
-  const auto second = WebServer::listen("127.0.0.1", (*first)->port(), desk, {});
+  const auto second = WebServer::listen("127.0.0.1", (*first)->port(), site, "");
   ASSERT_FALSE(second);
   EXPECT_THAT(second.error().what, HasSubstr(std::to_string((*first)->port())));
 }

@@ -19,6 +19,10 @@ using testing::SizeIs;
 
 const WebOptions kOptions{"secret", "0.1.0", ""};
 
+WebRequest ask(std::string method, std::string target, std::string authorization) {
+  return {std::move(method), std::move(target), std::move(authorization), {}, {}};
+}
+
 std::string concrete(std::string_view pattern) {
   std::string path{pattern};
   if (const auto at = path.find("{id}"); at != std::string::npos) path.replace(at, 4, "job-1");
@@ -29,10 +33,11 @@ std::string concrete(std::string_view pattern) {
 TEST(WebRouter, AnswersEveryRouteOfItsTable) {
   RecordingDesk desk;
   for (const WebRoute& route : web_routes()) {
-    if (route.path == "/v1/stream") continue;  // the server's own, see integration.web
     const WebResponse response =
         answer({std::string{route.method}, concrete(route.path), "Bearer secret"}, desk, kOptions);
-    EXPECT_THAT(response.status, testing::AnyOf(200U, 409U)) << route.path;
+    // Without a body the two POSTs of OctoPrint's API say what is missing.
+    EXPECT_THAT(response.status, testing::AnyOf(200U, 409U, 400U)) << route.path;
+    EXPECT_EQ(response.status == 400, route.changes_state && route.path.starts_with("/api/")) << route.path;
     EXPECT_FALSE(response.body.empty()) << route.path;
   }
 }
@@ -41,7 +46,7 @@ TEST(WebRouter, NeverChangesStateOnGetOrHead) {
   RecordingDesk desk;
   for (const WebRoute& route : web_routes())
     for (const char* method : {"GET", "HEAD"})
-      (void)answer({method, concrete(route.path), "Bearer secret"}, desk, kOptions);
+      (void)answer(ask(method, concrete(route.path), "Bearer secret"), desk, kOptions);
   EXPECT_THAT(desk.actions, IsEmpty());
 }
 
@@ -51,7 +56,8 @@ TEST(WebRouter, WantsTheTokenForWhateverChangesState) {
     if (!route.changes_state) continue;
     for (const char* shown :
          {"", "Bearer ", "Bearer secre", "Bearer secrets", "Bearer SECRET", "Basic secret", "secret"})
-      EXPECT_EQ(answer({"POST", concrete(route.path), shown}, desk, kOptions).status, 401U)
+      EXPECT_EQ(answer(ask("POST", concrete(route.path), shown), desk, kOptions).status,
+                route.path.starts_with("/api/") ? 403U : 401U)
           << route.path << ' ' << shown;
   }
   EXPECT_THAT(desk.actions, IsEmpty());
@@ -59,20 +65,20 @@ TEST(WebRouter, WantsTheTokenForWhateverChangesState) {
 
 TEST(WebRouter, ChangesNothingAtAllWhereNoTokenIsSet) {
   RecordingDesk desk;
-  EXPECT_EQ(answer({"POST", "/v1/jobs/job-1/pause", "Bearer "}, desk, {"", "0"}).status, 401U);
+  EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/pause", "Bearer "), desk, {"", "0"}).status, 401U);
   EXPECT_THAT(desk.actions, IsEmpty());
 }
 
 TEST(WebRouter, PausesWithTheToken) {
   RecordingDesk desk;
-  EXPECT_EQ(answer({"POST", "/v1/jobs/job-1/pause", "Bearer secret"}, desk, kOptions).status, 200U);
+  EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/pause", "Bearer secret"), desk, kOptions).status, 200U);
   ASSERT_THAT(desk.actions, SizeIs(1));
   EXPECT_EQ(desk.actions[0].second, JobAction::Pause);
 }
 
 TEST(WebRouter, SaysConflictWithTheReasonOfTheDesk) {
   RecordingDesk desk;
-  const WebResponse response = answer({"POST", "/v1/jobs/job-1/approve", "Bearer secret"}, desk, kOptions);
+  const WebResponse response = answer(ask("POST", "/v1/jobs/job-1/approve", "Bearer secret"), desk, kOptions);
   EXPECT_EQ(response.status, 409U);
   EXPECT_THAT(response.body, HasSubstr("does not wait for approval"));
 }
@@ -82,37 +88,38 @@ TEST(WebRouter, RefusesPathTricksAndUnknownPaths) {
   for (const char* target : {"/../etc/passwd", "/v1/jobs/../../etc/passwd", "/v1/jobs/%2e%2e", "/v1/jobs//events",
                              "/v1/jobs/a b", "/v1/jobs/job-1/layers/-1", "/v1/jobs/job-1/layers/99999999999",
                              "/v1/jobs/job-1/layers/1e3", "//", "", "*", "/v1/jobs/", "/V1/jobs"})
-    EXPECT_EQ(answer({"GET", target, ""}, desk, kOptions).status, 404U) << target;
-  EXPECT_EQ(answer({"DELETE", "/v1/jobs/job-1", "Bearer secret"}, desk, kOptions).status, 405U);
+    EXPECT_EQ(answer(ask("GET", target, ""), desk, kOptions).status, 404U) << target;
+  EXPECT_EQ(answer(ask("DELETE", "/v1/jobs/job-1", "Bearer secret"), desk, kOptions).status, 405U);
 }
 
 TEST(WebRouter, ChangesNothingUnderTenThousandMalformedRequests) {
   RecordingDesk desk;
   std::mt19937_64 rng{7};
-  const std::vector<std::string> parts{"/",   "v1",     "jobs",     "job-1", "pause", "cancel", "..",
-                                       "%00", "layers", "\xff\xfe", "?",     "{id}",  "0",      std::string(300, 'a')};
+  const std::vector<std::string> parts{"/",   "v1",       "jobs",   "job-1", "pause", "cancel",
+                                       "..",  "%00",      "layers", "api",   "files", "local",
+                                       "job", "\xff\xfe", "?",      "{id}",  "0",     std::string(300, 'a')};
   const std::vector<std::string> methods{"GET", "POST", "PUT", "DELETE", "HEAD", "OPTIONS", "\r\n", ""};
   for (int i = 0; i < 10'000; ++i) {
-    WebRequest request{methods[rng() % methods.size()], "", rng() % 2 ? "Bearer wrong" : ""};
+    WebRequest request = ask(methods[rng() % methods.size()], "", rng() % 2 ? "Bearer wrong" : "");
     for (auto n = rng() % 8; n > 0; --n) request.target += (rng() % 3 ? "/" : "") + parts[rng() % parts.size()];
     const WebResponse response = answer(request, desk, kOptions);
-    EXPECT_TRUE(response.status == 200 || response.status == 401 || response.status == 404 || response.status == 405)
-        << response.status;
+    EXPECT_THAT(response.status, testing::AnyOf(200U, 401U, 403U, 404U, 405U));
   }
   EXPECT_THAT(desk.actions, IsEmpty());
+  EXPECT_THAT(desk.files, IsEmpty());
 }
 
 TEST(WebRouter, EscapesNamesInJson) {
   RecordingDesk desk;
-  const json jobs = json::parse(answer({"GET", "/v1/jobs", ""}, desk, kOptions).body);
+  const json jobs = json::parse(answer(ask("GET", "/v1/jobs", ""), desk, kOptions).body);
   EXPECT_EQ(jobs["jobs"][0]["name"], "a \"statue\" <b>.ply");
   EXPECT_EQ(event_data(desk).find('\n'), std::string::npos);
 }
 
 TEST(WebRouter, ServesThePageAndItsPartsWithoutOutsideRequests) {
   RecordingDesk desk;
-  for (const char* path : {"/", "/page.css", "/page.js", "/solid.js", "/icon.svg"}) {
-    const WebResponse response = answer({"GET", path, ""}, desk, kOptions);
+  for (const char* path : {"/", "/page.css", "/jobs.js", "/page.js", "/solid.js", "/icon.svg"}) {
+    const WebResponse response = answer(ask("GET", path, ""), desk, kOptions);
     EXPECT_EQ(response.status, 200U) << path;
     std::string body = response.body;
     const std::string name_space = "http://www.w3.org/2000/svg";
@@ -123,31 +130,15 @@ TEST(WebRouter, ServesThePageAndItsPartsWithoutOutsideRequests) {
 
 TEST(WebRouter, ServesTheThreeDimensionalLibraryOnlyWhereItIsInstalled) {
   RecordingDesk desk;
-  EXPECT_EQ(answer({"GET", "/three.js", ""}, desk, kOptions).status, 404U);
+  EXPECT_EQ(answer(ask("GET", "/three.js", ""), desk, kOptions).status, 404U);
   WebOptions options = kOptions;
   options.three_js = "var THREE = {};";
-  EXPECT_EQ(answer({"GET", "/three.js", ""}, desk, options).body, options.three_js);
-}
-
-TEST(OpenApi, ListsExactlyTheRoutesOfTheCode) {
-  std::ifstream file{std::string{std::getenv("TELEFAB_SOURCE")} + "/fab_site/web/page/openapi.json"};
-  const json api = json::parse(file);
-  std::set<std::string> documented;
-  for (const auto& [path, methods] : api["paths"].items())
-    for (const auto& [method, operation] : methods.items()) {
-      std::string upper = method;
-      for (char& c : upper) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
-      documented.insert(upper + " " + path + ": " + operation["summary"].get<std::string>());
-    }
-  std::set<std::string> coded;
-  for (const WebRoute& route : web_routes())
-    coded.insert(std::string{route.method} + " " + std::string{route.path} + ": " + std::string{route.summary});
-  EXPECT_EQ(documented, coded);
+  EXPECT_EQ(answer(ask("GET", "/three.js", ""), desk, options).body, options.three_js);
 }
 
 TEST(WebRouter, MetricsTellStatesStagesAndLightInPrometheusText) {
   RecordingDesk desk;
-  const WebResponse response = answer({"GET", "/metrics", ""}, desk, kOptions);
+  const WebResponse response = answer(ask("GET", "/metrics", ""), desk, kOptions);
   EXPECT_THAT(response.body, HasSubstr("# TYPE telefab_jobs gauge"));
   EXPECT_THAT(response.body, HasSubstr("telefab_jobs{state=\"printing\"} 1"));
   EXPECT_THAT(response.body, HasSubstr("telefab_jobs{state=\"failed\"} 0"));

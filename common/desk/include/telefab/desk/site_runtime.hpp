@@ -18,11 +18,12 @@ struct ServeOptions {
   std::string machines;
   std::string tls_folder;
   std::string tls_name;
+  std::string web;  ///< HOST:PORT of the page and its API; empty: none
   HookOptions hooks;
   std::string log_level = "info";
 };
 
-/// Adds --listen, --data, --machines, --tls, --tls-name, --hook, --webhook and --log-level; what `options` holds
+/// Adds --listen, --data, --machines, --tls, --tls-name, --web, --hook, --webhook and --log-level; what `options` holds
 /// already is the default.
 void declare_serve_options(CLI::App& app, ServeOptions& options);
 

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <telefab/base/digest.hpp>
 #include <telefab/base/result.hpp>
 #include <vector>
 
@@ -120,6 +121,9 @@ struct MachineProfile {
 
 /// The same profile as TOML with every key; from_toml(to_toml(p)) == p.
 [[nodiscard]] std::string to_toml(const MachineProfile& profile);
+
+/// The profile as both sites compare it, over its TOML text: what the virtual devices do is the fab's own matter.
+[[nodiscard]] Digest digest_of_profile(MachineProfile profile);
 
 /// One line a key: name, range, reason. For documentation and `--help`.
 [[nodiscard]] std::string describe_keys();

@@ -41,10 +41,21 @@ class RecordingDesk : public JobDesk {
     if (action == JobAction::Approve) return fail(ErrorCode::Conflict, "the job does not wait for approval");
     return {};
   }
+  [[nodiscard]] Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) override {
+    if (tfc.empty()) return fail(ErrorCode::InvalidInput, "this is no .tfc file");
+    files.push_back({std::string{name}, std::string{tfc}, start});
+    return std::string{"u1"};
+  }
   [[nodiscard]] std::string devices_json() override { return R"({"projector":"virtual","light":"off"})"; }
   [[nodiscard]] std::uint64_t revision() override { return 1; }
 
+  struct File {
+    std::string name;
+    std::string content;
+    bool start;
+  };
   std::vector<std::pair<std::string, JobAction>> actions;
+  std::vector<File> files;
 
  private:
   static JobView view() {

@@ -22,6 +22,7 @@ struct JobView {
   std::uint64_t bytes_received = 0;
   double progress = 0;       ///< 0 to 1 of the present state
   double seconds_left = -1;  ///< of the print; below 0: not known
+  double print_seconds = 0;  ///< of the whole print as planned; 0: not planned yet
   std::int64_t created_unix_s = 0;
   std::vector<std::pair<std::string, double>> stage_seconds;  ///< "slice", "send", "plan", "print": what each took
   double planned_exposure_s = 0;                              ///< light of the whole print; 0: not planned yet
@@ -64,6 +65,9 @@ class JobDesk {
   [[nodiscard]] virtual Result<std::string> layer_json(std::string_view id, std::uint32_t layer) = 0;
   /// Conflict where the state does not allow it. `who` goes into the audit log.
   [[nodiscard]] virtual Result<void> act(std::string_view id, JobAction action, std::string_view who) = 0;
+  /// Makes a job of the bytes of a .tfc file; its id. Printed as soon as it is planned where `start`, else it waits for
+  /// approval. InvalidInput: not a .tfc file, or damaged; NotFound: for a machine this fab has not.
+  [[nodiscard]] virtual Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) = 0;
   /// JSON of projector and stage: names, light, Z, temperature if there is one.
   [[nodiscard]] virtual std::string devices_json() = 0;
   /// Grows with every change of any job; the event stream sends when it does.

@@ -1,9 +1,10 @@
-# Writes a .cpp that holds the page's files. In: OUT, FOLDER, FILES (a;b;c).
-set(code "// Made by embed.cmake from page/.\n#include <array>\n#include \"assets.hpp\"\n\nnamespace telefab::fab {\nnamespace {\n")
+# Writes a .cpp that holds a page's files. In: OUT, SITE (namespace below telefab), FILES (paths, a;b;c).
+set(code "// Made by embed.cmake.\n#include <array>\n#include <span>\n#include <telefab/web/web_message.hpp>\n\nnamespace telefab::${SITE} {\nnamespace {\n")
 set(rows "")
 set(number 0)
 foreach(file IN LISTS FILES)
-  file(READ ${FOLDER}/${file} hex HEX)
+  file(READ ${file} hex HEX)
+  get_filename_component(file ${file} NAME)
   string(REGEX REPLACE "([0-9a-f][0-9a-f])" "\\\\x\\1" bytes "${hex}")
   # Strings of at most 4000 bytes, joined by the compiler.
   string(LENGTH "${bytes}" length)
@@ -34,9 +35,9 @@ foreach(file IN LISTS FILES)
     set(path "/${file}")
   endif()
   string(APPEND code "constexpr char kFile${number}[] =${parts};\n")
-  string(APPEND rows "    {\"${path}\", {\"${type}\", {kFile${number}, ${size}}}},\n")
+  string(APPEND rows "    {\"${path}\", \"${type}\", {kFile${number}, ${size}}},\n")
   math(EXPR number "${number} + 1")
 endforeach()
-string(APPEND code "struct Row {\n  std::string_view path;\n  Asset asset;\n};\nconstexpr std::array<Row, ${number}> kRows{{\n${rows}}};\n}  // namespace\n\n"
-  "std::optional<Asset> find_asset(std::string_view path) {\n  for (const Row& row : kRows)\n    if (row.path == path) return row.asset;\n  return std::nullopt;\n}\n\n}  // namespace telefab::fab\n")
+string(APPEND code "constexpr std::array<WebAsset, ${number}> kAssets{{\n${rows}}};\n}  // namespace\n\n"
+  "std::span<const WebAsset> page_assets();\nstd::span<const WebAsset> page_assets() { return kAssets; }\n\n}  // namespace telefab::${SITE}\n")
 file(WRITE ${OUT} "${code}")

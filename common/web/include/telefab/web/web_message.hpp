@@ -1,0 +1,43 @@
+#pragma once
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <telefab/base/result.hpp>
+
+namespace telefab {
+
+/// A request as far as the routes care. `target` is as sent, percent-encoded, with its query.
+struct WebRequest {
+  std::string method;
+  std::string target;
+  std::string authorization;  ///< the Authorization header, or "Bearer KEY" made of X-Api-Key
+  std::string content_type;
+  std::string body;
+};
+
+struct WebResponse {
+  unsigned status = 200;
+  std::string content_type = "application/json";
+  std::string body;
+  bool cacheable = false;  ///< true for what never changes under its address
+  std::string location;    ///< of what was made; empty: nothing was
+};
+
+/// {"error":{"code":...,"what":...}}
+[[nodiscard]] WebResponse web_problem(unsigned status, std::string_view code, std::string_view what);
+/// The same with the status that fits the error: 400, 403, 404, 409, 413, else 500.
+[[nodiscard]] WebResponse web_problem(const Error& error);
+/// JSON as it is, or the problem.
+[[nodiscard]] WebResponse web_json(const Result<std::string>& body);
+
+/// A file of a page, compiled in, so that an installed daemon serves it from anywhere. "/" is the page itself.
+struct WebAsset {
+  std::string_view path;
+  std::string_view content_type;
+  std::string_view body;
+};
+/// 404 where there is none of this path.
+[[nodiscard]] WebResponse web_asset(std::span<const WebAsset> assets, std::string_view target);
+
+}  // namespace telefab

@@ -1,0 +1,47 @@
+#pragma once
+#include <memory>
+#include <telefab/web/web_message.hpp>
+
+namespace telefab {
+
+/// What a daemon shows over HTTP. Calls come from the server's thread one at a time; each returns soon and none throws.
+class WebSite {
+ public:
+  virtual ~WebSite() = default;
+  WebSite(const WebSite&) = delete;
+  WebSite& operator=(const WebSite&) = delete;
+
+  [[nodiscard]] virtual WebResponse answer(const WebRequest& request) = 0;
+  /// How many bytes of body to take for a request whose head alone has come; 0: the small limit.
+  [[nodiscard]] virtual std::uint64_t most_body(const WebRequest& head) = 0;
+  /// The body of one event of /v1/stream, on one line.
+  [[nodiscard]] virtual std::string event_data() = 0;
+  /// Grows when event_data() would say something new.
+  [[nodiscard]] virtual std::uint64_t revision() = 0;
+
+ protected:
+  WebSite() = default;
+};
+
+/// Serves a site over HTTP/1.1 (Boost.Beast) from one thread of its own, named "web". The site must outlive the server.
+/// GET /v1/stream is a stream of server-sent events: one text for all watchers, made once a change, looked for four
+/// times a second while anybody watches; a slow watcher misses events and never the newest. Limits: 16 KiB of headers,
+/// 64 KiB of body unless the site takes more, 30 s for a request, 64 connections, of which 56 may be streams.
+class WebServer {
+ public:
+  /// Listens at once; port 0 takes a free one. `product`: "telefab-fab/0.1.0". Fails with Conflict where the port is
+  /// taken, InvalidInput for a bad address.
+  [[nodiscard]] static Result<std::unique_ptr<WebServer>> listen(const std::string& host, std::uint16_t port,
+                                                                 WebSite& site, const std::string& product);
+  ~WebServer();  ///< closes every connection and joins the thread
+  WebServer(const WebServer&) = delete;
+  WebServer& operator=(const WebServer&) = delete;
+  [[nodiscard]] std::uint16_t port() const;
+
+ private:
+  struct Impl;
+  explicit WebServer(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace telefab

@@ -1,0 +1,137 @@
+// What every page of Telefab has: the list of jobs, live by server-sent events, and the operator's commands. A page's
+// own script fills `site` and calls begin(). No library, no outside request.
+"use strict";
+
+const byId = (id) => document.getElementById(id);
+const state = { jobs: [], chosen: null, token: sessionStorage.getItem("token") || "", waiting: null, told: "", stage: "" };
+
+// Of the page itself: showJob(job) for every change, showStage(job) once a state, chosen(id) when another job is chosen,
+// news(data) for every event, where there is one.
+const site = {};
+
+const allowed = {
+  approve: (s) => s === "ready",
+  pause: (s) => s === "printing",
+  resume: (s) => s === "paused",
+  cancel: (s) => !["done", "failed", "cancelled"].includes(s),
+};
+
+function duration(seconds) {
+  if (seconds === null || seconds < 0) return "";
+  const h = Math.floor(seconds / 3600), m = Math.floor(seconds / 60) % 60, s = Math.round(seconds % 60);
+  return h ? `${h} h ${m} min left` : m ? `${m} min ${s} s left` : `${s} s left`;
+}
+
+async function get(path) {
+  const answer = await fetch(path);
+  const body = await answer.json();
+  if (!answer.ok) throw new Error(body.error ? body.error.what : answer.statusText);
+  return body;
+}
+
+function element(name, text) {
+  const e = document.createElement(name);
+  e.textContent = text;
+  return e;
+}
+
+function showJobs() {
+  const list = byId("jobs");
+  const focused = document.activeElement && document.activeElement.dataset.job;
+  list.replaceChildren(...state.jobs.map((job) => {
+    const button = element("button", job.name || job.id);
+    button.dataset.job = job.id;
+    button.setAttribute("aria-current", String(job.id === state.chosen));
+    button.append(element("small", `${job.state}, ${job.machine}`));
+    button.onclick = () => choose(job.id);
+    const item = document.createElement("li");
+    item.append(button);
+    return item;
+  }));
+  if (focused) list.querySelector(`[data-job="${focused}"]`)?.focus();
+  byId("no-jobs").hidden = state.jobs.length > 0;
+}
+
+function showJob() {
+  const job = state.jobs.find((j) => j.id === state.chosen);
+  byId("job").hidden = !job;
+  if (!job) return;
+  byId("job-name").textContent = job.name || job.id;
+  byId("job-message").hidden = !job.message;
+  byId("job-message").textContent = job.message;
+  for (const button of document.querySelectorAll("[data-action]")) button.disabled = !allowed[button.dataset.action](job.state);
+  site.showJob(job);
+}
+
+async function showDetails() {
+  const job = state.jobs.find((j) => j.id === state.chosen);
+  if (!job) return;
+  // Events come with changes of state, not with layers.
+  const told = `${job.id}/${job.state}/${job.message}`;
+  if (state.told === told) return;
+  state.told = told;
+  const stage = `${job.id}/${job.state}`;
+  if (state.stage !== stage) {
+    state.stage = stage;
+    site.showStage(job);
+  }
+  try {
+    const { events } = await get(`/v1/jobs/${job.id}/events`);
+    if (job.id !== state.chosen) return;
+    byId("events").replaceChildren(...events.map((e) => element("li", `${new Date(e.unix_ms).toLocaleTimeString()} ${e.text}`)));
+  } catch (error) {
+    byId("events").replaceChildren(element("li", error.message));
+  }
+}
+
+function choose(id) {
+  state.chosen = id;
+  site.chosen(id);
+  showJobs();
+  showJob();
+  showDetails();
+}
+
+async function act(action) {
+  if (!state.token) {
+    state.waiting = action;
+    byId("token-form").hidden = false;
+    byId("token").focus();
+    return;
+  }
+  if (action === "cancel" && !confirm("Cancel this job? The print cannot be taken up again.")) return;
+  const answer = await fetch(`/v1/jobs/${state.chosen}/${action}`, { method: "POST", headers: { Authorization: `Bearer ${state.token}` } });
+  if (answer.status === 401) {
+    state.token = "";
+    sessionStorage.removeItem("token");
+    byId("answer").textContent = "This token is not the operator's.";
+    return;
+  }
+  byId("answer").textContent = answer.ok ? `${action}: accepted` : (await answer.json()).error.what;
+}
+
+byId("token-form").onsubmit = (event) => {
+  event.preventDefault();
+  state.token = byId("token").value;
+  sessionStorage.setItem("token", state.token);
+  byId("token").value = "";
+  byId("token-form").hidden = true;
+  if (state.waiting) act(state.waiting);
+  state.waiting = null;
+};
+for (const button of document.querySelectorAll("[data-action]")) button.onclick = () => act(button.dataset.action);
+
+function begin() {
+  const stream = new EventSource("/v1/stream");
+  stream.onopen = () => (byId("link").textContent = "live");
+  stream.onerror = () => (byId("link").textContent = "connection lost, trying again");
+  stream.onmessage = (event) => {
+    const news = JSON.parse(event.data);
+    state.jobs = news.jobs;
+    if (site.news) site.news(news);
+    if (!state.chosen && state.jobs.length) return choose(state.jobs[0].id);
+    showJobs();
+    showJob();
+    showDetails();
+  };
+}

@@ -1,0 +1,51 @@
+#include <nlohmann/json.hpp>
+#include <telefab/web/web_message.hpp>
+
+namespace telefab {
+
+WebResponse web_problem(unsigned status, std::string_view code, std::string_view what) {
+  const nlohmann::ordered_json value{{"error", {{"code", code}, {"what", what}}}};
+  return {status, "application/json", value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
+}
+
+WebResponse web_problem(const Error& error) {
+  unsigned status = 500;
+  switch (error.code) {
+    case ErrorCode::NotFound:
+      status = 404;
+      break;
+    case ErrorCode::InvalidInput:
+      status = 400;
+      break;
+    case ErrorCode::Conflict:
+      status = 409;
+      break;
+    case ErrorCode::NotPermitted:
+    case ErrorCode::NotTrusted:
+      status = 403;
+      break;
+    case ErrorCode::TooLarge:
+      status = 413;
+      break;
+    case ErrorCode::Unreachable:
+      status = 503;
+      break;
+    default:
+      break;
+  }
+  return web_problem(status, name_of(error.code), error.what);
+}
+
+WebResponse web_json(const Result<std::string>& body) {
+  if (!body) return web_problem(body.error());
+  return {200, "application/json", *body};
+}
+
+WebResponse web_asset(std::span<const WebAsset> assets, std::string_view target) {
+  const std::string_view path = target.substr(0, target.find('?'));
+  for (const WebAsset& asset : assets)
+    if (asset.path == path) return {200, std::string{asset.content_type}, std::string{asset.body}, path != "/"};
+  return web_problem(404, "not-found", "no such page; the API begins at /v1/jobs");
+}
+
+}  // namespace telefab

@@ -1,0 +1,20 @@
+#pragma once
+#include <filesystem>
+#include <span>
+#include <string_view>
+#include <telefab/desk/site_runtime.hpp>
+#include <telefab/machine/machine_profile.hpp>
+#include <telefab/store/job_store.hpp>
+
+namespace telefab::fab {
+
+/// Writes the layers of a .tfc file into the folder of a new job, as if a scan site had sent them; what is still to be
+/// done is to make the job. Where not `start`, the job waits for approval once it is planned. InvalidInput: not a .tfc
+/// file, damaged, or cut for another pitch or thickness; NotFound: for a machine this fab has not; StorageFailed.
+[[nodiscard]] Result<NewJob> write_upload(const DataFolder& data, const std::vector<MachineProfile>& machines,
+                                          std::string_view name, std::span<const std::byte> tfc, bool start);
+
+/// Whether the job in this folder was uploaded to wait for approval.
+[[nodiscard]] bool waits_for_approval(const std::filesystem::path& folder);
+
+}  // namespace telefab::fab

@@ -1,0 +1,22 @@
+#pragma once
+#include <optional>
+#include <telefab/fab/web/job_desk.hpp>
+#include <telefab/web/web_message.hpp>
+
+// The part of OctoPrint's REST API (docs.octoprint.org, "REST API") that programs which send files to a printer use.
+namespace telefab::fab {
+
+inline constexpr std::uint64_t kMostUpload = 256U << 20U;
+
+/// 403 for a request below /api/ with a wrong key, or without one where something would change; as OctoPrint says it.
+[[nodiscard]] std::optional<WebResponse> octoprint_refusal(const WebRequest& request, const std::string& token);
+
+[[nodiscard]] WebResponse octoprint_version(const std::string& version);
+[[nodiscard]] WebResponse octoprint_job(JobDesk& desk);
+[[nodiscard]] WebResponse octoprint_printer(JobDesk& desk);
+/// 204, or 409 where the job on the machine is not in a state for it.
+[[nodiscard]] WebResponse octoprint_command(const WebRequest& request, JobDesk& desk);
+/// 201; 415 for anything but a .tfc file: a fab prints layers and cuts no scans.
+[[nodiscard]] WebResponse octoprint_upload(const WebRequest& request, JobDesk& desk);
+
+}  // namespace telefab::fab

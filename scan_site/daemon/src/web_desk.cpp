@@ -1,0 +1,58 @@
+#include "web_desk.hpp"
+
+#include <telefab/base/file.hpp>
+
+namespace telefab::scan {
+namespace {
+
+constexpr std::size_t kMostJobs = 200;
+constexpr std::size_t kMostEvents = 500;
+constexpr std::uint64_t kMaxReportBytes = 64U << 20U;
+
+}  // namespace
+
+Result<std::vector<Job>> WebDesk::jobs() { return store_.list(kMostJobs); }
+
+Result<std::vector<JobEvent>> WebDesk::events(std::string_view id) {
+  if (const auto job = store_.find(id); !job) return tl::unexpected{job.error()};
+  return store_.events(id, 0, kMostEvents);
+}
+
+Result<std::string> WebDesk::report(std::string_view id) {
+  if (const auto job = store_.find(id); !job) return tl::unexpected{job.error()};
+  const auto folder = folder_.job(id);
+  if (!folder) return tl::unexpected{folder.error()};
+  const auto bytes = read_file(*folder / "report" / "slice.json", kMaxReportBytes);
+  if (!bytes) return fail(ErrorCode::NotFound, "there is no report before all layers are cut");
+  return std::string{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+}
+
+LinkView WebDesk::link() {
+  const std::lock_guard lock{mutex_};
+  return link_;
+}
+
+void WebDesk::set_link(bool is_up, const std::string& why_down) {
+  const std::lock_guard lock{mutex_};
+  link_.is_up = is_up;
+  link_.why_down = is_up ? "" : why_down;
+  ++link_revision_;
+}
+
+std::uint64_t WebDesk::revision() {
+  const std::uint64_t jobs = store_.revision();
+  const std::lock_guard lock{mutex_};
+  return jobs + link_revision_;
+}
+
+Result<void> WebDesk::act(std::string_view id, JobCommand command, std::string_view who) {
+  Command asked;
+  asked.job = id;
+  asked.command = command;
+  asked.who = who;
+  const auto job = command_and_wait(post_, asked);
+  if (!job) return tl::unexpected{job.error()};
+  return {};
+}
+
+}  // namespace telefab::scan

@@ -1,0 +1,37 @@
+#pragma once
+#include <mutex>
+#include <telefab/desk/site_page.hpp>
+#include <telefab/scan/web/scan_web.hpp>
+#include <telefab/store/job_store.hpp>
+
+namespace telefab::scan {
+
+/// The daemon as its web page sees it: reads the store and the job folders itself, passes commands on. Lives on the
+/// thread "web", but for set_link.
+class WebDesk final : public ScanDesk {
+ public:
+  /// Store and folder must outlive the desk.
+  WebDesk(JobStore& store, const DataFolder& folder, std::string fab, CommandPost post)
+      : store_{store}, folder_{folder}, link_{std::move(fab), false, "not tried yet"}, post_{std::move(post)} {}
+
+  Result<std::vector<Job>> jobs() override;
+  Result<Job> job(std::string_view id) override { return store_.find(id); }
+  Result<std::vector<JobEvent>> events(std::string_view id) override;
+  Result<std::string> report(std::string_view id) override;
+  LinkView link() override;
+  Result<void> act(std::string_view id, JobCommand command, std::string_view who) override;
+  std::uint64_t revision() override;
+
+  /// From any thread.
+  void set_link(bool is_up, const std::string& why_down);
+
+ private:
+  JobStore& store_;
+  const DataFolder& folder_;
+  std::mutex mutex_;
+  LinkView link_;                    ///< guarded by mutex_
+  std::uint64_t link_revision_ = 0;  ///< guarded by mutex_
+  CommandPost post_;
+};
+
+}  // namespace telefab::scan

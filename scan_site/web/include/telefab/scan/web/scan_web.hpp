@@ -1,0 +1,61 @@
+#pragma once
+#include <telefab/store/job.hpp>
+#include <telefab/web/web_routes.hpp>
+#include <telefab/web/web_server.hpp>
+#include <telefab/wire/message.hpp>
+#include <vector>
+
+namespace telefab::scan {
+
+/// The line to the fab as the page shows it.
+struct LinkView {
+  std::string fab;  ///< HOST:PORT
+  bool is_up = false;
+  std::string why_down;  ///< empty while it is up
+};
+
+/// The scan daemon as its page sees it. Calls come from the web thread one at a time; each returns soon.
+class ScanDesk {
+ public:
+  virtual ~ScanDesk() = default;
+  ScanDesk(const ScanDesk&) = delete;
+  ScanDesk& operator=(const ScanDesk&) = delete;
+
+  /// Newest first.
+  [[nodiscard]] virtual Result<std::vector<Job>> jobs() = 0;
+  [[nodiscard]] virtual Result<Job> job(std::string_view id) = 0;
+  [[nodiscard]] virtual Result<std::vector<JobEvent>> events(std::string_view id) = 0;
+  /// JSON of what slicing found (report/slice.json); NotFound until all layers are cut.
+  [[nodiscard]] virtual Result<std::string> report(std::string_view id) = 0;
+  [[nodiscard]] virtual LinkView link() = 0;
+  /// Cancel ends the job here and at the fab; the others are passed on to the fab. Conflict where the state does not
+  /// allow it, Unreachable where the fab is needed and away. `who` goes into the audit log.
+  [[nodiscard]] virtual Result<void> act(std::string_view id, JobCommand command, std::string_view who) = 0;
+  /// Grows with every change of any job or of the line.
+  [[nodiscard]] virtual std::uint64_t revision() = 0;
+
+ protected:
+  ScanDesk() = default;
+};
+
+/// The API, row by row.
+[[nodiscard]] const std::vector<WebRoute>& web_routes();
+
+/// The page and the API of a desk, which must outlive it. GET and HEAD never change state; whatever does is a POST with
+/// the token; with an empty token nothing can be changed.
+class ScanWeb final : public WebSite {
+ public:
+  ScanWeb(ScanDesk& desk, std::string token, std::string version)
+      : desk_{desk}, token_{std::move(token)}, version_{std::move(version)} {}
+  WebResponse answer(const WebRequest& request) override;
+  std::uint64_t most_body(const WebRequest&) override { return 0; }
+  std::string event_data() override;
+  std::uint64_t revision() override { return desk_.revision(); }
+
+ private:
+  ScanDesk& desk_;
+  std::string token_;
+  std::string version_;
+};
+
+}  // namespace telefab::scan

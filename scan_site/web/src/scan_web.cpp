@@ -1,0 +1,150 @@
+#include <map>
+#include <nlohmann/json.hpp>
+#include <telefab/scan/web/scan_web.hpp>
+#include <telefab/web/gauges.hpp>
+
+namespace telefab::scan {
+
+std::span<const WebAsset> page_assets();  // made by embed.cmake
+
+namespace {
+
+using nlohmann::ordered_json;
+
+struct Call {
+  const PathArguments& arguments;
+  ScanDesk& desk;
+  const std::string& version;
+};
+
+WebResponse as_text(const ordered_json& value) {
+  return {200, "application/json", value.dump(-1, ' ', false, ordered_json::error_handler_t::replace)};
+}
+
+ordered_json link_json(const LinkView& link) {
+  return {{"fab", link.fab}, {"up", link.is_up}, {"why_down", link.why_down}};
+}
+
+/// What the job's JSON holds is made in one place, for hooks, client and page.
+std::string list_of(const std::vector<Job>& jobs, const LinkView& link) {
+  std::string list;
+  for (const Job& job : jobs) list += (list.empty() ? "" : ",") + to_json(job);
+  return R"({"jobs":[)" + list + R"(],"link":)" + link_json(link).dump() + "}";
+}
+
+WebResponse list_jobs(const Call& call) {
+  const auto jobs = call.desk.jobs();
+  if (!jobs) return web_problem(jobs.error());
+  return {200, "application/json", list_of(*jobs, call.desk.link())};
+}
+
+WebResponse show_job(const Call& call) {
+  const auto job = call.desk.job(call.arguments.id);
+  if (!job) return web_problem(job.error());
+  return {200, "application/json", to_json(*job)};
+}
+
+WebResponse show_events(const Call& call) {
+  const auto events = call.desk.events(call.arguments.id);
+  if (!events) return web_problem(events.error());
+  ordered_json list = ordered_json::array();
+  for (const JobEvent& event : *events) list.push_back({{"unix_ms", event.unix_ms}, {"text", event.text}});
+  return as_text({{"events", list}});
+}
+
+template <JobCommand command>
+WebResponse act(const Call& call) {
+  if (const auto done = call.desk.act(call.arguments.id, command, "web"); !done) return web_problem(done.error());
+  return show_job(call);
+}
+
+WebResponse metrics(const Call& call) {
+  const auto jobs = call.desk.jobs();
+  if (!jobs) return web_problem(jobs.error());
+  Gauges gauges;
+  std::map<JobState, double> in_state;
+  for (const Job& job : *jobs) ++in_state[job.state];
+  for (const JobState state : kJobStates)
+    gauges.add("telefab_jobs", "Jobs in each state; queued ones wait for the slicer",
+               {{"state", std::string{name_of(state)}}}, in_state[state]);
+  gauges.add("telefab_fab_link_up", "1 while the fab is reached", {}, call.desk.link().is_up ? 1 : 0);
+  for (const Job& job : *jobs) {
+    const JobCounters& c = job.counters;
+    const Gauges::Labels labels{{"job", job.id}, {"machine", job.machine}, {"state", std::string{name_of(job.state)}}};
+    gauges.add("telefab_job_layers", "Layers of the part", labels, c.layers);
+    gauges.add("telefab_job_layers_sliced", "Layers that are cut", labels, c.layers_sliced);
+    gauges.add("telefab_job_layers_acknowledged", "Layers that the fab keeps", labels, c.layers_sent);
+    gauges.add("telefab_job_layers_printed", "Layers exposed, as the fab told", labels, c.layers_printed);
+    gauges.add("telefab_job_scan_bytes", "Size of the scan", labels, static_cast<double>(c.scan_bytes));
+    gauges.add("telefab_job_wire_bytes", "Contour bytes sent, framing included", labels,
+               static_cast<double>(c.wire_bytes));
+    for (const StageSeconds& stage : job.stages)
+      gauges.add("telefab_job_stage_seconds", "What each stage of a job took",
+                 {{"job", job.id}, {"stage", stage.stage}}, stage.seconds);
+  }
+  return {200, Gauges::kContentType, gauges.text()};
+}
+
+WebResponse health(const Call& call) {
+  const auto jobs = call.desk.jobs();
+  if (!jobs) return web_problem(jobs.error());
+  return as_text({{"status", "ok"}, {"jobs", jobs->size()}, {"link", link_json(call.desk.link())}});
+}
+
+struct Row {
+  WebRoute route;
+  WebResponse (*run)(const Call&);
+};
+
+const std::vector<Row>& rows() {
+  static const std::vector<Row> table{
+      {{"GET", "/v1/version", "name and version of the program"},
+       [](const Call& c) {
+         return as_text({{"program", "telefab-scan"}, {"version", c.version}, {"api", "v1"}});
+       }},
+      {{"GET", "/v1/health", "whether the daemon answers and its store can be read"}, health},
+      {{"GET", "/v1/link", "the line to the fab"}, [](const Call& c) { return as_text(link_json(c.desk.link())); }},
+      {{"GET", "/v1/jobs", "all jobs, newest first, and the line to the fab"}, list_jobs},
+      {{"GET", "/v1/jobs/{id}", "one job"}, show_job},
+      {{"GET", "/v1/jobs/{id}/events", "the job's log"}, show_events},
+      {{"GET", "/v1/jobs/{id}/report", "what cleaning and slicing found"},
+       [](const Call& c) { return web_json(c.desk.report(c.arguments.id)); }},
+      {{"POST", "/v1/jobs/{id}/approve", "let a job that waits at the fab print", true}, act<JobCommand::Approve>},
+      {{"POST", "/v1/jobs/{id}/pause", "have the fab stop before the next exposure", true}, act<JobCommand::Pause>},
+      {{"POST", "/v1/jobs/{id}/resume", "have the fab go on with the next layer", true}, act<JobCommand::Resume>},
+      {{"POST", "/v1/jobs/{id}/cancel", "end the job here and at the fab", true}, act<JobCommand::Cancel>},
+      {{"GET", "/metrics", "gauges for Prometheus"}, metrics},
+      // The server keeps a GET open; this is what a HEAD is told.
+      {{"GET", "/v1/stream", "server-sent events: jobs and line whenever they change"},
+       [](const Call& c) -> WebResponse {
+         return {200, "text/event-stream", "data: " + list_jobs(c).body + "\n\n"};
+       }},
+  };
+  return table;
+}
+
+}  // namespace
+
+const std::vector<WebRoute>& web_routes() {
+  static const std::vector<WebRoute> routes = [] {
+    std::vector<WebRoute> list;
+    for (const Row& row : rows()) list.push_back(row.route);
+    return list;
+  }();
+  return routes;
+}
+
+WebResponse ScanWeb::answer(const WebRequest& request) {
+  const auto routed = find_route(web_routes(), request, token_);
+  if (routed) return rows()[routed->row].run(Call{routed->arguments, desk_, version_});
+  if (routed.error().status == 404 && (request.method == "GET" || request.method == "HEAD"))
+    return web_asset(page_assets(), request.target);
+  return routed.error();
+}
+
+std::string ScanWeb::event_data() {
+  const PathArguments none;
+  return list_jobs(Call{none, desk_, version_}).body;
+}
+
+}  // namespace telefab::scan

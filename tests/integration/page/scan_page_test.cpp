@@ -1,0 +1,60 @@
+#include <gtest/gtest.h>
+
+#include <telefab/test/scan_desk.hpp>
+
+#include "screenshot.hpp"
+
+namespace telefab::scan {
+namespace {
+
+class ScanPageTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!test::Browser::is_installed()) GTEST_SKIP() << "no chromium and chromedriver on this machine";
+    browser = std::make_unique<test::Browser>();
+    browser->open("http://127.0.0.1:" + std::to_string(server->port()) + "/");
+    ASSERT_TRUE(says("#job-name", "statue"));
+  }
+  [[nodiscard]] bool says(const std::string& css, const std::string& text) const {
+    return browser->becomes_true("return document.querySelector('" + css + "').textContent.includes('" + text + "');");
+  }
+
+  RecordingScanDesk desk;
+  ScanWeb site{desk, "secret", "0.1.0"};
+  std::unique_ptr<WebServer> server = WebServer::listen("127.0.0.1", 0, site, "telefab-scan/0.1.0").value();
+  std::unique_ptr<test::Browser> browser;
+};
+
+TEST_F(ScanPageTest, ShowsStagesFiguresFlagsAndTheLine) {
+  EXPECT_TRUE(says("#stages", "500 of 500 layers, 1.4 s"));
+  EXPECT_TRUE(says("#stages", "77 of 520 layers"));
+  EXPECT_TRUE(says("#job-line", "44.2 kB sent for a scan of 1234.6 kB"));
+  EXPECT_TRUE(says("#figures", "499 of 500"));
+  EXPECT_TRUE(says("#flags", "layer 41, z 6.225 mm: nearly level"));
+  EXPECT_TRUE(says("#fab", "connection refused"));
+  EXPECT_TRUE(says("#events", "printing"));
+  test::keep_screenshot(*browser, "scan-page");
+}
+
+TEST_F(ScanPageTest, CancelsWithTheOperatorsToken) {
+  browser->click("[data-action=cancel]");
+  ASSERT_TRUE(browser->becomes_true("return !document.querySelector('#token-form').hidden;"));
+  browser->type("#token", "secret\n");
+  browser->accept_dialog();
+  ASSERT_TRUE(says("#answer", "cancel: accepted"));
+  ASSERT_EQ(desk.commands.size(), 1U);
+  EXPECT_EQ(desk.commands[0].second, JobCommand::Cancel);
+}
+
+TEST_F(ScanPageTest, FitsAPhoneAndAsksNobodyButItsOwnSite) {
+  browser->resize(500, 900);  // the narrowest window of the desktop browser
+  EXPECT_TRUE(browser->becomes_true("return document.documentElement.scrollWidth <= window.innerWidth;"));
+  EXPECT_EQ(
+      browser->run(
+          "return performance.getEntriesByType('resource').filter((r) => !r.name.startsWith(location.origin)).length;"),
+      0);
+  test::keep_screenshot(*browser, "scan-page-phone");
+}
+
+}  // namespace
+}  // namespace telefab::scan

@@ -1,0 +1,48 @@
+#pragma once
+#include <telefab/scan/web/scan_web.hpp>
+
+namespace telefab::scan {
+
+/// A desk with one job "job-1" that the fab prints; remembers every command.
+class RecordingScanDesk : public ScanDesk {
+ public:
+  Result<std::vector<Job>> jobs() override { return std::vector<Job>{view()}; }
+  Result<Job> job(std::string_view id) override {
+    if (id != "job-1") return fail(ErrorCode::NotFound, "no job " + std::string{id});
+    return view();
+  }
+  Result<std::vector<JobEvent>> events(std::string_view) override {
+    return std::vector<JobEvent>{{1, 1000, "queued"}, {2, 2000, "printing"}};
+  }
+  Result<std::string> report(std::string_view) override {
+    return std::string{
+        R"({"points":40000,"size_mm":[20.5,14.25,75],"surface":"unbiased","method":"marching","kernel":{"spacing_mm":0.21,)"
+        R"("noise_mm":0.012,"width_mm":0.6,"dropped_samples":12},"normals":{"estimated":true},"layers":500,"layer_mm":0.15,)"
+        R"("layers_cut":500,"certified":499,"contours":812,"vertices":98000,"flagged_layers":[{"layer":41,"z_mm":6.225,)"
+        R"("reason":"nearly level"}],"doubts":[],"seconds":{"read":0.1,"slice":0.4}})"};
+  }
+  LinkView link() override { return {"127.0.0.1:7420", false, "connection refused"}; }
+  Result<void> act(std::string_view id, JobCommand command, std::string_view) override {
+    commands.emplace_back(std::string{id}, command);
+    if (command == JobCommand::Approve) return fail(ErrorCode::Conflict, "there is nothing to approve");
+    return {};
+  }
+  std::uint64_t revision() override { return 1; }
+
+  std::vector<std::pair<std::string, JobCommand>> commands;
+
+ private:
+  static Job view() {
+    Job job;
+    job.id = "job-1";
+    job.name = "a \"statue\" <b>.ply";
+    job.machine = "machine-a";
+    job.owner = "operator";
+    job.state = JobState::Printing;
+    job.counters = {500, 500, 500, 520, 520, 77, 1'234'567, 44'200};
+    job.stages = {{"slice", 0.9}, {"send", 1.4}};
+    return job;
+  }
+};
+
+}  // namespace telefab::scan

@@ -1,0 +1,56 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <telefab/fab/web/router.hpp>
+#include <telefab/scan/web/scan_web.hpp>
+
+namespace telefab {
+namespace {
+
+using nlohmann::json;
+
+json api_of(const std::string& site) {
+  std::ifstream file{std::string{std::getenv("TELEFAB_SOURCE")} + "/" + site + "/web/page/openapi.json"};
+  return json::parse(file);
+}
+
+/// "GET /v1/jobs: summary, token" for each operation of a file.
+std::set<std::string> documented(const json& api) {
+  std::set<std::string> list;
+  for (const auto& [path, methods] : api["paths"].items())
+    for (const auto& [method, operation] : methods.items()) {
+      std::string upper = method;
+      for (char& c : upper) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+      list.insert(upper + " " + path + ": " + operation["summary"].get<std::string>() +
+                  (operation.contains("security") ? ", token" : ""));
+    }
+  return list;
+}
+
+std::set<std::string> coded(const std::vector<WebRoute>& routes) {
+  std::set<std::string> list;
+  for (const WebRoute& route : routes)
+    list.insert(std::string{route.method} + " " + std::string{route.path} + ": " + std::string{route.summary} +
+                (route.changes_state ? ", token" : ""));
+  return list;
+}
+
+TEST(OpenApi, ListsExactlyTheRoutesOfTheFab) { EXPECT_EQ(documented(api_of("fab_site")), coded(fab::web_routes())); }
+
+TEST(OpenApi, ListsExactlyTheRoutesOfTheScanSite) {
+  EXPECT_EQ(documented(api_of("scan_site")), coded(scan::web_routes()));
+}
+
+TEST(OpenApi, EveryOperationSaysWhatItAnswers) {
+  for (const char* site : {"fab_site", "scan_site"})
+    for (const auto& [path, methods] : api_of(site)["paths"].items())
+      for (const auto& [method, operation] : methods.items())
+        EXPECT_FALSE(operation["responses"].empty()) << site << ' ' << path << ' ' << method;
+}
+
+}  // namespace
+}  // namespace telefab
