@@ -108,12 +108,12 @@ class ClusterMerge {
     links_[a][b] += value;
     links_[b][a] += value;
   }
-  void run() {
+  void run(const std::stop_token& stop) {
     std::priority_queue<Link> queue;
     for (std::uint32_t a = 0; a < links_.size(); ++a)
       for (const auto& [b, value] : links_[a])
         if (a < b) queue.push(make(a, b, value));
-    while (!queue.empty()) {
+    while (!queue.empty() && !stop.stop_requested()) {
       const Link link = queue.top();
       queue.pop();
       const auto found = links_[link.a].find(link.b);
@@ -305,7 +305,7 @@ Result<Orientation> choose_sides(std::span<const Eigen::Vector3f> points, const 
                        kOutsideWeight * static_cast<float>(patches.turned[i] ? -outward_side[i] : outward_side[i])});
   ClusterMerge clusters{patches.count + 1};
   for (const Edge& v : votes) clusters.vote(v.a, v.b, v.vote);
-  clusters.run();
+  clusters.run(stop);
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while orienting normals");
 
   SignedSets& sets = clusters.sets();

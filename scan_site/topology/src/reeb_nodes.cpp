@@ -103,7 +103,7 @@ double same_ring_mm(const std::vector<Vec3>& seeds, double h) {
 }
 
 Around look_around(const ScalarField& field, FieldCursor& cursor, const CriticalIndex& index, std::size_t i,
-                   const Level& level) {
+                   const Level& level, const std::stop_token& stop) {
   Around a;
   a.level = level;
   a.lines = lines_of(field, cursor, index, i,
@@ -113,20 +113,24 @@ Around look_around(const ScalarField& field, FieldCursor& cursor, const Critical
     const double z = line.ascending ? level.above : level.below;
     if (const auto p = point_at_height(line.path_mm, z)) (line.ascending ? a.seeds_above : a.seeds_below).push_back(*p);
   }
-  a.below = distinct_rings(field, cursor, a.seeds_below, level.below, same_ring_mm(a.seeds_below, h), 0.3);
-  a.above = distinct_rings(field, cursor, a.seeds_above, level.above, same_ring_mm(a.seeds_above, h), 0.3);
+  const auto rings_at = [&](double z, const std::vector<Vec3>& seeds) {
+    std::vector<Ring> open;
+    return distinct_rings(field, cursor, seeds, z, same_ring_mm(seeds, h), 0.3, open, stop);
+  };
+  a.below = rings_at(level.below, a.seeds_below);
+  a.above = rings_at(level.above, a.seeds_above);
   return a;
 }
 
 /// The same for a point alone at its height: where rings do not fit its kind at one distance, others are tried.
 Around look_around_alone(const ScalarField& field, FieldCursor& cursor, const CriticalIndex& index, std::size_t i,
-                         const Level& level) {
+                         const Level& level, const std::stop_token& stop) {
   const std::size_t wanted = index[i].is_saddle() ? 3 : 1;
   Around first;
   for (const double share : {1.0, 0.3, 0.1, 1.4}) {
     const Level nearer{level.low, level.high, level.low - share * (level.low - level.below),
                        level.high + share * (level.above - level.high)};
-    Around a = look_around(field, cursor, index, i, nearer);
+    Around a = look_around(field, cursor, index, i, nearer, stop);
     if (a.below.size() + a.above.size() == wanted) return a;
     if (share == 1.0) first = std::move(a);
   }
@@ -147,7 +151,7 @@ void judge(NodeRings& n) {
 
 NodeRings plateau_node(const ScalarField& field, FieldCursor& cursor, std::span<const Vec3> samples,
                        std::span<const Vec3> normals, std::span<const CriticalPoint> points, const CriticalIndex& index,
-                       const Plateau& plateau, std::size_t number) {
+                       const Plateau& plateau, std::size_t number, const std::stop_token& stop) {
   NodeRings n;
   n.node.plateau = number;
   n.node.place_mm = plateau.place_mm;
@@ -171,7 +175,9 @@ NodeRings plateau_node(const ScalarField& field, FieldCursor& cursor, std::span<
   for (const bool ascending : {false, true}) {
     const double level = ascending ? n.level_above_mm : n.level_below_mm;
     std::vector<Ring>& rings = ascending ? n.above : n.below;
+    std::vector<Ring> open;
     for (const Vec3& start : starts) {
+      if (stop.stop_requested()) return n;
       const SteepestLine line = follow_steepest(field, cursor, index, start, ascending, {}, level);
       const auto seed = point_at_height(line.path_mm, level);
       if (!seed) continue;
@@ -180,7 +186,7 @@ NodeRings plateau_node(const ScalarField& field, FieldCursor& cursor, std::span<
                       [&](const Ring& r) { return r.distance_mm(seed->head<2>(), same) < same; }))
         continue;
       const Vec3 seeds[] = {*seed};
-      for (Ring& ring : distinct_rings(field, cursor, seeds, level, same, kSeedLimitKernels))
+      for (Ring& ring : distinct_rings(field, cursor, seeds, level, same, kSeedLimitKernels, open, stop))
         if (!shares_ring({ring}, rings, same)) rings.push_back(std::move(ring));
     }
   }
@@ -235,11 +241,11 @@ Result<TracedNodes> trace_nodes(const ScalarField& field, std::span<const Vec3> 
     FieldCursor& cursor = *cursors.local();
     if (k >= points.size()) {
       const std::size_t p = k - points.size();
-      flat[p] = plateau_node(field, cursor, samples, normals, points, index, plateaus[p], p);
+      flat[p] = plateau_node(field, cursor, samples, normals, points, index, plateaus[p], p, stop);
     } else if (!points[k].plateau) {
       const std::size_t run = run_of[k];
-      arounds[k] = run_size[run] == 1 ? look_around_alone(field, cursor, index, k, runs[run])
-                                      : look_around(field, cursor, index, k, runs[run]);
+      arounds[k] = run_size[run] == 1 ? look_around_alone(field, cursor, index, k, runs[run], stop)
+                                      : look_around(field, cursor, index, k, runs[run], stop);
     }
   });
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while tracing the Morse-Smale complex");

@@ -46,7 +46,7 @@ double Ring::distance_mm(const Vec2& p, double limit_mm) const {
   if ((p.array() < low.array() - limit_mm).any() || (p.array() > high.array() + limit_mm).any()) return far;
   double best = limit_mm * limit_mm;
   bool found = false;
-  for (std::size_t i = 0; i < points.size(); ++i) {
+  for (std::size_t i = 0; i + (closed ? 0 : 1) < points.size(); ++i) {
     const Vec2& a = points[i];
     const Vec2 side = points[i + 1 == points.size() ? 0 : i + 1] - a;
     const double share = std::clamp((p - a).dot(side) / std::max(side.squaredNorm(), 1e-300), 0.0, 1.0);
@@ -65,7 +65,7 @@ std::optional<Vec3> onto_level(FieldCursor& cursor, const Vec3& p, double h_mm, 
   return Vec3{on->point.x(), on->point.y(), p.z()};
 }
 
-std::optional<Ring> trace_ring(const ScalarField& field, FieldCursor& cursor, const Vec3& start) {
+std::optional<Ring> trace_ring(const ScalarField& field, FieldCursor& cursor, const Vec3& start, std::stop_token stop) {
   const double z = start.z();
   double h = field.kernel_width_mm(start);
   const auto first = settle(cursor, start, h, 0.2 * h);
@@ -77,7 +77,7 @@ std::optional<Ring> trace_ring(const ScalarField& field, FieldCursor& cursor, co
   OnPlane here = *first;
   double step = kFirstStepKernels * h;
   double bend = 0;  // signed, 1/mm, of the step before
-  while (ring.points.size() < kMaxPoints) {
+  while (ring.points.size() < kMaxPoints && !stop.stop_requested()) {
     if (ring.points.size() % 64 == 0) h = field.kernel_width_mm({here.point.x(), here.point.y(), z});
     step = std::min(step, kLongestStepKernels * h);
     const Vec2 left{-here.tangent.y(), here.tangent.x()};
@@ -91,7 +91,7 @@ std::optional<Ring> trace_ring(const ScalarField& field, FieldCursor& cursor, co
     if (std::abs(turn) > kTurnLimit || lean > kTurnLimit || length < 0.3 * step) {
       step *= 0.4;
       bend = 0;
-      if (step < kShortestStepKernels * h) return std::nullopt;
+      if (step < kShortestStepKernels * h) break;
       continue;
     }
     // Once around: the start lies beside this step and looks the same way.
@@ -99,36 +99,37 @@ std::optional<Ring> trace_ring(const ScalarField& field, FieldCursor& cursor, co
     const double along = to_start.dot(chord) / length;
     if (ring.points.size() > 3 && along > 0 && along <= length * 1.0001 &&
         std::abs(cross(chord, to_start)) / length < 0.3 * length && first->tangent.dot(here.tangent) > 0.3) {
-      double area = 0;
-      ring.low = ring.high = ring.points.front();
-      for (std::size_t i = 0; i < ring.points.size(); ++i) {
-        const Vec2& a = ring.points[i];
-        area += cross(a - first->point, ring.points[i + 1 == ring.points.size() ? 0 : i + 1] - first->point);
-        ring.low = ring.low.cwiseMin(a);
-        ring.high = ring.high.cwiseMax(a);
-      }
-      ring.signed_area_mm2 = 0.5 * area;
-      return ring;
+      ring.closed = true;
+      break;
     }
     ring.points.push_back(next->point);
     bend = turn / length;
     here = *next;
     step = std::min(length * std::clamp(kTurn / std::max(std::abs(turn), 1e-6), 0.4, 2.0), kLongestStepKernels * h);
   }
-  return std::nullopt;
+  double area = 0;
+  ring.low = ring.high = ring.points.front();
+  for (std::size_t i = 0; i < ring.points.size(); ++i) {
+    const Vec2& a = ring.points[i];
+    area += cross(a - first->point, ring.points[i + 1 == ring.points.size() ? 0 : i + 1] - first->point);
+    ring.low = ring.low.cwiseMin(a);
+    ring.high = ring.high.cwiseMax(a);
+  }
+  if (ring.closed) ring.signed_area_mm2 = 0.5 * area;
+  return ring;
 }
 
 std::vector<Ring> distinct_rings(const ScalarField& field, FieldCursor& cursor, std::span<const Vec3> seeds,
-                                 double z_mm, double same_mm, double limit_kernels) {
+                                 double z_mm, double same_mm, double limit_kernels, std::vector<Ring>& open,
+                                 std::stop_token stop) {
   std::vector<Ring> rings;
   for (const Vec3& seed : seeds) {
     const double h = field.kernel_width_mm(seed);
     const auto on = onto_level(cursor, {seed.x(), seed.y(), z_mm}, h, limit_kernels * h);
     if (!on) continue;
-    const bool known = std::any_of(rings.begin(), rings.end(),
-                                   [&](const Ring& r) { return r.distance_mm(on->head<2>(), same_mm) < same_mm; });
-    if (known) continue;
-    if (auto ring = trace_ring(field, cursor, *on)) rings.push_back(std::move(*ring));
+    const auto passes = [&](const Ring& r) { return r.distance_mm(on->head<2>(), same_mm) < same_mm; };
+    if (std::any_of(rings.begin(), rings.end(), passes) || std::any_of(open.begin(), open.end(), passes)) continue;
+    if (auto ring = trace_ring(field, cursor, *on, stop)) (ring->closed ? rings : open).push_back(std::move(*ring));
   }
   return rings;
 }
