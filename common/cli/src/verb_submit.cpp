@@ -25,6 +25,9 @@ struct SubmitOptions {
   std::string method;
   std::string surface;
   std::string coding;
+  std::string up;
+  bool close_base = false;
+  std::optional<double> bridge_mm;
   bool watch = false;
 };
 
@@ -37,6 +40,9 @@ std::string parameters_of(const SubmitOptions& o) {
   if (!o.method.empty()) object["method"] = o.method;
   if (!o.surface.empty()) object["surface"] = o.surface;
   if (!o.coding.empty()) object["coding"] = o.coding;
+  if (!o.up.empty()) object["up"] = o.up;
+  if (o.close_base) object["close_base"] = true;
+  if (o.bridge_mm) object["bridge_mm"] = *o.bridge_mm;
   return object.dump();
 }
 
@@ -135,6 +141,11 @@ VerbBody declare_submit(CLI::App& options) {
   auto* fit = options.add_flag("--fit", o->fit, "as large as the machine allows");
   height->check(CLI::PositiveNumber)->excludes(scale)->excludes(fit);
   scale->check(CLI::PositiveNumber)->excludes(fit);
+  options.add_option("--up", o->up, "axis of the scan that points up; default: z")
+      ->check(CLI::IsMember({"x", "-x", "y", "-y", "z", "-z"}));
+  options.add_flag("--close-base", o->close_base, "close a scan without underside at the platform");
+  options.add_option("--bridge-mm", o->bridge_mm, "close gaps of contours up to this wide by straight lines")
+      ->check(CLI::NonNegativeNumber);
   options.add_option("--layer-mm", o->layer_mm, "layer thickness, millimetres; default: the machine's")
       ->check(CLI::PositiveNumber);
   options.add_option("--method", o->method, "auto | reeb | grid; how contours are found");

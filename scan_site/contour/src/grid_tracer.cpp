@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/geometry/limits.hpp>
 #include <telefab/scan/contour/grid_tracer.hpp>
@@ -28,8 +29,12 @@ std::uint64_t key_of(Node n) {
 
 class GridTracer {
  public:
-  GridTracer(PlaneCursor& plane, Point2 origin, double pitch_mm, double chord_mm)
-      : plane_{plane}, origin_{origin}, pitch_mm_{pitch_mm}, tolerance_mm_{0.01 * chord_mm} {}
+  GridTracer(PlaneCursor& plane, Point2 origin, double pitch_mm, const GridOptions& options)
+      : plane_{plane},
+        origin_{origin},
+        pitch_mm_{pitch_mm},
+        tolerance_mm_{0.01 * options.chord_mm},
+        bridge_mm_{options.bridge_mm} {}
 
   void seed(Point2 p) {
     const Node cell{static_cast<std::int64_t>(std::floor((p.x_mm - origin_.x_mm) / pitch_mm_)),
@@ -54,16 +59,20 @@ class GridTracer {
     return {};
   }
 
-  /// Rings along the crossings; what stays open is closed by the shortest links and reported.
-  std::vector<std::vector<PlaneSample>> link(std::vector<TraceFault>& faults) {
+  /// Rings along the crossings. Ends near enough to each other are joined, shortest links first; a contour that stays
+  /// open is left out.
+  std::vector<std::vector<PlaneSample>> link(std::vector<ContourGap>& gaps) {
     for (const Node cell : crossing_) link_cell(cell);
-    close_gaps(faults);
+    close_gaps(gaps);
     std::vector<std::vector<PlaneSample>> rings;
     std::vector<bool> used(vertices_.size(), false);
+    for (std::uint32_t end = 0; end < vertices_.size(); ++end)
+      if (next_[end] == kNone)
+        for (std::uint32_t v = end; v != kNone; v = previous_[v]) used[v] = true;
     for (std::uint32_t first = 0; first < vertices_.size(); ++first) {
-      if (used[first] || next_[first] == kNone) continue;
+      if (used[first]) continue;
       std::vector<PlaneSample> ring;
-      for (std::uint32_t v = first; v != kNone && !used[v]; v = next_[v]) {
+      for (std::uint32_t v = first; !used[v]; v = next_[v]) {
         used[v] = true;
         ring.push_back(vertices_[v]);
       }
@@ -164,7 +173,7 @@ class GridTracer {
       join(on(e), on((e + (solid ? 1 : 3)) % 4));
     }
   }
-  void close_gaps(std::vector<TraceFault>& faults) {
+  void close_gaps(std::vector<ContourGap>& gaps) {
     std::vector<std::uint32_t> ends, starts;
     for (std::uint32_t v = 0; v < vertices_.size(); ++v) {
       if (next_[v] == kNone && previous_[v] != kNone) ends.push_back(v);
@@ -176,16 +185,23 @@ class GridTracer {
     };
     std::vector<Link> links;
     for (const std::uint32_t e : ends)
-      for (const std::uint32_t s : starts) links.push_back({distance_mm(vertices_[e].at, vertices_[s].at), e, s});
+      for (const std::uint32_t s : starts)
+        if (const double gap = distance_mm(vertices_[e].at, vertices_[s].at); gap <= bridge_mm_)
+          links.push_back({gap, e, s});
     std::sort(links.begin(), links.end(), [](const Link& a, const Link& b) {
       return a.gap_mm != b.gap_mm ? a.gap_mm < b.gap_mm : a.end != b.end ? a.end < b.end : a.start < b.start;
     });
     for (const Link& link : links) {
       if (next_[link.end] != kNone || previous_[link.start] != kNone) continue;
       join(link.end, link.start);
-      faults.push_back(
-          {fmt::format("open contour: the scan has a gap of {:.3g} mm here, closed by a straight line", link.gap_mm),
-           vertices_[link.end].at});
+      gaps.push_back({vertices_[link.end].at, link.gap_mm, true});
+    }
+    for (const std::uint32_t e : ends) {
+      if (next_[e] != kNone) continue;
+      double nearest = std::numeric_limits<double>::infinity();
+      for (const std::uint32_t s : starts)
+        if (previous_[s] == kNone) nearest = std::min(nearest, distance_mm(vertices_[e].at, vertices_[s].at));
+      gaps.push_back({vertices_[e].at, nearest, false});
     }
   }
 
@@ -193,6 +209,7 @@ class GridTracer {
   Point2 origin_;
   double pitch_mm_;
   double tolerance_mm_;
+  double bridge_mm_;
   KeyTable node_numbers_, cell_numbers_, edge_numbers_;
   std::vector<PlaneSample> nodes_;
   std::vector<bool> cell_crosses_;
@@ -200,6 +217,16 @@ class GridTracer {
   std::vector<PlaneSample> vertices_;
   std::vector<std::uint32_t> next_, previous_;
 };
+
+TraceFault fault_of(const ContourGap& gap, double bridge_mm) {
+  if (gap.bridged)
+    return {fmt::format("open contour: the scan has a gap of {:.3g} mm here, closed by a straight line", gap.size_mm),
+            gap.place};
+  return {fmt::format("open contour, left out: the scan has a gap of {:.3g} mm here, bridges of up to {:.3g} mm are "
+                      "allowed",
+                      gap.size_mm, bridge_mm),
+          gap.place};
+}
 
 }  // namespace
 
@@ -217,13 +244,15 @@ Result<LayerTrace> trace_by_grid(const ScalarField& field, FieldCursor& cursor, 
   const Box3 box = field.bounds();
 
   PlaneCursor plane{cursor, z_mm};
-  GridTracer tracer{plane, {box.min.x(), box.min.y()}, options.pitch_kernels * width, options.chord_mm};
+  GridTracer tracer{plane, {box.min.x(), box.min.y()}, options.pitch_kernels * width, options};
   for (std::size_t i = 0; i < near.points.size(); ++i) {
     const Vec3& p = near.points[i];
     tracer.seed(expected_crossing(p, near.normals[i], z_mm, 2 * width).value_or(Point2{p.x(), p.y()}));
   }
   if (auto ok = tracer.grow(stop); !ok) return tl::unexpected{ok.error()};
-  for (auto& ring : tracer.link(trace.faults)) {
+  auto rings = tracer.link(trace.gaps);
+  for (const ContourGap& gap : trace.gaps) trace.faults.push_back(fault_of(gap, options.bridge_mm));
+  for (auto& ring : rings) {
     if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while tracing");
     refine(ring, plane, options.chord_mm);
     keep_ring(ring, field, z_mm, trace.contours);

@@ -22,14 +22,17 @@ Result<JobParameters> job_parameters_from(std::string_view json, const MachinePr
   SliceRequest& slice = parameters.slice;
   slice.machine = machine;
   for (const auto& [key, value] : object.items()) {
-    if (key == "height_mm" || key == "scale" || key == "layer_mm") {
+    if (key == "height_mm" || key == "scale" || key == "layer_mm" || key == "bridge_mm") {
       if (!value.is_number()) return bad(key, "must be a number");
-      auto& field = key == "height_mm" ? slice.height_mm : key == "scale" ? slice.scale : slice.layer_mm;
+      auto& field = key == "height_mm"  ? slice.height_mm
+                    : key == "scale"    ? slice.scale
+                    : key == "layer_mm" ? slice.layer_mm
+                                        : slice.bridge_mm;
       field = value.get<double>();
-    } else if (key == "fit") {
+    } else if (key == "fit" || key == "close_base") {
       if (!value.is_boolean()) return bad(key, "must be true or false");
-      slice.fit = value.get<bool>();
-    } else if (key == "method" || key == "surface" || key == "coding") {
+      (key == "fit" ? slice.fit : slice.close_base) = value.get<bool>();
+    } else if (key == "method" || key == "surface" || key == "coding" || key == "up") {
       if (!value.is_string()) return bad(key, "must be a text");
       const auto text = value.get<std::string>();
       if (key == "method") {
@@ -40,6 +43,10 @@ Result<JobParameters> job_parameters_from(std::string_view json, const MachinePr
         const auto surface = surface_kind_from(text);
         if (!surface) return tl::unexpected{surface.error()};
         slice.mls.surface = *surface;
+      } else if (key == "up") {
+        const auto up = up_axis_from(text);
+        if (!up) return tl::unexpected{up.error()};
+        slice.up = *up;
       } else if (text == "exact") {
         parameters.codec.coding = Coding::Exact;
       } else if (text == "curve") {

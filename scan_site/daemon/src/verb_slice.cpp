@@ -23,8 +23,10 @@ struct Options {
   std::string machine;
   std::string machines = default_machine_folder();
   std::string out, contours, report, preview;
-  std::optional<double> height_mm, scale, layer_mm, kernel_mm, chord_mm;
+  std::optional<double> height_mm, scale, layer_mm, kernel_mm, chord_mm, bridge_mm;
+  std::string up = "z";
   bool fit = false;
+  bool close_base = false;
   bool keep_outliers = false;
   bool require_certified = false;
   bool json = false;
@@ -58,6 +60,11 @@ Result<SliceRequest> request_from(const Options& o) {
   request.height_mm = o.height_mm;
   request.scale = o.scale;
   request.fit = o.fit;
+  const auto up = up_axis_from(o.up);
+  if (!up) return tl::unexpected{up.error()};
+  request.up = *up;
+  request.bridge_mm = o.bridge_mm;
+  request.close_base = o.close_base;
   request.layer_mm = o.layer_mm;
   request.chord_mm = o.chord_mm;
   // A curve is coded within what the chords leave of the whole error, so the chords of a .tfc file are short.
@@ -145,6 +152,23 @@ class Outputs {
   std::optional<Preview> preview_;
 };
 
+void print_gaps(const std::vector<LayerGap>& gaps) {
+  for (const bool bridged : {true, false}) {
+    const LayerGap* widest = nullptr;
+    std::size_t count = 0;
+    for (const LayerGap& g : gaps) {
+      if (g.bridged != bridged) continue;
+      ++count;
+      if (!widest || g.size_mm > widest->size_mm) widest = &g;
+    }
+    if (!widest) continue;
+    fmt::print("{} gaps of contours {}; widest {:.3g} mm in layer {} at ({:.2f}, {:.2f}){}\n", count,
+               bridged ? "closed by straight lines" : "left open, and their contours out", widest->size_mm,
+               widest->layer.count(), widest->place.x_mm, widest->place.y_mm,
+               bridged ? "" : fmt::format("; --bridge-mm {:.3g} closes them", std::ceil(10 * widest->size_mm) / 10));
+  }
+}
+
 void print_summary(const SliceReport& report) {
   double seconds = 0;
   std::string stages;
@@ -158,6 +182,11 @@ void print_summary(const SliceReport& report) {
              report.kernel.adaptive ? " (median, by local spacing)" : "", report.kernel.spacing_mm, report.surface);
   fmt::print("{} layers, {} contours, {} vertices in {:.2f} s ({})\n", report.layers_cut, report.contours,
              report.vertices, seconds, stages);
+  for (const std::string& warning : report.warnings) fmt::print("warning: {}\n", warning);
+  if (report.base_layers > 0)
+    fmt::print("base: the lowest {} layers repeat layer {}, closed at the platform\n", report.base_layers,
+               report.base_layers);
+  print_gaps(report.gaps);
   fmt::print("{} layers certified ({} marched), {} flagged\n", report.certified, report.certified_by_march,
              report.flagged.size());
   constexpr std::size_t kShown = 5;
@@ -215,6 +244,11 @@ VerbBody declare_slice(CLI::App& options) {
   auto* fit = options.add_flag("--fit", o->fit, "scale the part to the largest the machine holds");
   height->excludes(scale)->excludes(fit);
   scale->excludes(fit);
+  options.add_option("--up", o->up, "axis of the scan that points up: x, -x, y, -y, z or -z")->capture_default_str();
+  options.add_flag("--close-base", o->close_base,
+                   "close a scan without underside at the platform: layers below its rim repeat the lowest closed one");
+  options.add_option("--bridge-mm", o->bridge_mm,
+                     "close gaps of contours up to this wide by straight lines; default: two kernel widths");
   options.add_option("--layer-mm", o->layer_mm, "layer thickness; default: the machine's");
   options.add_option("--chord-mm", o->chord_mm,
                      "chord tolerance; default: a tenth of the machine's pixel, with --out a fortieth");

@@ -102,6 +102,7 @@ Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::stop_token
 Result<LayerCutter::Candidate> LayerCutter::gridded(double z_mm, std::stop_token stop) {
   GridOptions options;
   options.chord_mm = setting_.chord_mm;
+  options.bridge_mm = setting_.bridge_mm;
   auto trace = trace_by_grid(setting_.field, *cursor_, z_mm, {near_.points, near_.normals}, options, stop);
   if (!trace) return tl::unexpected{trace.error()};
   Candidate candidate;
@@ -192,7 +193,9 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
     if (!certificate.place && !chosen->trace.contours.empty())
       certificate.place = chosen->trace.contours[0].vertices()[0];
   }
-  layer.contours = (chosen == (march ? &*march : nullptr) ? march : grid)->trace.contours;
+  LayerTrace& taken = (chosen == (march ? &*march : nullptr) ? march : grid)->trace;
+  layer.contours = std::move(taken.contours);
+  result.gaps = std::move(taken.gaps);
   return result;
 }
 

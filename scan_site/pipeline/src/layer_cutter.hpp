@@ -19,12 +19,14 @@ struct CutSetting {
   double cover_kernels = 0.75;  ///< a sample this near (in kernel widths) to a contour of like normal is covered
   double stray_share = 0;       ///< share of the samples near a plane that may lie beside its contours: outliers
   double chord_mm = 0.014;
+  double bridge_mm = 0;  ///< gaps up to this wide are closed by a straight line
   TraceMethod method = TraceMethod::Auto;
   std::optional<TraceFault> known_fault;  ///< flags every layer: something wrong with the scan as a whole
 };
 
 struct CutLayer {
   Layer layer;
+  std::vector<ContourGap> gaps;
   std::uint64_t evaluations = 0;
 };
 

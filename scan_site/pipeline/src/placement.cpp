@@ -8,8 +8,44 @@
 
 namespace telefab::scan {
 
+namespace {
+
+/// Turns the frame of the scan until the axis points up; rows are those of the rotation.
+Eigen::Matrix3f turn_of(UpAxis up) {
+  Eigen::Matrix3f turn;
+  switch (up) {
+    case UpAxis::PlusX:
+      turn << 0, 0, -1, 0, 1, 0, 1, 0, 0;
+      break;
+    case UpAxis::MinusX:
+      turn << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+      break;
+    case UpAxis::PlusY:
+      turn << 1, 0, 0, 0, 0, -1, 0, 1, 0;
+      break;
+    case UpAxis::MinusY:
+      turn << 1, 0, 0, 0, 0, 1, 0, -1, 0;
+      break;
+    case UpAxis::PlusZ:
+      turn.setIdentity();
+      break;
+    case UpAxis::MinusZ:
+      turn << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+      break;
+  }
+  return turn;
+}
+
+}  // namespace
+
 Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request) {
   if (scan.points.empty()) return fail(ErrorCode::InvalidInput, "the scan has no points");
+  const Eigen::Matrix3f turn = turn_of(request.up);
+  if (request.up != UpAxis::PlusZ) {
+    scan.origin = turn.cast<double>() * scan.origin;
+    for (auto& p : scan.points) p = turn * p;
+    for (auto& n : scan.normals) n = turn * n;
+  }
   Eigen::Vector3f low = scan.points[0];
   Eigen::Vector3f high = low;
   for (const auto& p : scan.points) {
@@ -48,7 +84,11 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   const Vec3 shift{room.x() / 2 - scale * middle.x(), room.y() / 2 - scale * middle.y(), -scale * min.z()};
   Placement placed;
   placed.size_mm = size_mm;
-  placed.scan_to_build = {scale, 0, 0, shift.x(), 0, scale, 0, shift.y(), 0, 0, scale, shift.z(), 0, 0, 0, 1};
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) placed.scan_to_build[static_cast<std::size_t>(4 * r + c)] = scale * turn(r, c);
+    placed.scan_to_build[static_cast<std::size_t>(4 * r + 3)] = shift[r];
+  }
+  placed.scan_to_build[15] = 1;
   // Relative to the middle of the part: float keeps 10 nm there, wherever the scanner stood.
   const Vec3 origin{room.x() / 2, room.y() / 2, size_mm.z() / 2};
   for (auto& p : scan.points) p = (scale * (scan.origin + p.cast<double>()) + shift - origin).cast<float>();

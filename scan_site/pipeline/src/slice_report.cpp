@@ -16,6 +16,13 @@ std::string to_json(const SliceReport& report) {
     if (f.place) entry["place_mm"] = {f.place->x_mm, f.place->y_mm};
     flagged.push_back(std::move(entry));
   }
+  ordered_json gaps = ordered_json::array();
+  for (const LayerGap& g : report.gaps)
+    gaps.push_back({{"layer", g.layer.count()},
+                    {"z_mm", g.z_mm},
+                    {"place_mm", {g.place.x_mm, g.place.y_mm}},
+                    {"size_mm", g.size_mm},
+                    {"bridged", g.bridged}});
   ordered_json times = ordered_json::object();
   for (const StageTime& t : report.times) times[t.stage] = t.seconds;
   ordered_json normals = ordered_json::parse(report.normals_json, nullptr, /*allow_exceptions=*/false);
@@ -43,6 +50,13 @@ std::string to_json(const SliceReport& report) {
       {"certified_by_march", report.certified_by_march},
       {"flagged", report.flagged.size()},
       {"flagged_layers", flagged},
+      {"gaps", gaps},
+      {"open",
+       {{"seen_mm2", report.open.seen_mm2},
+        {"missing_mm2", {report.open.missing_mm2.x(), report.open.missing_mm2.y(), report.open.missing_mm2.z()}},
+        {"share", report.open.share()}}},
+      {"base_layers", report.base_layers},
+      {"warnings", report.warnings},
       {"contours", report.contours},
       {"vertices", report.vertices},
       {"evaluations", report.evaluations},

@@ -16,6 +16,7 @@
 #include <telefab/scan/topology/height_topology.hpp>
 
 #include "layer_cutter.hpp"
+#include "openness.hpp"
 #include "placement.hpp"
 
 namespace telefab::scan {
@@ -23,6 +24,9 @@ namespace {
 
 constexpr std::array kMethods{std::pair{TraceMethod::Auto, "auto"}, std::pair{TraceMethod::Reeb, "reeb"},
                               std::pair{TraceMethod::Grid, "grid"}};
+constexpr std::array kUpAxes{std::pair{UpAxis::PlusX, "x"}, std::pair{UpAxis::MinusX, "-x"},
+                             std::pair{UpAxis::PlusY, "y"}, std::pair{UpAxis::MinusY, "-y"},
+                             std::pair{UpAxis::PlusZ, "z"}, std::pair{UpAxis::MinusZ, "-z"}};
 /// Layers of one task: neighbours share what a cursor has gathered.
 constexpr std::uint32_t kBlock = 8;
 /// Samples this near to a plane (in median kernel widths) must lie beside its contours.
@@ -36,6 +40,11 @@ constexpr double kCoverKernels = 0.75;
 /// and all must be, unless the noise exceeds this many spacings: then this share may stray.
 constexpr double kCleanSpacings = 0.1;
 constexpr double kStrayShare = 0.02;
+
+/// Gaps of a contour up to this many kernel widths are closed unasked.
+constexpr double kBridgeKernels = 2;
+/// An open base is looked for in this part of the height: the lowest quarter.
+constexpr std::uint32_t kBaseShare = 4;
 
 /// Spacing that varies by more than this leaves room for a feature, or a whole wall, that no sample shows.
 constexpr double kMostUneven = 5;
@@ -79,14 +88,48 @@ Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) 
   return from(kNearLevel);
 }
 
+/// The lowest layers of an open scan: below the ragged rim of its base each repeats the first layer that closes.
+struct Base {
+  std::uint32_t layers = 0;
+  CutLayer above;  ///< the layer repeated
+
+  [[nodiscard]] CutLayer copy(LayerIndex index, double z_mm) const {
+    CutLayer cut;
+    cut.layer = above.layer;
+    cut.layer.index = index;
+    cut.layer.z_mm = z_mm;
+    LayerCertificate& certificate = cut.layer.certificate;
+    certificate.verdict = LayerCertificate::Verdict::Flagged;
+    certificate.reason =
+        fmt::format("closed at the platform as asked: repeats layer {}, the lowest that is closed", layers);
+    return cut;
+  }
+};
+
+Result<Base> find_base(const CutSetting& setting, const StackHeader& header, std::stop_token stop) {
+  const std::uint32_t highest = header.layer_count / kBaseShare;
+  LayerCutter cutter{setting};
+  for (std::uint32_t i = 0; i <= highest; ++i) {
+    const LayerIndex index{i};
+    auto cut = cutter.cut(index, cut_height_mm(index, header.layer_thickness_mm), stop);
+    if (!cut) return tl::unexpected{cut.error()};
+    if (cut->gaps.empty() && !cut->layer.contours.empty()) return Base{i, std::move(*cut)};
+  }
+  return fail(
+      ErrorCode::InvalidInput,
+      fmt::format("the base cannot be closed: none of the lowest {} layers has closed contours only; the scan is "
+                  "open at its sides too",
+                  highest + 1));
+}
+
 struct Block {
   std::uint32_t first = 0;
   Result<std::vector<CutLayer>> cut;
 };
 
-Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, std::array<std::uint32_t, 2> range,
-                        unsigned threads, const LayerSink& sink, const ProgressSink& progress, std::stop_token stop,
-                        SliceReport& report) {
+Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, const Base& base,
+                        std::array<std::uint32_t, 2> range, unsigned threads, const LayerSink& sink,
+                        const ProgressSink& progress, std::stop_token stop, SliceReport& report) {
   std::stop_source halt;
   const std::stop_callback link{stop, [&] { halt.request_stop(); }};
   Result<void> outcome;
@@ -110,7 +153,12 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, st
     std::vector<CutLayer> cut;
     for (std::uint32_t i = first; i < std::min(end, first + kBlock); ++i) {
       const LayerIndex index{i};
-      auto layer = cutter->cut(index, cut_height_mm(index, header.layer_thickness_mm), halt.get_token());
+      const double z_mm = cut_height_mm(index, header.layer_thickness_mm);
+      if (i < base.layers) {
+        cut.push_back(base.copy(index, z_mm));
+        continue;
+      }
+      auto layer = cutter->cut(index, z_mm, halt.get_token());
       if (!layer) {
         block->cut = fail_in(fmt::format("layer {}", i), layer.error());
         return block;
@@ -140,6 +188,8 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, st
       } else {
         report.flagged.push_back({layer.index, layer.z_mm, certificate.reason, certificate.place});
       }
+      for (const ContourGap& gap : cut.gaps)
+        report.gaps.push_back({layer.index, layer.z_mm, gap.place, gap.size_mm, gap.bridged});
       const std::uint32_t done = layer.index.count() + 1 - range[0];
       auto valid = validate_layer(header, layer);
       if (valid) valid = sink(header, std::move(layer));
@@ -208,6 +258,8 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   const Box3 box = (*field)->bounds();
   header.bounds = {{box.min.x(), box.min.y()}, {box.max.x(), box.max.y()}};
   if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
+  result.open = openness_of(**field);
+  if (const auto warning = warning_of(result.open)) result.warnings.push_back(*warning);
   clock.lap("surface");
 
   std::optional<HeightTopology> topology;
@@ -234,10 +286,18 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       .samples = [&](double low, double high, SurfaceSamples& found) { (*field)->samples_between(low, high, found); },
       .band_mm = kBandKernels * kernel.kernel_mm,
       .chord_mm = request.chord_mm.value_or(request.machine.chord_tolerance_mm()),
+      .bridge_mm = request.bridge_mm.value_or(kBridgeKernels * kernel.kernel_mm),
       .method = request.method,
       .known_fault = fault_of(kernel)};
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
-  if (auto ok = cut_layers(setting, header, range, threads, sink, progress, stop, result); !ok)
+  Base base;
+  if (request.close_base) {
+    auto found = find_base(setting, header, stop);
+    if (!found) return fail_in(name, found.error());
+    base = std::move(*found);
+    result.base_layers = base.layers;
+  }
+  if (auto ok = cut_layers(setting, header, base, range, threads, sink, progress, stop, result); !ok)
     return tl::unexpected{ok.error()};
   clock.lap("contours");
   return result;
@@ -249,6 +309,12 @@ Result<TraceMethod> trace_method_from(std::string_view name) {
   for (const auto& [method, text] : kMethods)
     if (name == text) return method;
   return fail(ErrorCode::InvalidInput, fmt::format("no method named \"{}\"; there are auto, reeb, grid", name));
+}
+
+Result<UpAxis> up_axis_from(std::string_view name) {
+  for (const auto& [axis, text] : kUpAxes)
+    if (name == text) return axis;
+  return fail(ErrorCode::InvalidInput, fmt::format("no axis named \"{}\"; there are x, -x, y, -y, z, -z", name));
 }
 
 Result<void> SliceRequest::validate() const {
@@ -264,6 +330,9 @@ Result<void> SliceRequest::validate() const {
     return fail(ErrorCode::InvalidInput, fmt::format("layer thickness {} mm is not in (0, 1]", *layer_mm));
   if (!positive(chord_mm, 1))
     return fail(ErrorCode::InvalidInput, fmt::format("chord tolerance {} mm is not in (0, 1]", *chord_mm));
+  if (bridge_mm && !(*bridge_mm >= 0 && *bridge_mm <= kMaxCoordinateMm))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("a bridge of {} mm is not in [0, {}]", *bridge_mm, kMaxCoordinateMm));
   if (threads > 1024) return fail(ErrorCode::InvalidInput, fmt::format("{} threads; at most 1024", threads));
   return mls.validate();
 }

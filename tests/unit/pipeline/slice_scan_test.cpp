@@ -211,6 +211,125 @@ TEST(SliceScan, FlagsAScanWithAGapInsteadOfGuessing) {
     }
 }
 
+/// A ball standing on a ragged rim: nothing of it was scanned below a slanted plane.
+test::SurfaceSamples bust() {
+  const auto ball = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .seed = 15});
+  test::SurfaceSamples open;
+  for (std::size_t i = 0; i < ball.points.size(); ++i)
+    if (ball.points[i].z() > -6 + 0.1 * ball.points[i].x()) {
+      open.points.push_back(ball.points[i]);
+      open.normals.push_back(ball.normals[i]);
+    }
+  return open;
+}
+
+TEST(SliceScan, SaysThatAScanHasNoUndersideAndWhatToDo) {
+  auto half = bust();
+  SliceRequest request = request_for();
+  request.layers = {{20, 20}};
+  const Outcome open = slice(text_of(half), request);
+  ASSERT_TRUE(open.report) << open.report.error().what;
+  ASSERT_EQ(open.report->warnings.size(), 1U);
+  EXPECT_NE(open.report->warnings[0].find("facing down"), std::string::npos) << open.report->warnings[0];
+  EXPECT_NE(open.report->warnings[0].find("--close-base"), std::string::npos);
+  // The missing cap has a base circle of radius 8.
+  EXPECT_NEAR(open.report->open.missing_mm2.z(), -64 * std::numbers::pi, 30);
+  const Outcome closed = slice(torus_text(), request);
+  ASSERT_TRUE(closed.report);
+  EXPECT_TRUE(closed.report->warnings.empty());
+}
+
+TEST(SliceScan, ClosesTheBaseAtThePlatformOnRequestOnly) {
+  const std::string scan = text_of(bust());
+  SliceRequest request = request_for();
+  const Outcome open = slice(scan, request);
+  ASSERT_TRUE(open.report) << open.report.error().what;
+  EXPECT_TRUE(open.layers.front().contours.empty());
+  EXPECT_FALSE(open.report->gaps.empty());
+  EXPECT_FALSE(open.report->gaps[0].bridged);
+  request.close_base = true;
+  const Outcome closed = slice(scan, request);
+  ASSERT_TRUE(closed.report) << closed.report.error().what;
+  const std::uint32_t base = closed.report->base_layers;
+  ASSERT_GT(base, 0U);
+  ASSERT_LT(base, 8U);  // the rim rises by 1.6 mm
+  for (std::uint32_t i = 0; i < base; ++i) {
+    EXPECT_EQ(closed.layers[i].contours, closed.layers[base].contours);
+    EXPECT_EQ(closed.layers[i].certificate.verdict, LayerCertificate::Verdict::Flagged);
+    EXPECT_NE(closed.layers[i].certificate.reason.find("closed at the platform"), std::string::npos);
+  }
+  EXPECT_TRUE(closed.report->gaps.empty());
+  for (std::size_t i = base; i < closed.layers.size(); ++i) EXPECT_EQ(closed.layers[i], open.layers[i]);
+  request.threads = 8;
+  request.layers = {{1, 2}};
+  const Outcome part = slice(scan, request);
+  ASSERT_EQ(part.layers.size(), 2U);
+  EXPECT_EQ(part.layers[0], closed.layers[1]);
+}
+
+TEST(SliceScan, RefusesToCloseABaseUnderOpenSides) {
+  auto open = bust();
+  test::SurfaceSamples torn;
+  for (std::size_t i = 0; i < open.points.size(); ++i)
+    if (open.points[i].x() < 5) {
+      torn.points.push_back(open.points[i]);
+      torn.normals.push_back(open.normals[i]);
+    }
+  SliceRequest request = request_for();
+  request.close_base = true;
+  const Outcome outcome = slice(text_of(torn), request);
+  ASSERT_FALSE(outcome.report);
+  EXPECT_NE(outcome.report.error().what.find("open at its sides too"), std::string::npos)
+      << outcome.report.error().what;
+}
+
+TEST(SliceScan, BridgesWideGapsOnRequestAndListsEach) {
+  const auto torn =
+      test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .holes = {{{10, 0, 0}, 4}}, .seed = 12});
+  SliceRequest request = request_for();
+  request.layers = {{20, 20}};
+  const Outcome left = slice(text_of(torn), request);
+  ASSERT_TRUE(left.report) << left.report.error().what;
+  EXPECT_TRUE(left.layers[0].contours.empty());
+  ASSERT_EQ(left.report->gaps.size(), 1U);
+  EXPECT_FALSE(left.report->gaps[0].bridged);
+  request.bridge_mm = 9;
+  const Outcome bridged = slice(text_of(torn), request);
+  ASSERT_TRUE(bridged.report) << bridged.report.error().what;
+  EXPECT_EQ(bridged.layers[0].contours.size(), 1U);
+  ASSERT_EQ(bridged.report->gaps.size(), 1U);
+  EXPECT_TRUE(bridged.report->gaps[0].bridged);
+  EXPECT_NEAR(bridged.report->gaps[0].size_mm, 7.5, 1.5);
+  EXPECT_EQ(bridged.layers[0].certificate.verdict, LayerCertificate::Verdict::Flagged);
+  EXPECT_NE(to_json(*bridged.report).find("\"bridged\":true"), std::string::npos);
+}
+
+TEST(SliceScan, TurnsTheNamedAxisUpWithoutMirroring) {
+  // Longest along x, then y, then z; heavier at the positive end of each axis is not needed: the frame is checked.
+  const std::string scan = text_of(test::sample_surface(*test::ellipsoid({12, 9, 6}, 1), {.spacing_mm = 0.8}));
+  const std::array<std::pair<const char*, double>, 6> heights{
+      {{"x", 24}, {"-x", 24}, {"y", 18}, {"-y", 18}, {"z", 12}, {"-z", 12}}};
+  for (const auto& [name, height] : heights) {
+    SliceRequest request = request_for();
+    request.up = up_axis_from(name).value();
+    request.layers = {{5, 5}};
+    const Outcome outcome = slice(scan, request);
+    ASSERT_TRUE(outcome.report) << name << ": " << outcome.report.error().what;
+    EXPECT_NEAR(outcome.report->size_mm[2], height, 0.3) << name;
+    const Transform4& t = outcome.report->header.scan_to_build;
+    Eigen::Matrix3d turn;
+    turn << t[0], t[1], t[2], t[4], t[5], t[6], t[8], t[9], t[10];
+    EXPECT_NEAR(turn.determinant(), 1, 1e-12) << name;
+    const std::string axis{name};
+    const double sign = axis[0] == '-' ? -1 : 1;
+    const Vec3 named = sign * Vec3::Unit(axis.back() - 'x');
+    EXPECT_TRUE((turn * named).isApprox(Vec3::UnitZ())) << name;
+    EXPECT_EQ(outcome.layers[0].contours.size(), 1U);
+    EXPECT_FALSE(outcome.layers[0].contours[0].is_hole()) << name;
+  }
+  EXPECT_EQ(up_axis_from("up").error().code, ErrorCode::InvalidInput);
+}
+
 TEST(SliceScan, CertifiesNothingWhereWallsMayLieBetweenThePoints) {
   auto samples = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 1.6, .seed = 13});
   const auto dense = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.12, .seed = 14});

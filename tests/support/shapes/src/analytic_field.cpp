@@ -117,6 +117,38 @@ Shape make(Formula formula, Pose pose, double reach_mm, double kernel_mm, ShapeF
   return std::make_unique<FormulaField<Formula>>(std::move(formula), pose, reach_mm, kernel_mm, std::move(facts));
 }
 
+class GappedField final : public AnalyticField {
+ public:
+  GappedField(Shape whole, const Vec3& centre_mm, double radius_mm)
+      : whole_{std::move(whole)}, centre_mm_{centre_mm}, radius_mm_{radius_mm} {}
+
+  std::unique_ptr<scan::FieldCursor> cursor() const override { return std::make_unique<Cursor>(*this); }
+  scan::Box3 bounds() const override { return whole_->bounds(); }
+  double kernel_width_mm(const Vec3& p) const override { return whole_->kernel_width_mm(p); }
+  const ShapeFacts& facts() const override { return whole_->facts(); }
+  bool inside(const Vec3& p) const override { return whole_->inside(p); }
+  double formula(const Vec3& p) const override { return whole_->formula(p); }
+
+ private:
+  class Cursor final : public scan::FieldCursor {
+   public:
+    explicit Cursor(const GappedField& field) : field_{field}, whole_{field.whole_->cursor()} {}
+    scan::FieldSample at(const Vec3& p) override {
+      scan::FieldSample sample = whole_->at(p);
+      sample.in_reach = sample.in_reach && (p - field_.centre_mm_).norm() > field_.radius_mm_;
+      return sample;
+    }
+
+   private:
+    const GappedField& field_;
+    std::unique_ptr<scan::FieldCursor> whole_;
+  };
+
+  Shape whole_;
+  Vec3 centre_mm_;
+  double radius_mm_;
+};
+
 bool upright(const Pose& pose) { return pose.rotation.col(2).isApprox(Vec3::UnitZ()); }
 
 }  // namespace
@@ -129,6 +161,10 @@ Pose Pose::turned(double degrees, const Vec3& axis, const Vec3& shift_mm) {
 Shape sphere(double radius_mm, double kernel_mm, Pose pose) {
   return make([=](const auto& x, const auto& y, const auto& z) { return length(x, y, z) - radius_mm; }, pose,
               radius_mm + kernel_mm, kernel_mm, {"sphere", 2, {0}, {-radius_mm}, {}, {radius_mm}});
+}
+
+Shape gapped(Shape whole, const Vec3& centre_mm, double radius_mm) {
+  return std::make_unique<GappedField>(std::move(whole), centre_mm, radius_mm);
 }
 
 Shape ellipsoid(const Vec3& half_axes_mm, double kernel_mm, Pose pose) {

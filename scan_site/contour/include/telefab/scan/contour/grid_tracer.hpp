@@ -15,6 +15,7 @@ namespace telefab::scan {
 struct GridOptions {
   double chord_mm = 0.014;     ///< (0, 1]; a chord leaves the surface's section by this at most (paper: ds)
   double pitch_kernels = 0.5;  ///< (0, 1]; grid pitch of marching squares in kernel widths
+  double bridge_mm = 0;        ///< >= 0; ends of open contours this near to each other are joined by a straight line
   [[nodiscard]] Result<void> validate() const;
 };
 
@@ -24,10 +25,18 @@ struct TraceFault {
   Point2 place;
 };
 
+/// Where a contour stays open because no sample is near.
+struct ContourGap {
+  Point2 place;          ///< one end
+  double size_mm = 0;    ///< to the end that is, or would be, joined to it
+  bool bridged = false;  ///< false: wider than the bridge allowed, the contour is left out
+};
+
 /// The rings found in one plane, canonical order, outer counter-clockwise, holes clockwise.
 struct LayerTrace {
   std::vector<Contour> contours;
-  std::vector<TraceFault> faults;            ///< open ends, crossings; empty for a sound layer
+  std::vector<TraceFault> faults;            ///< gaps, crossings; empty for a sound layer
+  std::vector<ContourGap> gaps;              ///< each also a fault
   std::uint64_t evaluations = 0;             ///< of the field
   [[nodiscard]] std::int32_t euler() const;  ///< outer minus hole rings
 };

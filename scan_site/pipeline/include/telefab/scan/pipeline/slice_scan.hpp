@@ -23,16 +23,24 @@ enum class TraceMethod : std::uint8_t { Auto = 1, Reeb = 2, Grid = 3 };
 /// "auto", "reeb", "grid"; InvalidInput lists them.
 [[nodiscard]] Result<TraceMethod> trace_method_from(std::string_view name);
 
+/// Axis of the scan's frame that points up on the platform. The others turn with it, nothing is mirrored.
+enum class UpAxis : std::uint8_t { PlusX = 1, MinusX = 2, PlusY = 3, MinusY = 4, PlusZ = 5, MinusZ = 6 };
+/// "x", "-x", "y", "-y", "z", "-z"; InvalidInput lists them.
+[[nodiscard]] Result<UpAxis> up_axis_from(std::string_view name);
+
 /// Everything that decides the layers. At most one of height, scale and fit; none: the file's unit is millimetres.
 struct SliceRequest {
   MachineProfile machine;
   std::optional<double> height_mm;  ///< > 0; the scan's z extent becomes this
   std::optional<double> scale;      ///< > 0; millimetres per unit of the file
   bool fit = false;                 ///< as large as the platform and the Z travel allow
+  UpAxis up = UpAxis::PlusZ;        ///< turned before it is scaled: heights are along this axis
   std::optional<double> layer_mm;   ///< (0, 1]; none: the machine's layer thickness
   TraceMethod method = TraceMethod::Auto;
   MlsOptions mls;
   std::optional<double> chord_mm;                      ///< (0, 1]; none: a tenth of the pixel pitch
+  std::optional<double> bridge_mm;                     ///< >= 0; none: two kernel widths; wider gaps stay open
+  bool close_base = false;                             ///< an open underside ends at the platform
   unsigned threads = 0;                                ///< 0: one a core
   std::optional<std::array<std::uint32_t, 2>> layers;  ///< first and last layer to be cut; none: all
   [[nodiscard]] Result<void> validate() const;
@@ -52,6 +60,23 @@ struct FlaggedLayer {
   std::optional<Point2> place;
 };
 
+/// A gap in the scan that left a contour open.
+struct LayerGap {
+  LayerIndex layer;
+  double z_mm = 0;
+  Point2 place;
+  double size_mm = 0;
+  bool bridged = false;  ///< false: the contour was left out
+};
+
+/// What the samples of a scan leave open. The area vectors of a closed surface add up to nothing (divergence theorem):
+/// what is missing from the samples' own sum belongs to surface that none of them shows.
+struct Openness {
+  double seen_mm2 = 0;              ///< area the samples stand for
+  Vec3 missing_mm2 = Vec3::Zero();  ///< area vector of the surface not seen, outward; build frame
+  [[nodiscard]] double share() const { return seen_mm2 > 0 ? missing_mm2.norm() / seen_mm2 : 0; }
+};
+
 struct SliceReport {
   StackHeader header;
   std::size_t points = 0;  ///< read
@@ -64,6 +89,10 @@ struct SliceReport {
   std::uint32_t certified = 0;
   std::uint32_t certified_by_march = 0;
   std::vector<FlaggedLayer> flagged;
+  std::vector<LayerGap> gaps;  ///< of all layers, from below
+  Openness open;
+  std::uint32_t base_layers = 0;      ///< lowest layers that repeat the one above them (close_base)
+  std::vector<std::string> warnings;  ///< about the scan as a whole, for people
   std::uint64_t contours = 0;
   std::uint64_t vertices = 0;
   std::uint64_t evaluations = 0;

@@ -73,6 +73,9 @@ using Shape = std::unique_ptr<AnalyticField>;
 /// Star-shaped with bumps of several sizes, genus 0; many critical points.
 [[nodiscard]] Shape bumpy(double radius_mm, double kernel_mm);
 
+/// The same surface, out of reach of every sample within `radius_mm` of a place: a scan with a hole in it.
+[[nodiscard]] Shape gapped(Shape whole, const Vec3& centre_mm, double radius_mm);
+
 /// Contours of the exact slice at z, counted on a fine grid of inside/outside (independent of every tracer).
 struct SliceCount {
   int outers = 0;
