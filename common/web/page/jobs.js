@@ -59,7 +59,11 @@ function showJob() {
   byId("job-name").textContent = job.name || job.id;
   byId("job-message").hidden = !job.message;
   byId("job-message").textContent = job.message;
-  for (const button of document.querySelectorAll("[data-action]")) button.disabled = !allowed[button.dataset.action](job.state);
+  for (const button of document.querySelectorAll("[data-action]")) {
+    button.disabled = !allowed[button.dataset.action](job.state);
+    // A layer in doubt is a question: its two answers stand in the place of the plain button.
+    if (button.dataset.action === "resume") button.hidden = Boolean(job.in_doubt) !== Boolean(button.dataset.as);
+  }
   site.showJob(job);
 }
 
@@ -92,22 +96,26 @@ function choose(id) {
   showDetails();
 }
 
-async function act(action) {
+async function act(action, as) {
   if (!state.token) {
-    state.waiting = action;
+    state.waiting = [action, as];
     byId("token-form").hidden = false;
     byId("token").focus();
     return;
   }
   if (action === "cancel" && !confirm("Cancel this job? The print cannot be taken up again.")) return;
-  const answer = await fetch(`/v1/jobs/${state.chosen}/${action}`, { method: "POST", headers: { Authorization: `Bearer ${state.token}` } });
+  const answer = await fetch(`/v1/jobs/${state.chosen}/${action}`, {
+    method: "POST",
+    headers: { Authorization: `Bearer ${state.token}` },
+    body: as ? JSON.stringify({ as }) : undefined,
+  });
   if (answer.status === 401) {
     state.token = "";
     sessionStorage.removeItem("token");
     byId("answer").textContent = "This token is not the operator's.";
     return;
   }
-  byId("answer").textContent = answer.ok ? `${action}: accepted` : (await answer.json()).error.what;
+  byId("answer").textContent = answer.ok ? `${action}${as ? ` as ${as}` : ""}: accepted` : (await answer.json()).error.what;
 }
 
 byId("token-form").onsubmit = (event) => {
@@ -116,10 +124,10 @@ byId("token-form").onsubmit = (event) => {
   sessionStorage.setItem("token", state.token);
   byId("token").value = "";
   byId("token-form").hidden = true;
-  if (state.waiting) act(state.waiting);
+  if (state.waiting) act(...state.waiting);
   state.waiting = null;
 };
-for (const button of document.querySelectorAll("[data-action]")) button.onclick = () => act(button.dataset.action);
+for (const button of document.querySelectorAll("[data-action]")) button.onclick = () => act(button.dataset.action, button.dataset.as);
 
 function begin() {
   const stream = new EventSource("/v1/stream");

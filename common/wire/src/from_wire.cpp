@@ -157,7 +157,7 @@ void read(Reading& reading, const v1::Jobs& proto, Jobs& value) {
 void read(Reading& reading, const v1::Command& proto, Command& value) {
   value.request = request(proto.request());
   value.job = job_id(reading, proto.job());
-  expect(reading, proto.action() >= 1 && proto.action() <= 4, "action", "is none of this version");
+  expect(reading, proto.action() >= 1 && proto.action() <= 6, "action", "is none of this version");
   value.command = static_cast<JobCommand>(proto.action());
   value.who = text(reading, proto.who(), kMaxNameBytes, "who");
 }
@@ -201,6 +201,10 @@ void read(Reading& reading, const v1::Offer& proto, Offer& value) {
   expect(reading, proto.signature().empty() || proto.signature().size() == 64, "signature", "is no Ed25519 signature");
   value.public_key = content(reading, proto.public_key(), 32, "public_key");
   value.signature = content(reading, proto.signature(), 64, "signature");
+  if (!proto.scan_sha256().empty()) value.scan = digest(reading, proto.scan_sha256(), "scan_sha256");
+  expect(reading, proto.registration_rms_mm() >= 0 && proto.registration_rms_mm() < 1e6, "registration_rms_mm",
+         "is no length");
+  value.registration_rms_mm = proto.registration_rms_mm();
 }
 void read(Reading& reading, const v1::OfferTaken& proto, OfferTaken& value) {
   value.job = job_id(reading, proto.job());

@@ -46,6 +46,10 @@ std::string_view name_of(JobCommand command) {
       return "resume";
     case JobCommand::Cancel:
       return "cancel";
+    case JobCommand::ResumeExposed:
+      return "resume as exposed";
+    case JobCommand::ResumeAgain:
+      return "resume as dark";
   }
   return "cancel";
 }

@@ -142,6 +142,8 @@ void write(const Offer& value, v1::Offer& proto) {
   proto.set_owner(value.owner);
   proto.set_public_key(bytes_of(value.public_key));
   proto.set_signature(bytes_of(value.signature));
+  if (value.scan != Digest{}) proto.set_scan_sha256(bytes_of(value.scan));
+  proto.set_registration_rms_mm(value.registration_rms_mm);
 }
 void write(const OfferTaken& value, v1::OfferTaken& proto) {
   proto.set_job(value.job);

@@ -75,7 +75,8 @@ Result<void> FabSite::start_web() {
       },
       [this](const NewJob& upload, std::function<void(Result<Job>)> done) {
         later([this, upload, done = std::move(done)] { done(take_upload(upload)); });
-      });
+      },
+      [this](const std::string& job) { return is_in_doubt(job); });
   std::string three_js;
   if (const auto library = read_file(kThreeJs, kMaxThreeJsBytes))
     three_js.assign(reinterpret_cast<const char*>(library->data()), library->size());
@@ -333,6 +334,8 @@ void FabSite::on_print_progress(const std::string& job, const PrintProgress& pro
                  {job, static_cast<std::int64_t>(progress.layer.count()) - 1});
     live->second.counters.layers_printed = progress.layer.count();
     live->second.is_dirty = true;
+    // A fault says in its record whether it left a layer in doubt.
+    if (progress.state != "faulted") set_in_doubt(job, progress.state == "awaiting-decision");
     if (progress.state == "done" || progress.state == "cancelled") return;  // the record follows
     const bool waits =
         progress.state == "paused" || progress.state == "awaiting-decision" || progress.state == "faulted";
@@ -353,6 +356,7 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
   const auto control = std::make_shared<PrintControl>();
   {
     const std::lock_guard lock{control_mutex_};
+    if (const auto decided = decisions_.extract(job)) control->decide(decided.mapped().decision, decided.mapped().by);
     printing_ = job;
     control_ = control;
   }
@@ -400,9 +404,12 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
       case PrintOutcome::Cancelled:
         return end_job(job, JobState::Cancelled, fmt::format("at layer {}", record->next.count()));
       case PrintOutcome::Faulted:
-        return move(job, JobState::Paused,
-                    fmt::format("faulted at layer {}: {}; telefab resume tries again", record->next.count(),
-                                record->cause.what));
+        set_in_doubt(job, record->maybe_exposed);
+        return move(
+            job, JobState::Paused,
+            fmt::format("faulted at layer {}: {}; {}", record->next.count(), record->cause.what,
+                        record->maybe_exposed ? "the layer was perhaps exposed: telefab resume --as exposed|dark"
+                                              : "telefab resume tries again"));
     }
   });
 }
@@ -432,14 +439,13 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
       if (!control || job->state != JobState::Printing) return refuse("only a print can be paused");
       control->pause();
       break;
+    case JobCommand::ResumeExposed:
+    case JobCommand::ResumeAgain:
+      if (!is_in_doubt(id)) return refuse("no layer of it is in doubt; resume it without saying what the layer was");
+      [[fallthrough]];
     case JobCommand::Resume:
       if (job->state != JobState::Paused) return refuse("it is not paused");
-      if (!control)
-        device_->add(id);  // it had faulted and left the device
-      else if (job->message.empty())
-        control->resume();
-      else
-        control->decide(Decision::TreatAsExposed, command.who);
+      resume(*job, command, control);
       break;
     case JobCommand::Cancel:
       if (control) {
@@ -452,6 +458,36 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
       break;
   }
   done(store().find(id));
+}
+
+void FabSite::resume(const Job& job, const Command& command, const std::shared_ptr<PrintControl>& control) {
+  const bool is_told = command.command != JobCommand::Resume;
+  const DecisionMade decision{
+      command.command == JobCommand::ResumeAgain ? Decision::ExposeAgain : Decision::TreatAsExposed, command.who};
+  if (!control) {  // it had faulted and left the device
+    if (is_told) {
+      const std::lock_guard lock{control_mutex_};
+      decisions_.insert_or_assign(job.id, decision);
+    }
+    device_->add(job.id);
+  } else if (is_in_doubt(job.id)) {
+    control->decide(decision.decision, decision.by);
+  } else {
+    control->resume();
+  }
+}
+
+bool FabSite::is_in_doubt(const std::string& job) {
+  const std::lock_guard lock{control_mutex_};
+  return in_doubt_.contains(job);
+}
+
+void FabSite::set_in_doubt(const std::string& job, bool doubt) {
+  const std::lock_guard lock{control_mutex_};
+  if (doubt)
+    in_doubt_.insert(job);
+  else
+    in_doubt_.erase(job);
 }
 
 void FabSite::files(const std::string& job, std::function<void(Result<std::vector<FileEntry>>)> done) {
@@ -481,6 +517,7 @@ void FabSite::move(const std::string& job, JobState state, std::string_view mess
 
 void FabSite::end_job(const std::string& job, JobState state, std::string_view message) {
   move(job, state, message);
+  set_in_doubt(job, false);
   live_.erase(job);
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 #include <atomic>
 #include <map>
+#include <set>
 #include <telefab/desk/client_session.hpp>
 #include <telefab/desk/daemon_log.hpp>
 #include <telefab/desk/service_notifier.hpp>
@@ -75,6 +76,10 @@ class FabSite final : public FabDesk {
   void print(const std::string& job, std::stop_token stop);
   /// Whether the print under way, if there is one, still looks at its devices.
   [[nodiscard]] bool is_printer_alive();
+  /// A layer of the job was perhaps exposed, and nobody has decided yet.
+  [[nodiscard]] bool is_in_doubt(const std::string& job);
+  void set_in_doubt(const std::string& job, bool doubt);
+  void resume(const Job& job, const Command& command, const std::shared_ptr<PrintControl>& control);
   void on_print_progress(const std::string& job, const PrintProgress& progress);
   /// From any thread to the loop's.
   void later(std::function<void()> work) { loop_.post(std::move(work)); }
@@ -95,9 +100,11 @@ class FabSite final : public FabDesk {
   net::Loop loop_;
   std::map<std::string, Live> live_;
   std::mutex control_mutex_;
-  std::string printing_;                        ///< guarded by control_mutex_
-  std::shared_ptr<PrintControl> control_;       ///< of the job being printed; guarded by control_mutex_
-  std::atomic<std::uint64_t> print_beats_ = 0;  ///< waits of the print under way; 0: none, or not so far yet
+  std::set<std::string> in_doubt_;  ///< jobs whose next layer was perhaps exposed; guarded by control_mutex_
+  std::map<std::string, DecisionMade> decisions_;  ///< of operators, for a print's next start; guarded likewise
+  std::string printing_;                           ///< guarded by control_mutex_
+  std::shared_ptr<PrintControl> control_;          ///< of the job being printed; guarded by control_mutex_
+  std::atomic<std::uint64_t> print_beats_ = 0;     ///< waits of the print under way; 0: none, or not so far yet
   Heartbeat print_beat_{std::chrono::seconds{30}};
   std::unique_ptr<WorkQueue> planner_;
   std::unique_ptr<WorkQueue> device_;

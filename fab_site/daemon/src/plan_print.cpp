@@ -52,6 +52,9 @@ std::map<std::string, std::string> provenance_of(const std::filesystem::path& fo
   std::map<std::string, std::string> known{{provenance::kSoftware, "telefab-fab 0.1.0"}};
   if (const auto offer = saved_offer(folder)) {
     known[provenance::kScanName] = offer->header.scan_name;
+    if (offer->scan != Digest{}) known[provenance::kScan] = to_hex(offer->scan);
+    if (offer->registration_rms_mm > 0)
+      known[provenance::kRegistration] = fmt::format("{:.6g}", offer->registration_rms_mm);
     known[provenance::kProfile] = to_hex(offer->profile);
     known[provenance::kParameters] = offer->parameters;
     known[provenance::kTransform] = fmt::format("{}", fmt::join(offer->header.scan_to_build, " "));

@@ -113,6 +113,7 @@ JobView WebDesk::view_of(const Job& job) {
   view.machine = job.machine;
   view.state = name_of(job.state);
   view.message = job.message;
+  view.in_doubt = job.state == JobState::Paused && is_in_doubt_(job.id);
   // Until the plan is on disk there is no print layer to look at.
   view.layers = job.state >= JobState::Ready ? c.print_layers : 0;
   view.layers_received = c.layers_sent;
@@ -272,6 +273,12 @@ Result<void> WebDesk::act(std::string_view id, JobAction action, std::string_vie
       break;
     case JobAction::Resume:
       command.command = JobCommand::Resume;
+      break;
+    case JobAction::ResumeExposed:
+      command.command = JobCommand::ResumeExposed;
+      break;
+    case JobAction::ResumeDark:
+      command.command = JobCommand::ResumeAgain;
       break;
     case JobAction::Cancel:
       command.command = JobCommand::Cancel;

@@ -15,18 +15,22 @@ namespace telefab::fab {
 /// An uploaded job, its layers on disk: hands it to the daemon's loop; the answer comes on the loop's thread.
 using UploadPost = std::function<void(const NewJob&, std::function<void(Result<Job>)>)>;
 
+/// Whether a layer of the job was perhaps exposed and nobody has decided yet. Any thread.
+using DoubtAsker = std::function<bool(const std::string& job)>;
+
 /// The daemon as its web page sees it: reads the store and the job folders itself, passes commands on. Lives on the
 /// thread "web"; keeps the layers of the job last looked at.
 class WebDesk final : public JobDesk {
  public:
   /// Store and folder must outlive the desk.
   WebDesk(JobStore& store, const DataFolder& folder, std::vector<MachineProfile> machines, CommandPost post,
-          UploadPost uploaded)
+          UploadPost uploaded, DoubtAsker is_in_doubt)
       : store_{store},
         folder_{folder},
         machines_{std::move(machines)},
         post_{std::move(post)},
-        uploaded_{std::move(uploaded)} {}
+        uploaded_{std::move(uploaded)},
+        is_in_doubt_{std::move(is_in_doubt)} {}
 
   Result<std::vector<JobView>> jobs() override;
   Result<JobView> job(std::string_view id) override;
@@ -70,6 +74,7 @@ class WebDesk final : public JobDesk {
   std::vector<MachineProfile> machines_;
   CommandPost post_;
   UploadPost uploaded_;
+  DoubtAsker is_in_doubt_;
   std::optional<Sheets> sheets_;
   std::map<std::string, Light> lights_;  ///< by job
 };

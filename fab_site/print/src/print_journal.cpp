@@ -220,14 +220,16 @@ std::uint32_t PrintJournal::runs() const {
 
 std::vector<LayerRecord> PrintJournal::layers() const {
   std::vector<LayerRecord> made;
-  std::map<LayerIndex, std::string> again;  // decisions about layers whose light is still to come
+  std::map<LayerIndex, std::string> decided;
   for (const JournalEntry& e : entries_) {
-    if (e.step == JournalStep::DecidedAgain) again[e.layer] = "again: " + e.by;
+    if (e.step == JournalStep::DecidedAgain || e.step == JournalStep::DecidedExposed) {
+      std::string& said = decided[e.layer];
+      said += (said.empty() ? "" : "; ") + std::string{e.step == JournalStep::DecidedAgain ? "again: " : "exposed: "} +
+              e.by;
+    }
     if (!carries_record(e.step) || (!made.empty() && made.back().index >= e.layer)) continue;
     made.push_back(e.made);
-    if (e.step == JournalStep::DecidedExposed) made.back().decided = "exposed: " + e.by;
-    if (const auto said = again.find(e.layer); said != again.end() && e.step == JournalStep::Exposed)
-      made.back().decided = said->second;
+    if (const auto said = decided.find(e.layer); said != decided.end()) made.back().decided = said->second;
   }
   return made;
 }

@@ -21,6 +21,7 @@ json to_json(const JobView& job) {
              {"machine", job.machine},
              {"state", job.state},
              {"message", job.message},
+             {"in_doubt", job.in_doubt},
              {"layers", job.layers},
              {"layers_received", job.layers_received},
              {"layers_printed", job.layers_printed},
@@ -73,6 +74,18 @@ WebResponse act(const Call& call) {
   return show_job(call);
 }
 
+/// An empty body resumes; {"as":"exposed"} and {"as":"dark"} also say what became of a layer in doubt.
+WebResponse resume(const Call& call) {
+  if (call.request.body.empty()) return act<JobAction::Resume>(call);
+  const json body = json::parse(call.request.body, nullptr, false);
+  if (body.is_object() && body.empty()) return act<JobAction::Resume>(call);
+  if (body.is_object() && body.size() == 1 && body.contains("as")) {
+    if (body["as"] == "exposed") return act<JobAction::ResumeExposed>(call);
+    if (body["as"] == "dark") return act<JobAction::ResumeDark>(call);
+  }
+  return web_problem(400, "invalid-input", R"(the body is empty, {"as":"exposed"} or {"as":"dark"})");
+}
+
 WebResponse asset(std::string_view target, const WebOptions& options) {
   if (target.substr(0, target.find('?')) == "/three.js" && !options.three_js.empty())
     return {200, "text/javascript; charset=utf-8", options.three_js, true};
@@ -112,7 +125,7 @@ const std::vector<Row>& rows() {
        [](const Call& c) { return as_png(c.desk.mask_png(c.arguments.id, c.arguments.layer)); }},
       {{"POST", "/v1/jobs/{id}/approve", "let a job that waits for approval print", true}, act<JobAction::Approve>},
       {{"POST", "/v1/jobs/{id}/pause", "stop before the next exposure, lifted", true}, act<JobAction::Pause>},
-      {{"POST", "/v1/jobs/{id}/resume", "go on with the next layer", true}, act<JobAction::Resume>},
+      {{"POST", "/v1/jobs/{id}/resume", "go on with the next layer", true}, resume},
       {{"POST", "/v1/jobs/{id}/cancel", "end the job", true}, act<JobAction::Cancel>},
       {{"GET", "/metrics", "gauges for Prometheus"},
        [](const Call& c) -> WebResponse {

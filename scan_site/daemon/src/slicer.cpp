@@ -2,14 +2,21 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <telefab/base/file.hpp>
 #include <telefab/desk/site_runtime.hpp>
+#include <telefab/scan/cloud/registration_note.hpp>
 #include <telefab/wire/job_signature.hpp>
 
 #include "slice_parameters.hpp"
 
 namespace telefab::scan {
 namespace {
+
+/// Millimetres as printed per unit of the scan.
+double scale_of(const Transform4& scan_to_build) {
+  return std::hypot(scan_to_build[0], scan_to_build[4], scan_to_build[8]);
+}
 
 /// Codes layers into a spool; chunks that are in it already are not written again, so that the coder goes on as if it
 /// had never been interrupted.
@@ -56,6 +63,11 @@ class SpoolWriter {
     return spool_->with([&](ChunkSpool& spool) { return spool.finish(encoder_->stack_digest()); });
   }
 
+  /// The scan file that the next offer names.
+  void set_scan(std::span<const std::byte> file) {
+    scan_ = digest_of(file);
+    registration_rms_ = registration_rms_of(file).value_or(0);
+  }
   [[nodiscard]] bool is_whole() const { return encoder_ && layers_ == layer_count_; }
 
  private:
@@ -73,7 +85,9 @@ class SpoolWriter {
                 static_cast<std::uint32_t>(codec_.coding),
                 task_.owner,
                 {},
-                {}};
+                {},
+                scan_,
+                registration_rms_ * scale_of(header.scan_to_build)};
     if (auto signed_now = sign_offer(offer, site_key_); !signed_now) return signed_now;
     const auto bytes = to_bytes(to_frame(offer));
     if (!bytes) return tl::unexpected{bytes.error()};
@@ -114,6 +128,8 @@ class SpoolWriter {
   const SlicerEvents& events_;
   CodecOptions codec_;
   const std::string& site_key_;
+  Digest scan_;
+  double registration_rms_ = 0;  // unit of the file
   std::optional<StackEncoder> encoder_;
   std::uint32_t layers_ = 0;
   std::uint32_t layer_count_ = 0;
@@ -211,6 +227,7 @@ Result<void> Slicer::slice(const SliceTask& task, std::stop_token stop) {
   if (!writer.is_whole()) {
     const auto scan = read_file(task.folder / "scan", kMaxScanBytes);
     if (!scan) return tl::unexpected{scan.error()};
+    writer.set_scan(*scan);
     if (*cut_before > 0) {
       const auto offer = saved_offer(task.folder);
       if (!offer) return tl::unexpected{offer.error()};

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/scan/cloud/registration_note.hpp>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/cloud/write_cloud.hpp>
 #include <telefab/scan/measure/point_picture.hpp>
@@ -143,14 +144,16 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
       merge_views(*views, registered->poses, {.up = registered->axis.direction, .cut_below = o.cut_below}, stop);
   if (!merged) return tl::unexpected{merged.error()};
   PointCloud cloud = std::move(merged->cloud);
+  double unit_mm = 1;
   if (!o.units.empty()) {
     const auto factor = millimetres_per(o.units);
     if (!factor) return tl::unexpected{factor.error()};
-    cloud = scaled(std::move(cloud), *factor);
+    unit_mm = *factor;
+    cloud = scaled(std::move(cloud), unit_mm);
     if (const auto doubt = doubt_about_scale(cloud)) fmt::print(stderr, "note: {}\n", *doubt);
   }
   if (auto ok = write_file_atomically(
-          o.out, write_ply(cloud, {}, fmt::format("{} range images registered by telefab-scan", views->size())));
+          o.out, write_ply(cloud, {}, registration_note(views->size(), registered->rms * unit_mm)));
       !ok)
     return tl::unexpected{ok.error()};
   const std::string report = report_of(*registered, merged->report, *views) + "\n";

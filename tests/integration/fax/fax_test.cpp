@@ -4,6 +4,7 @@
 
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <telefab/base/digest.hpp>
 
 #include "two_sites.hpp"
 
@@ -12,6 +13,7 @@ namespace {
 
 using nlohmann::json;
 using testing::HasSubstr;
+using testing::StartsWith;
 
 class Fax : public TwoSites {};
 
@@ -87,6 +89,64 @@ TEST_F(Fax, GoesOnAfterTheFabWasKilledAndPrintsNoLayerTwice) {
   for (const json& layer : record["layers"]) indices.push_back(layer["layer"].get<int>());
   ASSERT_GE(indices.size(), 20U);
   for (std::size_t i = 0; i < indices.size(); ++i) EXPECT_EQ(indices[i], static_cast<int>(i));
+}
+
+TEST_F(Fax, AsksTheOperatorAboutALayerInDoubtAndKeepsTheAnswerInJournalLogAndRecord) {
+  set_machine(10);  // layers of 0.4 s
+  start_fab({"--after-crash", "ask"});
+  start_scan();
+  const std::string job = submit_torus();
+  const auto journal = folder() / "fab" / "jobs" / job / "journal";
+  const auto last_line = [&] {
+    const std::string text = std::filesystem::exists(journal) ? text_of(journal) : "";
+    const auto end = text.find_last_not_of('\n');
+    return end == std::string::npos ? std::string{} : text.substr(text.rfind('\n', end) + 1);
+  };
+  std::vector<json> doubtful;
+  for (const char* answer : {"dark", "exposed"}) {
+    SCOPED_TRACE(answer);
+    bool is_lit = false;
+    while (!is_lit) {
+      fab().send_signal(SIGSTOP);
+      const std::string line = last_line();
+      is_lit = line.find(R"("exposing")") != std::string::npos &&
+               (doubtful.empty() || json::parse(line.substr(17))["layer"] > doubtful.front()["layer"]);
+      if (!is_lit) fab().send_signal(SIGCONT);
+    }
+    kill_fab();  // SIGKILL
+    doubtful.push_back(json::parse(last_line().substr(17)));
+    start_fab({"--after-crash", "ask"});
+    const auto watch = telefab_begun({"watch", job});
+    EXPECT_THAT(watch->wait_for_error_line("perhaps exposed"), HasSubstr("paused"));
+    const Outcome resumed = telefab({"resume", job, "--as", answer, "--who", "ana"});
+    ASSERT_EQ(resumed.code, 0) << resumed.errors;
+    EXPECT_THAT(watch->wait_for_error_line("printing"), HasSubstr("printing"));
+    const Outcome twice = telefab({"resume", job, "--as", answer});
+    EXPECT_NE(twice.code, 0);
+    EXPECT_THAT(twice.errors, HasSubstr("in doubt"));
+  }
+  fab().send_signal(SIGTERM);
+  EXPECT_EQ(fab().finish(), 0);
+  EXPECT_THAT(last_line(), HasSubstr(R"("stopped")"));
+  set_machine(5000);
+  start_fab({"--after-crash", "ask"});
+  ASSERT_EQ(telefab({"watch", job}).code, 0) << "an orderly stop leaves no doubt";
+  const std::string written = text_of(journal);
+  EXPECT_THAT(written, HasSubstr(R"("step":"decided-again")"));
+  EXPECT_THAT(written, HasSubstr(R"("step":"decided-exposed")"));
+  const json record = json::parse(text_of(folder() / "fab" / "jobs" / job / "report" / "as-built.json"))["record"];
+  const auto decided = [&](std::size_t k) {
+    return record["layers"][doubtful[k]["layer"].get<std::size_t>()].value("decided", "");
+  };
+  EXPECT_THAT(decided(0), StartsWith("again: ana"));
+  EXPECT_THAT(decided(1), StartsWith("exposed: ana"));
+  const std::string scan = text_of(torus());
+  EXPECT_EQ(record["provenance"]["scan_sha256"], to_hex(digest_of(std::as_bytes(std::span{scan}))));
+  const std::string log = run({std::string{::getenv("TELEFAB_BIN")} + "/telefab-fab", "logs", job, "--data",
+                               (folder() / "fab").string(), "--json"})
+                              .output;
+  EXPECT_THAT(log, HasSubstr("resume as dark"));
+  EXPECT_THAT(log, HasSubstr("resume as exposed"));
 }
 
 TEST_F(Fax, GoesOnAfterTheScanSiteWasKilled) {

@@ -35,11 +35,19 @@ class LivingDesk final : public RecordingDesk {
   [[nodiscard]] Result<void> act(std::string_view id, JobAction action, std::string_view who) override {
     const std::lock_guard lock{mutex_};
     (void)RecordingDesk::act(id, action, who);
-    job_.state = action == JobAction::Pause ? "paused" : action == JobAction::Resume ? "printing" : "cancelled";
+    job_.state = action == JobAction::Pause ? "paused" : action == JobAction::Cancel ? "cancelled" : "printing";
+    job_.in_doubt = false;
     ++revision_;
     return {};
   }
   [[nodiscard]] std::uint64_t revision() override { return revision_; }
+  void leave_in_doubt() {
+    const std::lock_guard lock{mutex_};
+    job_.state = "paused";
+    job_.message = "layer 7 was perhaps exposed: decide whether to expose it again";
+    job_.in_doubt = true;
+    ++revision_;
+  }
 
  private:
   static JobView printing() {
@@ -102,6 +110,23 @@ TEST_F(PageTest, PausesResumesAndCancelsWithTheOperatorsToken) {
   EXPECT_TRUE(
       browser->becomes_true("return [...document.querySelectorAll('[data-action]')].every((b) => b.disabled);"));
   EXPECT_EQ(desk.actions.size(), 3U);
+}
+
+TEST_F(PageTest, AsksWhatBecameOfALayerInDoubtAndPassesTheAnswerOn) {
+  const auto hidden = [](const char* css) {
+    return fmt::format("return getComputedStyle(document.querySelector('{}')).display === 'none';", css);
+  };
+  EXPECT_TRUE(browser->becomes_true(hidden("[data-as=dark]")));
+  desk.leave_in_doubt();
+  ASSERT_TRUE(says("#job-message", "perhaps exposed"));
+  EXPECT_TRUE(browser->becomes_true(hidden("[data-action=resume]:not([data-as])")));
+  keep_screenshot("page-doubt");
+  browser->click("[data-as=dark]");
+  browser->type("#token", "secret\n");
+  ASSERT_TRUE(says("#answer", "resume as dark: accepted"));
+  ASSERT_TRUE(browser->becomes_true(hidden("[data-as=dark]")));
+  ASSERT_EQ(desk.actions.size(), 1U);
+  EXPECT_EQ(desk.actions[0].second, JobAction::ResumeDark);
 }
 
 TEST_F(PageTest, RefusesAWrongTokenAndAsksAgain) {

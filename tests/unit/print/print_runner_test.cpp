@@ -284,6 +284,22 @@ TEST(PrintRunner, FollowsTheOperatorBeforeThePolicyAndNamesWhoDecided) {
   }
 }
 
+TEST(PrintRunner, KeepsEveryDecisionAboutALayerInItsOrder) {
+  Bench b;
+  b.projector.faults.ignore_expose_at = 1;
+  EXPECT_TRUE(b.print().maybe_exposed);
+  PrintPolicy decided;
+  decided.maybe_exposed = Decision::ExposeAgain;
+  decided.recoveries = 0;
+  b.projector.faults.lose_at_expose = 2;
+  EXPECT_TRUE(b.print({}, decided).maybe_exposed);
+  b.control.decide(Decision::TreatAsExposed, "ana");
+  const PrintRecord record = b.print();
+  EXPECT_EQ(record.outcome, PrintOutcome::Done);
+  EXPECT_EQ(record.layers.at(1).decided, "again: policy; exposed: ana");
+  EXPECT_EQ(record.layers.at(1).note, "decided-exposed");
+}
+
 TEST(PrintRunner, ForgetsADecisionAboutNothing) {
   Bench b;
   b.control.decide(Decision::TreatAsExposed, "ana");

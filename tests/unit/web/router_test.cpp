@@ -76,6 +76,33 @@ TEST(WebRouter, PausesWithTheToken) {
   EXPECT_EQ(desk.actions[0].second, JobAction::Pause);
 }
 
+TEST(WebRouter, ResumesWithOrWithoutAWordAboutTheLayerInDoubt) {
+  const std::pair<const char*, JobAction> bodies[]{{"", JobAction::Resume},
+                                                   {"{}", JobAction::Resume},
+                                                   {R"({"as":"exposed"})", JobAction::ResumeExposed},
+                                                   {R"({ "as" : "dark" })", JobAction::ResumeDark}};
+  for (const auto& [body, action] : bodies) {
+    RecordingDesk desk;
+    EXPECT_EQ(
+        answer({"POST", "/v1/jobs/job-1/resume", "Bearer secret", "application/json", body}, desk, kOptions).status,
+        200U)
+        << body;
+    ASSERT_THAT(desk.actions, SizeIs(1));
+    EXPECT_EQ(desk.actions[0].second, action) << body;
+  }
+}
+
+TEST(WebRouter, RefusesAnyOtherWordAboutTheLayerInDoubt) {
+  for (const char* body : {R"({"as":"lit"})", R"({"as":1})", R"(["dark"])", R"({"as":"dark","and":1})", "dark", "{"}) {
+    RecordingDesk desk;
+    EXPECT_EQ(
+        answer({"POST", "/v1/jobs/job-1/resume", "Bearer secret", "application/json", body}, desk, kOptions).status,
+        400U)
+        << body;
+    EXPECT_THAT(desk.actions, IsEmpty());
+  }
+}
+
 TEST(WebRouter, SaysConflictWithTheReasonOfTheDesk) {
   RecordingDesk desk;
   const WebResponse response = answer(ask("POST", "/v1/jobs/job-1/approve", "Bearer secret"), desk, kOptions);

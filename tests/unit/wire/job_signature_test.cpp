@@ -20,6 +20,8 @@ class JobSignature : public testing::Test {
     offer.owner = "ana";
     offer.coding = 2;
     offer.header.machine = "machine-a";
+    offer.scan = digest_of(std::vector<std::byte>(3));
+    offer.registration_rms_mm = 0.05;
     offer.header.layer_count = 500;
     end = {"j1", 8, digest_of(std::vector<std::byte>(1)), digest_of(std::vector<std::byte>(2)), {}};
   }
@@ -46,6 +48,9 @@ TEST_F(JobSignature, OfAnyOtherOfferOrStackDoesNotHold) {
                                               [](Offer& o) { o.profile.bytes[5] ^= std::byte{1}; },
                                               [](Offer& o) { o.header.layer_count = 501; },
                                               [](Offer& o) { o.coding = 1; },
+                                              [](Offer& o) { o.scan.bytes[9] ^= std::byte{1}; },
+                                              [](Offer& o) { o.scan = {}; },
+                                              [](Offer& o) { o.registration_rms_mm = 0.06; },
                                               [](Offer& o) { o.owner = "bob"; },
                                               [](Offer& o) { o.signature[7] ^= std::byte{4}; },
                                               [](Offer& o) { o.public_key[0] ^= std::byte{1}; }};

@@ -59,7 +59,7 @@ std::vector<Message> every_message() {
           AskFile{request, "j1", "preview.png"},
           FileBlock{request, 900, 1000, bytes},
           Offer{"j1", "vase.ply", "machine-a", "{}", digest, some_header(), 1, "ana", std::vector<std::byte>(32),
-                std::vector<std::byte>(64)},
+                std::vector<std::byte>(64), digest, 0.04},
           OfferTaken{"j1", 7, false},
           SendChunk{"j1", 7, LayerIndex{64}, 64, bytes, digest},
           ChunkKept{"j1", 7},
@@ -78,6 +78,27 @@ TEST(Message, ComesBackAsItWasSent) {
     ASSERT_TRUE(back) << message.index() << back.error().what;
     EXPECT_EQ(back->index(), message.index());
     EXPECT_EQ(to_frame(*back), frame) << message.index();
+  }
+}
+
+TEST(Message, KeepsWhatAnOfferSaysOfItsScan) {
+  Offer offer{"j1", "vase.ply", "machine-a", "{}", {}, some_header(), 1, "ana", {}, {}};
+  auto back = from_frame(to_frame(offer));
+  ASSERT_TRUE(back);
+  EXPECT_EQ(std::get<Offer>(*back).scan, Digest{}) << "not stated";
+  offer.scan = digest_of(std::vector<std::byte>(3));
+  offer.registration_rms_mm = 0.04;
+  back = from_frame(to_frame(offer));
+  ASSERT_TRUE(back);
+  EXPECT_EQ(std::get<Offer>(*back).scan, offer.scan);
+  EXPECT_EQ(std::get<Offer>(*back).registration_rms_mm, 0.04);
+}
+
+TEST(Message, CarriesBothAnswersAboutALayerInDoubt) {
+  for (const JobCommand answer : {JobCommand::ResumeExposed, JobCommand::ResumeAgain}) {
+    const auto back = from_frame(to_frame(Command{RequestId{1}, "j1", answer, "ana"}));
+    ASSERT_TRUE(back);
+    EXPECT_EQ(std::get<Command>(*back).command, answer);
   }
 }
 
@@ -124,6 +145,7 @@ TEST(Message, RefusesEveryValueOutOfItsRangeByName) {
       {Submit{RequestId{1}, "b.ply", "m", std::string(20'000, ' '), 1, digest}, "parameters"},
       {UploadBlock{RequestId{1}, 0, std::vector<std::byte>(kMaxBlockBytes + 1)}, "content"},
       {Command{RequestId{1}, "j1", static_cast<JobCommand>(9), ""}, "action"},
+      {Offer{"j1", "v", "m", "{}", digest, some_header(), 1, "", {}, {}, {}, -1}, "registration_rms_mm"},
       {FileBlock{RequestId{1}, 5, 6, std::vector<std::byte>(2)}, "content"},
       {Offer{"j1", "v", "m", "{}", digest, bad_header, 1, "", {}, {}}, "header"},
       {Offer{"j1", "v", "m", "{}", digest, some_header(), 4, "", {}, {}}, "coding"},

@@ -21,7 +21,14 @@ inline constexpr std::size_t kMaxBlockBytes = 1U << 20U;  ///< of an upload or a
 inline constexpr std::size_t kMaxChunkBytes = 3U << 20U;
 
 enum class Side : std::uint8_t { Client = 1, ScanSite = 2, FabSite = 3 };
-enum class JobCommand : std::uint8_t { Approve = 1, Pause = 2, Resume = 3, Cancel = 4 };
+enum class JobCommand : std::uint8_t {
+  Approve = 1,
+  Pause = 2,
+  Resume = 3,
+  Cancel = 4,
+  ResumeExposed = 5,  ///< resume; a layer that was perhaps exposed counts as exposed
+  ResumeAgain = 6,    ///< resume; such a layer is exposed again
+};
 
 [[nodiscard]] std::string_view name_of(JobCommand command);
 
@@ -119,6 +126,8 @@ struct Offer {
   std::string owner;
   std::vector<std::byte> public_key;
   std::vector<std::byte> signature;
+  Digest scan{};                   ///< of the scan file it was cut from; zero: not stated
+  double registration_rms_mm = 0;  ///< of the views the scan was put together from, as printed; 0: not stated
 };
 struct OfferTaken {
   std::string job;

@@ -20,7 +20,7 @@ struct LayerRecord {
   std::string note;            ///< "exposed", "passed", "decided-exposed" (no measurement)
   std::optional<double> resin_celsius;
   /// Where the layer was in doubt after a crash: what was decided and by whom, "exposed: NAME" or "again: NAME", NAME
-  /// an operator or "policy". Empty: it never was.
+  /// an operator or "policy"; one after the other, separated by "; ". Empty: it never was.
   std::string decided;
   friend bool operator==(const LayerRecord&, const LayerRecord&) = default;
 };

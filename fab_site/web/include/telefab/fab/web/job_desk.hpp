@@ -16,6 +16,7 @@ struct JobView {
   std::string machine;
   std::string state;                  ///< name of the job state: queued, slicing, ..., done, failed, cancelled
   std::string message;                ///< why it failed, what it waits for; may be empty
+  bool in_doubt = false;              ///< paused because a layer was perhaps exposed: somebody must say whether it was
   std::uint32_t layers = 0;           ///< of the print, supports included; 0: not known yet
   std::uint32_t layers_received = 0;  ///< of the part
   std::uint32_t layers_printed = 0;
@@ -36,7 +37,8 @@ struct JobEventView {
   std::string text;
 };
 
-enum class JobAction : std::uint8_t { Approve, Pause, Resume, Cancel };
+/// ResumeExposed and ResumeDark also say what became of a layer in doubt: it counts as exposed, or is exposed again.
+enum class JobAction : std::uint8_t { Approve, Pause, Resume, Cancel, ResumeExposed, ResumeDark };
 
 /// The daemon as the web page sees it. Calls come from the web thread one at a time; each returns at once.
 class JobDesk {
