@@ -21,6 +21,7 @@ class Process {
   /// Reads both to their ends and waits; the exit code, or minus the signal.
   [[nodiscard]] int finish();
   void send_signal(int signal) const;
+  [[nodiscard]] pid_t id() const { return pid_; }
   [[nodiscard]] const std::string& output() const { return output_; }
   [[nodiscard]] const std::string& errors() const { return errors_; }
 

@@ -1,12 +1,9 @@
-#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/socket.h>
-#include <sys/time.h>
-#include <unistd.h>
 
 #include <random>
 #include <telefab/fab/web/router.hpp>
+#include <telefab/test/http_client.hpp>
 #include <telefab/test/recording_desk.hpp>
 
 namespace telefab::fab {
@@ -15,38 +12,7 @@ namespace {
 using testing::HasSubstr;
 using testing::StartsWith;
 
-class Client {
- public:
-  explicit Client(std::uint16_t port) : fd_{::socket(AF_INET, SOCK_STREAM, 0)} {
-    const timeval limit{10, 0};
-    ::setsockopt(fd_, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(port);
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    connected_ = ::connect(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0;
-  }
-  ~Client() { ::close(fd_); }
-  Client(const Client&) = delete;
-  Client& operator=(const Client&) = delete;
-  [[nodiscard]] bool connected() const { return connected_; }
-  void send(std::string_view text) const { (void)::send(fd_, text.data(), text.size(), MSG_NOSIGNAL); }
-  /// Reads until `mark` was seen, the server closed, or ten seconds passed.
-  [[nodiscard]] std::string read_until(std::string_view mark) const {
-    std::string text;
-    char buffer[4096];
-    while (mark.empty() || text.find(mark) == std::string::npos) {
-      const ssize_t got = ::recv(fd_, buffer, sizeof buffer, 0);
-      if (got <= 0) break;
-      text.append(buffer, static_cast<std::size_t>(got));
-    }
-    return text;
-  }
-
- private:
-  int fd_;
-  bool connected_ = false;
-};
+using Client = test::HttpClient;
 
 class WebServerTest : public testing::Test {
  protected:

@@ -1,0 +1,166 @@
+#include <array>
+#include <random>
+#include <telefab/test/http_client.hpp>
+
+#include "web_fab.hpp"
+
+namespace telefab::test {
+namespace {
+
+constexpr std::array kGetRoutes{"/",
+                                "/page.js",
+                                "/v1/version",
+                                "/v1/health",
+                                "/v1/devices",
+                                "/v1/jobs",
+                                "/v1/jobs/JOB",
+                                "/v1/jobs/JOB/events",
+                                "/v1/jobs/JOB/report",
+                                "/v1/jobs/JOB/preflight",
+                                "/v1/jobs/JOB/exposures",
+                                "/v1/jobs/JOB/preview.png",
+                                "/v1/jobs/JOB/layers/3",
+                                "/v1/jobs/JOB/layers/3/mask.png",
+                                "/v1/jobs/JOB/approve",
+                                "/v1/jobs/JOB/pause",
+                                "/v1/jobs/JOB/resume",
+                                "/v1/jobs/JOB/cancel",
+                                "/metrics",
+                                "/api/version",
+                                "/api/job",
+                                "/api/printer",
+                                "/api/files/local"};
+constexpr std::array kPostRoutes{"/v1/jobs/JOB/approve", "/v1/jobs/JOB/pause", "/v1/jobs/JOB/resume",
+                                 "/v1/jobs/JOB/cancel",  "/api/job",           "/api/files/local"};
+constexpr std::array kTricks{"/../../etc/passwd",
+                             "/v1/jobs/../../../etc/passwd",
+                             "/v1/jobs/%2e%2e%2f%2e%2e/events",
+                             "/v1/jobs/..%5c..%5cx/report",
+                             "/v1/jobs/JOB/layers/../../web-token",
+                             "/v1/jobs/JOB/layers/-1/mask.png",
+                             "/v1/jobs/JOB/layers/99999999999999999999",
+                             "/v1/jobs/JOB%00/cancel",
+                             "//v1//jobs",
+                             "/v1/jobs/JOB/layers/4294967295/mask.png",
+                             "http://elsewhere.example/v1/jobs",
+                             "*",
+                             "/web-token",
+                             "/jobs.sqlite",
+                             "/.%2e/.%2e/web-token"};
+constexpr std::array kMethods{"PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "CONNECT", "get", "POST ", "X"};
+
+std::string with_job(std::string path, const std::string& job) {
+  if (const auto at = path.find("JOB"); at != std::string::npos) path.replace(at, 3, job);
+  return path;
+}
+
+class Attacker {
+ public:
+  Attacker(std::uint16_t port, std::string job, std::uint64_t seed) : port_{port}, job_{std::move(job)}, rng_{seed} {}
+
+  /// The answer's first line; empty where the server hung up unheard.
+  std::string attack(std::size_t kind) {
+    switch (kind) {
+      case 0:  // noise
+        return raw(noise(rng_() % 400) + "\r\n\r\n");
+      case 1:  // a request with some bytes changed
+        return raw(
+            damaged("POST " + post_route() + " HTTP/1.1\r\nHost: x\r\nX-Api-Key: 00\r\nContent-Length: 2\r\n\r\n{}"));
+      case 2:  // path tricks, with and without a wrong key
+        return raw(method_or("GET") + " " + with_job(pick(kTricks), job_) + " HTTP/1.1\r\nHost: x\r\n" + wrong_key() +
+                   "\r\n");
+      case 3:  // a body that is stated too large, and one that grows too large in chunks
+        if (rng_() % 2)
+          return raw("POST " + post_route() + " HTTP/1.1\r\nHost: x\r\n" + wrong_key() +
+                     "Content-Length: 99999999999\r\n\r\n" + noise(2000));
+        return raw("POST " + post_route() + " HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n20000\r\n" +
+                   std::string(0x20000, 'x') + "\r\n20000\r\n");
+      case 4:  // headers without end
+        return raw("GET / HTTP/1.1\r\nHost: x\r\nX: " + std::string(5000 + rng_() % 60'000, 'y') + "\r\n\r\n");
+      case 5:  // what changes state, without the key or with a wrong one
+        return raw("POST " + post_route() + " HTTP/1.1\r\nHost: x\r\n" + wrong_key() +
+                   "Content-Length: 20\r\n\r\n{\"command\":\"cancel\"}");
+      case 6:  // lies about lengths
+        return raw("POST " + post_route() +
+                   " HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\nContent-Length: 50\r\nTransfer-Encoding: "
+                   "chunked\r\n\r\n-1\r\n");
+      case 7:  // hangs up in the middle
+        return hang_up("POST " + post_route() + " HTTP/1.1\r\nHost: x\r\nContent-Length: 4000\r\n\r\nabc");
+      case 8:  // methods that no route takes
+        return raw(std::string{pick(kMethods)} + " " + with_job(pick(kGetRoutes), job_) +
+                   " HTTP/1.1\r\nHost: x\r\n\r\n");
+      default:  // every route with GET and HEAD
+        return raw(std::string{rng_() % 4 ? "GET" : "HEAD"} + " " +
+                   with_job(kGetRoutes[next_route_++ % kGetRoutes.size()], job_) + " HTTP/1.1\r\nHost: x\r\n" +
+                   "Connection: close\r\n\r\n");
+    }
+  }
+  std::uint64_t next() { return rng_(); }
+
+ private:
+  template <class List>
+  const char* pick(const List& list) {
+    return list[rng_() % list.size()];
+  }
+  std::string post_route() { return with_job(pick(kPostRoutes), job_); }
+  std::string method_or(const char* usual) { return rng_() % 3 ? usual : "POST"; }
+  std::string wrong_key() {
+    switch (rng_() % 4) {
+      case 0:
+        return "";
+      case 1:
+        return "X-Api-Key: \r\n";
+      case 2:
+        return "Authorization: Bearer 0123456789abcdef0123456789abcdef\r\n";
+      default:
+        return "X-Api-Key: " + std::string(rng_() % 300, 'f') + "\r\n";
+    }
+  }
+  std::string noise(std::size_t size) {
+    std::string text(size, '\0');
+    for (char& c : text) c = static_cast<char>(rng_());
+    return text;
+  }
+  std::string damaged(std::string text) {
+    for (auto n = 1 + rng_() % 6; n > 0; --n) text[rng_() % text.size()] = static_cast<char>(rng_());
+    return text + "\r\n\r\n";
+  }
+  std::string raw(const std::string& bytes) {
+    const HttpClient client{port_, 2};
+    client.send(bytes);
+    ::shutdown(client.descriptor(), SHUT_WR);
+    const std::string answer = client.read_until("\r\n");
+    return answer.substr(0, answer.find("\r\n"));
+  }
+  std::string hang_up(const std::string& bytes) {
+    const HttpClient client{port_};
+    client.send(bytes);
+    return {};
+  }
+
+  std::uint16_t port_;
+  std::string job_;
+  std::mt19937_64 rng_;
+  std::size_t next_route_ = 0;
+};
+
+}  // namespace
+
+HostileCount ask_hostile(std::uint16_t port, const std::string& job, std::size_t count, std::uint64_t seed) {
+  constexpr std::size_t kKinds = 10;
+  Attacker attacker{port, job, seed};
+  HostileCount found;
+  for (; found.asked < count; ++found.asked) {
+    const std::size_t kind = found.asked % kKinds;
+    const std::string line = attacker.attack(kind);
+    // Damage may hit what does not matter, headers may just fit, and a GET is always fine.
+    const bool may_succeed = kind <= 2 || kind == 4 || kind >= 8;
+    const bool is_success = line.starts_with("HTTP/1.1 2");
+    if ((is_success && !may_succeed) || line.starts_with("HTTP/1.1 5")) {
+      if (found.wrong++ == 0) found.first_wrong = std::to_string(kind) + ": " + line;
+    }
+  }
+  return found;
+}
+
+}  // namespace telefab::test

@@ -1,0 +1,139 @@
+#include <fmt/format.h>
+#include <poll.h>
+
+#include <algorithm>
+#include <fstream>
+#include <telefab/test/http_client.hpp>
+
+#include "web_fab.hpp"
+
+// What the page's server stands during a print.
+//   campaign_web BIN FOLDER hostile COUNT          malformed requests; nothing may change, nothing may fall over
+//   campaign_web BIN FOLDER watchers COUNT SECONDS watchers of the event stream; the print keeps its time
+namespace {
+
+using namespace telefab;
+using namespace telefab::test;
+
+/// What must not change under attack: jobs, their states, the audit log.
+std::string state_of(const WebFab& fab) {
+  std::string state = fab.text_of(fab.data() / "audit.log");
+  const auto jobs = nlohmann::json::parse(http_body(http_ask(fab.port(), "GET", "/v1/jobs")), nullptr, false);
+  if (!jobs.is_object()) return "no answer";
+  for (const auto& job : jobs["jobs"])
+    state += fmt::format("{} {} {}\n", job.value("id", ""), job.value("state", ""), job.value("message", ""));
+  for (const auto& entry : std::filesystem::directory_iterator{fab.data() / "jobs"})
+    state += entry.path().filename().string() + "\n";
+  return state;
+}
+
+int hostile(const WebFab& fab, std::size_t count) {
+  const std::string job = fab.upload(60);
+  if (!fab.wait_for(job, "printing", 60)) return fmt::print("the print did not begin\n"), 1;
+  // Held, so that the state may not move by itself either.
+  if (!http_ask(fab.port(), "POST", "/v1/jobs/" + job + "/pause", "X-Api-Key: " + fab.token() + "\r\n")
+           .starts_with("HTTP/1.1 200") ||
+      !fab.wait_for(job, "paused", 60))
+    return fmt::print("the print could not be held\n"), 1;
+  const std::string before = state_of(fab);
+  const HostileCount found = ask_hostile(fab.port(), job, count, 5);
+  const bool same = state_of(fab) == before;
+  const bool alive = fab.is_alive();
+  (void)http_ask(fab.port(), "POST", "/v1/jobs/" + job + "/resume", "X-Api-Key: " + fab.token() + "\r\n");
+  // The second half of the attacks while layers are exposed.
+  const HostileCount during = ask_hostile(fab.port(), job, count / 4, 6);
+  const bool done = fab.wait_for(job, "done", 300);
+  fmt::print("{} requests on a held print, {} while it ran: {} wrong answers{}, state {}, daemon {}, print {}\n",
+             found.asked, during.asked, found.wrong + during.wrong,
+             found.wrong    ? " (" + found.first_wrong + ")"
+             : during.wrong ? " (" + during.first_wrong + ")"
+                            : "",
+             same ? "unchanged" : "CHANGED", alive ? "alive" : "DEAD", done ? "done" : "NOT DONE");
+  return same && alive && done && found.wrong + during.wrong == 0 ? 0 : 1;
+}
+
+/// Seconds from the start of each layer's light to that of the next, by the machine's clock.
+std::vector<double> periods_of(const WebFab& fab, const std::string& job) {
+  const auto record =
+      nlohmann::json::parse(fab.text_of(fab.data() / "jobs" / job / "report" / "print.json"), nullptr, false);
+  std::vector<double> starts, periods;
+  if (record.is_object())
+    for (const auto& layer : record["layers"])
+      starts.push_back(static_cast<double>(layer["started_wall_ns"].get<std::int64_t>()) * 1e-9);
+  for (std::size_t i = 1; i < starts.size(); ++i) periods.push_back(starts[i] - starts[i - 1]);
+  return periods;
+}
+
+/// Reads from every watcher what has come, for that long; the bytes read.
+std::uint64_t read_all(const std::vector<std::unique_ptr<HttpClient>>& watchers, int wait_ms) {
+  std::vector<pollfd> polls;
+  for (const auto& watcher : watchers) polls.push_back({watcher->descriptor(), POLLIN, 0});
+  std::uint64_t bytes = 0;
+  if (::poll(polls.data(), polls.size(), wait_ms) <= 0) return 0;
+  char buffer[65536];
+  for (const pollfd& each : polls)
+    if (each.revents & POLLIN)
+      if (const ssize_t got = ::recv(each.fd, buffer, sizeof buffer, 0); got > 0)
+        bytes += static_cast<std::uint64_t>(got);
+  return bytes;
+}
+
+int watchers(const WebFab& fab, std::size_t count, double seconds) {
+  // About 6 s a layer on the small machine.
+  const auto layers = static_cast<std::uint32_t>(std::max(10.0, seconds / 6));
+  const std::string alone = fab.upload(10);
+  if (!fab.wait_for(alone, "done", 600)) return fmt::print("the print alone did not end\n"), 1;
+  const std::string job = fab.upload(layers);
+  if (!fab.wait_for(job, "printing", 60)) return fmt::print("the print did not begin\n"), 1;
+  std::vector<std::unique_ptr<HttpClient>> list;
+  for (std::size_t i = 0; i < count; ++i) {
+    list.push_back(std::make_unique<HttpClient>(fab.port()));
+    list.back()->send("GET /v1/stream HTTP/1.1\r\nHost: x\r\n\r\n");
+    if (list.back()->read_until("data:").find("200 OK") == std::string::npos)
+      return fmt::print("a watcher was refused\n"), 1;
+  }
+  const SystemClock clock;
+  const Nanoseconds began = clock.now();
+  const auto passed_s = [&] { return std::chrono::duration<double>(clock.now() - began).count(); };
+  const WebFab::Use first = fab.use();
+  double at_tenth_mb = 0;
+  std::uint64_t bytes = 0;
+  while (passed_s() < seconds) {
+    bytes += read_all(list, 500);
+    if (at_tenth_mb == 0 && passed_s() > seconds / 10) at_tenth_mb = fab.use().resident_mb;
+  }
+  const WebFab::Use last = fab.use();
+  const double cores = (last.cpu_s - first.cpu_s) / passed_s();
+  const auto at_end = fab.job(job);
+  list.clear();
+  if (!fab.wait_for(job, "done", 1200)) return fmt::print("the print did not end\n"), 1;
+  auto without = periods_of(fab, alone), with = periods_of(fab, job);
+  const std::size_t skip = 4;  // bottom layers, and the first above them
+  if (without.size() <= skip || with.size() <= skip) return fmt::print("the record has too few layers\n"), 1;
+  const double usual = *std::max_element(without.begin() + skip, without.end());
+  const double worst = *std::max_element(with.begin() + skip, with.end());
+  fmt::print(
+      "{} watchers for {:.0f} s, print at layer {} of {}: {:.3f} cores, {:.1f} kB read, {:.1f} MB after a tenth, "
+      "{:.1f} MB at the "
+      "end; longest period of a layer {:.3f} s alone, {:.3f} s watched\n",
+      count, passed_s(), at_end.value("layers_printed", 0), at_end.value("layers", 0), cores,
+      static_cast<double>(bytes) * 1e-3, at_tenth_mb, last.resident_mb, usual, worst);
+  return cores <= 1 && last.resident_mb < at_tenth_mb * 1.1 + 2 && worst < usual * 1.05 + 0.05 ? 0 : 1;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::vector<std::string> words{argv + 1, argv + argc};
+  try {
+    if (words.size() == 4 && words[2] == "hostile")
+      return hostile(WebFab{words[0], words[1], 200}, std::stoul(words[3]));
+    if (words.size() == 5 && words[2] == "watchers")
+      return watchers(WebFab{words[0], words[1], 1}, std::stoul(words[3]), std::stod(words[4]));
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "{}\n", error.what());
+    return 1;
+  }
+  fmt::print(stderr, "campaign_web BIN FOLDER hostile COUNT | watchers COUNT SECONDS\n");
+  return 2;
+}

@@ -1,0 +1,69 @@
+#pragma once
+#include <arpa/inet.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+#include <unistd.h>
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+namespace telefab::test {
+
+/// One connection to an HTTP server on loopback, byte by byte; for tests only.
+class HttpClient {
+ public:
+  explicit HttpClient(std::uint16_t port, int patience_s = 10) : fd_{::socket(AF_INET, SOCK_STREAM, 0)} {
+    const timeval limit{patience_s, 0};
+    ::setsockopt(fd_, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(port);
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    connected_ = ::connect(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0;
+  }
+  ~HttpClient() { ::close(fd_); }
+  HttpClient(const HttpClient&) = delete;
+  HttpClient& operator=(const HttpClient&) = delete;
+  [[nodiscard]] bool connected() const { return connected_; }
+  [[nodiscard]] int descriptor() const { return fd_; }
+  void send(std::string_view text) const {
+    while (!text.empty()) {
+      const ssize_t sent = ::send(fd_, text.data(), text.size(), MSG_NOSIGNAL);
+      if (sent <= 0) return;  // the server has hung up; what it said can still be read
+      text.remove_prefix(static_cast<std::size_t>(sent));
+    }
+  }
+  /// Reads until `mark` was seen, the server closed, or patience ended.
+  [[nodiscard]] std::string read_until(std::string_view mark) const {
+    std::string text;
+    char buffer[4096];
+    while (mark.empty() || text.find(mark) == std::string::npos) {
+      const ssize_t got = ::recv(fd_, buffer, sizeof buffer, 0);
+      if (got <= 0) break;
+      text.append(buffer, static_cast<std::size_t>(got));
+    }
+    return text;
+  }
+
+ private:
+  int fd_;
+  bool connected_ = false;
+};
+
+/// The whole answer to one request on a connection of its own. `head` holds further header lines, each with its CRLF.
+[[nodiscard]] inline std::string http_ask(std::uint16_t port, const std::string& method, const std::string& target,
+                                          const std::string& head = {}, const std::string& body = {}) {
+  const HttpClient client{port};
+  client.send(method + " " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n" + head +
+              (body.empty() ? "" : "Content-Length: " + std::to_string(body.size()) + "\r\n") + "\r\n" + body);
+  return client.read_until("");
+}
+
+/// What follows the headers.
+[[nodiscard]] inline std::string http_body(const std::string& answer) {
+  const auto end = answer.find("\r\n\r\n");
+  return end == std::string::npos ? std::string{} : answer.substr(end + 4);
+}
+
+}  // namespace telefab::test
