@@ -78,16 +78,24 @@ Result<void> SiteClient::say(const Message& message) {
 }
 
 Result<Message> SiteClient::hear(Nanoseconds within) {
-  if (!run_until(within, [&] { return lost_ || !heard_.empty(); }))
-    return stop_.stop_requested() ? fail(ErrorCode::Cancelled, "cancelled")
-                                  : fail(ErrorCode::Unreachable, "the site did not answer in time");
+  auto heard = hear_within(within);
+  if (!heard) return tl::unexpected{heard.error()};
+  if (!*heard) return fail(ErrorCode::Unreachable, "the site did not answer in time");
+  return std::move(**heard);
+}
+
+Result<std::optional<Message>> SiteClient::hear_within(Nanoseconds within) {
+  if (!run_until(within, [&] { return lost_ || !heard_.empty(); })) {
+    if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled");
+    return std::optional<Message>{};
+  }
   if (heard_.empty()) return tl::unexpected{*lost_};
   const Frame frame = std::move(heard_.front());
   heard_.pop_front();
   auto message = from_frame(frame);
-  if (!message) return message;
+  if (!message) return tl::unexpected{message.error()};
   if (const auto* fault = std::get_if<Fault>(&*message)) return tl::unexpected{fault->error};
-  return message;
+  return std::optional{std::move(*message)};
 }
 
 }  // namespace telefab::cli

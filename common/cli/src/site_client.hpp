@@ -27,6 +27,8 @@ class SiteClient {
   [[nodiscard]] Result<void> say(const Message& message);
   /// The next message; the Error of a Fault; Unreachable when none comes within `within`; Cancelled when stopped.
   [[nodiscard]] Result<Message> hear(Nanoseconds within);
+  /// The same, but nothing heard within the time is no failure.
+  [[nodiscard]] Result<std::optional<Message>> hear_within(Nanoseconds within);
   /// Both, and the answer must be an `Answer`.
   template <class Answer>
   [[nodiscard]] Result<Answer> ask(const Message& question) {

@@ -16,6 +16,7 @@ struct JobOptions {
   CommonOptions common;
   std::string job;
   std::uint32_t most = 100;
+  bool plain = false;
 };
 
 std::shared_ptr<JobOptions> declare_one(CLI::App& options) {
@@ -73,11 +74,12 @@ VerbBody declare_status(CLI::App& options) {
 
 VerbBody declare_watch(CLI::App& options) {
   auto o = declare_one(options);
+  options.add_flag("--plain", o->plain, "lines instead of the full screen, as where there is no terminal");
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (auto good = check_id(o->job); !good) return tl::unexpected{good.error()};
     auto client = connect(o->common, std::move(stop));
     if (!client) return tl::unexpected{client.error()};
-    auto job = watch_job(**client, o->job, o->common.json);
+    auto job = watch_job(**client, o->job, watch_style(o->common.json, o->plain));
     if (!job) return tl::unexpected{job.error()};
     if (o->common.json)
       fmt::print("{}\n", to_json(*job));

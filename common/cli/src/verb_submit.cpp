@@ -29,6 +29,7 @@ struct SubmitOptions {
   bool close_base = false;
   std::optional<double> bridge_mm;
   bool watch = false;
+  bool plain = false;
 };
 
 std::string parameters_of(const SubmitOptions& o) {
@@ -120,7 +121,7 @@ Result<ExitCode> run(const SubmitOptions& o, std::stop_token stop) {
     return ExitCode::Ok;
   }
   if (!o.common.json) fmt::print(stderr, "job {}\n", job->id);
-  auto ended = watch_job(**client, job->id, o.common.json);
+  auto ended = watch_job(**client, job->id, watch_style(o.common.json, o.plain));
   if (!ended) return tl::unexpected{ended.error()};
   if (o.common.json)
     fmt::print("{}\n", to_json(*ended));
@@ -153,6 +154,7 @@ VerbBody declare_submit(CLI::App& options) {
   options.add_option("--coding", o->coding, "exact | curve; how contours are sent")
       ->check(CLI::IsMember({"exact", "curve"}));
   options.add_flag("--watch", o->watch, "follow the job until it ends; the exit code tells how");
+  options.add_flag("--plain", o->plain, "watch by lines instead of the full screen, as where there is no terminal");
   return [o](std::stop_token stop) { return run(*o, std::move(stop)); };
 }
 

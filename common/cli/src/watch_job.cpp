@@ -1,29 +1,31 @@
 #include "watch_job.hpp"
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <telefab/program/program.hpp>
 
+#include "full_screen.hpp"
 #include "job_text.hpp"
+#include "watch_screen.hpp"
 
 namespace telefab::cli {
 namespace {
 
-constexpr int kBarColumns = 30;
+constexpr auto kKeysEvery = std::chrono::milliseconds{100};
+/// The connection's own pings tell whether the site lives; a job may be silent for hours.
+constexpr auto kForever = std::chrono::hours{24 * 30};
 
-/// Shows a job's way on standard error.
-class ProgressView {
+/// The job of an answer to AskJobs.
+Result<Job> job_in(const Message& heard) {
+  const auto* jobs = std::get_if<Jobs>(&heard);
+  if (!jobs || jobs->jobs.size() != 1)
+    return fail(ErrorCode::ProtocolBroken, "the site sent something else than the job");
+  return jobs->jobs.front();
+}
+
+/// A line for each new state or message, and for each tenth of a state.
+class LineView {
  public:
-  explicit ProgressView(bool quiet) : quiet_{quiet}, terminal_{on_terminal()} {}
-  ~ProgressView() {
-    if (drawn_) fmt::print(stderr, "\n");
-  }
-  ProgressView(const ProgressView&) = delete;
-  ProgressView& operator=(const ProgressView&) = delete;
-
   void show(const Job& job) {
-    if (quiet_) return;
-    if (terminal_) return draw(job);
-    // A line for each new state or message, and for each tenth of a state.
     const int tenth = static_cast<int>(10 * progress_of(job));
     const std::string key = fmt::format("{}/{}/{}", static_cast<int>(job.state), job.message, tenth);
     if (key == last_) return;
@@ -32,33 +34,51 @@ class ProgressView {
   }
 
  private:
-  void draw(const Job& job) {
-    const int filled = static_cast<int>(kBarColumns * progress_of(job));
-    fmt::print(stderr, "\r\x1b[K[{:#<{}}{:.<{}}] {}", "", filled, "", kBarColumns - filled, progress_text(job));
-    std::fflush(stderr);
-    drawn_ = true;
-  }
-  bool quiet_;
-  bool terminal_;
-  bool drawn_ = false;
   std::string last_;
 };
 
+Result<Job> watch_lines(SiteClient& client, bool is_silent) {
+  LineView view;
+  while (true) {
+    auto heard = client.hear(kForever);
+    if (!heard) return tl::unexpected{heard.error()};
+    auto job = job_in(*heard);
+    if (!job) return job;
+    if (!is_silent) view.show(*job);
+    if (is_final(job->state)) return job;
+  }
+}
+
+std::string time_of_day(const Clock& clock) {
+  return fmt::format("{:%H:%M:%S}",
+                     fmt::localtime(std::chrono::duration_cast<std::chrono::seconds>(clock.wall()).count()));
+}
+
+Result<Job> watch_on_screen(SiteClient& client) {
+  const SystemClock clock;
+  WatchHistory history;
+  FullScreen screen;
+  while (true) {
+    const FullScreen::Size size = screen.size();
+    screen.show(watch_screen(history, size.columns, size.rows));
+    for (char key = screen.key(); key != 0; key = screen.key())
+      if ((key == 'q' || key == 'Q') && history.job()) return *history.job();
+    auto heard = client.hear_within(kKeysEvery);
+    if (!heard) return tl::unexpected{heard.error()};
+    if (!*heard) continue;
+    const auto job = job_in(**heard);
+    if (!job) return job;
+    history.saw(*job, clock.now(), time_of_day(clock));
+    if (is_final(job->state)) return job;
+  }
+}
+
 }  // namespace
 
-Result<Job> watch_job(SiteClient& client, const std::string& job, bool quiet) {
-  ProgressView view{quiet};
+Result<Job> watch_job(SiteClient& client, const std::string& job, WatchStyle style) {
   if (auto said = client.say(AskJobs{client.next_request(), job, 1, true}); !said) return tl::unexpected{said.error()};
-  while (true) {
-    // The connection's own pings tell whether the site lives; a job may be silent for hours.
-    auto heard = client.hear(std::chrono::hours{24 * 30});
-    if (!heard) return tl::unexpected{heard.error()};
-    const auto* jobs = std::get_if<Jobs>(&*heard);
-    if (!jobs || jobs->jobs.size() != 1)
-      return fail(ErrorCode::ProtocolBroken, "the site sent something else than the job");
-    view.show(jobs->jobs.front());
-    if (is_final(jobs->jobs.front().state)) return jobs->jobs.front();
-  }
+  if (style == WatchStyle::Screen && FullScreen::is_possible()) return watch_on_screen(client);
+  return watch_lines(client, style == WatchStyle::Silent);
 }
 
 }  // namespace telefab::cli

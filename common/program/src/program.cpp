@@ -27,14 +27,20 @@ class SignalStop {
     waiter_ = std::jthread{[this](std::stop_token ended) {
       pthread_setname_np(pthread_self(), "signals");
       while (!ended.stop_requested()) {
-        const timespec wait{0, 100'000'000};
-        const int signal = sigtimedwait(&signals_, nullptr, &wait);
-        if (signal < 0) continue;
-        if (stop_.stop_requested() && signal == SIGINT) ::_exit(static_cast<int>(ExitCode::Cancelled));
+        const int signal = sigwaitinfo(&signals_, nullptr);
+        if (signal < 0 || ended.stop_requested()) continue;
+        // Whoever changed the terminal is told (at_quick_exit); nothing else is waited for.
+        if (stop_.stop_requested() && signal == SIGINT) std::quick_exit(static_cast<int>(ExitCode::Cancelled));
         stop_.request_stop();
       }
     }};
   }
+  ~SignalStop() {
+    waiter_.request_stop();
+    pthread_kill(waiter_.native_handle(), SIGTERM);  // to wake it; it is blocked in every thread
+  }
+  SignalStop(const SignalStop&) = delete;
+  SignalStop& operator=(const SignalStop&) = delete;
   [[nodiscard]] std::stop_token token() const { return stop_.get_token(); }
 
  private:
