@@ -206,9 +206,9 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
   return layer;
 }
 
-std::vector<Vec3> uncovered_samples(const ScalarField& field, double z_mm, std::span<const Contour> contours,
-                                    const NearSamples& near_plane, double reach_kernels) {
-  std::vector<Vec3> uncovered;
+std::vector<std::size_t> uncovered_samples(const ScalarField& field, double z_mm, std::span<const Contour> contours,
+                                           const NearSamples& near_plane, double reach_kernels) {
+  std::vector<std::size_t> uncovered;
   if (near_plane.points.empty()) return uncovered;
   double widest = 0;
   for (const Vec3& p : near_plane.points) widest = std::max(widest, field.kernel_width_mm(p));
@@ -217,8 +217,7 @@ std::vector<Vec3> uncovered_samples(const ScalarField& field, double z_mm, std::
   for (std::size_t i = 0; i < near_plane.points.size(); ++i) {
     const double h = field.kernel_width_mm(near_plane.points[i]);
     const auto p = moved_to_plane(near_plane.points[i], near_plane.normals[i], z_mm, h);
-    if (p && !grid.runs_beside(*p, near_plane.normals[i].head<2>(), reach_kernels * h))
-      uncovered.emplace_back(p->x(), p->y(), z_mm);
+    if (p && !grid.runs_beside(*p, near_plane.normals[i].head<2>(), reach_kernels * h)) uncovered.push_back(i);
   }
   return uncovered;
 }

@@ -58,10 +58,12 @@ void print_table(const Inspection& inspection, double noise_mm) {
   for (const Plateau& p : t.plateaus())
     fmt::print("plateau from {:.4f} to {:.4f} mm near ({:.3f}, {:.3f}), {} critical points\n", p.low_mm, p.high_mm,
                p.place_mm.x(), p.place_mm.y(), p.critical_points);
-  fmt::print("\nEuler number {}, {} contour arcs between {} nodes\n", t.euler(), t.arcs().size(), t.nodes().size());
+  fmt::print("\nEuler number {}{}, {} contour arcs between {} nodes\n", t.euler(),
+             t.euler_is_certain() ? "" : " (not certain: see the doubts)", t.arcs().size(), t.nodes().size());
   for (std::size_t i = 0; i < t.components().size(); ++i) {
     const SurfaceComponent& c = t.components()[i];
-    fmt::print("piece {}: {:.3f} to {:.3f} mm, Euler number {}, genus {}\n", i, c.low_mm, c.high_mm, c.euler, c.genus);
+    fmt::print("piece {}: {:.3f} to {:.3f} mm, Euler number {}, {}\n", i, c.low_mm, c.high_mm, c.euler,
+               c.genus ? fmt::format("genus {}", *c.genus) : "not certain: genus unknown");
   }
   for (const std::string& doubt : t.doubts()) fmt::print("in doubt: {}\n", doubt);
 }

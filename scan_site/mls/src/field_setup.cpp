@@ -232,4 +232,14 @@ Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, st
   return setup;
 }
 
+FieldSetup with_wider_kernel(const FieldSetup& setup, double factor) {
+  FieldSetup wider = setup;
+  const double spacings = setup.choice.kernel_mm / setup.choice.spacing_mm;
+  for (SampleGrid& band : wider.field.bands) band.scale_widths(static_cast<float>(1 / spacings));
+  scale_field(wider.field, factor * spacings, setup.choice);
+  wider.choice.kernel_mm = factor * setup.choice.kernel_mm;
+  wider.bounds = bounds_of(wider.field);
+  return wider;
+}
+
 }  // namespace telefab::scan

@@ -16,4 +16,7 @@ struct FieldSetup {
 /// vary 24 more while the samples are parted by width.
 [[nodiscard]] Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, std::stop_token stop);
 
+/// The same samples with kernels `factor` times as wide.
+[[nodiscard]] FieldSetup with_wider_kernel(const FieldSetup& setup, double factor);
+
 }  // namespace telefab::scan

@@ -51,6 +51,11 @@ Result<std::unique_ptr<MlsField>> MlsField::from_cloud(PointCloud placed, const 
   return std::unique_ptr<MlsField>{new MlsField{std::make_unique<const Parts>(Parts{std::move(*setup)})}};
 }
 
+std::unique_ptr<MlsField> MlsField::with_wider_kernel(double factor) const {
+  return std::unique_ptr<MlsField>{
+      new MlsField{std::make_unique<const Parts>(Parts{scan::with_wider_kernel(parts_->setup, factor)})}};
+}
+
 std::unique_ptr<FieldCursor> MlsField::cursor() const { return std::make_unique<MlsCursor>(parts_->setup.field); }
 Box3 MlsField::bounds() const { return parts_->setup.bounds; }
 double MlsField::kernel_width_mm(const Vec3& point_mm) const { return parts_->setup.field.scale.width_mm(point_mm); }

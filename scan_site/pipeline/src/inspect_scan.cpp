@@ -86,10 +86,14 @@ std::string to_json(const Inspection& inspection) {
                     {"noise_mm", k.noise_mm},   {"unevenness", k.unevenness}, {"dropped_samples", k.dropped_samples}};
   json["normals"] = Json::parse(inspection.normals_json, nullptr, false);
   json["euler"] = t.euler();
+  json["euler_is_certain"] = t.euler_is_certain();
   json["components"] = Json::array();
   for (const SurfaceComponent& c : t.components())
-    json["components"].push_back(
-        {{"euler", c.euler}, {"genus", c.genus}, {"nodes", c.nodes}, {"low_mm", c.low_mm}, {"high_mm", c.high_mm}});
+    json["components"].push_back({{"euler", c.euler},
+                                  {"genus", c.genus ? Json(*c.genus) : Json(nullptr)},
+                                  {"nodes", c.nodes},
+                                  {"low_mm", c.low_mm},
+                                  {"high_mm", c.high_mm}});
   json["critical_points"] = Json::array();
   for (const CriticalPoint& c : t.critical_points()) {
     Json row{{"kind", name_of(c.kind)}, {"place_mm", place(c.position_mm)}, {"normal_up", c.normal_up}};

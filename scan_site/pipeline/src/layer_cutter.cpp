@@ -2,17 +2,35 @@
 
 #include <fmt/format.h>
 
+#include <limits>
 #include <telefab/scan/contour/layer_checks.hpp>
 #include <telefab/scan/contour/reeb_marcher.hpp>
+
+#include "coverage.hpp"
 
 namespace telefab::scan {
 namespace {
 
 /// Samples flatter than this do not tell where, or whether, the surface meets the plane.
 constexpr double kSteepNz = 0.8;
+/// Chord tolerance, in kernel widths, of contours that are only counted.
+constexpr double kCountingChordKernels = 0.02;
 
 using Verdict = LayerCertificate::Verdict;
 using Method = LayerCertificate::Method;
+
+/// A vertex of the smallest contour of either: what comes and goes is small.
+Point2 place_of_difference(std::span<const Contour> a, std::span<const Contour> b) {
+  Point2 place{};
+  double least = std::numeric_limits<double>::infinity();
+  for (const auto& contours : {a, b})
+    for (const Contour& c : contours)
+      if (const double area = std::abs(c.signed_area_mm2()); area < least) {
+        least = area;
+        place = c.vertices()[0];
+      }
+  return place;
+}
 
 }  // namespace
 
@@ -29,59 +47,33 @@ struct LayerCutter::Candidate {
   }
 };
 
-LayerCutter::LayerCutter(const CutSetting& setting) : setting_{setting}, cursor_{setting.field.cursor()} {}
+LayerCutter::LayerCutter(const CutSetting& setting) : setting_{setting}, cursor_{setting.field.cursor()} {
+  for (const ScalarField* field : setting.other_kernels) other_cursors_.push_back(field->cursor());
+}
 
-void LayerCutter::judge(Candidate& candidate, double z_mm) const {
-  if (candidate.trace.contours.empty()) {
+void LayerCutter::judge(Candidate& candidate, double z_mm) {
+  std::vector<TraceFault>& faults = candidate.trace.faults;
+  if (candidate.trace.contours.empty() && !near_.points.empty()) {
     // near_ rises in z.
-    const bool through = !near_.points.empty() && near_.points.front().z() < z_mm && near_.points.back().z() > z_mm;
+    const bool through = setting_.sparse ? near_.points.front().z() < z_mm && near_.points.back().z() > z_mm
+                                         : straddles(setting_.field, *cursor_, z_mm, near_);
     if (through)
-      candidate.trace.faults.push_back({"samples lie close above and below the plane, but no contour was found",
-                                        {near_.points.front().x(), near_.points.front().y()}});
+      faults.push_back({"the surface passes below and above the plane, but no contour was found",
+                        {near_.points.front().x(), near_.points.front().y()}});
   }
-  const auto cover = [&](const SurfaceSamples& samples) {
-    return uncovered_samples(setting_.field, z_mm, candidate.trace.contours, {samples.points, samples.normals},
-                             setting_.cover_kernels);
-  };
-  const auto raw = cover(steep_);
-  if (raw.empty()) return;
-  // A noisy sample says little alone: ask the surface under it, and wonder only when many samples disagree.
-  const auto settled = cover(on_surface(steep_));
+  const Coverage coverage = coverage_of(setting_.field, *cursor_, z_mm, candidate.trace.contours, steep_,
+                                        setting_.cover_kernels, setting_.noise_mm);
+  if (coverage.lost > 0)
+    faults.push_back({fmt::format("the surface at {} samples reaches the plane beside every contour", coverage.lost),
+                      *coverage.place});
   const auto most = static_cast<std::size_t>(setting_.stray_share * static_cast<double>(steep_.points.size()));
-  if (settled.empty() && raw.size() <= most) return;
-  const Vec3& place = settled.empty() ? raw[0] : settled[0];
-  candidate.trace.faults.push_back(
-      {fmt::format("{} samples near the plane lie beside no contour", std::max(raw.size(), settled.size())),
-       {place.x(), place.y()}});
+  if (coverage.unexplained > most)
+    faults.push_back(
+        {fmt::format("{} samples near the plane lie on no surface and beside no contour", coverage.unexplained),
+         *coverage.place});
 }
 
-SurfaceSamples LayerCutter::on_surface(const SurfaceSamples& samples) const {
-  SurfaceSamples settled;
-  for (const Vec3& sample : samples.points) {
-    const double width = setting_.field.kernel_width_mm(sample);
-    Vec3 p = sample;
-    for (int i = 0; i < 8; ++i) {
-      const FieldSample f = cursor_->at(p);
-      const double steep2 = f.gradient.squaredNorm();
-      if (!f.in_reach || !(steep2 > 0.01) || (p - sample).norm() > 2 * width) break;
-      if (std::abs(f.value_mm) < 0.01 * width) {
-        const Vec3 normal = f.gradient / std::sqrt(steep2);
-        if (std::abs(normal.z()) <= kSteepNz) {
-          settled.points.push_back(p);
-          settled.normals.push_back(normal);
-        }
-        break;
-      }
-      p -= f.value_mm / steep2 * f.gradient;
-    }
-  }
-  return settled;
-}
-
-Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::stop_token stop) {
-  std::vector<Vec3> seeds;
-  if (setting_.topology)
-    for (const ContourSeed& seed : setting_.topology->seeds(z_mm)) seeds.push_back(seed.point_mm);
+Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::span<const Vec3> seeds, std::stop_token stop) {
   MarchOptions options;
   options.chord_mm = setting_.chord_mm;
   auto marched = march_contours(setting_.field, *cursor_, z_mm, seeds, {near_.points, near_.normals}, options, stop);
@@ -97,6 +89,30 @@ Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::stop_token
   finish_trace(candidate.trace);
   judge(candidate, z_mm);
   return candidate;
+}
+
+Result<std::optional<TraceFault>> LayerCutter::disagreement(const Candidate& candidate, double z_mm,
+                                                            std::span<const Vec3> seeds, std::stop_token stop) {
+  for (std::size_t k = 0; k < other_cursors_.size(); ++k) {
+    const ScalarField& field = *setting_.other_kernels[k];
+    MarchOptions options;
+    // Contours are counted only.
+    const double width = near_.points.empty() ? 1 : field.kernel_width_mm(near_.points.front());
+    options.chord_mm = std::max(setting_.chord_mm, kCountingChordKernels * width);
+    auto marched = march_contours(field, *other_cursors_[k], z_mm, seeds, {near_.points, near_.normals}, options, stop);
+    if (!marched) return tl::unexpected{marched.error()};
+    Candidate other;
+    other.trace.contours = std::move(marched->contours);
+    if (other.count() == candidate.count()) continue;
+    return TraceFault{
+        fmt::format(
+            "a kernel of {:.3g} mm finds {} outer and {} hole contours, one of {:.3g} mm {} and {}: details here "
+            "are as small as the scan is uncertain",
+            setting_.field.kernel_width_mm(near_.points.front()), candidate.count().outers, candidate.count().holes,
+            width, other.count().outers, other.count().holes),
+        place_of_difference(candidate.trace.contours, other.trace.contours)};
+  }
+  return std::nullopt;
 }
 
 Result<LayerCutter::Candidate> LayerCutter::gridded(double z_mm, std::stop_token stop) {
@@ -135,12 +151,16 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
            (!predicted_count || c.count() == *predicted_count);
   };
 
+  std::vector<Vec3> seeds;
+  if (setting_.topology)
+    for (const ContourSeed& seed : setting_.topology->seeds(z_mm)) seeds.push_back(seed.point_mm);
+
   CutLayer result;
   std::optional<Candidate> march, grid;
   const Candidate* chosen = nullptr;
   bool certified = false;
   if (setting_.method != TraceMethod::Grid) {
-    auto found = marched(z_mm, stop);
+    auto found = marched(z_mm, seeds, stop);
     if (!found) return tl::unexpected{found.error()};
     march = std::move(*found);
     result.evaluations += march->trace.evaluations;
@@ -155,13 +175,24 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
     if (grid->sound() && as_predicted(*grid)) {
       chosen = &*grid;
       certified = true;
-    } else if (march && march->sound() && grid->sound() && march->count() == grid->count() &&
+    } else if (!setting_.sparse && march && march->sound() && grid->sound() && march->count() == grid->count() &&
                (!predicted || near_critical || march->trace.euler() == *predicted)) {
       // Nothing is promised here, but two independent ways around the same field agree.
       certified = true;
     } else if (!march || !march->sound() || grid->sound()) {
       chosen = &*grid;
     }
+  }
+
+  std::optional<TraceFault> unsettled;
+  // Of a noisy scan the other kernels tell more.
+  if (setting_.topology && (setting_.sparse || setting_.other_kernels.empty()))
+    if (const auto edge = setting_.topology->rounded_near(z_mm))
+      unsettled = {"an edge sharper than the scan shows begins or ends near this height", {edge->x(), edge->y()}};
+  if (certified && !unsettled) {
+    auto found = disagreement(*chosen, z_mm, seeds, stop);
+    if (!found) return tl::unexpected{found.error()};
+    unsettled = std::move(*found);
   }
 
   Layer& layer = result.layer;
@@ -172,6 +203,7 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
   certificate.predicted_euler = predicted;
   certificate.measured_euler = chosen->trace.euler();
   const TraceFault* fault = chosen->sound() ? nullptr : &chosen->trace.faults[0];
+  if (!fault && certified && unsettled) fault = &*unsettled;
   if (!fault && setting_.known_fault) fault = &*setting_.known_fault;
   if (certified && !fault) {
     certificate.verdict = Verdict::Certified;

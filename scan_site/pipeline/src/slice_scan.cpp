@@ -41,6 +41,14 @@ constexpr double kCoverKernels = 0.75;
 constexpr double kCleanSpacings = 0.1;
 constexpr double kStrayShare = 0.02;
 
+/// A scan whose noise asks for a kernel wider than this is uncertain: its contours must be the same with kernels
+/// narrower and wider by these factors.
+constexpr double kCertainSpacings = 1;
+constexpr std::array kKernelFactors{0.8, 1.25};
+/// A scan is sparse whose spacing is more than this part of its smallest side: 33 samples across;
+constexpr double kSparseShare = 0.03;
+/// its contours must be the same with these kernels.
+constexpr std::array kSparseKernelFactors{0.65, 1.5};
 /// Gaps of a contour up to this many kernel widths are closed unasked.
 constexpr double kBridgeKernels = 2;
 /// An open base is looked for in this part of the height: the lowest quarter.
@@ -268,7 +276,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
     auto found = topology_of(**field, stop);
     if (found) {
       topology = std::move(*found);
-      result.surface_euler = topology->euler();
+      if (topology->euler_is_certain()) result.surface_euler = topology->euler();
       result.critical_points = topology->critical_points().size();
       result.doubts.assign(topology->doubts().begin(), topology->doubts().end());
     } else if (found.error().code == ErrorCode::Cancelled) {
@@ -280,15 +288,29 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   }
 
   const KernelChoice& kernel = result.kernel;
+  const bool sparse = kernel.spacing_mm > kSparseShare * placed->size_mm.minCoeff();
+  std::vector<std::unique_ptr<MlsField>> others;
+  const double spacings = kernel.kernel_mm / kernel.spacing_mm;
+  if (!request.mls.kernel_mm && (sparse || spacings > kCertainSpacings))
+    for (const double wanted : sparse ? kSparseKernelFactors : kKernelFactors)
+      // Narrower than 0.9 spacings a field has holes.
+      if (const double factor = std::max(wanted, 0.9 / spacings); std::abs(factor - 1) > 0.05)
+        others.push_back((*field)->with_wider_kernel(factor));
   CutSetting setting{
       .field = **field,
       .topology = topology ? &*topology : nullptr,
       .samples = [&](double low, double high, SurfaceSamples& found) { (*field)->samples_between(low, high, found); },
       .band_mm = kBandKernels * kernel.kernel_mm,
+      .cover_kernels = kCoverKernels,
+      .stray_share = kernel.noise_mm > kCleanSpacings * kernel.spacing_mm ? kStrayShare : 0,
+      .noise_mm = kernel.noise_mm,
+      .sparse = sparse,
       .chord_mm = request.chord_mm.value_or(request.machine.chord_tolerance_mm()),
       .bridge_mm = request.bridge_mm.value_or(kBridgeKernels * kernel.kernel_mm),
       .method = request.method,
+      .other_kernels = {},
       .known_fault = fault_of(kernel)};
+  for (const auto& other : others) setting.other_kernels.push_back(other.get());
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
   Base base;
   if (request.close_base) {

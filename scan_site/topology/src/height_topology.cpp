@@ -51,6 +51,9 @@ Result<void> TopologyOptions::validate() const {
     return fail(ErrorCode::InvalidInput, "steep_sift_cos must lie between 0 and 1");
   if (!(near_critical_kernels > 0 && near_critical_kernels <= 1))
     return fail(ErrorCode::InvalidInput, "near_critical_kernels must lie in (0, 1]");
+  if (!(sharp_bend > 0)) return fail(ErrorCode::InvalidInput, "sharp_bend must be positive");
+  if (!(sharp_reach_kernels >= 0 && sharp_reach_kernels <= 1))
+    return fail(ErrorCode::InvalidInput, "sharp_reach_kernels must lie in [0, 1]");
   if (!(noise_mm >= 0)) return fail(ErrorCode::InvalidInput, "noise_mm must not be negative");
   if (max_critical_points < 1) return fail(ErrorCode::InvalidInput, "max_critical_points must be at least 1");
   return {};
@@ -105,6 +108,11 @@ int HeightTopology::euler() const {
   return sum;
 }
 
+bool HeightTopology::euler_is_certain() const {
+  return !parts_.components.empty() && std::all_of(parts_.components.begin(), parts_.components.end(),
+                                                   [](const SurfaceComponent& c) { return c.genus.has_value(); });
+}
+
 std::optional<int> HeightTopology::predicted_euler(double z_mm) const {
   const auto at = std::upper_bound(step_heights_mm_.begin(), step_heights_mm_.end(), z_mm);
   if (at == step_heights_mm_.begin()) return 0;
@@ -128,6 +136,12 @@ bool HeightTopology::is_near_critical(double z_mm) const {
   return std::any_of(parts_.plateaus.begin(), parts_.plateaus.end(), [&](const Plateau& p) {
     return p.low_mm - parts_.near_mm <= z_mm && z_mm <= p.high_mm + parts_.near_mm;
   });
+}
+
+std::optional<Vec3> HeightTopology::rounded_near(double z_mm) const {
+  for (const RoundedInterval& r : parts_.rounded)
+    if (r.low_mm <= z_mm && z_mm <= r.high_mm) return r.place_mm;
+  return std::nullopt;
 }
 
 bool HeightTopology::is_doubtful(double z_mm, double within_mm) const {
@@ -177,8 +191,13 @@ Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const 
     HeightTopology::Parts parts;
     parts.critical_points = *points;
     parts.plateaus = topology::gather_plateaus(field, starts, parts.critical_points, options.near_critical_kernels);
-    for (const CriticalPoint& c : parts.critical_points)
-      parts.near_mm = std::max(parts.near_mm, options.near_critical_kernels * field.kernel_width_mm(c.position_mm));
+    for (const CriticalPoint& c : parts.critical_points) {
+      const double h = field.kernel_width_mm(c.position_mm);
+      parts.near_mm = std::max(parts.near_mm, options.near_critical_kernels * h);
+      if (c.plateau || h * c.bend_per_mm.cwiseAbs().maxCoeff() < options.sharp_bend) continue;
+      const double off = options.sharp_reach_kernels * h;
+      parts.rounded.push_back({c.position_mm.z() - off, c.position_mm.z() + off, c.position_mm});
+    }
     if (parts.critical_points.empty()) {
       const Box3 box = field.bounds();
       parts.blind.push_back({box.min.z(), box.max.z()});

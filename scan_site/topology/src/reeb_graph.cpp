@@ -119,7 +119,7 @@ void find_components(HeightTopology::Parts& parts, std::span<const NodeRings> bu
   std::map<std::size_t, std::size_t> number;
   for (std::size_t n = 0; n < parts.nodes.size(); ++n) {
     const auto [at, is_new] = number.try_emplace(root(n), parts.components.size());
-    if (is_new) parts.components.push_back({0, 0, 0, parts.nodes[n].low_mm, parts.nodes[n].high_mm});
+    if (is_new) parts.components.push_back({.low_mm = parts.nodes[n].low_mm, .high_mm = parts.nodes[n].high_mm});
     SurfaceComponent& c = parts.components[at->second];
     parts.nodes[n].component = at->second;
     c.euler += built[n].euler;
@@ -127,9 +127,13 @@ void find_components(HeightTopology::Parts& parts, std::span<const NodeRings> bu
     c.low_mm = std::min(c.low_mm, parts.nodes[n].low_mm);
     c.high_mm = std::max(c.high_mm, parts.nodes[n].high_mm);
   }
-  for (SurfaceComponent& c : parts.components) {
-    c.genus = 1 - c.euler / 2;
-    if (c.euler % 2 != 0 || c.euler > 2)
+  std::vector<bool> certain(parts.components.size(), true);
+  for (const ReebNode& n : parts.nodes) certain[n.component] = certain[n.component] && n.resolved;
+  for (std::size_t i = 0; i < parts.components.size(); ++i) {
+    SurfaceComponent& c = parts.components[i];
+    const bool possible = c.euler % 2 == 0 && c.euler <= 2;
+    if (possible && certain[i]) c.genus = 1 - c.euler / 2;
+    if (!possible)
       parts.doubts.push_back(
           fmt::format("the surface piece from {:.3f} to {:.3f} mm has Euler number {}, which no "
                       "closed surface has",

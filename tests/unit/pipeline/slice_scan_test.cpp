@@ -330,6 +330,60 @@ TEST(SliceScan, TurnsTheNamedAxisUpWithoutMirroring) {
   EXPECT_EQ(up_axis_from("up").error().code, ErrorCode::InvalidInput);
 }
 
+/// A scan whose details are near to, or below, what its samples can show.
+struct HardCase {
+  const char* name;
+  test::Shape shape;
+  test::SampleOptions sampling;
+};
+
+std::vector<HardCase> hard_cases() {
+  std::vector<HardCase> cases;
+  cases.push_back({"wall of half a spacing", test::thin_wall(14, 12, 0.4, 0.4), {.spacing_mm = 0.8, .seed = 31}});
+  cases.push_back({"gap of half a spacing", test::near_touching_balls(6, 0.3, 0.3), {.spacing_mm = 0.6, .seed = 32}});
+  cases.push_back({"bored plate, few samples", test::bored_plate(3, 6, 1, 0.7), {.spacing_mm = 1.6, .seed = 33}});
+  cases.push_back({"noisy torus",
+                   test::torus(9, 4, 35, 1),
+                   {.spacing_mm = 0.6, .noise_mm = 0.3, .normal_noise_rad = 0.15, .seed = 34}});
+  cases.push_back({"noisy figure eight",
+                   test::genus_two(12, 0.4),
+                   {.spacing_mm = 0.4, .noise_mm = 0.2, .normal_noise_rad = 0.15, .seed = 35}});
+  return cases;
+}
+
+TEST(SliceScan, CertifiesNoWrongLayerOfSparseAndNoisyScans) {
+  int certified = 0;
+  for (const HardCase& hard : hard_cases()) {
+    SliceRequest request = request_for();
+    request.machine.platform = {200, 200, 200};
+    const Outcome outcome = slice(text_of(test::sample_surface(*hard.shape, hard.sampling)), request);
+    ASSERT_TRUE(outcome.report) << hard.name << ": " << outcome.report.error().what;
+    const double shift = outcome.report->header.scan_to_build[11];
+    const double reach = 0.1 * outcome.report->kernel.kernel_mm;
+    for (const Layer& layer : outcome.layers) {
+      if (layer.certificate.verdict != LayerCertificate::Verdict::Certified) continue;
+      ++certified;
+      test::SliceCount found;
+      for (const Contour& ring : layer.contours) ++(ring.is_hole() ? found.holes : found.outers);
+      bool right = false;
+      for (const double off : {0.0, -0.5, 0.5, -1.0, 1.0})
+        right = right || test::count_slice(*hard.shape, layer.z_mm - shift + off * reach, 0.1) == found;
+      EXPECT_TRUE(right) << hard.name << " layer " << layer.index.count() << ": " << found.outers << " outer and "
+                         << found.holes << " hole contours";
+    }
+  }
+  EXPECT_GT(certified, 50);
+}
+
+TEST(SliceScan, CertifiesANoisyScanWhoseDetailsAreLarge) {
+  const auto noisy = test::sample_surface(*test::torus(9, 4, 90, 1),
+                                          {.spacing_mm = 0.35, .noise_mm = 0.17, .normal_noise_rad = 0.15, .seed = 36});
+  const Outcome outcome = slice(text_of(noisy), request_for());
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  EXPECT_GT(outcome.report->kernel.noise_mm, 0.3 * outcome.report->kernel.spacing_mm);
+  EXPECT_LE(outcome.report->flagged.size(), outcome.layers.size() / 10);
+}
+
 TEST(SliceScan, CertifiesNothingWhereWallsMayLieBetweenThePoints) {
   auto samples = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 1.6, .seed = 13});
   const auto dense = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.12, .seed = 14});

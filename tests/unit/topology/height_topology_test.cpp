@@ -89,7 +89,7 @@ TEST_P(HeightTopologyOf, KnowsEulerNumberAndGenusExactly) {
     EXPECT_EQ(topology.euler(), *euler);
   }
   std::vector<int> genus;
-  for (const auto& c : topology.components()) genus.push_back(c.genus);
+  for (const auto& c : topology.components()) genus.push_back(c.genus.value_or(-1));
   std::sort(genus.begin(), genus.end());
   if (!shape->facts().genus.empty()) {
     EXPECT_EQ(genus, shape->facts().genus);

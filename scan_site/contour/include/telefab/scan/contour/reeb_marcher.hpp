@@ -47,10 +47,10 @@ struct NearSamples {
                                                   std::span<const Vec3> seeds, const NearSamples& near_plane,
                                                   const MarchOptions& options, std::stop_token stop);
 
-/// The samples (as points of the plane, moved there along the surface) beside which no contour of like normal runs
+/// Indices of the samples beside which, moved to the plane along their tangent planes, no contour of like normal runs
 /// within `reach_kernels` of the local kernel. Level samples, which say nothing about a plane, are left out.
-[[nodiscard]] std::vector<Vec3> uncovered_samples(const ScalarField& field, double z_mm,
-                                                  std::span<const Contour> contours, const NearSamples& near_plane,
-                                                  double reach_kernels);
+[[nodiscard]] std::vector<std::size_t> uncovered_samples(const ScalarField& field, double z_mm,
+                                                         std::span<const Contour> contours,
+                                                         const NearSamples& near_plane, double reach_kernels);
 
 }  // namespace telefab::scan

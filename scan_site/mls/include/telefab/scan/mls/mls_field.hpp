@@ -54,6 +54,8 @@ class MlsField final : public ScalarField {
   [[nodiscard]] static Result<std::unique_ptr<MlsField>> from_cloud(PointCloud placed, const MlsOptions& options,
                                                                     std::stop_token stop);
   ~MlsField() override;
+  /// The field of the same samples with kernels `factor` times as wide, factor > 0. Copies the samples.
+  [[nodiscard]] std::unique_ptr<MlsField> with_wider_kernel(double factor) const;
 
   [[nodiscard]] std::unique_ptr<FieldCursor> cursor() const override;
   [[nodiscard]] Box3 bounds() const override;

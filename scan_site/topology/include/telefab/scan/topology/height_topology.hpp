@@ -71,10 +71,10 @@ struct ReebArc {
   std::vector<Vec3> path_mm;
 };
 
-/// A connected piece of the surface. genus = 1 - euler / 2.
+/// A connected piece of the surface.
 struct SurfaceComponent {
   int euler = 0;
-  int genus = 0;
+  std::optional<int> genus;  ///< 1 - euler / 2; none where a node of the piece is in doubt, or the number is odd
   std::size_t nodes = 0;
   double low_mm = 0;
   double high_mm = 0;
@@ -85,6 +85,14 @@ struct SurfaceComponent {
 struct BlindInterval {
   double low_mm = 0;
   double high_mm = 0;
+};
+
+/// Heights about a critical point on an edge too sharp for the kernel: the field rounds it, so its height, and what is
+/// cut beside it, may be off by a part of the kernel.
+struct RoundedInterval {
+  double low_mm = 0;
+  double high_mm = 0;
+  Vec3 place_mm = Vec3::Zero();
 };
 
 struct ContourCount {
@@ -103,6 +111,8 @@ struct ContourSeed {
 struct TopologyOptions {
   double steep_sift_cos = 0.866;       ///< (0, 1); samples whose |n_z| is smaller start no search (30 degrees)
   double near_critical_kernels = 0.1;  ///< (0, 1]; heights this near to a critical one are not promised
+  double sharp_bend = 0.5;             ///< > 0; bend times kernel width from which on a critical point sits on an edge
+  double sharp_reach_kernels = 0.35;   ///< [0, 1]; how far such a point's height may be off
   double noise_mm = 0;                 ///< >= 0; features of less height are called noise (persistence), never dropped
                                        ///< from the prediction
   std::size_t max_critical_points = 20'000;  ///< >= 1; more: TooLarge, the kernel is too narrow for the cloud
@@ -120,6 +130,7 @@ class HeightTopology {
     std::vector<ReebArc> arcs;
     std::vector<SurfaceComponent> components;
     std::vector<BlindInterval> blind;
+    std::vector<RoundedInterval> rounded;
     std::vector<std::string> doubts;
     double near_mm = 0;
   };
@@ -139,6 +150,8 @@ class HeightTopology {
 
   /// Of the whole surface, from the graph.
   [[nodiscard]] int euler() const;
+  /// Whether every piece has a genus: then the sum is the surface's own.
+  [[nodiscard]] bool euler_is_certain() const;
   /// Outer minus hole contours of the slice, by summing what every node below changes (or above, where something
   /// below is in doubt). None inside a plateau, and at heights that doubts hide from both ends. By bisection.
   [[nodiscard]] std::optional<int> predicted_euler(double z_mm) const;
@@ -146,6 +159,8 @@ class HeightTopology {
   [[nodiscard]] std::optional<ContourCount> predicted_contours(double z_mm) const;
   /// True within near_critical_kernels * h of a critical height or inside a plateau.
   [[nodiscard]] bool is_near_critical(double z_mm) const;
+  /// Where the plane passes beside a rounded edge; none elsewhere.
+  [[nodiscard]] std::optional<Vec3> rounded_near(double z_mm) const;
   /// True within `within_mm` of a height where points and graph contradict each other.
   [[nodiscard]] bool is_doubtful(double z_mm, double within_mm) const;
   /// One seed a contour where predicted_contours has a value; fewer or more where it has none. Ordered by arc.

@@ -1,0 +1,30 @@
+#pragma once
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <telefab/geometry/contour.hpp>
+#include <telefab/scan/mls/mls_field.hpp>
+
+namespace telefab::scan {
+
+/// How the samples near a plane agree with the contours found in it.
+struct Coverage {
+  std::size_t lost = 0;         ///< samples whose surface, followed to the plane, meets no contour there
+  std::size_t unexplained = 0;  ///< samples that no surface of the field passes: strays, or a feature it lost
+  std::optional<Point2> place;  ///< of a lost sample, else of an unexplained one
+};
+
+/// Holds the samples near the plane z against its contours. A sample beside which no contour of like orientation runs,
+/// by its own tangent plane, within `reach_kernels` of the local kernel, is set down on the field's surface and
+/// followed along it, straight up or down, to the plane: there a contour must pass. Where the surface turns level on
+/// the way it ends at a critical point and says nothing. A sample may lie off the surface by a quarter of a kernel and
+/// four times the noise. `samples` rise in z, steep ones only.
+[[nodiscard]] Coverage coverage_of(const ScalarField& field, FieldCursor& cursor, double z_mm,
+                                   std::span<const Contour> contours, const SurfaceSamples& samples,
+                                   double reach_kernels, double noise_mm);
+
+/// Whether the field's surface passes the samples both below and above the plane: something must be cut there.
+/// Samples that no surface passes do not count.
+[[nodiscard]] bool straddles(const ScalarField& field, FieldCursor& cursor, double z_mm, const SurfaceSamples& samples);
+
+}  // namespace telefab::scan
