@@ -111,7 +111,9 @@ Result<PrintRecord> print_from(const std::filesystem::path& folder, const Machin
     if (const auto ok = admit(*cost, machine.devices.allowed_slowdown); !ok) return tl::unexpected{ok.error()};
   }
   BeatingClock beating{*clock, beats};
-  PrintRunner runner{*devices->projector, *devices->stage, **job, *journal, beating};
+  if (machine.devices.hottest_celsius > 0) scaled.hottest_celsius = machine.devices.hottest_celsius;
+  if (machine.devices.coldest_celsius > 0) scaled.coldest_celsius = machine.devices.coldest_celsius;
+  PrintRunner runner{*devices->projector, *devices->stage, **job, *journal, beating, devices->sensors.get()};
   auto record = runner.run((*job)->plan(), scaled, control, sink, std::move(stop));
   if (!record) return record;
   record->provenance = provenance_of(folder);

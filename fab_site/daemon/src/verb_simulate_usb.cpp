@@ -14,6 +14,7 @@
 #include <list>
 #include <memory>
 #include <telefab/base/clock.hpp>
+#include <telefab/fab/drivers/grbl_model.hpp>
 #include <telefab/fab/drivers/usbip_session.hpp>
 
 #include "verbs.hpp"

@@ -39,8 +39,13 @@ std::string_view name_of(ProjectorFault fault) {
   return names[static_cast<std::size_t>(fault)];
 }
 
-Dlpc900Model::Dlpc900Model(std::uint8_t dmd_type, std::uint8_t firmware_major, const Clock& clock, MachineLog* log)
-    : dmd_{dmd_facts(dmd_type).value_or(*dmd_facts(1))}, major_{firmware_major}, clock_{clock}, log_{log} {
+Dlpc900Model::Dlpc900Model(std::uint8_t dmd_type, std::uint8_t firmware_major, const Clock& clock, MachineLog* log,
+                           LedBoard board)
+    : dmd_{dmd_facts(dmd_type).value_or(*dmd_facts(1))},
+      major_{firmware_major},
+      clock_{clock},
+      log_{log},
+      board_{board} {
   hardware_ = static_cast<std::uint8_t>(kHardwareInitOk | (dmd_.two_controllers ? kHardwareSecondReady : 0));
   leds_ = kLedsOff;
 }
@@ -177,11 +182,23 @@ void Dlpc900Model::tick() {
   }
 }
 
-void Dlpc900Model::switch_leds(std::uint8_t leds) {
-  if (led_stuck_) return;
-  if (running_ && leds_ != 0 && leds == 0) end_light(clock_.now());
-  if (running_ && leds_ == 0 && leds != 0) lit_from_ = clock_.now();
-  leds_ = leds;
+std::uint8_t Dlpc900Model::glow() const {
+  if (board_.enable_reaches_leds && leds_ == kLedsOff) return 0;
+  std::uint8_t most = 0;
+  for (const std::byte c : current_) {
+    const auto current = std::to_integer<std::uint8_t>(c);
+    const bool is_turned = (polarity_ == 1) != board_.inverted_pwm;
+    most = std::max(most, is_turned ? static_cast<std::uint8_t>(255 - current) : current);
+  }
+  return most;
+}
+
+template <class Change>
+void Dlpc900Model::change_leds(Change change) {
+  const bool was_lit = lit();
+  if (was_lit) end_light(clock_.now());
+  change();
+  if (!was_lit && lit()) lit_from_ = clock_.now();
 }
 
 void Dlpc900Model::end_light(Nanoseconds at) {
@@ -261,18 +278,23 @@ std::uint8_t Dlpc900Model::carry_out(Command command, bool read, std::span<const
     case Command::LedEnable: {
       std::uint8_t leds = leds_;
       const std::uint8_t refusal = one_byte(leds);
-      if (!read && refusal == kNone) switch_leds(leds);
+      if (!read && refusal == kNone && !led_stuck_) change_leds([&] { leds_ = leds; });
       return refusal;
     }
-    case Command::LedPolarity:
-      return one_byte(polarity_);
+    case Command::LedPolarity: {
+      std::uint8_t polarity = polarity_;
+      const std::uint8_t refusal = one_byte(polarity);
+      if (polarity > 1) return kParameter;
+      if (!read && refusal == kNone) change_leds([&] { polarity_ = polarity; });
+      return refusal;
+    }
     case Command::LedCurrent:
       if (read) {
         answer = current_;
         return kNone;
       }
       if (d.size() != 3) return kParameter;
-      current_.assign(d.begin(), d.end());
+      if (!board_.forgets_current) change_leds([&] { current_.assign(d.begin(), d.end()); });
       return kNone;
     case Command::FlipLongAxis:
     case Command::FlipShortAxis:

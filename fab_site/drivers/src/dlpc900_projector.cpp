@@ -82,8 +82,10 @@ Dlpc900Projector::~Dlpc900Projector() { (void)dark(); }
 Result<void> Dlpc900Projector::leds_off() {
   // The LEDs first: it is the one command that darkens whatever the sequencer does.
   const auto off = link_.set_byte(Command::LedEnable, kLedsOff);
+  const auto zero = options_.off_needs_zero_current ? set_current(0) : Result<void>{};
   const auto stop = link_.set_byte(Command::PatternStartStop, kStop);
   if (!off) return off;
+  if (!zero) return zero;
   if (!stop) return stop;
   const auto leds = link_.query_byte(Command::LedEnable);
   if (!leds) return tl::unexpected{leds.error()};
@@ -93,6 +95,21 @@ Result<void> Dlpc900Projector::leds_off() {
     return fail(ErrorCode::DeviceRefused, "projector: the LEDs stay enabled after being switched off");
   if ((*status & kMainRunning) != 0)
     return fail(ErrorCode::DeviceRefused, "projector: the sequence goes on after being stopped");
+  return {};
+}
+
+Result<void> Dlpc900Projector::set_current(std::uint8_t current) {
+  // Polarity first: without it a current of zero is full light on some boards.
+  if (const auto ok = link_.set_byte(Command::LedPolarity, options_.inverted_led_polarity ? 1 : 0); !ok) return ok;
+  const auto wanted = bytes({options_.led == Led::Red ? current : 0u, options_.led == Led::Green ? current : 0u,
+                             options_.led == Led::Blue ? current : 0u});
+  if (const auto ok = link_.set(Command::LedCurrent, wanted); !ok) return ok;
+  const auto polarity = link_.query_byte(Command::LedPolarity);
+  if (!polarity) return tl::unexpected{polarity.error()};
+  const auto now = link_.query(Command::LedCurrent, 3);
+  if (!now) return tl::unexpected{now.error()};
+  if (*polarity != (options_.inverted_led_polarity ? 1 : 0) || !std::equal(wanted.begin(), wanted.end(), now->begin()))
+    return fail(ErrorCode::DeviceRefused, "projector: it keeps another LED current or polarity than it was told");
   return {};
 }
 
@@ -166,11 +183,8 @@ Result<void> Dlpc900Projector::prepare() {
   }
   for (const Command flip : {Command::FlipLongAxis, Command::FlipShortAxis})
     if (const auto ok = link_.set_byte(flip, 0); !ok) return ok;  // the mask itself is turned
-  if (const auto ok = link_.set_byte(Command::LedPolarity, options_.inverted_led_polarity ? 1 : 0); !ok) return ok;
-  const std::uint8_t c = options_.led_current;
-  const auto current = bytes(
-      {options_.led == Led::Red ? c : 0u, options_.led == Led::Green ? c : 0u, options_.led == Led::Blue ? c : 0u});
-  if (const auto ok = link_.set(Command::LedCurrent, current); !ok) return ok;
+  if (const auto ok = set_current(options_.off_needs_zero_current ? std::uint8_t{0} : options_.led_current); !ok)
+    return ok;
   if (const auto ok = check_status(); !ok) return ok;
   return leds_off();
 }
@@ -298,6 +312,8 @@ Result<void> Dlpc900Projector::expose() {
   if (!mode) return surely_dark(mode.error());
   if (*mode != kModeOnTheFly)
     return fail(ErrorCode::DeviceRefused, "projector: it left the pattern mode; it was reset");
+  if (options_.off_needs_zero_current)
+    if (const auto ok = set_current(options_.led_current); !ok) return surely_dark(ok.error());
   if (const auto ok = link_.set_byte(Command::LedEnable, kLedsBySequencer); !ok) return surely_dark(ok.error());
   const auto leds = link_.query_byte(Command::LedEnable);
   if (!leds) return surely_dark(leds.error());

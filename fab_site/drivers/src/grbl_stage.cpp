@@ -15,6 +15,8 @@ constexpr Nanoseconds kBannerTimeout = 4s;
 constexpr Nanoseconds kAnswerTimeout = 2s;
 constexpr Nanoseconds kWait = 10ms;
 constexpr int kLinesPerPoll = 64;
+constexpr Nanoseconds kStale = 2s;  ///< a reading older than this is asked for again
+constexpr Nanoseconds kSilentThermometer = 5s;
 
 /// What differs between the two firmwares.
 struct DialectFacts {
@@ -33,9 +35,11 @@ struct DialectFacts {
 
 constexpr DialectFacts kGrbl{"GRBL",  "\x18", "Grbl ", "$H\n", "G90 G21 G53 G1 Z{:.4f} F{:.2f}\n", "G4 P0.01\n", "?",
                              "MPos:", 2,      "!\x18", ""};
-// Marlin has no line that restarts it without cutting its heaters and motors; opening the port does.
-constexpr DialectFacts kMarlin{"Marlin", "\n", "start",  "G28 Z\n",  "G90\nG1 Z{:.4f} F{:.2f}\n", "M400\n", "M114\n",
-                               "Z:",     0,    "M410\n", "echo:busy"};
+// Marlin has no line that restarts it without cutting its heaters and motors; opening the port does. One that did not
+// restart answers the question for its temperatures; empty lines it does not answer.
+constexpr DialectFacts kMarlin{"Marlin",   "\nM105\n", "start", "G28 Z\n", "G90\nG1 Z{:.4f} F{:.2f}\n",
+                               "M400\n",   "M114\n",   "Z:",    0,         "M410\n",
+                               "echo:busy"};
 
 const DialectFacts& facts_of(StageDialect d) { return d == StageDialect::Grbl ? kGrbl : kMarlin; }
 
@@ -55,6 +59,8 @@ std::optional<double> number_behind(std::string_view line, std::string_view mark
   return value;
 }
 
+bool is_ok(std::string_view line) { return line == "ok" || line.starts_with("ok "); }
+
 int lines_in(std::string_view text) {
   int n = 0;
   for (const char c : text) n += c == '\n';
@@ -62,6 +68,27 @@ int lines_in(std::string_view text) {
 }
 
 }  // namespace
+
+Thermometer thermometer_of(std::string_view name) {
+  if (name == "hotend") return Thermometer::Hotend;
+  if (name == "bed") return Thermometer::Bed;
+  return name == "chamber" ? Thermometer::Chamber : Thermometer::None;
+}
+
+std::optional<double> celsius_in(std::string_view report, Thermometer thermometer) {
+  constexpr std::string_view marks[] = {"", "T:", "B:", "C:"};
+  const std::string_view mark = marks[static_cast<std::size_t>(thermometer)];
+  if (mark.empty()) return std::nullopt;
+  for (std::size_t at = 0; (at = report.find(mark, at)) != std::string_view::npos; at += mark.size()) {
+    if (at > 0 && report[at - 1] != ' ') continue;  // the end of another word
+    std::string_view number = report.substr(at + mark.size());
+    number.remove_prefix(std::min(number.find_first_not_of(' '), number.size()));
+    double value = 0;
+    const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), value);
+    if (error == std::errc{} && std::isfinite(value)) return value;
+  }
+  return std::nullopt;
+}
 
 Result<std::unique_ptr<SerialStage>> SerialStage::open(std::unique_ptr<LineTransport> line,
                                                        const SerialStageOptions& options, Clock& clock) {
@@ -96,22 +123,82 @@ Result<void> SerialStage::connect() {
   const DialectFacts& dialect = facts_of(options_.dialect);
   if (const auto ok = say(dialect.reset); !ok) return ok;
   const Nanoseconds until = clock_.now() + kBannerTimeout;
-  while (clock_.now() < until) {
-    const auto line = line_->read_line(Milliseconds{0});
+  const bool is_marlin = options_.dialect == StageDialect::Marlin;
+  while (true) {
+    const auto line = next_line(until);
+    if (!line && line.error().code == ErrorCode::DeviceTimeout)
+      return fail(ErrorCode::DeviceTimeout,
+                  fmt::format("stage: no {} banner; is it the right port and firmware?", dialect.name));
     if (!line) return tl::unexpected{line.error()};
-    if (!*line) {
-      clock_.sleep_for(kWait);
-      continue;
-    }
-    // An Arduino that did not restart because its port was open already answers Marlin's empty line with ok.
-    const bool greeted =
-        (*line)->starts_with(dialect.banner) || (options_.dialect == StageDialect::Marlin && **line == "ok");
-    if (!greeted) continue;
-    connected_ = true;
-    return {};
+    if (line->starts_with(dialect.banner) || (is_marlin && is_ok(*line))) break;
   }
-  return fail(ErrorCode::DeviceTimeout,
-              fmt::format("stage: no {} banner; is it the right port and firmware?", dialect.name));
+  if (is_marlin)
+    if (const auto ok = synchronise(until); !ok) return ok;
+  connected_ = true;
+  return {};
+}
+
+Result<std::string> SerialStage::next_line(Nanoseconds until) {
+  while (clock_.now() < until) {
+    auto line = line_->read_line(Milliseconds{0});
+    if (!line) return tl::unexpected{line.error()};
+    if (*line) return std::move(**line);
+    clock_.sleep_for(kWait);
+  }
+  return fail(ErrorCode::DeviceTimeout, "stage: the board does not answer");
+}
+
+Result<void> SerialStage::synchronise(Nanoseconds until) {
+  idle_oks_ = 0;
+  asked_celsius_at_.reset();
+  celsius_at_ = clock_.now();
+  const std::string_view reports = options_.thermometer == Thermometer::None ? "" : "M155 S1\n";
+  // Answers keep the order of their lines: behind the echo of a word never said before only its own ok can come. A
+  // board that does not know M118 says so and repeats the word.
+  const std::string word = fmt::format("telefab-{}", ++greetings_);
+  if (const auto ok = say(fmt::format("{}M118 {}\n", reports, word)); !ok) return ok;
+  bool is_echoed = false;
+  while (true) {
+    const auto line = next_line(until);
+    if (!line) return tl::unexpected{line.error()};
+    note_temperature(*line);
+    if (is_echoed && is_ok(*line)) return {};
+    is_echoed = is_echoed || line->find(word) != std::string::npos;
+  }
+}
+
+void SerialStage::note_temperature(std::string_view line) {
+  if (const auto celsius = celsius_in(line, options_.thermometer)) {
+    celsius_ = celsius;
+    celsius_at_ = clock_.now();
+    asked_celsius_at_.reset();
+  }
+}
+
+Result<std::optional<double>> SerialStage::celsius() {
+  if (options_.thermometer == Thermometer::None || options_.dialect != StageDialect::Marlin) return std::nullopt;
+  if (doing_ != Doing::Nothing) return celsius_;  // poll() hears what comes
+  if (!connected_) return celsius_;               // home() connects again
+  for (int i = 0; i < kLinesPerPoll; ++i) {
+    const auto line = line_->read_line(Milliseconds{0});
+    if (!line) {
+      connected_ = false;
+      return lost(line.error().code, line.error().what);
+    }
+    if (!*line) break;
+    if (const auto ok = take(**line); !ok) return tl::unexpected{ok.error()};
+  }
+  const Nanoseconds now = clock_.now();
+  if (asked_celsius_at_ && now - *asked_celsius_at_ > kSilentThermometer) {
+    asked_celsius_at_.reset();
+    return lost(ErrorCode::DeviceTimeout, "the board says nothing of the resin's thermometer; is it the right sensor?");
+  }
+  if (!asked_celsius_at_ && now - celsius_at_ > kStale) {
+    if (const auto ok = say("M105\n"); !ok) return tl::unexpected{ok.error()};
+    ++idle_oks_;
+    asked_celsius_at_ = now;
+  }
+  return celsius_;
 }
 
 Result<void> SerialStage::home() {
@@ -174,7 +261,8 @@ Result<StageStatus> SerialStage::poll() {
 
 Result<void> SerialStage::take(const std::string& line) {
   const DialectFacts& dialect = facts_of(options_.dialect);
-  if (line == "ok") return take_ok();
+  if (options_.dialect == StageDialect::Marlin) note_temperature(line);
+  if (line == "ok" || (options_.dialect == StageDialect::Marlin && is_ok(line))) return take_ok();
   if (line.starts_with(dialect.banner))
     return lost(ErrorCode::DeviceRefused, "the board restarted; the position is lost");
   if (line.starts_with("ALARM") || line.starts_with("Error:") || line.starts_with("error:")) {
@@ -191,6 +279,10 @@ Result<void> SerialStage::take(const std::string& line) {
 }
 
 Result<void> SerialStage::take_ok() {
+  if (idle_oks_ > 0) {
+    --idle_oks_;
+    return {};
+  }
   if (oks_wanted_ == 0 || --oks_wanted_ > 0) return {};
   if (doing_ == Doing::Homing) doing_ = Doing::AskingHome;
   if (doing_ == Doing::Moving) doing_ = Doing::AskingRest;

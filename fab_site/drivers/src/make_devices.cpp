@@ -12,6 +12,37 @@ namespace {
 constexpr std::uint16_t kTexasInstruments = 0x0451;
 constexpr std::uint16_t kDlpc900 = 0xC900;
 
+class StageThermometer final : public Sensors {
+ public:
+  explicit StageThermometer(SerialStage& stage) : stage_{stage} {}
+  Result<SensorReading> read() override {
+    const auto celsius = stage_.celsius();
+    if (!celsius) return tl::unexpected{celsius.error()};
+    return SensorReading{false, *celsius};
+  }
+
+ private:
+  SerialStage& stage_;
+};
+
+/// What a print needs to be told about real devices.
+Result<void> check_statements(const MachineProfile& machine) {
+  const auto wrong = [&](std::string_view what) {
+    return fail(ErrorCode::InvalidInput, "machine " + machine.name + ": " + std::string{what});
+  };
+  const auto& d = machine.devices;
+  if (d.projector == "dlpc900" && d.led_polarity == "unstated")
+    return wrong(
+        "state devices.led_polarity, normal or inverted, as the board's maker says (fab_site/drivers/first-light.md)");
+  if (d.thermometer != "none" && d.stage != "marlin")
+    return wrong("devices.thermometer needs stage = \"marlin\"; GRBL boards and virtual stages have none");
+  if ((d.hottest_celsius > 0 || d.coldest_celsius > 0) && d.thermometer == "none")
+    return wrong("temperature limits need devices.thermometer");
+  if (d.hottest_celsius > 0 && d.hottest_celsius <= d.coldest_celsius)
+    return wrong("devices.hottest_celsius is not above devices.coldest_celsius");
+  return {};
+}
+
 }  // namespace
 
 bool is_simulated(const MachineProfile& machine) {
@@ -39,20 +70,26 @@ Result<std::unique_ptr<Dlpc900Projector>> open_projector(const MachineProfile& m
   options.orientation = machine.projection.orientation;
   options.controllers = machine.projection.controllers;
   options.led = *led;
+  options.inverted_led_polarity = machine.devices.led_polarity == "inverted";
+  options.off_needs_zero_current = machine.devices.led_off == "enable-and-current";
   options.led_current = static_cast<std::uint8_t>(machine.devices.led_current);
   return Dlpc900Projector::open(std::move(*usb), options, clock);
 }
 
-Result<std::unique_ptr<ZStage>> open_stage(const MachineProfile& machine, Clock& clock) {
+Result<std::unique_ptr<SerialStage>> open_stage(const MachineProfile& machine, Clock& clock) {
   auto line = open_tty(machine.devices.stage_serial);
   if (!line) return tl::unexpected{line.error()};
   SerialStageOptions options;
   options.dialect = machine.devices.stage == "marlin" ? StageDialect::Marlin : StageDialect::Grbl;
   options.top_mm = stage_top_mm(machine);
+  options.thermometer = thermometer_of(machine.devices.thermometer);
   return SerialStage::open(std::move(*line), options, clock);
 }
 
+std::unique_ptr<Sensors> thermometer_of(SerialStage& stage) { return std::make_unique<StageThermometer>(stage); }
+
 Result<Devices> make_devices(const MachineProfile& machine, Clock& clock) {
+  if (const auto ok = check_statements(machine); !ok) return tl::unexpected{ok.error()};
   Devices devices;
   devices.log = std::make_unique<MachineLog>();
   // The projector first: it goes dark before anything else happens.
@@ -68,6 +105,7 @@ Result<Devices> make_devices(const MachineProfile& machine, Clock& clock) {
   } else {
     auto stage = open_stage(machine, clock);
     if (!stage) return tl::unexpected{stage.error()};
+    if (machine.devices.thermometer != "none") devices.sensors = thermometer_of(**stage);
     devices.stage = std::move(*stage);
   }
   return devices;

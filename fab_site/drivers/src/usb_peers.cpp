@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <array>
+#include <telefab/fab/drivers/grbl_model.hpp>
 #include <telefab/fab/drivers/usbip_session.hpp>
 
 namespace telefab::fab {

@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+
 #include <telefab/fab/print/print_machine.hpp>
 #include <utility>
 
@@ -163,8 +165,12 @@ Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& even
     if (const auto* e = std::get_if<DeviceFailed>(&event)) return stop_on(state, e->cause, b);
     if (std::holds_alternative<InterlockOpened>(event))
       return stop_on(state, {ErrorCode::NotPermitted, "the cover was opened; close it and resume"}, b);
-    if (std::holds_alternative<TooHot>(event))
-      return stop_on(state, {ErrorCode::NotPermitted, "the resin is too hot; let it cool and resume"}, b);
+    if (const auto* e = std::get_if<WrongTemperature>(&event))
+      return stop_on(
+          state,
+          {ErrorCode::NotPermitted, fmt::format("the resin has {:.1f} degrees, too {}; {} and resume", e->celsius,
+                                                e->is_hot ? "hot" : "cold", e->is_hot ? "let it cool" : "warm it")},
+          b);
   }
 
   return std::visit(

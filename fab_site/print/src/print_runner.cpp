@@ -239,7 +239,9 @@ class Run {
       made_.resin_celsius = reading->resin_celsius;
       if (reading->interlock_open) return InterlockOpened{};
       if (policy_.hottest_celsius && reading->resin_celsius && *reading->resin_celsius > *policy_.hottest_celsius)
-        return TooHot{*reading->resin_celsius};
+        return WrongTemperature{*reading->resin_celsius, true};
+      if (policy_.coldest_celsius && reading->resin_celsius && *reading->resin_celsius < *policy_.coldest_celsius)
+        return WrongTemperature{*reading->resin_celsius, false};
     }
     if (exposure_) return look_at_exposure();
     if (load_) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <telefab/fab/drivers/dlpc900_projector.hpp>
+#include <telefab/fab/drivers/grbl_model.hpp>
 #include <telefab/fab/drivers/grbl_stage.hpp>
 #include <telefab/fab/drivers/model_transport.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>

@@ -1,5 +1,6 @@
 #include <cstddef>
 #include <cstdint>
+#include <telefab/fab/drivers/grbl_model.hpp>
 #include <telefab/fab/drivers/usbip_session.hpp>
 
 // Any bytes from a USB/IP client, cut anywhere: refused or answered, never more than its limits.

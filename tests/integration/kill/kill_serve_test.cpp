@@ -78,6 +78,7 @@ settle_s = 0.02
 projector = "dlpc900"
 stage = "grbl"
 led_current = 20
+led_polarity = "normal"
 allowed_slowdown = 4.0
 stage_serial = "{}"
 )",

@@ -338,7 +338,7 @@ void UsbfsHost::plug() {
 
 std::uint64_t UsbfsHost::ioctls() const { return state_->ioctls; }
 
-PtyHost::PtyHost(fab::GrblModel& model, std::mutex& mutex) {
+PtyHost::PtyHost(fab::LineModel& model, std::mutex& mutex) {
   master_ = ::posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC | O_NONBLOCK);
   if (master_ < 0 || ::grantpt(master_) != 0 || ::unlockpt(master_) != 0) std::abort();
   path_ = ::ptsname(master_);

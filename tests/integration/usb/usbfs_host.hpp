@@ -31,7 +31,7 @@ class UsbfsHost {
 /// A GRBL model behind a pseudo terminal.
 class PtyHost {
  public:
-  PtyHost(fab::GrblModel& model, std::mutex& mutex);
+  PtyHost(fab::LineModel& model, std::mutex& mutex);
   ~PtyHost();
   [[nodiscard]] const std::string& path() const { return path_; }
 

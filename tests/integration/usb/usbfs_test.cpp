@@ -11,6 +11,7 @@
 #include <fstream>
 #include <telefab/base/clock.hpp>
 #include <telefab/fab/drivers/dlpc900_projector.hpp>
+#include <telefab/fab/drivers/grbl_model.hpp>
 #include <telefab/fab/usb/libusb_transport.hpp>
 #include <telefab/fab/usb/tty_line.hpp>
 #include <telefab/test/print_rig.hpp>
@@ -145,10 +146,10 @@ TEST_F(Usbfs, IsProbedByTheUnmodifiedProgram) {
   const auto folder = std::filesystem::temp_directory_path() / fmt::format("telefab-usb-{}", ::getpid());
   std::filesystem::create_directories(folder);
   std::ifstream profile{std::filesystem::path{source} / "deploy/config/machines/dlp6500.toml"};
-  std::ofstream{folder / "real.toml"}
-      << std::string{std::istreambuf_iterator<char>{profile}, {}}
-      << "\n[devices]\nprojector = \"dlpc900\"\nstage = \"grbl\"\nled_current = 20\nstage_serial = \"" << pty.path()
-      << "\"\n";
+  std::ofstream{folder / "real.toml"} << std::string{std::istreambuf_iterator<char>{profile}, {}}
+                                      << "\n[devices]\nprojector = \"dlpc900\"\nstage = \"grbl\"\nled_current = "
+                                         "20\nled_polarity = \"normal\"\nstage_serial = \""
+                                      << pty.path() << "\"\n";
   const std::string command =
       fmt::format("{}/telefab-fab probe --machine dlp6500 --machines {} 2>&1", bin, folder.string());
   std::FILE* out = ::popen(command.c_str(), "r");

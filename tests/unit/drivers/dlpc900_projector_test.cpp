@@ -237,5 +237,76 @@ TEST(PlaceOnMirrors, TurnsTheMaskAsTheOpticsDemand) {
   EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, "rotate-180").rows, (std::vector<std::uint8_t>{4, 3, 2, 1}));
 }
 
+/// Calls the projector as a print does and looks at the board's LEDs after every call.
+struct LedBench {
+  explicit LedBench(LedBoard board) : model{1, 6, bench.clock, &bench.log, board}, usb{model, bench.clock} {}
+  /// The LEDs' glow during the light; whatever else they did goes into `stray`.
+  Result<void> show_and_watch() {
+    auto projector = Dlpc900Projector::open(std::make_unique<Borrowed>(usb), bench.options, bench.clock);
+    if (!projector) return tl::unexpected{projector.error()};
+    const auto must_be_dark = [&] { stray = std::max<unsigned>(stray, model.glow()); };
+    must_be_dark();
+    const Mask mask = *bench.masks.mask(LayerIndex{0});
+    for (int layer = 0; layer < 2; ++layer) {
+      if (const auto ok = (*projector)->load(mask.view(), 200ms); !ok) return ok;
+      while (true) {
+        const auto status = (*projector)->poll();
+        if (!status) return tl::unexpected{status.error()};
+        if (status->state == LightState::Loaded) {
+          must_be_dark();
+          if (const auto ok = (*projector)->expose(); !ok) return ok;
+          in_light = model.glow();
+        }
+        if (status->state == LightState::Exposed) break;
+        bench.clock.sleep_for(10ms);
+      }
+      must_be_dark();
+    }
+    if (const auto ok = (*projector)->load(mask.view(), 900ms); !ok) return ok;
+    while ((*projector)->poll()->state != LightState::Loaded) bench.clock.sleep_for(10ms);
+    if (const auto ok = (*projector)->expose(); !ok) return ok;
+    bench.clock.sleep_for(100ms);
+    if (const auto ok = (*projector)->dark(); !ok) return ok;
+    must_be_dark();
+    return {};
+  }
+  OneLayer bench;
+  Dlpc900Model model;
+  ModelUsb usb;
+  unsigned stray = 0, in_light = 0;
+};
+
+TEST(LedBoards, GiveTheirStatedCurrentInTheLightAndNothingElsewhereOnceTheirProfileIsRight) {
+  for (const bool inverted : {false, true})
+    for (const bool enable_reaches : {false, true}) {
+      SCOPED_TRACE(inverted * 2 + enable_reaches);
+      LedBench b{{.inverted_pwm = inverted, .enable_reaches_leds = enable_reaches}};
+      b.bench.options.inverted_led_polarity = inverted;
+      b.bench.options.off_needs_zero_current = !enable_reaches;
+      const auto shown = b.show_and_watch();
+      ASSERT_TRUE(shown) << shown.error().what;
+      EXPECT_EQ(b.in_light, 10u);
+      EXPECT_EQ(b.stray, 0u);
+    }
+}
+
+TEST(LedBoards, BetrayAWrongProfile) {
+  LedBench wrong_polarity{{.inverted_pwm = true}};
+  ASSERT_TRUE(wrong_polarity.show_and_watch());
+  EXPECT_EQ(wrong_polarity.in_light, 255u) << "the lowest current is the brightest light";
+  EXPECT_EQ(wrong_polarity.stray, 0u) << "the enable lines still darken it";
+  LedBench wrong_off{{.enable_reaches_leds = false}};
+  ASSERT_TRUE(wrong_off.show_and_watch());
+  EXPECT_EQ(wrong_off.stray, 10u) << "only a current of zero would darken it";
+}
+
+TEST(LedBoards, ThatKeepAnotherCurrentThanTheyWereToldAreRefused) {
+  LedBench b{{.forgets_current = true}};
+  const auto shown = b.show_and_watch();
+  ASSERT_FALSE(shown);
+  EXPECT_EQ(shown.error().code, ErrorCode::DeviceRefused);
+  EXPECT_EQ(b.stray, 0u);
+}
+
 }  // namespace
 }  // namespace telefab::fab

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <limits>
+#include <telefab/fab/drivers/grbl_model.hpp>
 #include <telefab/fab/drivers/grbl_stage.hpp>
 #include <telefab/fab/drivers/model_transport.hpp>
 
@@ -122,49 +123,6 @@ TEST(GrblStage, HoldsWithinAMove) {
   b.model.tick();
   EXPECT_NEAR(b.model.gap_mm(), held, 1e-9);
   EXPECT_NEAR(held, 21, 0.2);
-}
-
-/// A Marlin board in few lines: moves take no time, M400 is answered after a wait of one busy line.
-class MarlinLine final : public LineTransport {
- public:
-  Result<void> write(std::string_view bytes, Milliseconds) override {
-    std::string text{bytes};
-    for (std::size_t at = 0, end = 0; (end = text.find('\n', at)) != std::string::npos; at = end + 1) {
-      const std::string line = text.substr(at, end - at);
-      said.push_back(line);
-      if (line.starts_with("G28")) z = 30;
-      if (line.starts_with("G1 Z")) z = std::stod(line.substr(4));
-      if (line == "M400") answers.emplace_back("echo:busy: processing");
-      if (line == "M114") answers.push_back("X:0.00 Y:0.00 Z:" + std::to_string(z) + " E:0.00 Count X:0");
-      answers.emplace_back("ok");
-    }
-    return {};
-  }
-  Result<std::optional<std::string>> read_line(Milliseconds) override {
-    if (answers.empty()) return std::nullopt;
-    std::string line = answers.front();
-    answers.erase(answers.begin());
-    return line;
-  }
-  Result<void> reopen() override { return {}; }
-  std::string describe() const override { return "Marlin"; }
-  std::vector<std::string> answers{"start"}, said;
-  double z = 0;
-};
-
-TEST(MarlinStage, SpeaksTheSecondDialect) {
-  VirtualClock clock;
-  auto line = std::make_unique<MarlinLine>();
-  MarlinLine& board = *line;
-  auto stage = SerialStage::open(std::move(line), {.dialect = StageDialect::Marlin, .top_mm = 25}, clock);
-  ASSERT_TRUE(stage) << stage.error().what;
-  ASSERT_TRUE((*stage)->home());
-  while ((*stage)->poll()->moving) clock.sleep_for(10ms);
-  ASSERT_TRUE((*stage)->move_to(5, 2));
-  while ((*stage)->poll()->moving) clock.sleep_for(10ms);
-  EXPECT_NEAR((*stage)->poll()->z_mm, 5, 1e-3);
-  EXPECT_NEAR(board.z, 10, 1e-6) << "the board calls the top 30";
-  EXPECT_THAT(board.said, testing::IsSupersetOf({"G28 Z", "G90", "G1 Z10.0000 F120.00", "M400", "M114"}));
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstring>
 #include <telefab/fab/drivers/dlpc900_protocol.hpp>
+#include <telefab/fab/drivers/grbl_model.hpp>
 #include <telefab/fab/drivers/usbip_session.hpp>
 
 namespace telefab::fab {

@@ -47,7 +47,7 @@ std::vector<PrintEvent> every_event() {
   static_assert(std::variant_size_v<PrintEvent> == 14, "add the new event below");
   std::vector<PrintEvent> events{DeviceFailed{kCause},
                                  InterlockOpened{},
-                                 TooHot{60},
+                                 WrongTemperature{60, true},
                                  PauseAsked{},
                                  ResumeAsked{},
                                  CancelAsked{},
@@ -172,7 +172,8 @@ TEST(PrintMachine, IgnoresRepliesWithAnOldTicket) {
 
 TEST(PrintMachine, AnyFaultAtWorkEndsDarkAndAtRest) {
   for (const PrintState& from : every_state())
-    for (const PrintEvent& event : std::vector<PrintEvent>{DeviceFailed{kCause}, InterlockOpened{}, TooHot{70}}) {
+    for (const PrintEvent& event : std::vector<PrintEvent>{DeviceFailed{kCause}, InterlockOpened{},
+                                                           WrongTemperature{70, true}, WrongTemperature{5, false}}) {
       const bool idle = is_final(from) || std::holds_alternative<Idle>(from) || std::holds_alternative<Faulted>(from) ||
                         std::holds_alternative<AwaitingDecision>(from);
       if (idle) continue;

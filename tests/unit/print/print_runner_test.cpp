@@ -177,7 +177,7 @@ TEST(PrintRunner, WaitsForTheOperatorWhenNoPolicyDecides) {
   expect_every_layer_once(b);
 }
 
-TEST(PrintRunner, GoesDarkWhenTheCoverIsOpenedAndWhenTheResinIsTooHot) {
+TEST(PrintRunner, GoesDarkWhenTheCoverIsOpenedAndWhenTheResinIsOutsideItsLimits) {
   for (const bool hot : {false, true}) {
     Bench b;
     PrintPolicy policy;

@@ -97,8 +97,16 @@ struct MachineProfile {
     double speed_up = 1.0;              ///< virtual devices only: simulated seconds per real second
     std::uint32_t led_current = 0;      ///< dlpc900: 0..255, never sent above
     std::string led_colour = "blue";    ///< dlpc900: red | green | blue
-    double allowed_slowdown = 1.1;      ///< real projectors: a job whose uploads stretch it beyond this is refused
-    std::string stage_serial;           ///< USB serial number of the stage's tty; empty: the only one found
+    /// dlpc900: the PWM polarity under which more current is more light on this board, as its maker says. A projector
+    /// is not lit before it is stated.
+    std::string led_polarity = "unstated";  ///< unstated | normal | inverted
+    /// dlpc900: what darkens the board's LEDs: their enable lines, or only these and a current of zero.
+    std::string led_off = "enable";    ///< enable | enable-and-current
+    std::string thermometer = "none";  ///< marlin: which of its sensors is in the resin: none | hotend | bed | chamber
+    double hottest_celsius = 0;        ///< resin above this stops the print; 0: no limit
+    double coldest_celsius = 0;        ///< resin below this stops the print; 0: no limit
+    double allowed_slowdown = 1.1;     ///< real projectors: a job whose uploads stretch it beyond this is refused
+    std::string stage_serial;          ///< USB serial number of the stage's tty; empty: the only one found
     friend bool operator==(const Devices&, const Devices&) = default;
   } devices;
 

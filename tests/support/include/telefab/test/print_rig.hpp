@@ -6,6 +6,7 @@
 #include <string>
 #include <telefab/fab/device/machine_log.hpp>
 #include <telefab/fab/drivers/dlpc900_projector.hpp>
+#include <telefab/fab/drivers/grbl_model.hpp>
 #include <telefab/fab/drivers/grbl_stage.hpp>
 #include <telefab/fab/drivers/model_transport.hpp>
 #include <telefab/fab/print/print_runner.hpp>

@@ -32,12 +32,20 @@ enum class ProjectorFault : std::uint8_t {
 inline constexpr std::size_t kProjectorFaults = 14;
 [[nodiscard]] std::string_view name_of(ProjectorFault fault);
 
+/// How the board around the controller drives its LEDs.
+struct LedBoard {
+  bool inverted_pwm = false;        ///< more current is more light under polarity 1 only
+  bool enable_reaches_leds = true;  ///< false: the LEDs glow at their current whatever the enable lines say
+  bool forgets_current = false;     ///< a broken one: keeps its currents whatever is sent
+};
+
 /// A DLPC900 with its mirrors, as bytes on its endpoints: refuses what the real one refuses, decodes what it is sent
 /// and adds up the light each mirror gave. Knows nothing of who carries the bytes. Threads: one caller at a time.
 class Dlpc900Model {
  public:
   /// The clock and the log must outlive the model; the log may be null.
-  Dlpc900Model(std::uint8_t dmd_type, std::uint8_t firmware_major, const Clock& clock, MachineLog* log);
+  Dlpc900Model(std::uint8_t dmd_type, std::uint8_t firmware_major, const Clock& clock, MachineLog* log,
+               LedBoard board = {});
 
   // ---- the bus ----
   [[nodiscard]] UsbOutcome out(std::uint8_t endpoint, std::span<const std::byte> bytes);
@@ -53,7 +61,9 @@ class Dlpc900Model {
   // ---- the witness ----
   /// Lets time pass: ends what is over by now.
   void tick();
-  [[nodiscard]] bool lit() const { return running_ && leds_ != 0; }
+  [[nodiscard]] bool lit() const { return running_ && glow() > 0; }
+  /// The brightest LED as share of 255, whatever the mirrors do.
+  [[nodiscard]] std::uint8_t glow() const;
   /// Adding up costs a pass over all mirrors an exposure; on unless switched off.
   void add_up_dose(bool wanted) { add_up_ = wanted; }
   /// Seconds of full light per mirror so far, row-major.
@@ -83,12 +93,15 @@ class Dlpc900Model {
   [[nodiscard]] std::uint8_t start();
   void reset();
   void end_light(Nanoseconds at);
-  void switch_leds(std::uint8_t leds);
+  /// Changes what the LEDs do, and keeps the account of light.
+  template <class Change>
+  void change_leds(Change change);
 
   dlpc900::DmdFacts dmd_;
   std::uint8_t major_;
   const Clock& clock_;
   MachineLog* log_;
+  LedBoard board_;
 
   std::vector<std::byte> command_;  ///< bytes of the command coming in
   std::optional<std::vector<std::byte>> reply_;

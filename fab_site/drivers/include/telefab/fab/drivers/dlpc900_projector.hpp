@@ -53,6 +53,8 @@ struct Dlpc900Options {
   dlpc900::Led led = dlpc900::Led::Blue;
   std::uint8_t led_current = 0;        ///< 0..255; nothing above it is ever sent
   bool inverted_led_polarity = false;  ///< of the board, stated by its maker; never guessed
+  /// The board's LEDs glow whatever their enable lines say: off is these lines and a current of zero.
+  bool off_needs_zero_current = false;
 };
 
 /// The mask as the mirrors must show it: turned for the optics, centred, dark around. The mask fits.
@@ -82,6 +84,7 @@ class Dlpc900Projector final : public Projector {
   Dlpc900Projector(std::unique_ptr<UsbTransport> usb, const Dlpc900Options& options, Clock& clock)
       : options_{options}, clock_{clock}, link_{std::move(usb)} {}
   [[nodiscard]] Result<void> leds_off();
+  [[nodiscard]] Result<void> set_current(std::uint8_t current);
   [[nodiscard]] Result<void> identify();
   [[nodiscard]] Result<void> prepare();
   [[nodiscard]] Result<void> check_status();

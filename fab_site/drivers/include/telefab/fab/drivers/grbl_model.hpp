@@ -6,6 +6,7 @@
 #include <string_view>
 #include <telefab/base/clock.hpp>
 #include <telefab/fab/device/machine_log.hpp>
+#include <telefab/fab/drivers/line_model.hpp>
 
 namespace telefab::fab {
 
@@ -26,19 +27,16 @@ inline constexpr std::size_t kStageFaults = 8;
 /// A GRBL 1.1 board with one vertical axis, as bytes on its line: boots locked, refuses to move before homing, beyond
 /// its limits or without a speed, answers `ok` when a line is queued and G4 when everything before it is over. Homing
 /// goes up and ends one millimetre below the switch. Threads: one caller at a time.
-class GrblModel {
+class GrblModel final : public LineModel {
  public:
   /// `top_mm`: gap between platform and vat at rest after homing. The clock and the log must outlive the model; the
   /// log may be null.
   GrblModel(double top_mm, const Clock& clock, MachineLog* log);
 
-  /// Bytes from the host. False: the line is gone.
-  [[nodiscard]] bool receive(std::string_view bytes);
-  /// Bytes for the host up to now.
-  [[nodiscard]] std::string transmit();
-  /// Port opened: boards of this kind restart.
-  void reopened();
-  [[nodiscard]] bool present() const { return !gone_; }
+  [[nodiscard]] bool receive(std::string_view bytes) override;
+  [[nodiscard]] std::string transmit() override;
+  void reopened() override;
+  [[nodiscard]] bool present() const override { return !gone_; }
 
   void plan_fault(StageFault fault, std::uint64_t lines_from_now);
   void tick();

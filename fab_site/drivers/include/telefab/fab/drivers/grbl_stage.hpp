@@ -8,11 +8,19 @@ namespace telefab::fab {
 
 enum class StageDialect : std::uint8_t { Grbl, Marlin };
 
+/// Which of a Marlin board's sensors hangs in the resin.
+enum class Thermometer : std::uint8_t { None, Hotend, Bed, Chamber };
+/// "none", "hotend", "bed", "chamber"; anything else is none.
+[[nodiscard]] Thermometer thermometer_of(std::string_view name);
+/// The value of a sensor in a Marlin temperature report, as M105 and M155 give it; empty where it is not in it.
+[[nodiscard]] std::optional<double> celsius_in(std::string_view report, Thermometer thermometer);
+
 struct SerialStageOptions {
   StageDialect dialect = StageDialect::Grbl;
   double top_mm = 0;  ///< gap between platform and vat where homing ends; also the upper soft limit
   double fastest_mm_per_s = 10;
-  double homing_mm_per_s = 2;  ///< slowest part of the board's homing, for the deadline
+  double homing_mm_per_s = 2;                   ///< slowest part of the board's homing, for the deadline
+  Thermometer thermometer = Thermometer::None;  ///< Marlin only
 };
 
 /// A Z axis behind a serial line that speaks GRBL 1.1 or Marlin. Every move ends with a confirmed rest: the board's
@@ -31,11 +39,21 @@ class SerialStage final : public ZStage {
   [[nodiscard]] Result<StageStatus> poll() override;
   [[nodiscard]] Result<void> hold() override;
 
+  /// The last reading of the resin's thermometer, asked for by itself; empty before the first. Cheap: may be called at
+  /// every turn of a loop. Fails with DeviceTimeout when the board at rest says nothing of it for five seconds, for
+  /// want of such a sensor perhaps, and as poll() when the board restarted or halted.
+  [[nodiscard]] Result<std::optional<double>> celsius();
+
  private:
   enum class Doing : std::uint8_t { Nothing, Homing, Moving, AskingHome, AskingRest };
   SerialStage(std::unique_ptr<LineTransport> line, const SerialStageOptions& options, Clock& clock)
       : line_{std::move(line)}, options_{options}, clock_{clock} {}
   [[nodiscard]] Result<void> connect();
+  /// Marlin: no answer to anything said before is still to come.
+  [[nodiscard]] Result<void> synchronise(Nanoseconds until);
+  /// The next line, or nothing until then; DeviceTimeout.
+  [[nodiscard]] Result<std::string> next_line(Nanoseconds until);
+  void note_temperature(std::string_view line);
   [[nodiscard]] Result<void> say(std::string_view text);
   [[nodiscard]] Result<void> take(const std::string& line);
   [[nodiscard]] Result<void> take_ok();
@@ -50,6 +68,11 @@ class SerialStage final : public ZStage {
   bool homed_ = false;
   bool connected_ = false;
   int oks_wanted_ = 0;
+  std::uint32_t greetings_ = 0;
+  int idle_oks_ = 0;  ///< of questions asked at rest; they come before any other
+  std::optional<double> celsius_;
+  Nanoseconds celsius_at_{};
+  std::optional<Nanoseconds> asked_celsius_at_;
   double z_mm_ = 0;
   double target_mm_ = 0;
   double board_top_mm_ = 0;  ///< what the board calls the place where homing ends

@@ -2,8 +2,10 @@
 #include <memory>
 #include <telefab/fab/device/machine_log.hpp>
 #include <telefab/fab/device/projector.hpp>
+#include <telefab/fab/device/sensors.hpp>
 #include <telefab/fab/device/z_stage.hpp>
 #include <telefab/fab/drivers/dlpc900_projector.hpp>
+#include <telefab/fab/drivers/grbl_stage.hpp>
 #include <telefab/machine/machine_profile.hpp>
 
 namespace telefab::fab {
@@ -13,6 +15,7 @@ struct Devices {
   std::unique_ptr<MachineLog> log;  ///< what virtual devices did; real ones write nothing into it
   std::unique_ptr<Projector> projector;
   std::unique_ptr<ZStage> stage;
+  std::unique_ptr<Sensors> sensors;  ///< null where the machine feels nothing
 };
 
 /// Both devices are virtual: time may run faster than it does.
@@ -22,12 +25,16 @@ struct Devices {
 [[nodiscard]] std::unique_ptr<Clock> make_clock(const MachineProfile& machine);
 
 /// Opens the devices of the profile, virtual or real; real ones are dark when this returns. The clock must outlive
-/// them. Fails: DeviceLost (not found; the message says what to look at), DeviceRefused (self-test), InvalidInput.
+/// them. Fails: DeviceLost (not found; the message says what to look at), DeviceRefused (self-test), InvalidInput
+/// (also: a projector whose led_polarity is not stated, a thermometer on a board that has none).
 [[nodiscard]] Result<Devices> make_devices(const MachineProfile& machine, Clock& clock);
 
 /// The two real devices alone, for `telefab-fab probe`: as make_devices(), whatever the profile calls virtual.
 [[nodiscard]] Result<std::unique_ptr<Dlpc900Projector>> open_projector(const MachineProfile& machine, Clock& clock);
-[[nodiscard]] Result<std::unique_ptr<ZStage>> open_stage(const MachineProfile& machine, Clock& clock);
+[[nodiscard]] Result<std::unique_ptr<SerialStage>> open_stage(const MachineProfile& machine, Clock& clock);
+
+/// The resin's thermometer of a Marlin board. The stage must outlive it.
+[[nodiscard]] std::unique_ptr<Sensors> thermometer_of(SerialStage& stage);
 
 /// Largest gap the stage can make: the tallest part and one peel above it.
 [[nodiscard]] double stage_top_mm(const MachineProfile& machine);

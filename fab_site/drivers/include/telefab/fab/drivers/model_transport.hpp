@@ -1,6 +1,6 @@
 #pragma once
 #include <telefab/fab/drivers/dlpc900_model.hpp>
-#include <telefab/fab/drivers/grbl_model.hpp>
+#include <telefab/fab/drivers/line_model.hpp>
 #include <telefab/fab/usb/line_transport.hpp>
 #include <telefab/fab/usb/usb_transport.hpp>
 
@@ -27,14 +27,14 @@ class ModelUsb final : public UsbTransport {
 /// A model as a serial line in this process. The model and the clock must outlive it.
 class ModelLine final : public LineTransport {
  public:
-  ModelLine(GrblModel& model, Clock& clock) : model_{model}, clock_{clock} {}
+  ModelLine(LineModel& model, Clock& clock) : model_{model}, clock_{clock} {}
   [[nodiscard]] Result<void> write(std::string_view bytes, Milliseconds timeout) override;
   [[nodiscard]] Result<std::optional<std::string>> read_line(Milliseconds timeout) override;
   [[nodiscard]] Result<void> reopen() override;
-  [[nodiscard]] std::string describe() const override { return "GRBL model in this process\n"; }
+  [[nodiscard]] std::string describe() const override { return "board model in this process\n"; }
 
  private:
-  GrblModel& model_;
+  LineModel& model_;
   Clock& clock_;
   std::string buffer_;
 };

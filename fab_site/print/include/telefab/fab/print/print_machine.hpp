@@ -128,8 +128,10 @@ struct DeviceFailed {
   Error cause;
 };  ///< also: the journal could not be written
 struct InterlockOpened {};
-struct TooHot {
+/// The resin is outside its limits.
+struct WrongTemperature {
   double celsius = 0;
+  bool is_hot = false;  ///< else cold
 };
 struct PauseAsked {};
 struct ResumeAsked {};
@@ -145,7 +147,7 @@ struct StopAsked {
 
 using PrintEvent =
     std::variant<StartAsked, MoveDone, MaskLoaded, TimerDone, ExposureDone, ExposureRefused, DeviceFailed,
-                 InterlockOpened, TooHot, PauseAsked, ResumeAsked, CancelAsked, DecisionMade, StopAsked>;
+                 InterlockOpened, WrongTemperature, PauseAsked, ResumeAsked, CancelAsked, DecisionMade, StopAsked>;
 
 // ---- commands, carried out in order; one that fails drops those behind it and becomes DeviceFailed
 // -------------------

@@ -53,6 +53,7 @@ struct PrintPolicy {
   std::uint32_t recoveries = 2;
   /// Resin warmer than this stops the print; empty: no limit.
   std::optional<double> hottest_celsius;
+  std::optional<double> coldest_celsius;  ///< colder resin likewise
   /// A stop request lets an exposure end whose rest is at most this, so that nobody need guess about its layer; a
   /// longer one goes dark at once. Longer than any layer of a usual job, shorter than systemd's TimeoutStopSec.
   Nanoseconds longest_last_light = std::chrono::seconds{60};
