@@ -12,6 +12,8 @@ namespace telefab::fab {
 namespace {
 
 constexpr int kInterface = 0;
+constexpr std::chrono::milliseconds kArrivalWait{200};
+constexpr std::chrono::milliseconds kPollEvery{20};
 
 struct FreeUsb {
   void operator()(libusb_context* p) const { libusb_exit(p); }
@@ -75,8 +77,17 @@ std::string text_of(libusb_device_handle* handle, std::uint8_t index) {
 
 class LibusbTransport final : public UsbTransport {
  public:
-  LibusbTransport(Context context, UsbIdentity identity)
-      : context_{std::move(context)}, identity_{std::move(identity)} {}
+  LibusbTransport(Context context, UsbIdentity identity, UsbArrival arrival)
+      : context_{std::move(context)}, identity_{std::move(identity)} {
+    if (arrival == UsbArrival::Callback && libusb_has_capability(LIBUSB_CAP_HAS_HOTPLUG) != 0)
+      hears_ = libusb_hotplug_register_callback(
+                   context_.get(), LIBUSB_HOTPLUG_EVENT_DEVICE_ARRIVED | LIBUSB_HOTPLUG_EVENT_DEVICE_LEFT,
+                   LIBUSB_HOTPLUG_NO_FLAGS, identity_.vendor, identity_.product, LIBUSB_HOTPLUG_MATCH_ANY,
+                   &LibusbTransport::plugged, this, &callback_) == LIBUSB_SUCCESS;
+  }
+  ~LibusbTransport() override {
+    if (hears_) libusb_hotplug_deregister_callback(context_.get(), callback_);
+  }
 
   Result<void> write(std::uint8_t endpoint, std::span<const std::byte> bytes, Milliseconds timeout) override {
     buffer_.assign(bytes.begin(), bytes.end());
@@ -102,9 +113,44 @@ class LibusbTransport final : public UsbTransport {
 
   Result<void> reopen() override {
     handle_.reset();
-    // Let libusb hear about what was plugged and unplugged meanwhile.
-    timeval none{};
-    (void)libusb_handle_events_timeout_completed(context_.get(), &none, nullptr);
+    has_left_ = false;
+    const auto until = std::chrono::steady_clock::now() + kArrivalWait;
+    while (true) {
+      hear(std::chrono::milliseconds{0});  // what was plugged and unplugged meanwhile
+      has_arrived_ = 0;
+      Result<void> opened = open_listed();
+      const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now());
+      if (opened || !is_absent_ || left.count() <= 0) return opened;
+      hear(hears_ ? left : std::min(left, kPollEvery));
+    }
+  }
+
+  std::string describe() const override { return description_; }
+
+ private:
+  static int LIBUSB_CALL plugged(libusb_context*, libusb_device* device, libusb_hotplug_event event, void* self) {
+    auto& transport = *static_cast<LibusbTransport*>(self);
+    if (event == LIBUSB_HOTPLUG_EVENT_DEVICE_ARRIVED)
+      transport.has_arrived_ = 1;
+    else if (transport.handle_ && libusb_get_device(transport.handle_.get()) == device)
+      transport.has_left_ = true;
+    return 0;
+  }
+
+  /// Lets libusb work for a time; until a device arrives where it tells of arrivals.
+  void hear(std::chrono::milliseconds time) {
+    timeval tv{0, static_cast<suseconds_t>(time.count() * 1000)};
+    if (time.count() > 0 && !hears_) {
+      // Without news to wait for, the wait must not end early.
+      const auto until = std::chrono::steady_clock::now() + time;
+      while (std::chrono::steady_clock::now() < until)
+        (void)libusb_handle_events_timeout_completed(context_.get(), &tv, nullptr);
+      return;
+    }
+    (void)libusb_handle_events_timeout_completed(context_.get(), &tv, time.count() > 0 ? &has_arrived_ : nullptr);
+  }
+
+  Result<void> open_listed() {
     libusb_device** list = nullptr;
     const ssize_t n = libusb_get_device_list(context_.get(), &list);
     if (n < 0) return tl::unexpected{error_of(static_cast<int>(n), "listing devices")};
@@ -113,9 +159,6 @@ class LibusbTransport final : public UsbTransport {
     return opened;
   }
 
-  std::string describe() const override { return description_; }
-
- private:
   Result<void> open_from(std::span<libusb_device* const> devices) {
     std::vector<Handle> found;
     int refused = 0;
@@ -136,6 +179,7 @@ class LibusbTransport final : public UsbTransport {
       found.push_back(std::move(handle));
     }
     const std::string name = fmt::format("{:04x}:{:04x}", identity_.vendor, identity_.product);
+    is_absent_ = found.empty() && (refused == 0 || refused == LIBUSB_ERROR_NO_DEVICE);
     if (found.empty() && refused != 0) return tl::unexpected{error_of(refused, "opening " + name)};
     if (found.empty())
       return fail(ErrorCode::DeviceLost,
@@ -176,6 +220,7 @@ class LibusbTransport final : public UsbTransport {
   /// The buffer's bytes over one interrupt transfer; the number that went.
   Result<std::size_t> transfer(std::uint8_t endpoint, Milliseconds timeout, std::string_view deed) {
     if (!handle_) return fail(ErrorCode::DeviceLost, fmt::format("USB, {}: the device is not open", deed));
+    if (has_left_) return fail(ErrorCode::DeviceLost, fmt::format("USB, {}: the device was unplugged", deed));
     const Transfer t{libusb_alloc_transfer(0)};
     if (!t) return fail(ErrorCode::Internal, "USB: out of memory");
     int completed = 0;
@@ -195,16 +240,21 @@ class LibusbTransport final : public UsbTransport {
   Context context_;
   UsbIdentity identity_;
   Handle handle_;
+  libusb_hotplug_callback_handle callback_ = 0;
+  bool hears_ = false;      ///< of arrivals and departures
+  bool has_left_ = false;   ///< the open device; libusb said so
+  int has_arrived_ = 0;     ///< a device like it, since the list was last looked at
+  bool is_absent_ = false;  ///< none was in the list
   std::string description_;
   std::vector<std::byte> buffer_;
 };
 
 }  // namespace
 
-Result<std::unique_ptr<UsbTransport>> open_libusb(const UsbIdentity& identity) {
+Result<std::unique_ptr<UsbTransport>> open_libusb(const UsbIdentity& identity, UsbArrival arrival) {
   libusb_context* raw = nullptr;
   if (const int code = libusb_init(&raw); code != 0) return tl::unexpected{error_of(code, "starting libusb")};
-  auto transport = std::make_unique<LibusbTransport>(Context{raw}, identity);
+  auto transport = std::make_unique<LibusbTransport>(Context{raw}, identity, arrival);
   if (const auto ok = transport->reopen(); !ok) return tl::unexpected{ok.error()};
   return transport;
 }

@@ -20,7 +20,7 @@
 
 // kill -9 of the unmodified `telefab-fab serve`, whose projector and stage are the strict models behind an emulated
 // usbfs node and a pseudo terminal. The models live on, as real devices do, and are the witness. TELEFAB_KILLS says
-// how many kills (default 6), TELEFAB_SEED when they strike.
+// how many kills (default 6), TELEFAB_UNPLUGS how many pulled cables (default 2), TELEFAB_SEED when they strike.
 
 namespace telefab::fab {
 namespace {
@@ -110,6 +110,12 @@ stage_serial = "{}"
   [[nodiscard]] fs::path job_folder() const { return folder() / "fab" / "jobs" / job; }
   [[nodiscard]] bool is_printed() const { return fs::exists(job_folder() / "report" / "as-built.json"); }
 
+  /// Printed to its end; a record is kept of a print that faulted too.
+  [[nodiscard]] bool is_done() const {
+    return is_printed() &&
+           text_of(job_folder() / "report" / "as-built.json").find(R"("outcome": "done")") != std::string::npos;
+  }
+
   [[nodiscard]] test::Outcome verify_as_built() const {
     return test::run({std::string{std::getenv("TELEFAB_BIN")} + "/telefab-fab", "verify",
                       (job_folder() / "plan").string(), "--machines", (folder() / "machines").string(), "--as-built",
@@ -134,6 +140,32 @@ stage_serial = "{}"
       board.tick();
       return !model.lit();
     }));
+  }
+
+  /// Open descriptors of the fab.
+  [[nodiscard]] std::ptrdiff_t descriptors() {
+    return std::distance(fs::directory_iterator{fmt::format("/proc/{}/fd", fab().id())}, fs::directory_iterator{});
+  }
+  /// What the fab uses of a processor during two seconds.
+  [[nodiscard]] double processor_share() {
+    const auto used_ns = [&] {
+      double sum = 0;
+      for (const auto& task : fs::directory_iterator{fmt::format("/proc/{}/task", fab().id())})
+        sum += std::strtod(text_of(task.path() / "schedstat").c_str(), nullptr);
+      return sum;
+    };
+    const Nanoseconds from = clock.now();
+    const double before = used_ns();
+    clock.sleep_for(2s);
+    return (used_ns() - before) / double((clock.now() - from).count());
+  }
+
+  /// The part without any misfortune; leaves the sealed record in place.
+  Seen reference_part() {
+    begin_part();
+    start_fab({"--after-crash", "ask"});
+    EXPECT_TRUE(await([&] { return is_printed(); })) << "never printed";
+    return seen();
   }
 
   void begin_part() {
@@ -294,6 +326,73 @@ TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItIsKilled) {
       "decisions; {} waits ended by a stall of the emulation; one print {:.1f} s, {} transfers\n",
       kills, parts, plan.layers.size(), reference.light.size(), decisions, stalls, double(whole.count()) * 1e-9,
       in_all);
+}
+
+int unplugs_wanted() {
+  const char* text = std::getenv("TELEFAB_UNPLUGS");
+  return text != nullptr ? std::max(1, std::atoi(text)) : 2;
+}
+
+TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItsProjectorIsUnplugged) {
+  const Nanoseconds from = clock.now();
+  const Seen reference = reference_part();
+  const Nanoseconds whole = clock.now() - from;
+  ASSERT_GT(reference.light.size(), 4u);
+  const auto is_paused = [&] { return what_jobs_say().find("paused") != std::string::npos; };
+
+  int unplugs = 0, parts = 0, doubts = 0, resumes = 0;
+  std::ptrdiff_t before = 0, most = 0;
+  double idle_share = 0;
+  std::mt19937_64 rng{seed_wanted()};
+  for (const int wanted = unplugs_wanted(); unplugs < wanted; ++parts) {
+    SCOPED_TRACE(fmt::format("part {}", parts));
+    begin_part();
+    start_fab({"--after-crash", "ask"});
+    before = 0;
+    while (unplugs < wanted && !is_done()) {
+      const Nanoseconds when =
+          clock.now() + Nanoseconds{static_cast<std::int64_t>(rng() % static_cast<std::uint64_t>(whole.count() / 4))};
+      (void)await([&] { return is_done() || clock.now() >= when; });
+      if (is_done()) break;
+      host->unplug();
+      ++unplugs;
+      const bool paused = await([&] { return is_done() || is_paused(); });
+      ASSERT_TRUE(paused) << what_jobs_say() << text_of(job_folder() / "journal");
+      if (unplugs == 1) idle_share = std::max(idle_share, processor_share());
+      wait_for_dark();
+      host->plug();
+      if (is_done()) break;
+      // News of the plug takes its time; a resume that comes before it ends paused again.
+      for (int tries = 0; tries < 20 && is_paused(); ++tries) {
+        std::vector<std::string> command{"resume", job, "--site", fab_site()};
+        if (what_jobs_say().find("--as") != std::string::npos) {
+          command.insert(command.end(), {"--as", decide() == "exposed" ? "exposed" : "dark"});
+          ++doubts;
+        }
+        ++resumes;
+        const test::Outcome resumed = telefab(command);
+        ASSERT_EQ(resumed.code, 0) << resumed.errors;
+        (void)await([&] { return is_done() || !is_paused(); });
+        clock.sleep_for(20ms);
+      }
+      if (before == 0) before = descriptors();
+      most = std::max(most, descriptors());
+    }
+    for (int tries = 0; !await([&] { return is_done(); }) && tries < kRevivals; ++tries)
+      (void)telefab({"resume", job, "--site", fab_site()});
+    ASSERT_TRUE(is_done()) << "never finished: " << what_jobs_say() << text_of(job_folder() / "journal");
+    expect_same_part(seen(), reference);
+    EXPECT_LE(most, before + 4) << "descriptors leak";
+    if (HasFailure()) break;
+  }
+  idle_share = std::max(idle_share, processor_share());
+  EXPECT_LT(idle_share, 0.01);
+  EXPECT_EQ(log.light_while_moving(), 0ns);
+  for (const LitSpan& lit : log.light()) EXPECT_LE(lit.until - lit.from, 300ms + kFrame);
+  fmt::print(
+      "{} unplugs of the projector in {} prints of {} lit layers: every part got the same light; {} resumes, {} with a "
+      "decision; {} descriptors after the first, {} at most; idle at {:.2f} % of a processor\n",
+      unplugs, parts, reference.light.size(), resumes, doubts, before, most, idle_share * 100);
 }
 
 }  // namespace

@@ -15,6 +15,7 @@
 #include <telefab/fab/usb/libusb_transport.hpp>
 #include <telefab/fab/usb/tty_line.hpp>
 #include <telefab/test/print_rig.hpp>
+#include <thread>
 
 #include "usbfs_host.hpp"
 
@@ -97,6 +98,25 @@ TEST_F(Usbfs, TellsTimeoutStallAndUnplugApart) {
   EXPECT_TRUE((*usb)->read(dlpc900::kInEndpoint, 64, Milliseconds{500}));
   host->unplug();
   EXPECT_EQ((*usb)->write(dlpc900::kOutEndpoint, query, Milliseconds{500}).error().code, ErrorCode::DeviceLost);
+}
+
+TEST_F(Usbfs, HearsOfADepartureAndOfAnArrivalItWaitsFor) {
+  for (const UsbArrival how : {UsbArrival::Callback, UsbArrival::Poll}) {
+    SCOPED_TRACE(static_cast<int>(how));
+    auto usb = open_libusb(kProjector, how);
+    ASSERT_TRUE(usb) << usb.error().what;
+    host->unplug();
+    const Nanoseconds from = clock.now();
+    ASSERT_FALSE((*usb)->reopen());
+    EXPECT_NEAR(double((clock.now() - from).count()) * 1e-9, 0.2, 0.15);
+    std::jthread operator_hand{[&] {
+      clock.sleep_for(60ms);
+      host->plug();
+    }};
+    Result<void> back = (*usb)->reopen();
+    for (int tries = 0; !back && tries < 10; ++tries) back = (*usb)->reopen();
+    EXPECT_TRUE(back) << back.error().what;
+  }
 }
 
 TEST_F(Usbfs, ComesBackAfterAHundredUnplugsWithoutLeakingADescriptor) {
