@@ -36,6 +36,19 @@ Result<std::shared_ptr<net::Trust>> trust_of(const ServeOptions& options) {
   return net::Trust::load(net::tls_files_in(options.tls_folder, options.tls_name));
 }
 
+Result<std::unique_ptr<net::Listener>> open_listener(
+    net::Loop& loop, const ServeOptions& options, std::shared_ptr<net::Trust> trust,
+    std::function<void(const net::ConnectionPtr&)> welcome,
+    std::function<void(std::string_view who, std::string_view what)> note) {
+  const auto listen = net::endpoint_from_text(options.listen);
+  if (!listen) return fail_in("--listen", listen.error());
+  return net::Listener::open(
+      loop, {*listen, std::move(trust), {}},
+      {std::move(welcome), [note = std::move(note)](const std::string& address, const Error& why) {
+         note(address, "refused: " + why.what);
+       }});
+}
+
 Result<DataFolder> DataFolder::open(const std::filesystem::path& path) {
   std::error_code error;
   for (const auto& folder : {path, path / "incoming", path / "jobs"}) {

@@ -14,7 +14,6 @@ namespace {
 
 constexpr const char* kThreeJs = "/usr/share/javascript/three/three.min.js";  // Debian libjs-three
 constexpr std::uint64_t kMaxThreeJsBytes = 4U << 20U;
-constexpr auto kKeepEvery = std::chrono::milliseconds{100};
 constexpr auto kDarkLookEvery = std::chrono::milliseconds{20};
 
 /// What an operator can put right at the machine; nothing of the job is lost by it.
@@ -38,10 +37,9 @@ Result<void> FabSite::start() {
   auto ledger = SiteLedger::open(folder_.path(), config_.serve.hooks, clock_);
   if (!ledger) return tl::unexpected{ledger.error()};
   ledger_ = std::move(*ledger);
+  counters_ = std::make_unique<LiveCounters>(loop_, *ledger_);
   auto trust = trust_of(config_.serve);
   if (!trust) return tl::unexpected{trust.error()};
-  const auto listen = net::endpoint_from_text(config_.serve.listen);
-  if (!listen) return fail_in("--listen", listen.error());
 
   planner_ =
       std::make_unique<WorkQueue>("planner", [this](const std::string& job, std::stop_token stop) { plan(job, stop); });
@@ -52,10 +50,9 @@ Result<void> FabSite::start() {
   for (const Job& job : *left)
     if (auto taken = take_up(job); !taken) end_job(job.id, JobState::Failed, taken.error().what);
 
-  auto listener = net::Listener::open(
-      loop_, {*listen, *trust, {}},
-      {[this](const net::ConnectionPtr& connection) { welcome(connection); },
-       [this](const std::string& address, const Error& why) { note(address, "refused: " + why.what); }});
+  auto listener = open_listener(
+      loop_, config_.serve, *trust, [this](const net::ConnectionPtr& connection) { welcome(connection); },
+      [this](std::string_view who, std::string_view what) { note(who, what); });
   if (!listener) return tl::unexpected{listener.error()};
   listener_ = std::move(*listener);
   return start_web();
@@ -92,18 +89,12 @@ FabSite::~FabSite() {
   listener_.reset();
   if (planner_) planner_->end();
   if (device_) device_->end();
-  if (ledger_) keep_counters();
 }
 
 Result<void> FabSite::run(std::stop_token stop) {
   set_thread_name("network");
   if (auto announced = folder_.announce_port(listener_->port()); !announced) return announced;
   log_line(fmt::format("telefab-fab listens on port {}", listener_->port()));
-  const std::function<void()> keep = [&] {
-    keep_counters();
-    loop_.after(kKeepEvery, keep);
-  };
-  keep();
   ServiceNotifier service;
   service.begin(loop_, [this] { return is_printer_alive(); });
   // The loop goes on, and feeds the watchdog, until the print under way is dark and its journal says so.
@@ -193,13 +184,14 @@ Result<std::shared_ptr<Intake>> FabSite::take_offer(const Offer& offer, const ne
     if (!intake) return tl::unexpected{intake.error()};
     live.intake = std::make_shared<Intake>(std::move(*intake));
     live.send_began = clock_.now();
-    live.counters = job->counters;
+    counters_->begin(offer.job, job->counters);
   } else if (to_frame(live.intake->offer()) != to_frame(offer)) {
     return fail(ErrorCode::Conflict, fmt::format("replayed-job: job {} is another one", offer.job));
   }
-  live.counters.layers = offer.header.layer_count;
-  live.counters.layers_sent = live.intake->spool().layer_count();
-  live.is_dirty = true;
+  counters_->change(offer.job, [&](JobCounters& c) {
+    c.layers = offer.header.layer_count;
+    c.layers_sent = live.intake->spool().layer_count();
+  });
   move(offer.job, JobState::Sending, "");
   auto intake = live.intake;
   if (intake->is_complete()) completed(offer.job);
@@ -207,11 +199,10 @@ Result<std::shared_ptr<Intake>> FabSite::take_offer(const Offer& offer, const ne
 }
 
 void FabSite::received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
-  const auto live = live_.find(job);
-  if (live == live_.end()) return;
-  live->second.counters.layers_sent = layers;
-  live->second.counters.wire_bytes += bytes;
-  live->second.is_dirty = true;
+  counters_->change(job, [&](JobCounters& c) {
+    c.layers_sent = layers;
+    c.wire_bytes += bytes;
+  });
 }
 
 void FabSite::completed(const std::string& job) {
@@ -235,8 +226,8 @@ Result<Job> FabSite::take_upload(const NewJob& upload) {
   note(upload.owner, fmt::format("upload {} {} for {} {}", job->id, job->name, job->machine, upload.parameters));
   Live& live = live_[job->id];
   live.send_began = clock_.now();
-  live.counters.layers = live.counters.layers_sent = offer->header.layer_count;
-  live.is_dirty = true;
+  counters_->begin(job->id, job->counters);
+  counters_->change(job->id, [&](JobCounters& c) { c.layers = c.layers_sent = offer->header.layer_count; });
   completed(job->id);
   return store().find(job->id);
 }
@@ -244,8 +235,8 @@ Result<Job> FabSite::take_upload(const NewJob& upload) {
 void FabSite::broken(const std::string& job, const Error& why) { end_job(job, JobState::Failed, why.what); }
 
 Result<void> FabSite::take_up(const Job& job) {
-  Live& live = live_[job.id];
-  live.counters = job.counters;
+  live_[job.id] = {};
+  counters_->begin(job.id, job.counters);
   switch (job.state) {
     case JobState::Planning:
       planner_->add(job.id);
@@ -308,11 +299,10 @@ void FabSite::plan(const std::string& job, std::stop_token stop) {
 }
 
 void FabSite::count_planned(const std::string& job, std::uint32_t done, std::uint32_t all) {
-  const auto live = live_.find(job);
-  if (live == live_.end()) return;
-  live->second.counters.print_layers = all;
-  live->second.counters.layers_planned = done;
-  live->second.is_dirty = true;
+  counters_->change(job, [&](JobCounters& c) {
+    c.print_layers = all;
+    c.layers_planned = done;
+  });
 }
 
 void FabSite::planned(const std::string& job, const std::string& doubt) {
@@ -325,15 +315,17 @@ void FabSite::planned(const std::string& job, const std::string& doubt) {
 
 void FabSite::on_print_progress(const std::string& job, const PrintProgress& progress) {
   later([this, job, progress] {
-    const auto live = live_.find(job);
     const auto now = store().find(job);
-    if (live == live_.end() || !now) return;
-    live->second.counters.print_layers = progress.layers.count();
-    if (live->second.counters.layers_printed != progress.layer.count())
-      log_detail(fmt::format("job {} printed {} of {} layers", job, progress.layer.count(), progress.layers.count()),
-                 {job, static_cast<std::int64_t>(progress.layer.count()) - 1});
-    live->second.counters.layers_printed = progress.layer.count();
-    live->second.is_dirty = true;
+    if (!now) return;
+    const std::uint32_t printed = progress.layer.count();
+    const bool is_live = counters_->change(job, [&](JobCounters& c) {
+      if (c.layers_printed != printed)
+        log_detail(fmt::format("job {} printed {} of {} layers", job, printed, progress.layers.count()),
+                   {job, static_cast<std::int64_t>(printed) - 1});
+      c.print_layers = progress.layers.count();
+      c.layers_printed = printed;
+    });
+    if (!is_live) return;
     // A fault says in its record whether it left a layer in doubt.
     if (progress.state != "faulted") set_in_doubt(job, progress.state == "awaiting-decision");
     if (progress.state == "done" || progress.state == "cancelled") return;  // the record follows
@@ -393,11 +385,7 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
     if (!record && is_device_trouble(record.error().code))
       return move(job, JobState::Paused, record.error().what + "; telefab resume tries again");
     if (!record) return end_job(job, JobState::Failed, record.error().what);
-    const auto live = live_.find(job);
-    if (live != live_.end()) {
-      live->second.counters.layers_printed = record->next.count();
-      live->second.is_dirty = true;
-    }
+    counters_->change(job, [&](JobCounters& c) { c.layers_printed = record->next.count(); });
     switch (record->outcome) {
       case PrintOutcome::Done:
         return end_job(job, JobState::Done, "");
@@ -511,20 +499,15 @@ void FabSite::file(const std::string& job, const std::string& name,
 }
 
 void FabSite::move(const std::string& job, JobState state, std::string_view message) {
-  keep_counters();
+  counters_->keep();
   ledger_->move(job, state, message);
 }
 
 void FabSite::end_job(const std::string& job, JobState state, std::string_view message) {
   move(job, state, message);
   set_in_doubt(job, false);
+  counters_->end(job);
   live_.erase(job);
-}
-
-void FabSite::keep_counters() {
-  for (auto& [job, live] : live_) {
-    if (std::exchange(live.is_dirty, false)) ledger_->set_counters(job, live.counters);
-  }
 }
 
 }  // namespace telefab::fab

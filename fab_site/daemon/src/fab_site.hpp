@@ -4,6 +4,7 @@
 #include <set>
 #include <telefab/desk/client_session.hpp>
 #include <telefab/desk/daemon_log.hpp>
+#include <telefab/desk/live_counters.hpp>
 #include <telefab/desk/service_notifier.hpp>
 #include <telefab/desk/site_ledger.hpp>
 #include <telefab/desk/site_runtime.hpp>
@@ -70,7 +71,6 @@ class FabSite final : public FabDesk {
   void end_job(const std::string& job, JobState state, std::string_view message);
   void planned(const std::string& job, const std::string& doubt);
   void count_planned(const std::string& job, std::uint32_t done, std::uint32_t all);
-  void keep_counters();
   /// On the planner's and the device's thread.
   void plan(const std::string& job, std::stop_token stop);
   void print(const std::string& job, std::stop_token stop);
@@ -86,8 +86,6 @@ class FabSite final : public FabDesk {
 
   struct Live {
     std::shared_ptr<Intake> intake;  ///< until the stack is whole
-    JobCounters counters;
-    bool is_dirty = false;
     Nanoseconds send_began{};
   };
 
@@ -98,6 +96,7 @@ class FabSite final : public FabDesk {
   SiteKeys site_keys_;
   std::unique_ptr<SiteLedger> ledger_;
   net::Loop loop_;
+  std::unique_ptr<LiveCounters> counters_;
   std::map<std::string, Live> live_;
   std::mutex control_mutex_;
   std::set<std::string> in_doubt_;  ///< jobs whose next layer was perhaps exposed; guarded by control_mutex_

@@ -11,7 +11,6 @@
 namespace telefab::scan {
 namespace {
 
-constexpr auto kKeepEvery = std::chrono::milliseconds{100};
 /// Written into a job's folder when it was cancelled here and the fab has not heard of it yet.
 constexpr const char* kCancelMark = "tell-cancelled";
 
@@ -31,13 +30,12 @@ Result<void> ScanSite::start(const ScanSiteConfig& config) {
   auto ledger = SiteLedger::open(folder_.path(), config.serve.hooks, clock_);
   if (!ledger) return tl::unexpected{ledger.error()};
   ledger_ = std::move(*ledger);
+  counters_ = std::make_unique<LiveCounters>(loop_, *ledger_);
   auto trust = trust_of(config.serve);
   if (!trust) return tl::unexpected{trust.error()};
   const auto fab = net::endpoint_from_text(config.fab);
   if (!fab) return fail_in("--fab", fab.error());
   fab_ = config.fab;
-  const auto listen = net::endpoint_from_text(config.serve.listen);
-  if (!listen) return fail_in("--listen", listen.error());
 
   auto key = site_key(config.serve, folder_.path());
   if (!key) return tl::unexpected{key.error()};
@@ -50,10 +48,9 @@ Result<void> ScanSite::start(const ScanSiteConfig& config) {
   for (const Job& job : *left)
     if (auto taken = take_up(job); !taken) end_job(job.id, JobState::Failed, taken.error().what);
 
-  auto listener = net::Listener::open(
-      loop_, {*listen, *trust, {}},
-      {[this](const net::ConnectionPtr& connection) { welcome(connection); },
-       [this](const std::string& address, const Error& why) { note(address, "refused: " + why.what); }});
+  auto listener = open_listener(
+      loop_, config.serve, *trust, [this](const net::ConnectionPtr& connection) { welcome(connection); },
+      [this](std::string_view who, std::string_view what) { note(who, what); });
   if (!listener) return tl::unexpected{listener.error()};
   listener_ = std::move(*listener);
   return start_web(config.serve);
@@ -82,7 +79,6 @@ ScanSite::~ScanSite() {
   listener_.reset();
   link_.reset();
   slicer_.reset();
-  if (ledger_) keep_counters();
 }
 
 Result<void> ScanSite::run(std::stop_token stop) {
@@ -90,12 +86,6 @@ Result<void> ScanSite::run(std::stop_token stop) {
   if (auto announced = folder_.announce_port(listener_->port()); !announced) return announced;
   log_line(fmt::format("telefab-scan listens on port {}, the fab is {}", listener_->port(), fab_));
   link_->start();
-  // A timer that sets itself again; it dies with the loop.
-  const std::function<void()> keep = [&] {
-    keep_counters();
-    loop_.after(kKeepEvery, keep);
-  };
-  keep();
   ServiceNotifier service;
   service.begin(loop_, [] { return true; });
   const std::stop_callback on_stop{stop, [this] { loop_.stop(); }};
@@ -159,9 +149,10 @@ Result<Job> ScanSite::submit(const Submit& submit, const std::filesystem::path& 
     end_job(job->id, JobState::Failed, "the scan could not be kept: " + error.message());
     return fail(ErrorCode::StorageFailed, fmt::format("cannot keep {}: {}", submit.name, error.message()));
   }
-  JobCounters& counters = live_[job->id].counters;
+  JobCounters counters = job->counters;
   counters.scan_bytes = submit.size_bytes;
   if (auto kept = store().set_counters(job->id, counters); !kept) return tl::unexpected{kept.error()};
+  counters_->begin(job->id, counters);
   if (auto taken = take_up(*job); !taken) end_job(job->id, JobState::Failed, taken.error().what);
   return store().find(job->id);
 }
@@ -169,11 +160,8 @@ Result<Job> ScanSite::submit(const Submit& submit, const std::filesystem::path& 
 Result<void> ScanSite::take_up(const Job& job) {
   auto folder = folder_.job(job.id);
   if (!folder) return tl::unexpected{folder.error()};
-  Live& live = live_[job.id];
-  const std::uint64_t scan_bytes = live.counters.scan_bytes;
-  live.counters = job.counters;
-  live.counters.scan_bytes = std::max(scan_bytes, job.counters.scan_bytes);
-  live.send_began = clock_.now();
+  counters_->begin(job.id, job.counters);
+  send_began_[job.id] = clock_.now();
   auto spool = shelf_.of(job.id, *folder);
   if (!spool) return tl::unexpected{spool.error()};
   if (const auto offer = saved_offer(*folder)) link_->add(*offer, *spool);
@@ -185,7 +173,7 @@ Result<void> ScanSite::take_up(const Job& job) {
 }
 
 void ScanSite::move(const std::string& job, JobState state, std::string_view message) {
-  keep_counters();
+  counters_->keep();
   ledger_->move(job, state, message);
 }
 
@@ -193,7 +181,8 @@ void ScanSite::end_job(const std::string& job, JobState state, std::string_view 
   move(job, state, message);
   link_->forget(job);
   shelf_.put_away(job);
-  live_.erase(job);
+  counters_->end(job);
+  send_began_.erase(job);
 }
 
 SlicerEvents ScanSite::slicer_events() {
@@ -201,27 +190,22 @@ SlicerEvents ScanSite::slicer_events() {
   return {[this](const std::string& job) { loop_.post([this, job] { move(job, JobState::Slicing, ""); }); },
           [this](const std::string& job, const Offer& offer) {
             loop_.post([this, job, offer] {
-              const auto live = live_.find(job);
               const auto folder = folder_.job(job);
-              if (live == live_.end() || !folder) return;
-              live->second.counters.layers = offer.header.layer_count;
-              live->second.is_dirty = true;
-              live->second.send_began = clock_.now();
+              if (!folder) return;
+              if (!counters_->change(job, [&](JobCounters& c) { c.layers = offer.header.layer_count; })) return;
+              send_began_[job] = clock_.now();
               if (auto spool = shelf_.of(job, *folder)) link_->add(offer, *spool);
             });
           },
           [this](const std::string& job, std::uint32_t layers) {
             loop_.post([this, job, layers] {
-              const auto live = live_.find(job);
-              if (live == live_.end()) return;
-              live->second.counters.layers_sliced = std::max(live->second.counters.layers_sliced, layers);
-              live->second.is_dirty = true;
-              link_->pump(job);
+              if (counters_->change(job, [&](JobCounters& c) { c.layers_sliced = std::max(c.layers_sliced, layers); }))
+                link_->pump(job);
             });
           },
           [this](const std::string& job, const Result<double>& seconds) {
             loop_.post([this, job, seconds] {
-              if (!live_.contains(job)) return;
+              if (!counters_->contains(job)) return;
               if (!seconds) {
                 const bool is_cancelled = seconds.error().code == ErrorCode::Cancelled;
                 return end_job(job, is_cancelled ? JobState::Cancelled : JobState::Failed, seconds.error().what);
@@ -238,16 +222,15 @@ FabLinkEvents ScanSite::link_events() {
             log_line(is_up ? fmt::format("the fab {} is reached", fab_) : fmt::format("the fab {}: {}", fab_, why));
             if (web_desk_) web_desk_->set_link(is_up, why);
             if (is_up) tell_cancelled();
-            for (const auto& [job, live] : live_)
+            for (const std::string& job : counters_->jobs())
               if (const auto now = store().find(job); now && now->state == JobState::Sending)
                 move(job, JobState::Sending, is_up ? "" : "waits for the fab: " + why);
           },
           [this](const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
-            const auto live = live_.find(job);
-            if (live == live_.end()) return;
-            live->second.counters.layers_sent = std::max(live->second.counters.layers_sent, layers);
-            live->second.counters.wire_bytes += bytes;
-            live->second.is_dirty = true;
+            counters_->change(job, [&](JobCounters& c) {
+              c.layers_sent = std::max(c.layers_sent, layers);
+              c.wire_bytes += bytes;
+            });
           },
           [this](const std::string& job) { on_kept(job); }, [this](const Job& theirs) { on_job_changed(theirs); },
           [this](const std::string& job, const Error& why) {
@@ -257,23 +240,20 @@ FabLinkEvents ScanSite::link_events() {
 }
 
 void ScanSite::on_kept(const std::string& job) {
-  const auto live = live_.find(job);
   const auto now = store().find(job);
-  if (live == live_.end() || !now || now->state > JobState::Sending) return;
-  const double seconds = std::chrono::duration<double>(clock_.now() - live->second.send_began).count();
+  if (!counters_->contains(job) || !now || now->state > JobState::Sending) return;
+  const double seconds = std::chrono::duration<double>(clock_.now() - send_began_[job]).count();
   ledger_->set_stage_seconds(job, "send", seconds);
   move(job, JobState::Planning, "");
 }
 
 void ScanSite::on_job_changed(const Job& theirs) {
-  const auto live = live_.find(theirs.id);
-  if (live == live_.end()) return;
-  JobCounters& counters = live->second.counters;
-  counters.print_layers = theirs.counters.print_layers;
-  counters.layers_planned = theirs.counters.layers_planned;
-  counters.layers_printed = theirs.counters.layers_printed;
-  live->second.is_dirty = true;
-  if (theirs.state < JobState::Planning) return;
+  const bool is_live = counters_->change(theirs.id, [&](JobCounters& c) {
+    c.print_layers = theirs.counters.print_layers;
+    c.layers_planned = theirs.counters.layers_planned;
+    c.layers_printed = theirs.counters.layers_printed;
+  });
+  if (!is_live || theirs.state < JobState::Planning) return;
   for (const StageSeconds& stage : theirs.stages)
     if (stage.stage == "plan" || stage.stage == "print")
       ledger_->set_stage_seconds(theirs.id, stage.stage, stage.seconds);
@@ -290,12 +270,6 @@ void ScanSite::keep_reports(const std::string& job) {
     for (const FileEntry& each : *list)
       file(job, each.name, [](const Result<std::filesystem::path>&) {});  // what fails is fetched when it is asked for
   });
-}
-
-void ScanSite::keep_counters() {
-  for (auto& [job, live] : live_) {
-    if (std::exchange(live.is_dirty, false)) ledger_->set_counters(job, live.counters);
-  }
 }
 
 void ScanSite::command(const Command& command, std::function<void(Result<Job>)> done) {

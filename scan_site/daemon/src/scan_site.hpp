@@ -1,6 +1,7 @@
 #pragma once
 #include <telefab/desk/client_session.hpp>
 #include <telefab/desk/daemon_log.hpp>
+#include <telefab/desk/live_counters.hpp>
 #include <telefab/desk/service_notifier.hpp>
 #include <telefab/desk/site_ledger.hpp>
 #include <telefab/desk/site_runtime.hpp>
@@ -51,17 +52,9 @@ class ScanSite final : public SiteDesk {
   void on_job_changed(const Job& theirs);
   void on_kept(const std::string& job);
   void move(const std::string& job, JobState state, std::string_view message);
-  void keep_counters();
   /// Brings the fab's reports and pictures of an ended job here, so that they can be had without the fab.
   void keep_reports(const std::string& job);
   void tell_cancelled();
-
-  /// What changes too often to be stored each time.
-  struct Live {
-    JobCounters counters;
-    bool is_dirty = false;
-    Nanoseconds send_began{};
-  };
 
   DataFolder folder_;
   const Clock& clock_;
@@ -69,7 +62,8 @@ class ScanSite final : public SiteDesk {
   std::string fab_;
   std::unique_ptr<SiteLedger> ledger_;
   net::Loop loop_;
-  std::map<std::string, Live> live_;
+  std::unique_ptr<LiveCounters> counters_;
+  std::map<std::string, Nanoseconds> send_began_;  ///< of the jobs under way
   SpoolShelf shelf_;
   std::unique_ptr<Slicer> slicer_;
   std::unique_ptr<FabLink> link_;

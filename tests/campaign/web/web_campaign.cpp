@@ -103,7 +103,8 @@ int watchers(const WebFab& fab, std::size_t count, double seconds) {
     if (at_tenth_mb == 0 && passed_s() > seconds / 10) at_tenth_mb = fab.use().resident_mb;
   }
   const WebFab::Use last = fab.use();
-  const double cores = (last.cpu_s - first.cpu_s) / passed_s();
+  const double watched_s = passed_s();
+  const double cores = (last.cpu_s - first.cpu_s) / watched_s;
   const auto at_end = fab.job(job);
   list.clear();
   if (!fab.wait_for(job, "done", 1200)) return fmt::print("the print did not end\n"), 1;
@@ -116,7 +117,7 @@ int watchers(const WebFab& fab, std::size_t count, double seconds) {
       "{} watchers for {:.0f} s, print at layer {} of {}: {:.3f} cores, {:.1f} kB read, {:.1f} MB after a tenth, "
       "{:.1f} MB at the "
       "end; longest period of a layer {:.3f} s alone, {:.3f} s watched\n",
-      count, passed_s(), at_end.value("layers_printed", 0), at_end.value("layers", 0), cores,
+      count, watched_s, at_end.value("layers_printed", 0), at_end.value("layers", 0), cores,
       static_cast<double>(bytes) * 1e-3, at_tenth_mb, last.resident_mb, usual, worst);
   return cores <= 1 && last.resident_mb < at_tenth_mb * 1.1 + 2 && worst < usual * 1.05 + 0.05 ? 0 : 1;
 }
