@@ -227,7 +227,10 @@ Result<Job> FabSite::take_upload(const NewJob& upload) {
   Live& live = live_[job->id];
   live.send_began = clock_.now();
   counters_->begin(job->id, job->counters);
-  counters_->change(job->id, [&](JobCounters& c) { c.layers = c.layers_sent = offer->header.layer_count; });
+  counters_->change(job->id, [&](JobCounters& c) {
+    c.layers = c.layers_sent = offer->header.layer_count;
+    if (const auto spool = ChunkSpool::open(*folder / "chunks")) c.wire_bytes = spool->payload_bytes();
+  });
   completed(job->id);
   return store().find(job->id);
 }

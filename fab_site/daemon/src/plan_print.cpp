@@ -19,6 +19,7 @@ Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const std::st
                               std::stop_token stop) {
   PlanOptions options;
   options.job = job;
+  if (const auto offer = saved_offer(folder)) options.registration_rms_mm = offer->registration_rms_mm;
   const auto summary = write_plan_folder(folder / "plan", stack, machine, options, clock, progress, std::move(stop));
   if (!summary) return tl::unexpected{summary.error()};
   const Preflight preflight = preflight_of(stack, machine, *summary);

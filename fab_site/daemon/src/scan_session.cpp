@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <map>
 #include <telefab/desk/file_sender.hpp>
 
@@ -20,7 +21,6 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
     connection_->set_events({[self = shared_from_this()](const Frame& frame) { self->on_frame(frame); },
                              [self = shared_from_this()] { self->send_files(); },
                              [self = shared_from_this()](const Error& why) { self->on_closed(why); }});
-    look_again();
   }
 
  private:
@@ -60,10 +60,18 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
     if (auto sent = connection_->send(to_frame(message)); !sent) end(sent.error());
   }
 
+  /// Looks for changes as long as there is a job that may still change.
   void look_again() {
+    const bool has_any = std::any_of(jobs_.begin(), jobs_.end(), [](const auto& each) {
+      return !each.second.last || !is_final(each.second.last->state);
+    });
+    if (is_looking_ || !has_any) return;
+    is_looking_ = true;
     loop_.after(kLookEvery, [weak = weak_from_this()] {
       const auto self = weak.lock();
-      if (!self || !self->is_open_) return;
+      if (!self) return;
+      self->is_looking_ = false;
+      if (!self->is_open_) return;
       self->tell_changes();
       self->look_again();
     });
@@ -103,6 +111,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
     // A job beyond its intake is whole here already.
     say(OfferTaken{offer.job, *intake ? (*intake)->next_sequence() : 0, !*intake || (*intake)->is_complete()});
     if (is_open_) tell(offer.job, told);
+    look_again();
   }
 
   void hear(const SendChunk& chunk) {
@@ -199,6 +208,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
   net::ConnectionPtr connection_;
   FabDesk& desk_;
   bool is_open_ = true;
+  bool is_looking_ = false;
   std::uint64_t seen_revision_ = 0;
   std::map<std::string, Told> jobs_;
   FileSender downloads_;

@@ -219,6 +219,7 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& prof
   summary.figures = supports->figures();
   summary.anchors = supports->anchors().size();
   summary.supports_json = to_json(*supports);
+  summary.registration_rms_mm = options.registration_rms_mm;
   summary.masks = options.masks;
   summary.mask_iterations = options.masks == MaskMethod::Cover ? 0 : options.mask_iterations;
   summary.white_dose_mj_per_cm2 = machine.projection.irradiance_mw_per_cm2 * machine.layers.exposure_s;

@@ -51,6 +51,21 @@ PreflightItem certificates_of(const LayerStack& stack, const PlanSummary& summar
   return item;
 }
 
+/// How well the views of the scan lie on each other. Half a pixel is what masks can still show.
+PreflightItem registration_of(const LayerStack& stack, const PlanSummary& summary) {
+  const double error_mm = summary.registration_rms_mm;
+  const double most_mm = stack.header().pixel_pitch_mm / 2;
+  const bool is_fine = error_mm <= most_mm;
+  return {"registration",
+          is_fine ? Verdict::Passed : Verdict::Warning,
+          fmt::format("the scan's views lie on each other within {:.3f} mm as printed, {} half a pixel ({:.3f} mm)",
+                      error_mm, is_fine ? "within" : "more than", most_mm),
+          error_mm,
+          "mm",
+          {},
+          {}};
+}
+
 /// Findings of some kinds as one item.
 PreflightItem findings_of(std::string name, Verdict verdict, std::initializer_list<Finding::Kind> kinds,
                           const SupportReport& check, std::string_view none) {
@@ -143,6 +158,7 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
   auto& items = preflight.items;
   items.push_back(size_of(stack, machine, summary));
   items.push_back(certificates_of(stack, summary));
+  if (summary.registration_rms_mm > 0) items.push_back(registration_of(stack, summary));
   items.push_back(dose_of(stack, summary));
   using Kind = Finding::Kind;
   items.push_back(

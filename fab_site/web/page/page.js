@@ -63,6 +63,8 @@ async function showLayer() {
     const shape = await get(base);
     if (state.layer !== key) return;  // the slider has moved on
     draw(shape);
+    state.drawn = key;
+    state.drawnAt = performance.now();
     byId("certificate").textContent = shape.certificate ? `· ${shape.certificate}` : "";
   } catch (error) {
     byId("certificate").textContent = `· ${error.message}`;

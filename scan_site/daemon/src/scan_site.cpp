@@ -257,6 +257,9 @@ void ScanSite::on_job_changed(const Job& theirs) {
   for (const StageSeconds& stage : theirs.stages)
     if (stage.stage == "plan" || stage.stage == "print")
       ledger_->set_stage_seconds(theirs.id, stage.stage, stage.seconds);
+  // What the fab did while the line was down, or between two looks, is not told step by step: a pause that ended in a
+  // finished print went through printing.
+  if (theirs.state == JobState::Done) move(theirs.id, JobState::Printing, "");
   if (is_final(theirs.state)) {
     keep_reports(theirs.id);
     return end_job(theirs.id, theirs.state, theirs.message);

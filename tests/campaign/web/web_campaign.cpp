@@ -10,6 +10,7 @@
 // What the page's server stands during a print.
 //   campaign_web BIN FOLDER hostile COUNT          malformed requests; nothing may change, nothing may fall over
 //   campaign_web BIN FOLDER watchers COUNT SECONDS watchers of the event stream; the print keeps its time
+//   campaign_web BIN FOLDER page FILE.tfc MACHINES what a browser needs for the page of a planned job
 namespace {
 
 using namespace telefab;
@@ -122,6 +123,20 @@ int watchers(const WebFab& fab, std::size_t count, double seconds) {
   return cores <= 1 && last.resident_mb < at_tenth_mb * 1.1 + 2 && worst < usual * 1.05 + 0.05 ? 0 : 1;
 }
 
+int page(const WebFab& fab, const std::filesystem::path& tfc, const std::filesystem::path& folder) {
+  const std::string job = fab.upload(fab.text_of(tfc), false);
+  if (!fab.wait_for(job, "ready", 600)) return fmt::print("the job was not planned: {}\n", fab.job(job).dump()), 1;
+  const auto layers = fab.job(job).value("layers", 1U);
+  const PageFigures figures = look_at_page(fab.port(), layers, folder);
+  fmt::print(
+      "{} layers: first paint {:.0f} ms, layer drawn {:.0f} ms, scrub {:.0f} ms (worst {:.0f}), script {:.1f} MB, "
+      "page's "
+      "process {:.0f} MB\n",
+      layers, figures.first_paint_ms, figures.job_drawn_ms, figures.scrub_mean_ms, figures.scrub_worst_ms,
+      figures.script_mb, figures.process_mb);
+  return figures.first_paint_ms < 1000 && figures.scrub_worst_ms < 150 && figures.process_mb < 200 ? 0 : 1;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -131,10 +146,12 @@ int main(int argc, char** argv) {
       return hostile(WebFab{words[0], words[1], 200}, std::stoul(words[3]));
     if (words.size() == 5 && words[2] == "watchers")
       return watchers(WebFab{words[0], words[1], 1}, std::stoul(words[3]), std::stod(words[4]));
+    if (words.size() == 5 && words[2] == "page")
+      return page(WebFab{words[0], words[1], 2000, words[4]}, words[3], words[1]);
   } catch (const std::exception& error) {
     fmt::print(stderr, "{}\n", error.what());
     return 1;
   }
-  fmt::print(stderr, "campaign_web BIN FOLDER hostile COUNT | watchers COUNT SECONDS\n");
+  fmt::print(stderr, "campaign_web BIN FOLDER hostile COUNT | watchers COUNT SECONDS | page FILE.tfc MACHINES\n");
   return 2;
 }

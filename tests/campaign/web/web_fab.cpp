@@ -12,13 +12,17 @@
 
 namespace telefab::test {
 
-WebFab::WebFab(const std::filesystem::path& bin, const std::filesystem::path& folder, double speed_up)
+WebFab::WebFab(const std::filesystem::path& bin, const std::filesystem::path& folder, double speed_up,
+               const std::filesystem::path& machines)
     : folder_{folder} {
   std::filesystem::remove_all(folder);
   std::filesystem::create_directories(folder / "machines");
   MachineProfile machine = small_machine();
   machine.devices.speed_up = speed_up;
   std::ofstream{folder / "machines" / "small.toml"} << to_toml(machine);
+  if (!machines.empty())
+    for (const auto& entry : std::filesystem::directory_iterator{machines})
+      std::filesystem::copy(entry, folder / "machines" / entry.path().filename());
   process_ = std::make_unique<Process>(
       std::vector<std::string>{(bin / "telefab-fab").string(), "serve", "--listen", "127.0.0.1:0", "--web",
                                "127.0.0.1:0", "--data", data().string(), "--machines", (folder / "machines").string()});
@@ -36,9 +40,13 @@ std::string WebFab::text_of(const std::filesystem::path& file) const {
 
 std::string WebFab::upload(std::uint32_t layers) const {
   const auto tfc = write_tfc(table(layers / 2, layers - layers / 2), {}).value();
-  const std::string body = "--XX\r\nContent-Disposition: form-data; name=\"file\"; filename=\"table.tfc\"\r\n\r\n" +
-                           std::string{reinterpret_cast<const char*>(tfc.data()), tfc.size()} +
-                           "\r\n--XX\r\nContent-Disposition: form-data; name=\"print\"\r\n\r\ntrue\r\n--XX--\r\n";
+  return upload({reinterpret_cast<const char*>(tfc.data()), tfc.size()}, true);
+}
+
+std::string WebFab::upload(std::string_view tfc, bool print) const {
+  const std::string body = "--XX\r\nContent-Disposition: form-data; name=\"file\"; filename=\"part.tfc\"\r\n\r\n" +
+                           std::string{tfc} + "\r\n--XX\r\nContent-Disposition: form-data; name=\"print\"\r\n\r\n" +
+                           (print ? "true" : "false") + "\r\n--XX--\r\n";
   const std::string answer =
       http_ask(port_, "POST", "/api/files/local",
                "X-Api-Key: " + token_ + "\r\nContent-Type: multipart/form-data; boundary=XX\r\n", body);

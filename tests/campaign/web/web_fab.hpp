@@ -12,13 +12,17 @@ namespace telefab::test {
 class WebFab {
  public:
   /// `bin` holds telefab-fab; `folder` is emptied. `speed_up`: simulated seconds a second.
-  WebFab(const std::filesystem::path& bin, const std::filesystem::path& folder, double speed_up);
+  /// Other machines' profiles are taken from `machines`, where it is given.
+  WebFab(const std::filesystem::path& bin, const std::filesystem::path& folder, double speed_up,
+         const std::filesystem::path& machines = {});
 
   [[nodiscard]] std::uint16_t port() const { return port_; }
   [[nodiscard]] const std::string& token() const { return token_; }
   [[nodiscard]] std::filesystem::path data() const { return folder_ / "fab"; }
   /// Uploads a table of so many layers through OctoPrint's API, to be printed at once; the job's id.
   [[nodiscard]] std::string upload(std::uint32_t layers) const;
+  /// Uploads the bytes of a .tfc file; printed at once where `print`.
+  [[nodiscard]] std::string upload(std::string_view tfc, bool print) const;
   [[nodiscard]] nlohmann::json job(const std::string& id) const;
   /// Asks until the job is in that state; false when it ended in another one or patience did.
   [[nodiscard]] bool wait_for(const std::string& id, const std::string& state, double patience_s) const;
@@ -45,6 +49,19 @@ struct HostileCount {
   std::size_t wrong = 0;
   std::string first_wrong;
 };
+/// What a person sees of the page in a headless Chromium: milliseconds until the first paint and until the job's layer
+/// is drawn, until another layer is drawn after the slider moved, megabytes of the page's process.
+struct PageFigures {
+  double first_paint_ms = 0;
+  double job_drawn_ms = 0;
+  double scrub_mean_ms = 0;
+  double scrub_worst_ms = 0;
+  double script_mb = 0;   ///< JavaScript's heap
+  double process_mb = 0;  ///< proportional set of the renderer's process
+};
+/// `folder` receives page-desk.png and page-phone.png.
+[[nodiscard]] PageFigures look_at_page(std::uint16_t port, std::uint32_t layers, const std::filesystem::path& folder);
+
 [[nodiscard]] HostileCount ask_hostile(std::uint16_t port, const std::string& job, std::size_t count,
                                        std::uint64_t seed);
 

@@ -59,6 +59,21 @@ TEST_F(Fax, PausesResumesAndCancelsThePrintAtTheFab) {
   EXPECT_THAT(at_fab.output, HasSubstr("\"cancelled\"")) << at_fab.errors;
 }
 
+TEST_F(Fax, HearsOfAPrintThatWasResumedAndEndedWhileTheScanSiteWasDown) {
+  set_machine(40);
+  start_both();
+  const std::string job = submit_torus();
+  const auto watch = telefab_begun({"watch", job});
+  EXPECT_THAT(watch->wait_for_error_line("printing: 2"), HasSubstr("printing"));
+  ASSERT_EQ(telefab({"pause", job}).code, 0);
+  EXPECT_THAT(watch->wait_for_error_line("paused"), HasSubstr("paused"));
+  kill_scan();
+  ASSERT_EQ(telefab({"resume", job, "--site", fab_site()}).code, 0);
+  EXPECT_EQ(telefab({"watch", job, "--site", fab_site()}).code, 0);
+  start_scan();
+  EXPECT_EQ(telefab({"watch", job}).code, 0);
+}
+
 TEST_F(Fax, WaitsForAFabThatIsDownAtSubmit) {
   start_both();
   kill_fab();

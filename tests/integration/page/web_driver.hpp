@@ -60,6 +60,12 @@ class Browser {
   Json run(const std::string& body) {
     return in_session("POST", "/execute/sync", {{"script", body}, {"args", Json::array()}});
   }
+  /// The same for a body that calls arguments[0] with what it gives.
+  Json run_async(const std::string& body) {
+    return in_session("POST", "/execute/async", {{"script", body}, {"args", Json::array()}});
+  }
+  /// The folder that every process of this browser has on its command line.
+  [[nodiscard]] const std::string& profile() const { return profile_; }
   /// Runs `body` until it returns true, for at most ten seconds of the browser's time.
   bool becomes_true(const std::string& body) {
     return in_session("POST", "/execute/async",

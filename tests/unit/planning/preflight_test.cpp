@@ -101,6 +101,16 @@ TEST_F(PreflightTest, AFlaggedLayerIsAWarningWithTheSlicersReason) {
   EXPECT_THAT(certificates.text, HasSubstr("a gap of 2 mm"));
 }
 
+TEST_F(PreflightTest, TellsTheRegistrationErrorWhereTheScanStatesIt) {
+  const auto items = preflight_of(stack, machine, summary).items;
+  EXPECT_TRUE(std::none_of(items.begin(), items.end(), [](const auto& each) { return each.name == "registration"; }));
+  summary.registration_rms_mm = 0.02;
+  EXPECT_EQ(item("registration").verdict, Verdict::Passed);
+  summary.registration_rms_mm = 0.2;
+  EXPECT_EQ(item("registration").verdict, Verdict::Warning);
+  EXPECT_FALSE(preflight_of(stack, machine, summary).holds());
+}
+
 TEST_F(PreflightTest, JsonTellsVerdictsValuesAndPlaces) {
   summary.check.findings.push_back({Finding::Kind::Island, LayerIndex{2}, LayerIndex{3}, {1.5, 2.5}, 0.25});
   const auto json = nlohmann::json::parse(to_json(preflight_of(stack, machine, summary)));

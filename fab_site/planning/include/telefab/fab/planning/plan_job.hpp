@@ -33,6 +33,7 @@ struct PlanOptions {
   /// How deep one normal exposure cures, (0, 20] layers; its time then follows from resin and irradiance, and that of
   /// bottom layers in proportion. 0: the profile's times hold.
   double cure_depth_layers = 0;
+  double registration_rms_mm = 0;  ///< of the views the scan was put together from, as printed; 0: not stated
   SupportOptions supports;
   int threads = 0;  ///< 0 (all cores) to 1024; the plan is the same for any number
   [[nodiscard]] Result<void> validate() const;
@@ -77,6 +78,7 @@ struct PlanSummary {
   MaskFigures mask_figures;
   double white_dose_mj_per_cm2 = 0;  ///< of a normal exposure
   double cure_depth_mm = 0;          ///< of it; negative where it cures nothing
+  double registration_rms_mm = 0;    ///< as the options said it
   double support_seconds = 0;
   double mask_seconds = 0;
 };

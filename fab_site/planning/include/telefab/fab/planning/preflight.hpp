@@ -36,7 +36,7 @@ struct Preflight {
 /// A line an item, for a terminal.
 [[nodiscard]] std::string to_text(const Preflight& preflight);
 
-/// Size, certificates, islands and loose supports, hollows that hold a vacuum or resin, resin against the vat, peel
+/// Size, certificates, registration of the scan's views where it is stated, islands and loose supports, hollows that hold a vacuum or resin, resin against the vat, peel
 /// area against the machine's limit, time. Pure.
 [[nodiscard]] Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine,
                                      const PlanSummary& summary);
