@@ -1,11 +1,12 @@
-// Every mesh of some folders sliced as a cloud, by its corners or by samples, and judged by exact sections of the
-// mesh: layers certified, flagged and wrong, Euler number, distance to the truth. Run by hand.
+// Every mesh of some folders sliced as a cloud, by its corners or by samples, and surfaces known by formula by samples;
+// judged by exact sections: layers certified, flagged and wrong, Euler number, distance to the truth. Run by hand.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <filesystem>
+#include <functional>
 #include <numbers>
 #include <random>
 #include <telefab/base/file.hpp>
@@ -14,6 +15,7 @@
 #include <telefab/scan/pipeline/slice_scan.hpp>
 
 #include "mesh_truth.hpp"
+#include "shape_truth.hpp"
 
 namespace telefab::campaign {
 namespace {
@@ -23,6 +25,7 @@ constexpr std::uint64_t kMaxBytes = 4ULL << 30U;
 
 struct Setup {
   std::vector<std::string> folders;
+  std::vector<std::string> shapes;
   std::vector<std::string> only;
   std::vector<int> turns{0};
   double height_mm = 100;
@@ -74,21 +77,16 @@ struct Tally {
   int certified = 0, flagged = 0, wrong = 0, flagged_wrong = 0, critical = 0;
 };
 
-Result<Tally> row(const fs::path& path, int turn, const Setup& setup) {
-  const auto read = read_mesh(path);
-  if (!read) return tl::unexpected{read.error()};
-  const MeshTruth mesh = read->moved(turn_of(turn));
-  Vec3 low = mesh.corners()[0], high = low;
-  for (const Vec3& p : mesh.corners()) low = low.cwiseMin(p), high = high.cwiseMax(p);
-  const double spacing =
-      std::sqrt(mesh.area() / static_cast<double>(setup.samples > 0 ? setup.samples : mesh.corners().size()));
-  const double noise = setup.noise_diagonals * (high - low).norm() + setup.noise_spacings * spacing;
-  scan::PointCloud cloud = setup.samples > 0 || noise > 0
-                               ? mesh.sampled(setup.samples > 0 ? setup.samples : mesh.corners().size(), noise,
-                                              setup.normals == "tilted" ? 0.3 * noise / spacing : 0, setup.seed)
-                               : mesh.as_scanned();
-  if (setup.normals == "none") cloud.normals.clear();
+/// What is known of the object in the build frame, without any scan.
+struct Truth {
+  std::function<RingCount(double z, double least_width)> rings;
+  std::function<double(const Vec3&)> distance;
+  int euler = 0;
+};
 
+/// Slices the cloud and prints its row. `spacing` in the cloud's unit; `truth_at` places the truth.
+Result<Tally> row(const std::string& name, int turn, const scan::PointCloud& cloud, double spacing,
+                  const std::function<Truth(const Transform4&)>& truth_at, const Setup& setup) {
   scan::SliceRequest request;
   request.machine.name = "campaign";
   request.machine.platform = {1e4, 1e4, 1e4};
@@ -103,18 +101,20 @@ Result<Tally> row(const fs::path& path, int turn, const Setup& setup) {
   if (!method) return tl::unexpected{method.error()};
   request.mls.surface = *surface;
   request.method = *method;
-  if (setup.kernel_spacings > 0)
-    request.mls.kernel_mm = setup.kernel_spacings * spacing * setup.height_mm / (high - low).z();
+  if (setup.kernel_spacings > 0) {
+    const auto [low, high] = std::minmax_element(cloud.points.begin(), cloud.points.end(),
+                                                 [](const auto& a, const auto& b) { return a.z() < b.z(); });
+    request.mls.kernel_mm = setup.kernel_spacings * spacing * setup.height_mm / (high->z() - low->z());
+  }
   std::vector<Layer> layers;
   const auto take = [&](const StackHeader&, Layer&& layer) -> Result<void> {
     layers.push_back(std::move(layer));
     return {};
   };
-  const auto report =
-      scan::slice_scan(scan::write_ply(cloud, {}, "campaign"), path.filename().string(), request, take, {}, {});
+  const auto report = scan::slice_scan(scan::write_ply(cloud, {}, "campaign"), name, request, take, {}, {});
   if (!report) return tl::unexpected{report.error()};
 
-  const MeshTruth truth = mesh.moved(report->header.scan_to_build);
+  const Truth truth = truth_at(report->header.scan_to_build);
   Tally tally;
   std::string lines;
   std::vector<double> off;
@@ -123,7 +123,7 @@ Result<Tally> row(const fs::path& path, int turn, const Setup& setup) {
   for (const Layer& layer : layers) {
     RingCount found;
     for (const Contour& ring : layer.contours) ++(ring.is_hole() ? found.holes : found.outers);
-    const RingCount exact = truth.rings(layer.z_mm);
+    const RingCount exact = truth.rings(layer.z_mm, 0);
     const bool certified = layer.certificate.verdict == LayerCertificate::Verdict::Certified;
     ++(certified ? tally.certified : tally.flagged);
     bool differs = !(found == exact);
@@ -132,7 +132,7 @@ Result<Tally> row(const fs::path& path, int turn, const Setup& setup) {
       // of as much would close.
       bool near = truth.rings(layer.z_mm, 0.1 * report->kernel.kernel_mm) == found;
       for (const double share : {-0.1, -0.05, 0.05, 0.1})
-        near = near || truth.rings(layer.z_mm + share * report->kernel.kernel_mm) == found;
+        near = near || truth.rings(layer.z_mm + share * report->kernel.kernel_mm, 0) == found;
       if (near) ++tally.critical;
       differs = !near;
     }
@@ -166,18 +166,56 @@ Result<Tally> row(const fs::path& path, int turn, const Setup& setup) {
   }
   double seconds = 0;
   for (const auto& t : report->times) seconds += t.seconds;
-  fmt::print(
-      "{:22} {:3} {:6} {:5.2f} {:5.2f} {:5.1f} {:5} {:4} {:5} {:5} {:4} {:>9} {:22} {:6.2f}\n", path.stem().string(),
-      turn, cloud.points.size(), report->kernel.kernel_mm / report->kernel.spacing_mm,
-      report->kernel.noise_mm / report->kernel.spacing_mm, report->kernel.unevenness, tally.certified, tally.flagged,
-      tally.wrong, tally.flagged_wrong, tally.critical,
-      fmt::format("{}/{}", report->surface_euler ? fmt::format("{}", *report->surface_euler) : "?", mesh.euler()),
-      distance, seconds);
+  fmt::print("{:22} {:3} {:6} {:5.2f} {:5.2f} {:5.1f} {:5} {:4} {:5} {:5} {:4} {:>9} {:22} {:6.2f}\n", name, turn,
+             cloud.points.size(), report->kernel.kernel_mm / report->kernel.spacing_mm,
+             report->kernel.noise_mm / report->kernel.spacing_mm, report->kernel.unevenness, tally.certified,
+             tally.flagged, tally.wrong, tally.flagged_wrong, tally.critical,
+             fmt::format("{}/{}", report->surface_euler ? fmt::format("{}", *report->surface_euler) : "?", truth.euler),
+             distance, seconds);
   fmt::print("{}", lines);
   if (setup.reasons)
     for (const std::string& doubt : report->doubts) fmt::print("    doubt: {}\n", doubt);
   std::fflush(stdout);
   return tally;
+}
+
+Result<Tally> mesh_row(const fs::path& path, int turn, const Setup& setup) {
+  const auto read = read_mesh(path);
+  if (!read) return tl::unexpected{read.error()};
+  const MeshTruth mesh = read->moved(turn_of(turn));
+  Vec3 low = mesh.corners()[0], high = low;
+  for (const Vec3& p : mesh.corners()) low = low.cwiseMin(p), high = high.cwiseMax(p);
+  const std::size_t count = setup.samples > 0 ? setup.samples : mesh.corners().size();
+  const double spacing = std::sqrt(mesh.area() / static_cast<double>(count));
+  const double noise = setup.noise_diagonals * (high - low).norm() + setup.noise_spacings * spacing;
+  const double tilt = setup.normals == "tilted" ? 0.3 * noise / spacing : 0;
+  scan::PointCloud cloud =
+      setup.samples > 0 || noise > 0 ? mesh.sampled(count, noise, tilt, setup.seed) : mesh.as_scanned();
+  if (setup.normals == "none") cloud.normals.clear();
+  const auto truth_at = [&](const Transform4& placed) {
+    const auto truth = std::make_shared<MeshTruth>(mesh.moved(placed));
+    return Truth{[truth](double z, double least_width) { return truth->rings(z, least_width); },
+                 [truth](const Vec3& p) { return truth->distance(p); }, truth->euler()};
+  };
+  return row(path.stem().string(), turn, cloud, spacing, truth_at, setup);
+}
+
+Result<Tally> shape_row(const std::string& name, int turn, const Setup& setup) {
+  auto shape = ShapeTruth::named(name, turn);
+  if (!shape) return tl::unexpected{shape.error()};
+  const std::size_t count = setup.samples > 0 ? setup.samples : 60'000;
+  const double spacing = shape->spacing_of(count);
+  const double noise = setup.noise_spacings * spacing;
+  scan::PointCloud cloud =
+      shape->sampled(spacing, noise, setup.normals == "tilted" ? 0.3 * noise / spacing : 0, setup.seed);
+  if (setup.normals == "none") cloud.normals.clear();
+  const auto truth_at = [&](const Transform4& placed) {
+    const auto truth = std::make_shared<ShapeTruth>(*shape);
+    truth->place(placed);
+    return Truth{[truth](double z, double) { return truth->rings(z); },
+                 [truth](const Vec3& p) { return truth->distance(p); }, truth->euler()};
+  };
+  return row(name, turn, cloud, spacing, truth_at, setup);
 }
 
 int run(const Setup& setup) {
@@ -199,20 +237,23 @@ int run(const Setup& setup) {
       "mesh", "t", "points", "h/s", "nois", "unev", "cert", "flag", "WRONG", "fwr", "crit", "chi/true", "mean/95/max %",
       "s");
   Tally all;
-  for (const fs::path& mesh : meshes)
-    for (const int turn : setup.turns) {
-      const auto done = row(mesh, turn, setup);
-      if (!done) {
-        fmt::print("{:22} {:3} not sliced: {}\n", mesh.stem().string(), turn, done.error().what);
-        continue;
-      }
-      all.certified += done->certified;
-      all.flagged += done->flagged;
-      all.wrong += done->wrong;
-      all.flagged_wrong += done->flagged_wrong;
+  const auto add = [&](const std::string& name, int turn, const Result<Tally>& done) {
+    if (!done) {
+      fmt::print("{:22} {:3} not sliced: {}\n", name, turn, done.error().what);
+      return;
     }
-  fmt::print("{} certified, of them {} wrong; {} flagged, of them {} wrong\n", all.certified, all.wrong, all.flagged,
-             all.flagged_wrong);
+    all.certified += done->certified;
+    all.flagged += done->flagged;
+    all.wrong += done->wrong;
+    all.flagged_wrong += done->flagged_wrong;
+    all.critical += done->critical;
+  };
+  for (const fs::path& mesh : meshes)
+    for (const int turn : setup.turns) add(mesh.stem().string(), turn, mesh_row(mesh, turn, setup));
+  for (const std::string& shape : setup.shapes)
+    for (const int turn : setup.turns) add(shape, turn, shape_row(shape, turn, setup));
+  fmt::print("{} certified, of them {} wrong; {} flagged, of them {} wrong; {} differ near a critical height\n",
+             all.certified, all.wrong, all.flagged, all.flagged_wrong, all.critical);
   return all.wrong == 0 ? 0 : 8;
 }
 
@@ -222,7 +263,10 @@ int run(const Setup& setup) {
 int main(int argc, char** argv) {
   telefab::campaign::Setup setup;
   CLI::App options{"Slices every closed mesh of some folders as a cloud and judges each layer by the exact section."};
-  options.add_option("FOLDER", setup.folders, "folders of meshes (PLY, OFF, STL)")->required();
+  options.add_option("FOLDER", setup.folders, "folders of meshes (PLY, OFF, STL)");
+  options
+      .add_option("--shapes", setup.shapes, "surfaces known by formula: torus, genus-two, bumpy, balls, wall, gyroid")
+      ->delimiter(',');
   options.add_option("--only", setup.only, "parts of names")->delimiter(',');
   options.add_option("--turns", setup.turns, "orientations: 0 as it is, 1 and 2 on a side, others at random")
       ->delimiter(',');
