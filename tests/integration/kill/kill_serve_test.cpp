@@ -371,7 +371,8 @@ TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItsProjectorIsUnplugged) {
         }
         ++resumes;
         const test::Outcome resumed = telefab(command);
-        ASSERT_EQ(resumed.code, 0) << resumed.errors;
+        // It may have gone on by itself since it was looked at.
+        ASSERT_TRUE(resumed.code == 0 || resumed.errors.find("not paused") != std::string::npos) << resumed.errors;
         (void)await([&] { return is_done() || !is_paused(); });
         clock.sleep_for(20ms);
       }
