@@ -27,25 +27,23 @@ double renderer_mb(const std::string& profile) {
   return most;
 }
 
+/// Drawn: the slider's layer is in the canvas and its mask is decoded.
+constexpr const char* kIsDrawn =
+    "typeof state !== 'undefined' && state.drawn === `${state.chosen}/${document.querySelector('#layer').value}` && "
+    "document.querySelector('#mask').complete && document.querySelector('#mask').naturalWidth > 0";
+
 }  // namespace
 
-PageFigures look_at_page(std::uint16_t port, std::uint32_t layers, const std::filesystem::path& folder) {
+PageFigures look_at_page(std::uint16_t port, std::uint32_t layers) {
   Browser browser;
-  // Drawn: the slider's layer is in the canvas and its mask is decoded.
-  const std::string is_drawn =
-      "typeof state !== 'undefined' && state.drawn === `${state.chosen}/${document.querySelector('#layer').value}` && "
-      "document.querySelector('#mask').complete && document.querySelector('#mask').naturalWidth > 0";
   // A first visit fills the browser's own start; the second is measured, with nothing kept of the page.
   browser.open(fmt::format("http://127.0.0.1:{}/v1/version", port));
   browser.open(fmt::format("http://127.0.0.1:{}/", port));
-  (void)browser.becomes_true("return " + is_drawn + ";");
+  (void)browser.becomes_true("return " + std::string{kIsDrawn} + ";");
   PageFigures figures;
   figures.job_drawn_ms = browser.run("return state.drawnAt;").get<double>();
   figures.first_paint_ms =
       browser.run("return performance.getEntriesByName('first-contentful-paint')[0].startTime;").get<double>();
-  browser.resize(1200, 1500);
-  ::setenv("TELEFAB_SCREENSHOTS", folder.c_str(), 1);
-  keep_screenshot(browser, "page-desk");
   constexpr std::uint32_t kJumps = 40;
   double sum = 0;
   for (std::uint32_t i = 0; i < kJumps; ++i) {
@@ -56,7 +54,7 @@ PageFigures look_at_page(std::uint16_t port, std::uint32_t layers, const std::fi
                 fmt::format("const done = arguments[0], slider = document.querySelector('#layer'), began = "
                             "performance.now(); slider.value = {}; slider.dispatchEvent(new Event('input')); const "
                             "look = () => {} ? done(performance.now() - began) : requestAnimationFrame(look); look();",
-                            layer, is_drawn))
+                            layer, kIsDrawn))
             .get<double>();
     sum += taken;
     figures.scrub_worst_ms = std::max(figures.scrub_worst_ms, taken);
@@ -64,9 +62,18 @@ PageFigures look_at_page(std::uint16_t port, std::uint32_t layers, const std::fi
   figures.scrub_mean_ms = sum / kJumps;
   figures.script_mb = browser.run("return performance.memory.usedJSHeapSize;").get<double>() / 1e6;
   figures.process_mb = renderer_mb(browser.profile());
-  browser.resize(500, 1200);
-  keep_screenshot(browser, "page-phone");
   return figures;
+}
+
+void take_pictures(std::uint16_t port, const std::filesystem::path& folder) {
+  Browser browser;
+  ::setenv("TELEFAB_SCREENSHOTS", folder.c_str(), 1);
+  browser.open(fmt::format("http://127.0.0.1:{}/", port));
+  for (const auto& [name, width, height] : {std::tuple{"page-desk", 1200, 1700}, std::tuple{"page-phone", 500, 1900}}) {
+    browser.resize(width, height);
+    (void)browser.becomes_true("return " + std::string{kIsDrawn} + ";");
+    keep_screenshot(browser, name);
+  }
 }
 
 }  // namespace telefab::test

@@ -32,15 +32,12 @@ int hostile(const WebFab& fab, std::size_t count) {
   const std::string job = fab.upload(60);
   if (!fab.wait_for(job, "printing", 60)) return fmt::print("the print did not begin\n"), 1;
   // Held, so that the state may not move by itself either.
-  if (!http_ask(fab.port(), "POST", "/v1/jobs/" + job + "/pause", "X-Api-Key: " + fab.token() + "\r\n")
-           .starts_with("HTTP/1.1 200") ||
-      !fab.wait_for(job, "paused", 60))
-    return fmt::print("the print could not be held\n"), 1;
+  if (!fab.act(job, "pause") || !fab.wait_for(job, "paused", 60)) return fmt::print("the print could not be held\n"), 1;
   const std::string before = state_of(fab);
   const HostileCount found = ask_hostile(fab.port(), job, count, 5);
   const bool same = state_of(fab) == before;
   const bool alive = fab.is_alive();
-  (void)http_ask(fab.port(), "POST", "/v1/jobs/" + job + "/resume", "X-Api-Key: " + fab.token() + "\r\n");
+  (void)fab.act(job, "resume");
   // The second half of the attacks while layers are exposed.
   const HostileCount during = ask_hostile(fab.port(), job, count / 4, 6);
   const bool done = fab.wait_for(job, "done", 300);
@@ -124,16 +121,25 @@ int watchers(const WebFab& fab, std::size_t count, double seconds) {
 }
 
 int page(const WebFab& fab, const std::filesystem::path& tfc, const std::filesystem::path& folder) {
-  const std::string job = fab.upload(fab.text_of(tfc), false);
+  const std::string job = fab.upload(tfc.filename().string(), fab.text_of(tfc), false);
   if (!fab.wait_for(job, "ready", 600)) return fmt::print("the job was not planned: {}\n", fab.job(job).dump()), 1;
   const auto layers = fab.job(job).value("layers", 1U);
-  const PageFigures figures = look_at_page(fab.port(), layers, folder);
+  const PageFigures figures = look_at_page(fab.port(), layers);
   fmt::print(
       "{} layers: first paint {:.0f} ms, layer drawn {:.0f} ms, scrub {:.0f} ms (worst {:.0f}), script {:.1f} MB, "
       "page's "
       "process {:.0f} MB\n",
       layers, figures.first_paint_ms, figures.job_drawn_ms, figures.scrub_mean_ms, figures.scrub_worst_ms,
       figures.script_mb, figures.process_mb);
+  // A picture of a print half done.
+  (void)fab.act(job, "approve");
+  const SystemClock clock;
+  for (const Nanoseconds end = clock.now() + std::chrono::seconds{60};
+       clock.now() < end && fab.job(job).value("layers_printed", 0U) < layers / 2;) {
+  }
+  (void)fab.act(job, "pause");
+  (void)fab.wait_for(job, "paused", 30);
+  take_pictures(fab.port(), folder);
   return figures.first_paint_ms < 1000 && figures.scrub_worst_ms < 150 && figures.process_mb < 200 ? 0 : 1;
 }
 

@@ -40,11 +40,16 @@ std::string WebFab::text_of(const std::filesystem::path& file) const {
 
 std::string WebFab::upload(std::uint32_t layers) const {
   const auto tfc = write_tfc(table(layers / 2, layers - layers / 2), {}).value();
-  return upload({reinterpret_cast<const char*>(tfc.data()), tfc.size()}, true);
+  return upload("table.tfc", {reinterpret_cast<const char*>(tfc.data()), tfc.size()}, true);
 }
 
-std::string WebFab::upload(std::string_view tfc, bool print) const {
-  const std::string body = "--XX\r\nContent-Disposition: form-data; name=\"file\"; filename=\"part.tfc\"\r\n\r\n" +
+bool WebFab::act(const std::string& id, const std::string& action) const {
+  return http_ask(port_, "POST", "/v1/jobs/" + id + "/" + action, "X-Api-Key: " + token_ + "\r\n")
+      .starts_with("HTTP/1.1 200");
+}
+
+std::string WebFab::upload(const std::string& name, std::string_view tfc, bool print) const {
+  const std::string body = "--XX\r\nContent-Disposition: form-data; name=\"file\"; filename=\"" + name + "\"\r\n\r\n" +
                            std::string{tfc} + "\r\n--XX\r\nContent-Disposition: form-data; name=\"print\"\r\n\r\n" +
                            (print ? "true" : "false") + "\r\n--XX--\r\n";
   const std::string answer =

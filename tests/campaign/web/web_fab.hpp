@@ -22,7 +22,9 @@ class WebFab {
   /// Uploads a table of so many layers through OctoPrint's API, to be printed at once; the job's id.
   [[nodiscard]] std::string upload(std::uint32_t layers) const;
   /// Uploads the bytes of a .tfc file; printed at once where `print`.
-  [[nodiscard]] std::string upload(std::string_view tfc, bool print) const;
+  [[nodiscard]] std::string upload(const std::string& name, std::string_view tfc, bool print) const;
+  /// "approve", "pause", ...; whether it was accepted.
+  bool act(const std::string& id, const std::string& action) const;
   [[nodiscard]] nlohmann::json job(const std::string& id) const;
   /// Asks until the job is in that state; false when it ended in another one or patience did.
   [[nodiscard]] bool wait_for(const std::string& id, const std::string& state, double patience_s) const;
@@ -59,8 +61,9 @@ struct PageFigures {
   double script_mb = 0;   ///< JavaScript's heap
   double process_mb = 0;  ///< proportional set of the renderer's process
 };
-/// `folder` receives page-desk.png and page-phone.png.
-[[nodiscard]] PageFigures look_at_page(std::uint16_t port, std::uint32_t layers, const std::filesystem::path& folder);
+[[nodiscard]] PageFigures look_at_page(std::uint16_t port, std::uint32_t layers);
+/// page-desk.png and page-phone.png of the page as it is now, into `folder`.
+void take_pictures(std::uint16_t port, const std::filesystem::path& folder);
 
 [[nodiscard]] HostileCount ask_hostile(std::uint16_t port, const std::string& job, std::size_t count,
                                        std::uint64_t seed);
