@@ -44,7 +44,6 @@ class Builder {
   [[nodiscard]] Step finish(Commands commands) {
     const Ticket move = fresh();
     commands.emplace_back(LightOff{});
-    commands.emplace_back(WriteJournal{JournalStep::Finished, end(), {}});
     commands.emplace_back(GoHome{move});
     return to(Finishing{end(), move}, std::move(commands));
   }
@@ -264,7 +263,10 @@ Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& even
           [&](const Paused& s, const ResumeAsked&) { return b.home_for(s.next, {}); },
           [&](const Paused& s, const CancelAsked&) { return b.cancel(s.next); },
 
-          [&](const Finishing& s, const MoveDone& e) { return e.move == s.move ? b.to(Done{s.printed}) : stay(); },
+          [&](const Finishing& s, const MoveDone& e) {
+            if (e.move != s.move) return stay();
+            return b.to(Done{s.printed}, {WriteJournal{JournalStep::Finished, s.printed, {}}});
+          },
           [&](const Cancelling& s, const MoveDone& e) { return e.move == s.move ? b.to(Cancelled{s.next}) : stay(); },
 
           [&](const Faulted& s, const ResumeAsked&) {

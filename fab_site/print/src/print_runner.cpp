@@ -356,7 +356,26 @@ Result<PrintRecord> PrintRunner::run(const PrintPlan& plan, const PrintPolicy& p
                     plan.mask_size.height_px, projector_.facts().size.width_px, projector_.facts().size.height_px));
   const Digest digest = plan_digest(plan);
   if (const auto ok = journal_.belongs_to(digest); !ok) return tl::unexpected{ok.error()};
-  if (journal_.finished()) return fail(ErrorCode::Conflict, "this job is printed already");
+  const auto record_of = [&](const PrintState& state) {
+    PrintRecord record;
+    record.job = plan.job;
+    record.machine = plan.machine;
+    record.plan = digest;
+    record.runs = journal_.runs();
+    record.projector = projector_.facts().name;
+    record.stage = stage_.facts().name;
+    record.layers = journal_.layers();
+    record.next = layer_of(state);
+    if (std::holds_alternative<Done>(state)) record.outcome = PrintOutcome::Done;
+    if (std::holds_alternative<Cancelled>(state)) record.outcome = PrintOutcome::Cancelled;
+    if (const auto* faulted = std::get_if<Faulted>(&state)) {
+      record.maybe_exposed = faulted->maybe_exposed;
+      record.cause = faulted->cause;
+    }
+    return record;
+  };
+  // A crash may have come between the end of the print and the keeping of its record.
+  if (journal_.finished()) return record_of(Done{LayerIndex{static_cast<std::uint32_t>(plan.layers.size())}});
   if (const auto ok =
           journal_.write({JournalStep::Planned, journal_.resume_point().next, clock_.wall(), digest, {}, {}});
       !ok)
@@ -366,21 +385,7 @@ Result<PrintRecord> PrintRunner::run(const PrintPlan& plan, const PrintPolicy& p
   run.print(stop);
   const bool dark = run.go_dark();
 
-  PrintRecord record;
-  record.job = plan.job;
-  record.machine = plan.machine;
-  record.plan = digest;
-  record.runs = journal_.runs();
-  record.projector = projector_.facts().name;
-  record.stage = stage_.facts().name;
-  record.layers = journal_.layers();
-  record.next = layer_of(run.state());
-  if (std::holds_alternative<Done>(run.state())) record.outcome = PrintOutcome::Done;
-  if (std::holds_alternative<Cancelled>(run.state())) record.outcome = PrintOutcome::Cancelled;
-  if (const auto* faulted = std::get_if<Faulted>(&run.state())) {
-    record.maybe_exposed = faulted->maybe_exposed;
-    record.cause = faulted->cause;
-  }
+  PrintRecord record = record_of(run.state());
   if (!dark)
     record.cause = {ErrorCode::DeviceLost, run.alarm() + (record.cause.what.empty() ? "" : "; ") + record.cause.what};
   return record;

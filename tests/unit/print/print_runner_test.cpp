@@ -240,6 +240,20 @@ TEST(PrintRunner, LetsTheLightEndWhenTheSiteStopsAndGuessesAboutNoLayer) {
   }
 }
 
+TEST(PrintRunner, RaisesThePartOfAPrintThatBrokeOffBehindItsLastLayer) {
+  Bench b;
+  const PrintRecord record = b.print([&](const PrintProgress& p) {
+    if (p.state == "finishing") b.stop.request_stop();
+  });
+  EXPECT_EQ(record.outcome, PrintOutcome::Faulted);
+  EXPECT_FALSE(record.maybe_exposed);
+  b.stop = {};
+  EXPECT_EQ(b.print().outcome, PrintOutcome::Done);
+  EXPECT_NEAR(b.log.z_mm(), 25, 1e-9);
+  EXPECT_TRUE(b.journal.finished());
+  expect_every_layer_once(b);
+}
+
 TEST(PrintRunner, GoesDarkAtOnceWhenTheRestOfTheLightIsLongerThanAStopMayTake) {
   Bench b;
   PrintPolicy policy;
@@ -308,11 +322,16 @@ TEST(PrintRunner, ForgetsADecisionAboutNothing) {
   expect_every_layer_once(b);
 }
 
-TEST(PrintRunner, RefusesAFinishedJobAndAJournalOfAnotherPlan) {
+TEST(PrintRunner, GivesTheRecordOfAFinishedJobAgainAndRefusesAJournalOfAnotherPlan) {
   Bench b;
-  b.print();
+  const PrintRecord record = b.print();
+  const Nanoseconds ended = b.clock.now();
   PrintRunner runner{b.projector, b.stage, b.masks, b.journal, b.clock};
-  EXPECT_EQ(runner.run(b.plan, {}, b.control, {}, {}).error().code, ErrorCode::Conflict);
+  const auto again = runner.run(b.plan, {}, b.control, {}, {});
+  ASSERT_TRUE(again) << again.error().what;
+  EXPECT_EQ(*again, record);
+  EXPECT_EQ(b.clock.now(), ended) << "nothing moved";
+  expect_every_layer_once(b);
   b.plan.layers[0].exposure = 800ms;
   EXPECT_EQ(runner.run(b.plan, {}, b.control, {}, {}).error().code, ErrorCode::NotTrusted);
 }

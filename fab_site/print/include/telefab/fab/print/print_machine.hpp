@@ -163,8 +163,8 @@ enum class JournalStep : std::uint8_t {
   Passed,          ///< empty layer: no light
   DecidedAgain,    ///< maybe exposed: will be exposed again
   DecidedExposed,  ///< maybe exposed: counts as exposed
-  Finished,
-  Stopped,  ///< an orderly stop of the site; `layer` is the next one. Absent after a crash
+  Finished,        ///< every layer made and the part raised; a print that broke off before is raised at its resumption
+  Stopped,         ///< an orderly stop of the site; `layer` is the next one. Absent after a crash
 };
 
 struct LightOff {};

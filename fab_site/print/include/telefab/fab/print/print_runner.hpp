@@ -86,8 +86,8 @@ class PrintRunner {
   /// Prints, or goes on where the journal ends, until done, cancelled or faulted beyond recovery; a stop request
   /// lets an exposure under way end (PrintPolicy::longest_last_light), else goes dark and holds at once, and leaves the
   /// print resumable (Faulted, its cause Cancelled). Returns the record of what
-  /// happened; fails only when nothing could be begun: InvalidInput (plan), NotTrusted (journal of another plan),
-  /// Conflict (finished already), Device* (light could not be switched off).
+  /// happened, that of a finished print again without light or motion; fails only when nothing could be begun:
+  /// InvalidInput (plan), NotTrusted (journal of another plan), Device* (light could not be switched off).
   [[nodiscard]] Result<PrintRecord> run(const PrintPlan& plan, const PrintPolicy& policy, PrintControl& control,
                                         const PrintSink& sink, std::stop_token stop);
 
