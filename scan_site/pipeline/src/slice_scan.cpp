@@ -291,8 +291,11 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   const bool sparse = kernel.spacing_mm > kSparseShare * placed->size_mm.minCoeff();
   std::vector<std::unique_ptr<MlsField>> others;
   const double spacings = kernel.kernel_mm / kernel.spacing_mm;
-  if (!request.mls.kernel_mm && (sparse || spacings > kCertainSpacings))
-    for (const double wanted : sparse ? kSparseKernelFactors : kKernelFactors)
+  const bool noisy = kernel.noise_mm > kCleanSpacings * kernel.spacing_mm;
+  // A width given by hand may be far from what the noise asks for: it is tried as hard as a sparse scan's.
+  const bool widely = sparse || request.mls.kernel_mm;
+  if (sparse || (request.mls.kernel_mm ? noisy : spacings > kCertainSpacings))
+    for (const double wanted : widely ? kSparseKernelFactors : kKernelFactors)
       // Narrower than 0.9 spacings a field has holes.
       if (const double factor = std::max(wanted, 0.9 / spacings); std::abs(factor - 1) > 0.05)
         others.push_back((*field)->with_wider_kernel(factor));
@@ -302,7 +305,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       .samples = [&](double low, double high, SurfaceSamples& found) { (*field)->samples_between(low, high, found); },
       .band_mm = kBandKernels * kernel.kernel_mm,
       .cover_kernels = kCoverKernels,
-      .stray_share = kernel.noise_mm > kCleanSpacings * kernel.spacing_mm ? kStrayShare : 0,
+      .stray_share = noisy ? kStrayShare : 0,
       .noise_mm = kernel.noise_mm,
       .sparse = sparse,
       .chord_mm = request.chord_mm.value_or(request.machine.chord_tolerance_mm()),

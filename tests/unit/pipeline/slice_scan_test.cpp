@@ -335,6 +335,7 @@ struct HardCase {
   const char* name;
   test::Shape shape;
   test::SampleOptions sampling;
+  std::optional<double> kernel_mm = {};
 };
 
 std::vector<HardCase> hard_cases() {
@@ -348,6 +349,10 @@ std::vector<HardCase> hard_cases() {
   cases.push_back({"noisy figure eight",
                    test::genus_two(12, 0.4),
                    {.spacing_mm = 0.4, .noise_mm = 0.2, .normal_noise_rad = 0.15, .seed = 35}});
+  cases.push_back({"noisy torus, kernel too narrow for the noise",
+                   test::torus(9, 4, 35, 1),
+                   {.spacing_mm = 0.4, .noise_mm = 0.2, .normal_noise_rad = 0.15, .seed = 37},
+                   0.6});
   return cases;
 }
 
@@ -356,6 +361,7 @@ TEST(SliceScan, CertifiesNoWrongLayerOfSparseAndNoisyScans) {
   for (const HardCase& hard : hard_cases()) {
     SliceRequest request = request_for();
     request.machine.platform = {200, 200, 200};
+    request.mls.kernel_mm = hard.kernel_mm;
     const Outcome outcome = slice(text_of(test::sample_surface(*hard.shape, hard.sampling)), request);
     ASSERT_TRUE(outcome.report) << hard.name << ": " << outcome.report.error().what;
     const double shift = outcome.report->header.scan_to_build[11];
@@ -373,6 +379,19 @@ TEST(SliceScan, CertifiesNoWrongLayerOfSparseAndNoisyScans) {
     }
   }
   EXPECT_GT(certified, 50);
+}
+
+TEST(SliceScan, HoldsAKernelGivenByHandAgainstOthersWhereTheScanIsNoisy) {
+  const auto noisy = test::sample_surface(*test::torus(9, 4, 35, 1),
+                                          {.spacing_mm = 0.5, .noise_mm = 0.25, .normal_noise_rad = 0.15, .seed = 38});
+  SliceRequest request = request_for();
+  request.mls.kernel_mm = 0.6;
+  const Outcome outcome = slice(text_of(noisy), request);
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  const auto& flagged = outcome.report->flagged;
+  EXPECT_TRUE(std::any_of(flagged.begin(), flagged.end(), [](const FlaggedLayer& f) {
+    return f.reason.find("as small as the scan is uncertain") != std::string::npos && f.place;
+  }));
 }
 
 TEST(SliceScan, CertifiesANoisyScanWhoseDetailsAreLarge) {
