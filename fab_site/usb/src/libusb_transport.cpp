@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <telefab/base/clock.hpp>
 #include <telefab/fab/usb/libusb_transport.hpp>
 #include <vector>
 
@@ -12,8 +13,8 @@ namespace telefab::fab {
 namespace {
 
 constexpr int kInterface = 0;
-constexpr std::chrono::milliseconds kArrivalWait{200};
-constexpr std::chrono::milliseconds kPollEvery{20};
+constexpr Nanoseconds kArrivalWait = std::chrono::milliseconds{200};
+constexpr Nanoseconds kPollEvery = std::chrono::milliseconds{20};
 
 struct FreeUsb {
   void operator()(libusb_context* p) const { libusb_exit(p); }
@@ -114,13 +115,13 @@ class LibusbTransport final : public UsbTransport {
   Result<void> reopen() override {
     handle_.reset();
     has_left_ = false;
-    const auto until = std::chrono::steady_clock::now() + kArrivalWait;
+    const Nanoseconds until = clock_.now() + kArrivalWait;
     while (true) {
-      hear(std::chrono::milliseconds{0});  // what was plugged and unplugged meanwhile
+      hear(Nanoseconds{0});  // what was plugged and unplugged meanwhile
       has_arrived_ = 0;
       Result<void> opened = open_listed();
-      const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now());
-      if (opened || !is_absent_ || left.count() <= 0) return opened;
+      const Nanoseconds left = until - clock_.now();
+      if (opened || !is_absent_ || left <= Nanoseconds{0}) return opened;
       hear(hears_ ? left : std::min(left, kPollEvery));
     }
   }
@@ -138,12 +139,12 @@ class LibusbTransport final : public UsbTransport {
   }
 
   /// Lets libusb work for a time; until a device arrives where it tells of arrivals.
-  void hear(std::chrono::milliseconds time) {
-    timeval tv{0, static_cast<suseconds_t>(time.count() * 1000)};
+  void hear(Nanoseconds time) {
+    timeval tv{0, static_cast<suseconds_t>(time.count() / 1000)};
     if (time.count() > 0 && !hears_) {
       // Without news to wait for, the wait must not end early.
-      const auto until = std::chrono::steady_clock::now() + time;
-      while (std::chrono::steady_clock::now() < until)
+      const Nanoseconds until = clock_.now() + time;
+      while (clock_.now() < until)
         (void)libusb_handle_events_timeout_completed(context_.get(), &tv, nullptr);
       return;
     }
@@ -237,6 +238,7 @@ class LibusbTransport final : public UsbTransport {
     return static_cast<std::size_t>(t->actual_length);
   }
 
+  SystemClock clock_;  ///< libusb waits in real time, whatever time the print runs in
   Context context_;
   UsbIdentity identity_;
   Handle handle_;

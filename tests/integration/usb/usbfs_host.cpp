@@ -222,6 +222,7 @@ struct UsbfsHost::State {
         usbdevfs_urb& urb = urb_of(data);
         UMockdevIoctlData* buffer = umockdev_ioctl_data_resolve(data, G_STRUCT_OFFSET(usbdevfs_urb, buffer),
                                                                 static_cast<gsize>(urb.buffer_length), nullptr);
+        if (buffer == nullptr) return complete(-1, EFAULT);
         urbs.push_back(
             {client, UMOCKDEV_IOCTL_DATA(g_object_ref(data)), UMOCKDEV_IOCTL_DATA(g_object_ref(buffer)), false});
         Urb& u = urbs.back();
