@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <telefab/fab/mask/column_caps.hpp>
 
 #include "cover_cells.hpp"
@@ -46,65 +48,153 @@ SolidRows::SolidRows(std::span<const Contour> part, std::span<const Contour> sup
   const CoverCells a{part, frame}, b{supports, frame};
   const std::size_t width = frame.size.width_px;
   std::vector<std::uint8_t> row(width), other(width);
-  starts_.reserve(std::size_t{frame.size.height_px} + 1);
+  const auto add = [width](Rows& to, const std::vector<std::uint8_t>& cover) {
+    for (std::size_t x = 0; x < width;) {
+      while (x < width && cover[x] < kSolidFrom) ++x;
+      const std::size_t first = x;
+      while (x < width && cover[x] >= kSolidFrom) ++x;
+      if (x > first) to.runs.push_back({static_cast<std::int32_t>(first), static_cast<std::int32_t>(x)});
+    }
+  };
+  solid_.starts.reserve(std::size_t{frame.size.height_px} + 1);
+  supports_.starts.reserve(std::size_t{frame.size.height_px} + 1);
   for (std::uint32_t y = 0; y < frame.size.height_px; ++y) {
-    starts_.push_back(static_cast<std::uint32_t>(runs_.size()));
+    solid_.starts.push_back(static_cast<std::uint32_t>(solid_.runs.size()));
+    supports_.starts.push_back(static_cast<std::uint32_t>(supports_.runs.size()));
     const bool any = !a.empty(y), more = !b.empty(y);
     if (!any && !more) continue;
     a.fill(y, row.data());
     if (more) {
       b.fill(y, other.data());
+      add(supports_, other);
       for (std::size_t x = 0; x < width; ++x) row[x] = std::max(row[x], other[x]);
     }
-    for (std::size_t x = 0; x < width;) {
-      while (x < width && row[x] < kSolidFrom) ++x;
-      const std::size_t first = x;
-      while (x < width && row[x] >= kSolidFrom) ++x;
-      if (x > first) runs_.push_back({static_cast<std::int32_t>(first), static_cast<std::int32_t>(x)});
-    }
+    add(solid_, row);
   }
-  starts_.push_back(static_cast<std::uint32_t>(runs_.size()));
+  solid_.starts.push_back(static_cast<std::uint32_t>(solid_.runs.size()));
+  supports_.starts.push_back(static_cast<std::uint32_t>(supports_.runs.size()));
 }
 
-std::span<const SolidRows::Run> SolidRows::row(std::uint32_t y) const {
-  return {runs_.data() + starts_[y], starts_[y + 1] - starts_[y]};
+namespace {
+
+constexpr std::uint8_t kHeld = 255;  // a count of solid layers below that no gap ends
+constexpr std::uint8_t kDark = 1;    // solid, but never lit
+
+/// Solid layers of every pixel's column, nearest first: a count that stops growing at the first gap.
+void count_solid(const std::vector<const SolidRows*>& layers, std::uint32_t y, std::size_t from, std::size_t until,
+                 bool supports_hold, std::vector<std::uint8_t>& counts) {
+  counts.assign(until - from, 0);
+  const auto visit = [&](std::span<const SolidRows::Run> runs, auto&& each) {
+    for (const SolidRows::Run& run : runs) {
+      const auto first = std::max(from, static_cast<std::size_t>(run.first));
+      const auto behind = std::min(until, static_cast<std::size_t>(run.behind));
+      for (std::size_t x = first; x < behind; ++x) each(counts[x - from]);
+    }
+  };
+  for (std::size_t k = 0; k < layers.size(); ++k) {
+    if (supports_hold) visit(layers[k]->support_row(y), [k](std::uint8_t& n) { n = n == k ? kHeld : n; });
+    visit(layers[k]->row(y), [k](std::uint8_t& n) { n = static_cast<std::uint8_t>(n + (n == k)); });
+  }
 }
 
-LayerCaps::LayerCaps(const CapTable& table, const SolidRows& here, std::vector<const SolidRows*> below,
-                     std::vector<const SolidRows*> above, bool on_platform)
-    : table_{&table}, here_{&here}, below_{std::move(below)}, above_{std::move(above)}, on_platform_{on_platform} {}
+}  // namespace
+
+LayerCaps::LayerCaps(const CapTable& table, const SolidRows& here, const std::vector<const SolidRows*>& below,
+                     const std::vector<const SolidRows*>& above, bool on_platform) {
+  const auto reach = static_cast<std::size_t>(table.reach());
+  if (reach == 0 || (below.empty() && on_platform)) return;
+  const bool grounded = on_platform && below.size() < reach;
+  std::uint32_t behind = 0;
+  std::size_t until = 0;
+  from_ = std::numeric_limits<std::size_t>::max();
+  for (std::uint32_t y = 0; y < here.rows(); ++y) {
+    const auto solid = here.row(y);
+    if (solid.empty()) continue;
+    if (behind == 0) front_ = y;
+    behind = y + 1;
+    from_ = std::min(from_, static_cast<std::size_t>(solid.front().first));
+    until = std::max(until, static_cast<std::size_t>(solid.back().behind));
+  }
+  if (behind == 0) return;
+  width_ = until - from_;
+  capped_.assign(behind - front_, 0);
+  caps_.assign(width_ * capped_.size(), 0);
+  held_.assign(caps_.size(), 0);
+  std::vector<std::uint8_t> under, over;
+  for (std::uint32_t y = front_; y < behind; ++y) {
+    std::uint8_t* caps = caps_.data() + (y - front_) * width_;
+    std::uint8_t* held = held_.data() + (y - front_) * width_;
+    count_solid(below, y, from_, until, true, under);
+    for (const SolidRows::Run& run : here.support_row(y))
+      std::fill(under.begin() + (run.first - static_cast<std::ptrdiff_t>(from_)),
+                under.begin() + (run.behind - static_cast<std::ptrdiff_t>(from_)), kHeld);
+    char& capped = capped_[y - front_];
+    for (const SolidRows::Run& run : here.row(y))
+      for (auto x = static_cast<std::size_t>(run.first) - from_; x < static_cast<std::size_t>(run.behind) - from_;
+           ++x) {
+        if (under[x] >= reach || (grounded && under[x] == below.size()))
+          caps[x] = held[x] = 255;
+        else
+          capped = 1;
+      }
+    if (!capped) continue;
+    count_solid(above, y, from_, until, false, over);
+    for (const SolidRows::Run& run : here.row(y))
+      for (auto x = static_cast<std::size_t>(run.first) - from_; x < static_cast<std::size_t>(run.behind) - from_; ++x)
+        if (!held[x]) {
+          caps[x] = table.cap(under[x], over[x]);
+          if (caps[x] == 0) held[x] = kDark;
+        }
+  }
+  darken_what_floats();
+}
+
+void LayerCaps::darken_what_floats() {
+  // The best way to a held pixel for every capped one, brightest first.
+  std::array<std::vector<std::uint32_t>, 256> by_light;
+  const auto rows = capped_.size();
+  const auto each_neighbour = [&](std::size_t at, auto&& visit) {
+    const std::size_t y = at / width_, x = at % width_;
+    for (std::size_t j = y > 0 ? y - 1 : 0; j <= std::min(y + 1, rows - 1); ++j)
+      for (std::size_t i = x > 0 ? x - 1 : 0; i <= std::min(x + 1, width_ - 1); ++i) visit(j * width_ + i);
+  };
+  std::vector<std::uint8_t>& best = held_;
+  std::vector<std::uint32_t> capped;
+  for (std::size_t y = 0; y < rows; ++y) {
+    if (!capped_[y]) continue;
+    for (std::size_t at = y * width_; at < (y + 1) * width_; ++at)
+      if (caps_[at] != 0 && held_[at] == 0) capped.push_back(static_cast<std::uint32_t>(at));
+  }
+  for (const std::uint32_t at : capped) {
+    bool beside = false;
+    each_neighbour(at, [&](std::size_t n) { beside |= held_[n] == 255; });
+    if (beside) by_light[caps_[at]].push_back(at);
+  }
+  for (std::size_t light = 256; light-- > 1;)
+    for (const std::uint32_t at : by_light[light]) best[at] = static_cast<std::uint8_t>(light);
+  for (std::size_t light = 256; light-- > 1;)
+    for (std::size_t i = 0; i < by_light[light].size(); ++i) {
+      const std::uint32_t at = by_light[light][i];
+      if (best[at] != light) continue;
+      each_neighbour(at, [&](std::size_t n) {
+        const auto through = static_cast<std::uint8_t>(std::min<std::size_t>(light, caps_[n]));
+        if (through <= best[n]) return;
+        best[n] = through;
+        by_light[through].push_back(static_cast<std::uint32_t>(n));
+      });
+    }
+  for (std::size_t at = 0; at < caps_.size(); ++at)
+    if (caps_[at] == 0 && held_[at] != kDark) caps_[at] = 255;
+  for (const std::uint32_t at : capped) caps_[at] = best[at];
+  held_.clear();
+  held_.shrink_to_fit();
+}
 
 bool LayerCaps::fill(std::uint32_t y, std::span<std::uint8_t> row) const {
-  const auto solid = here_->row(y);
-  if (solid.empty() || table_->reach() == 0 || (below_.empty() && on_platform_)) return false;
-  const auto from = static_cast<std::size_t>(solid.front().first),
-             until = static_cast<std::size_t>(solid.back().behind);
-  // Solid layers in an unbroken column: a count that stops growing at the first gap.
-  const auto count = [&](const std::vector<const SolidRows*>& layers, std::vector<std::uint8_t>& counts) {
-    counts.assign(until - from, 0);
-    for (std::size_t k = 0; k < layers.size(); ++k)
-      for (const SolidRows::Run& run : layers[k]->row(y)) {
-        const auto first = std::max(from, static_cast<std::size_t>(run.first));
-        const auto behind = std::min(until, static_cast<std::size_t>(run.behind));
-        for (std::size_t x = first; x < behind; ++x)
-          counts[x - from] = static_cast<std::uint8_t>(counts[x - from] + (counts[x - from] == k));
-      }
-  };
-  std::vector<std::uint8_t> below, above;
-  count(below_, below);
-  const auto reach = static_cast<std::size_t>(table_->reach());
-  const bool grounded = on_platform_ && below_.size() < reach;
-  const auto free = [&](std::size_t i) { return below[i] >= reach || (grounded && below[i] == below_.size()); };
-  bool any = false;
-  for (const SolidRows::Run& run : solid)
-    for (auto x = static_cast<std::size_t>(run.first); x < static_cast<std::size_t>(run.behind) && !any; ++x)
-      any = !free(x - from);
-  if (!any) return false;
-  count(above_, above);
+  if (y < front_ || y - front_ >= capped_.size() || !capped_[y - front_]) return false;
   std::fill(row.begin(), row.end(), std::uint8_t{255});
-  for (const SolidRows::Run& run : solid)
-    for (auto x = static_cast<std::size_t>(run.first); x < static_cast<std::size_t>(run.behind); ++x)
-      if (!free(x - from)) row[x] = table_->cap(below[x - from], above[x - from]);
+  const auto caps = caps_.begin() + static_cast<std::ptrdiff_t>((y - front_) * width_);
+  std::copy(caps, caps + static_cast<std::ptrdiff_t>(width_), row.begin() + static_cast<std::ptrdiff_t>(from_));
   return true;
 }
 

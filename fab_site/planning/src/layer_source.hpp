@@ -8,7 +8,12 @@ namespace telefab::fab {
 
 /// What one print layer is made of.
 struct SourceLayer {
-  std::span<const Contour> part;  ///< as long as the stack lives
+  SourceLayer() = default;
+  SourceLayer(SourceLayer&&) = default;  // not copied: `part` may look into `bounded`
+  SourceLayer& operator=(SourceLayer&&) = default;
+
+  std::span<const Contour> part;  ///< as long as the stack lives, or `bounded`
+  std::vector<Contour> bounded;   ///< what the part's rings enclose, where some of them enclose nothing
   std::vector<Contour> supports;  ///< without what lies in the part, so that nothing is drawn twice
   std::vector<Contour> section;   ///< of the supports, whole
 };

@@ -78,6 +78,14 @@ struct Checker {
     }
   }
 
+  /// True where the part's piece around a contact does not reach beyond it: a fading tip, however small.
+  [[nodiscard]] bool lies_on_the_layer_below(std::size_t k, const Region& contact) const {
+    const Point2 inside = inner_point(contact);
+    for (const Region& piece : part[k].pieces())
+      if (piece.contains(inside)) return subtract(piece, part[k - 1]).area_mm2() <= speck / 40;
+    return false;
+  }
+
   /// 2. What rule 4.1 leaves, minus a disc around every anchor that may hold it.
   void reach(std::size_t k) {
     if (k < print.lift_layers || part[k].empty() || (k == 0)) return;
@@ -87,7 +95,7 @@ struct Checker {
       const Region contact = intersect(part[k - 1], part[k]);
       for (const Region& piece : contact.pieces()) {
         const double area = piece.area_mm2();
-        if (area < speck) continue;
+        if (area < speck && !lies_on_the_layer_below(k, piece)) continue;
         const double d = std::min(std::max(s.self_support_most_mm, s.self_support_mm),
                                   s.self_support_mm * (1 + s.self_support_growth_per_mm * std::sqrt(area)));
         rest = subtract(rest, offset(piece, Millimetres{d}, Millimetres{pixel / 20}));

@@ -78,6 +78,20 @@ TEST(PlanJob, SeesWhatFloatsWhereNothingHoldsIt) {
   EXPECT_EQ(planned.summary->check.count(Finding::Kind::Island), 1U);
 }
 
+TEST(PlanJob, SpendsNoLightOnAHoleInNothing) {
+  // An open scan may give the inner side of a wall alone.
+  const Contour outer = test::rectangle(20, 20, 30, 30);
+  const Contour hole = Contour::from_vertices({outer.vertices().rbegin(), outer.vertices().rend()}).value();
+  std::vector<std::vector<Contour>> rings(10, {test::rectangle(5, 5, 15, 15)});
+  const Planned alone = plan(test::stack_of(rings), without_supports());
+  for (std::size_t i = 4; i < 10; ++i) rings[i].push_back(hole);
+  const Planned both = plan(test::stack_of(rings), without_supports());
+  ASSERT_TRUE(alone.summary);
+  ASSERT_TRUE(both.summary);
+  EXPECT_TRUE(both.summary->check.passes());
+  EXPECT_DOUBLE_EQ(both.summary->cured_mm3, alone.summary->cured_mm3);
+}
+
 TEST(PlanJob, IsTheSameOnOneTwoAndEightThreads) {
   const LayerStack stack = test::table(30, 10);
   PlanOptions options;

@@ -124,6 +124,25 @@ TEST(SupportCheck, CallsNoSkinAnIslandThatIsTooThinToCure) {
   }
 }
 
+TEST(SupportCheck, LetsATipFadeOutOnTheLayerBelowHoweverSmall) {
+  // A contact too small to hold what reaches beyond it; what lies on it as a whole needs nobody.
+  const auto fading = [](double moved) {
+    return stacks::stack(6, [moved](double z) {
+      std::vector<std::vector<Point2>> rings{stacks::box(30, 30, 50, 50)};
+      if (z > 2.9) rings = {stacks::box(40, 40, 40.15, 40.15)};
+      if (z > 3.1) rings = {stacks::box(40 + moved, 40, 40.15 + moved, 40.15)};
+      if (z > 3.3) rings.clear();
+      return rings;
+    });
+  };
+  for (const auto& [moved, findings] : {std::pair{0.0, 0U}, {0.02, 1U}}) {
+    const auto s = fading(moved);
+    PrintGeometry print;
+    print.part = s.layers;
+    EXPECT_EQ(check_supports(print, stacks::machine(), {}, {})->count(Finding::Kind::OutOfReach), findings) << moved;
+  }
+}
+
 TEST(SupportCheck, NoticesASupportInAClosedHollow) {
   const auto s = stacks::stack(6, [](double z) {
     auto hole = stacks::box(44, 44, 56, 56);

@@ -32,28 +32,45 @@ class SolidRows {
     std::int32_t first = 0;
     std::int32_t behind = 0;
   };
-  /// Row y from the front.
-  [[nodiscard]] std::span<const Run> row(std::uint32_t y) const;
+  /// Row y from the front; part and supports.
+  [[nodiscard]] std::span<const Run> row(std::uint32_t y) const { return row_of(solid_, y); }
+  /// The pixels of supports alone.
+  [[nodiscard]] std::span<const Run> support_row(std::uint32_t y) const { return row_of(supports_, y); }
+  [[nodiscard]] std::uint32_t rows() const { return static_cast<std::uint32_t>(solid_.starts.size() - 1); }
 
  private:
-  std::vector<Run> runs_;
-  std::vector<std::uint32_t> starts_;
+  struct Rows {
+    std::vector<Run> runs;
+    std::vector<std::uint32_t> starts;
+  };
+  static std::span<const Run> row_of(const Rows& rows, std::uint32_t y) {
+    return {rows.runs.data() + rows.starts[y], rows.starts[y + 1] - rows.starts[y]};
+  }
+  Rows solid_, supports_;
 };
 
 /// The caps of one layer. `below` and `above` nearest first, as far as the table looks; what lies below the last of
-/// `below` counts as solid if `on_platform`. All given must outlive it.
+/// `below` counts as solid if `on_platform`. All given must outlive the constructor only.
+///
+/// A column over a support is not capped: light that goes too deep there cures the support. And no pixel is lit more
+/// than the darkest pixel on the best way to one that is not capped: a bright rim around a dark underside would cure
+/// first and float. So every pixel of a mask, at any grey level, hangs together with what is held from below.
 class LayerCaps {
  public:
-  LayerCaps(const CapTable& table, const SolidRows& here, std::vector<const SolidRows*> below,
-            std::vector<const SolidRows*> above, bool on_platform);
+  LayerCaps(const CapTable& table, const SolidRows& here, const std::vector<const SolidRows*>& below,
+            const std::vector<const SolidRows*>& above, bool on_platform);
   /// Whether any pixel of row y is capped; if so `row` (width_px) gets caps, else it is left alone.
   bool fill(std::uint32_t y, std::span<std::uint8_t> row) const;
 
  private:
-  const CapTable* table_;
-  const SolidRows* here_;
-  std::vector<const SolidRows*> below_, above_;
-  bool on_platform_;
+  void darken_what_floats();
+
+  std::uint32_t front_ = 0;         ///< first row of the box around what is solid
+  std::size_t from_ = 0;            ///< its first column
+  std::size_t width_ = 0;           ///< of the box
+  std::vector<char> capped_;        ///< by row of the box
+  std::vector<std::uint8_t> caps_;  ///< of the box; 255 where there are none, 0 where nothing is solid
+  std::vector<std::uint8_t> held_;  ///< of the box while it is made: 255 for pixels without cap
 };
 
 }  // namespace telefab::fab
