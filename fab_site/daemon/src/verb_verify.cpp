@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -36,15 +37,23 @@ bool is_for_whole_stack(const std::string& folder) {
   return text.find("\"method\": \"blend-stack\"") != std::string_view::npos;
 }
 
-/// What all light together cures at least down to the middle of its layer, bottom layer first.
-Result<std::vector<LayerRuns>> cured_runs(PlannedJob& job, const MachineProfile& machine, const ProgressSink& progress,
+/// What all light together cures of one layer: down to its middle, and at its top at least.
+struct CuredRuns {
+  LayerRuns solid;
+  LayerLight light;
+};
+
+/// Bottom layer first.
+Result<std::vector<CuredRuns>> cured_runs(PlannedJob& job, const MachineProfile& machine, const ProgressSink& progress,
                                           const std::stop_token& stop) {
+  constexpr double kJoined = 0.125;  // of a layer's thickness: solid so deep, neighbours hang together
+  constexpr std::uint8_t kSolidPixel = 255, kJoinedPixel = 128;
   const auto model = cure_model(machine);
   if (!model) return tl::unexpected{model.error()};
   DoseStream light{*model};
-  const auto least = static_cast<float>(model->to_middle());
+  const double least = model->to_middle(), joined = std::exp(kJoined * model->layer_mm / model->penetration_mm);
   const std::size_t count = job.plan().layers.size();
-  std::vector<LayerRuns> runs(count);
+  std::vector<CuredRuns> runs(count);
   for (std::size_t k = count; k-- > 0;) {
     if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "verify: stopped");
     auto mask = job.mask(LayerIndex{static_cast<std::uint32_t>(k)});
@@ -52,21 +61,29 @@ Result<std::vector<LayerRuns>> cured_runs(PlannedJob& job, const MachineProfile&
     const MaskExposure exposure{mask->view(), job.plan().layers[k].exposure};
     const auto dose = light.descend({&exposure, 1});
     if (!dose) return tl::unexpected{dose.error()};
+    const std::chrono::duration<double> seconds = job.plan().layers[k].exposure;
+    runs[k].light.lit = LayerRuns::from_mask(mask->view(), gel_level(machine, seconds.count()));
     const PixelBox& box = dose->box();
     std::fill(mask->rows.begin(), mask->rows.end(), std::uint8_t{0});
     const int width = static_cast<int>(mask->size.width_px), height = static_cast<int>(mask->size.height_px);
+    const auto level_of = [&](double d) {
+      return d >= least ? kSolidPixel : d >= joined ? kJoinedPixel : std::uint8_t{0};
+    };
     // The blur is a mean of what is around: only where neighbours differ does it decide.
-    const auto is_cured = [&](int x, int y) {
-      int enough = 0;
+    const auto cured = [&](int x, int y) {
+      const std::uint8_t level = level_of(static_cast<double>(dose->pixel(x, y)));
       for (int i = -1; i <= 1; ++i)
-        for (int j = -1; j <= 1; ++j) enough += dose->pixel(x + j, y + i) >= least;
-      return enough == 9 || (enough > 0 && dose->sample({x + 0.5, y + 0.5}).dose >= model->to_middle());
+        for (int j = -1; j <= 1; ++j)
+          if (level_of(static_cast<double>(dose->pixel(x + j, y + i))) != level || level == kJoinedPixel)
+            return level_of(dose->sample({x + 0.5, y + 0.5}).dose);
+      return level;
     };
     for (int y = std::max(0, box.y); y < std::min(height, box.y + box.height); ++y) {
       std::uint8_t* row = mask->rows.data() + static_cast<std::ptrdiff_t>(height - 1 - y) * width;
-      for (int x = std::max(0, box.x); x < std::min(width, box.x + box.width); ++x) row[x] = is_cured(x, y) ? 255 : 0;
+      for (int x = std::max(0, box.x); x < std::min(width, box.x + box.width); ++x) row[x] = cured(x, y);
     }
-    runs[k] = LayerRuns::from_mask(mask->view(), 255);
+    runs[k].solid = LayerRuns::from_mask(mask->view(), kSolidPixel);
+    runs[k].light.joined = LayerRuns::from_mask(mask->view(), kJoinedPixel);
     report(progress, "light", static_cast<double>(count - k) / static_cast<double>(count));
   }
   return runs;
@@ -80,8 +97,8 @@ Result<SupportReport> check_masks(PlannedJob& job, const MachineProfile& machine
   if (!o.grey && is_for_whole_stack(o.folder)) {
     auto runs = cured_runs(job, machine, progress, stop);
     if (!runs) return tl::unexpected{runs.error()};
-    for (LayerRuns& layer : *runs)
-      if (auto ok = watch.add(std::move(layer)); !ok) return tl::unexpected{ok.error()};
+    for (CuredRuns& layer : *runs)
+      if (auto ok = watch.add(std::move(layer.solid), nullptr, &layer.light); !ok) return tl::unexpected{ok.error()};
     return watch.finish();
   }
   const std::size_t count = job.plan().layers.size();

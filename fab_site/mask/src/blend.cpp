@@ -10,7 +10,8 @@
 namespace telefab::fab {
 namespace {
 
-constexpr double kAttach = 1.05;  // inner pixels get this times the dose that cures a layer through
+constexpr double kJoined = 0.125;  // of a layer's thickness: solid so deep, neighbours hang together
+constexpr double kAttach = 1.05;   // inner pixels get this times the dose that cures a layer through
 
 /// Upper quantile of the normal distribution by bisection: x with P(X > x) = tail.
 double upper_quantile(double tail) {
@@ -111,14 +112,17 @@ void BlendStack::mark_cured(Mask& mask) const {
   const MaskBlender::Model& m = state_->model;
   const int width = static_cast<int>(m.frame.size.width_px), height = static_cast<int>(m.frame.size.height_px);
   const float least = m.target * m.passed;  // the dose has gone through one layer since
-  // Rows y - 1, y and y + 1 with a pixel of margin: 1 where a pixel's own dose is enough.
+  const float joined = least * static_cast<float>(std::pow(m.light.passed(), 0.5 - kJoined));
+  // Rows y - 1, y and y + 1 with a pixel of margin: what a pixel's own dose is enough for, one in each nibble.
   const auto stride = static_cast<std::size_t>(width) + 2;
+  constexpr std::uint8_t kAll = 9, kJoins = 16;
   std::vector<float> doses(stride);
   std::array<std::vector<std::uint8_t>, 3> enough;
   const auto read = [&](int y, std::vector<std::uint8_t>& row) {
     row.resize(stride);
     state_->above.copy_row(-1, y, width + 2, doses.data());
-    for (std::size_t x = 0; x < stride; ++x) row[x] = doses[x] >= least;
+    for (std::size_t x = 0; x < stride; ++x)
+      row[x] = static_cast<std::uint8_t>((doses[x] >= least) + kJoins * (doses[x] >= joined));
   };
   read(-1, enough[0]);
   read(0, enough[1]);
@@ -130,12 +134,15 @@ void BlendStack::mark_cured(Mask& mask) const {
       columns[x] = static_cast<std::uint8_t>(enough[0][x] + enough[1][x] + enough[2][x]);
     for (std::size_t x = 0; x < around.size(); ++x) {
       around[x] = static_cast<std::uint8_t>(columns[x] + columns[x + 1] + columns[x + 2]);
-      row[x] = around[x] == 9 ? 255 : 0;
+      row[x] = around[x] == kAll * (kJoins + 1) ? kCuredPixel : 0;
     }
     // The blur is a mean of what is around: only where neighbours differ does it decide.
-    for (int x = 0; x < width; ++x)
-      if (const int sum = around[static_cast<std::size_t>(x)]; sum != 0 && sum != 9)
-        row[x] = blurred(m, state_->above, x, y) >= least ? 255 : 0;
+    for (int x = 0; x < width; ++x) {
+      const int sum = around[static_cast<std::size_t>(x)];
+      if (sum == 0 || sum == kAll * (kJoins + 1)) continue;
+      const float dose = blurred(m, state_->above, x, y);
+      row[x] = dose >= least ? kCuredPixel : dose >= joined ? kJoinedPixel : 0;
+    }
     std::swap(enough[0], enough[1]);
     std::swap(enough[1], enough[2]);
   }

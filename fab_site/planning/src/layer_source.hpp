@@ -39,7 +39,8 @@ class MaskMaker {
     Mask mask;
     std::vector<Contour> section;  ///< of the supports
   };
-  /// Takes a finished layer; `cured` turns its mask into what is solid in the finished print (255) and what is not.
+  /// Takes a finished layer; `cured` turns its mask into what is solid in the finished print, as
+  /// BlendStack::mark_cured does.
   using Take = std::function<Result<void>(Made made, const std::function<void(Mask&)>& cured)>;
 
   virtual ~MaskMaker() = default;

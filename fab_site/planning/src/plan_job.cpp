@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <telefab/fab/mask/blend.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
 #include <telefab/image/canvas.hpp>
 
@@ -28,6 +29,7 @@ struct LayerWork {
   std::vector<Contour> supports;
   Digest digest;
   LayerRuns runs;
+  LayerLight light;
   std::uint64_t grey_sum = 0;
   std::uint64_t solid_pixels = 0;
   Image tile;
@@ -262,8 +264,11 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& prof
     work.digest = digest_of(bytes_of(mask));
     for (const std::uint8_t level : mask.rows) work.grey_sum += level;
     if (std::binary_search(tile_layers.begin(), tile_layers.end(), made.index)) work.tile = cropped(mask, crop);
+    const std::chrono::duration<double> exposure = exposure_of(machine, made.index);
+    work.light.lit = LayerRuns::from_mask(mask.view(), gel_level(machine, exposure.count()));
     cured(made.mask);
-    work.runs = LayerRuns::from_mask(made.mask.view(), 255);
+    work.runs = LayerRuns::from_mask(made.mask.view(), kCuredPixel);
+    work.light.joined = LayerRuns::from_mask(made.mask.view(), kJoinedPixel);
     for (const std::uint8_t level : made.mask.rows) work.solid_pixels += level == 255;
     return work;
   };
@@ -321,7 +326,8 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& prof
         tile_images.push_back(std::move(work.tile));
         tile_labels.push_back(fmt::format("layer {}  z {:.2f} mm", index.count(), planned.z_mm));
       }
-      if (auto watched = watch.add(std::move(work.runs)); !watched) return tl::unexpected{watched.error()};
+      if (auto watched = watch.add(std::move(work.runs), nullptr, &work.light); !watched)
+        return tl::unexpected{watched.error()};
     }
     report(progress, "making masks", static_cast<double>(first + count) / print_layers);
   }

@@ -62,21 +62,51 @@ struct MaskWatch::State {
                         place(hollow.column, hollow.row), area(hollow.most_pixels)});
   }
 
-  void look_for_islands(const LayerRuns& solid) {
-    const RunComponents parts = components_of(solid, true);
-    std::vector<char> held(parts.components.size(), layers == 0);
+  void look_for_islands(const LayerRuns& solid, const LayerLight* light) {
+    struct Body {
+      std::uint64_t pixels = 0;  ///< of `solid`
+      std::uint64_t lit = 0;     ///< of them
+      std::int32_t column = 0;   ///< of its first pixel
+      std::uint32_t row = 0;
+      bool held = false;
+    };
+    const RunComponents parts = components_of(light ? light->joined : solid, true);
+    std::vector<Body> bodies(parts.components.size());
+    std::vector<std::uint32_t> body_of(solid.count());  // by run
+    if (light)
+      for_overlaps(solid, light->joined,
+                   [&](std::uint32_t run, std::uint32_t whole) { body_of[run] = parts.of_run[whole]; });
+    else
+      body_of = parts.of_run;
+    const auto pixels = [](std::int32_t first, std::int32_t last) {
+      return static_cast<std::uint64_t>(last - first + 1);
+    };
+    for (std::uint32_t y = 0; y < solid.size().height_px; ++y)
+      for (std::uint32_t r = solid.row_start(y); r < solid.row_start(y) + solid.row(y).size(); ++r) {
+        const LayerRuns::Run& run = solid.run(r);
+        Body& body = bodies[body_of[r]];
+        if (body.pixels == 0) body.column = run.first, body.row = y;
+        body.pixels += pixels(run.first, run.last);
+        if (!light) body.lit = body.pixels;
+      }
+    if (light)
+      for_overlaps(solid, light->lit, [&](std::uint32_t here, std::uint32_t lit) {
+        const LayerRuns::Run &a = solid.run(here), &b = light->lit.run(lit);
+        bodies[body_of[here]].lit += pixels(std::max(a.first, b.first), std::min(a.last, b.last));
+      });
     if (layers > 0)
-      for_overlaps(solid, solid_below,
-                   [&](std::uint32_t here, std::uint32_t below) { held[parts.of_run[here]] |= held_below[below]; });
-    for (std::size_t i = 0; i < held.size(); ++i) {
-      const auto& c = parts.components[i];
-      if (held[i] || c.pixels < least) continue;
-      findings.push_back(
-          {Finding::Kind::Island, LayerIndex{layers}, LayerIndex{layers}, place(c.column, c.row), area(c.pixels)});
-      held[i] = 1;  // what stands on it is not reported again
+      for_overlaps(solid, solid_below, [&](std::uint32_t here, std::uint32_t below) {
+        bodies[body_of[here]].held |= held_below[below] != 0;
+      });
+    for (Body& body : bodies) {
+      body.held |= layers == 0;
+      if (body.held || body.lit < least) continue;
+      findings.push_back({Finding::Kind::Island, LayerIndex{layers}, LayerIndex{layers}, place(body.column, body.row),
+                          area(body.pixels)});
+      body.held = true;  // what stands on it is not reported again
     }
     held_below.assign(solid.count(), 0);
-    for (std::uint32_t r = 0; r < solid.count(); ++r) held_below[r] = held[parts.of_run[r]];
+    for (std::uint32_t r = 0; r < solid.count(); ++r) held_below[r] = bodies[body_of[r]].held;
   }
 
   void look_for_hollows(const LayerRuns& solid, const LayerRuns* removable) {
@@ -113,11 +143,13 @@ MaskWatch::~MaskWatch() = default;
 MaskWatch::MaskWatch(MaskWatch&&) noexcept = default;
 MaskWatch& MaskWatch::operator=(MaskWatch&&) noexcept = default;
 
-Result<void> MaskWatch::add(LayerRuns layer, const LayerRuns* removable) {
+Result<void> MaskWatch::add(LayerRuns layer, const LayerRuns* removable, const LayerLight* light) {
   State& s = *state_;
   if (s.layers > 0 && !(layer.size() == s.solid_below.size()))
     return fail(ErrorCode::InvalidInput, "checking masks: the masks differ in size");
-  s.look_for_islands(layer);
+  if (light && !(light->joined.size() == layer.size() && light->lit.size() == layer.size()))
+    return fail(ErrorCode::InvalidInput, "checking masks: a layer and its light differ in size");
+  s.look_for_islands(layer, light);
   s.look_for_hollows(layer, removable);
   s.solid_below = std::move(layer);
   ++s.layers;

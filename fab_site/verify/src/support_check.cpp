@@ -183,13 +183,26 @@ std::size_t SupportReport::count(Finding::Kind kind) const {
       std::count_if(findings.begin(), findings.end(), [kind](const Finding& f) { return f.kind == kind; }));
 }
 
-std::uint8_t cure_level(const MachineProfile& machine) {
-  const double full = machine.projection.irradiance_mw_per_cm2 * machine.layers.exposure_s;
-  const double needed =
-      machine.resin.critical_dose_mj_per_cm2 * std::exp(machine.layers.thickness_mm / machine.resin.penetration_mm);
-  const double share = std::clamp(full > 0 ? needed / full : 1.0, 1.0 / 255, 1.0);
+namespace {
+
+/// The grey level that gives that dose in that time.
+std::uint8_t level_of(const MachineProfile& machine, double dose_mj_per_cm2, double exposure_s) {
+  const double full = machine.projection.irradiance_mw_per_cm2 * exposure_s;
+  const double share = std::clamp(full > 0 ? dose_mj_per_cm2 / full : 1.0, 1.0 / 255, 1.0);
   return static_cast<std::uint8_t>(
       std::clamp(std::ceil(255 * std::pow(share, 1 / machine.projection.gamma)), 1.0, 255.0));
+}
+
+}  // namespace
+
+std::uint8_t cure_level(const MachineProfile& machine) {
+  const double needed =
+      machine.resin.critical_dose_mj_per_cm2 * std::exp(machine.layers.thickness_mm / machine.resin.penetration_mm);
+  return level_of(machine, needed, machine.layers.exposure_s);
+}
+
+std::uint8_t gel_level(const MachineProfile& machine, double exposure_s) {
+  return level_of(machine, machine.resin.critical_dose_mj_per_cm2, exposure_s);
 }
 
 Result<SupportReport> check_supports(const PrintGeometry& print, const MachineProfile& machine,

@@ -41,6 +41,42 @@ TEST(MaskWatch, IsNotFooledByAnIslandThatGrowsFromASpeck) {
   EXPECT_TRUE(watched({kPost, kPostAndSpeck, kPost}).passes());
 }
 
+TEST(MaskWatch, TakesForOneBodyWhatIsSolidAtTheTopOfTheLayer) {
+  const std::vector<std::string> bridged{"........", ".######.", ".##..##.", "........", "........"};
+  const auto looked = [&](const std::vector<std::string>& joined) {
+    MaskWatch watch{0.1, 4};
+    const LayerLight light{drawn(joined), drawn(kPostAndIsland)};
+    EXPECT_TRUE(watch.add(drawn(kPost)));
+    EXPECT_TRUE(watch.add(drawn(kPostAndIsland), nullptr, &light));
+    EXPECT_TRUE(watch.add(drawn(kPostAndIsland)));
+    return watch.finish().count(Finding::Kind::Island);
+  };
+  EXPECT_EQ(looked(bridged), 0U);
+  EXPECT_EQ(looked(kPostAndIsland), 1U);
+}
+
+TEST(MaskWatch, CountsOnlyWhatIsSolidToTheMiddleAsAnIsland) {
+  const std::vector<std::string> halo{"....####", ".##.####", ".##.####", "........", "........"};
+  MaskWatch watch{0.1, 4};
+  const LayerLight light{drawn(halo), drawn(halo)};
+  EXPECT_TRUE(watch.add(drawn(kPost)));
+  EXPECT_TRUE(watch.add(drawn(kPostAndSpeck), nullptr, &light));
+  EXPECT_TRUE(watch.finish().passes());
+}
+
+TEST(MaskWatch, LetsHangWhatLaterLayersCureButNothingStandOnIt) {
+  // Two layers dark over a void, then a lit one: it floats, and not what hangs below.
+  const LayerLight dark{drawn(kPostAndIsland), drawn(kPost)}, lit{drawn(kPostAndIsland), drawn(kPostAndIsland)};
+  MaskWatch watch{0.1, 4};
+  EXPECT_TRUE(watch.add(drawn(kPost), nullptr, &dark));
+  EXPECT_TRUE(watch.add(drawn(kPostAndIsland), nullptr, &dark));
+  EXPECT_TRUE(watch.add(drawn(kPostAndIsland), nullptr, &dark));
+  EXPECT_TRUE(watch.add(drawn(kPostAndIsland), nullptr, &lit));
+  const auto report = watch.finish();
+  ASSERT_EQ(report.count(Finding::Kind::Island), 1U);
+  EXPECT_EQ(report.findings[0].layer, LayerIndex{3});
+}
+
 TEST(MaskWatch, ReportsAClosedHollowAsATrapAndAnInvertedCupAsACup) {
   const std::vector<std::string> full{"......", ".####.", ".####.", ".####.", ".####.", "......"};
   const std::vector<std::string> ring{"......", ".####.", ".#..#.", ".#..#.", ".####.", "......"};

@@ -6,6 +6,9 @@
 
 namespace telefab::fab {
 
+constexpr std::uint8_t kCuredPixel = 255;
+constexpr std::uint8_t kJoinedPixel = 128;
+
 struct BlendOptions {
   int iterations = 20;         ///< 1 to 1000 steps; 20 give 95 % of what 40 give
   double regular = 1e-3;       ///< (0, 1]; pull towards the reference; from 3e-4 down islands appear at corners
@@ -77,7 +80,8 @@ class BlendStack {
 
   /// The next layer down. `iterations` 0: its bounded reference alone, for layers that are only looked through.
   [[nodiscard]] BlendedLayer descend(const BlendTask& task, int iterations);
-  /// Pixels that the light so far cures down to the middle of the last layer: 255, others 0. Overwrites the mask.
+  /// Pixels that the light so far cures down to the middle of the last layer: kCuredPixel; those that it cures a good
+  /// part of the way, so that neighbours hang together over them: kJoinedPixel; others 0. Overwrites the mask.
   void mark_cured(Mask& mask) const;
 
  private:

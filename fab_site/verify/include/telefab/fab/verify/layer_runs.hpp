@@ -27,6 +27,7 @@ class LayerRuns {
   [[nodiscard]] LayerRuns complement() const;
   [[nodiscard]] PixelSize size() const { return size_; }
   [[nodiscard]] std::span<const Run> row(std::uint32_t y) const;
+  [[nodiscard]] const Run& run(std::uint32_t i) const { return runs_[i]; }
   /// Index of the first run of a row among all runs.
   [[nodiscard]] std::uint32_t row_start(std::uint32_t y) const { return starts_[y]; }
   [[nodiscard]] std::uint32_t count() const { return static_cast<std::uint32_t>(runs_.size()); }

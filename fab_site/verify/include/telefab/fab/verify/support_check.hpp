@@ -49,9 +49,19 @@ struct SupportReport {
 /// the resin's critical dose at the depth of one layer.
 [[nodiscard]] std::uint8_t cure_level(const MachineProfile& machine);
 
+/// The grey level from which a pixel of an exposure of that time begins to cure: the critical dose at the surface.
+[[nodiscard]] std::uint8_t gel_level(const MachineProfile& machine, double exposure_s);
+
+/// What else is known of a layer where the light of later ones is part of what cures it.
+struct LayerLight {
+  LayerRuns joined;  ///< pixels of the layer and those that are solid at their top only: what they connect is one body
+  LayerRuns lit;     ///< pixels that the layer's own exposure begins to cure
+};
+
 /// Watches the masks of a print go by, bottom first. Finds islands of at least `least_pixels` solid pixels
-/// (8-connected) that share no pixel with held material below; a smaller floating speck holds nothing above it.
-/// Finds suction cups and resin traps of at least that many pixels.
+/// (8-connected) that share no pixel with held material below; a smaller floating speck holds nothing above it. Nor
+/// does what fewer pixels than that of its own exposure light: it cures together with the layers above, and hangs on
+/// them. Finds suction cups and resin traps of at least that many pixels.
 class MaskWatch {
  public:
   MaskWatch(double pitch_mm, std::uint32_t least_pixels);
@@ -59,8 +69,10 @@ class MaskWatch {
   MaskWatch(MaskWatch&&) noexcept;
   MaskWatch& operator=(MaskWatch&&) noexcept;
   /// The next layer. All layers must have the same size; InvalidInput otherwise. `removable`, if given, are the pixels
-  /// of supports that `layer` does not hold: in a hollow that closes they are trapped.
-  [[nodiscard]] Result<void> add(LayerRuns layer, const LayerRuns* removable = nullptr);
+  /// of supports that `layer` does not hold: in a hollow that closes they are trapped. Without `light` the layer
+  /// is what its own exposure cures.
+  [[nodiscard]] Result<void> add(LayerRuns layer, const LayerRuns* removable = nullptr,
+                                 const LayerLight* light = nullptr);
   /// After the last layer.
   [[nodiscard]] SupportReport finish();
 
