@@ -135,7 +135,7 @@ Result<ExitCode> run(const SubmitOptions& o, std::stop_token stop) {
 VerbBody declare_submit(CLI::App& options) {
   auto o = std::make_shared<SubmitOptions>();
   declare_common(options, o->common);
-  options.add_option("SCAN", o->scan, "PLY, PCD, XYZ, PTX, OFF, STL or OBJ; its points alone are used")->required();
+  options.add_option("SCAN", o->scan, "PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text; its points alone are used")->required();
   options.add_option("--machine", o->machine, "which of `telefab machines`")->required();
   auto* height = options.add_option("--height-mm", o->height_mm, "height of the printed object, millimetres");
   auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file");

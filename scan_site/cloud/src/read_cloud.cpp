@@ -23,7 +23,8 @@ constexpr std::array kFormats{
     FormatRow{ScanFormat::Ply, "PLY", ".ply", read_ply},    FormatRow{ScanFormat::Pcd, "PCD", ".pcd", read_pcd},
     FormatRow{ScanFormat::Text, "text", ".xyz", read_text}, FormatRow{ScanFormat::Off, "OFF", ".off", read_off},
     FormatRow{ScanFormat::Stl, "STL", ".stl", read_stl},    FormatRow{ScanFormat::Obj, "OBJ", ".obj", read_obj},
-    FormatRow{ScanFormat::Ptx, "PTX", ".ptx", read_ptx},
+    FormatRow{ScanFormat::Ptx, "PTX", ".ptx", read_ptx},    FormatRow{ScanFormat::E57, "E57", ".e57", read_e57},
+    FormatRow{ScanFormat::Las, "LAS", ".las", read_las},
 };
 
 const FormatRow& row_of(ScanFormat format) {
@@ -47,6 +48,8 @@ ScanFormat format_of(std::span<const std::byte> bytes, std::string_view file_nam
   if (text.starts_with("ply\n") || text.starts_with("ply\r")) return ScanFormat::Ply;
   if (text.starts_with("# .PCD") || text.starts_with("VERSION .7") || text.starts_with("VERSION 0.7"))
     return ScanFormat::Pcd;
+  if (text.starts_with("ASTM-E57")) return ScanFormat::E57;
+  if (text.starts_with("LASF")) return ScanFormat::Las;
   if (looks_like_stl(bytes)) return ScanFormat::Stl;
   TextCursor lines{text.substr(0, 65536)};
   FieldCursor head{lines.take_full_line()};

@@ -10,6 +10,8 @@ namespace telefab::scan {
 [[nodiscard]] Result<ScanFile> read_ply(std::span<const std::byte> bytes, const ReadOptions&, const std::stop_token&);
 [[nodiscard]] Result<ScanFile> read_pcd(std::span<const std::byte> bytes, const ReadOptions&, const std::stop_token&);
 [[nodiscard]] Result<ScanFile> read_ptx(std::span<const std::byte> bytes, const ReadOptions&, const std::stop_token&);
+[[nodiscard]] Result<ScanFile> read_e57(std::span<const std::byte> bytes, const ReadOptions&, const std::stop_token&);
+[[nodiscard]] Result<ScanFile> read_las(std::span<const std::byte> bytes, const ReadOptions&, const std::stop_token&);
 [[nodiscard]] Result<ScanFile> read_off(std::span<const std::byte> bytes, const ReadOptions&, const std::stop_token&);
 [[nodiscard]] Result<ScanFile> read_obj(std::span<const std::byte> bytes, const ReadOptions&, const std::stop_token&);
 [[nodiscard]] Result<ScanFile> read_stl(std::span<const std::byte> bytes, const ReadOptions&, const std::stop_token&);

@@ -75,6 +75,7 @@ Result<ScanFile> ScanBuilder::finish() && {
   file.views = std::move(views_);
   for (int axis = 0; axis < 3; ++axis)
     file.cloud.origin[axis] = origin_of_axis(low[axis], high[axis], (high - low).maxCoeff());
+  file.cloud.unit_mm = unit_mm_;
   file.cloud.points.resize(points_.size());
   std::transform(points_.begin(), points_.end(), file.cloud.points.begin(),
                  [&](const Vec3& p) -> Eigen::Vector3f { return (p - file.cloud.origin).cast<float>(); });

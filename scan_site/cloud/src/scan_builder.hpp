@@ -22,6 +22,8 @@ class ScanBuilder {
   /// One polygon by its corners, kept as a fan of triangles if faces are wanted.
   void add_face(std::span<const std::uint64_t> corners);
   [[nodiscard]] bool keeps_faces() const { return options_.keep_faces; }
+  /// Says what unit the format asks for, millimetres.
+  void state_unit(double millimetres) { unit_mm_ = millimetres; }
   void add_empty_return() { ++empty_returns_; }
   [[nodiscard]] std::size_t size() const { return points_.size(); }
 
@@ -40,6 +42,7 @@ class ScanBuilder {
   std::vector<RangeView> views_;
   std::vector<std::array<std::uint32_t, 3>> faces_;
   std::size_t empty_returns_ = 0;
+  std::optional<double> unit_mm_;
 };
 
 }  // namespace telefab::scan

@@ -111,7 +111,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 VerbBody declare_inspect(CLI::App& options) {
   auto o = std::make_shared<Options>();
-  options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, OFF, STL, OBJ or text")->required();
+  options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text")->required();
   options.add_option("--machine", o->machine, "place it as it would be sliced for this machine");
   options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
   auto* height = options.add_option("--height-mm", o->height_mm, "scale the part to this height");

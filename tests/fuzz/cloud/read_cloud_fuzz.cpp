@@ -7,7 +7,8 @@
 // The first byte chooses the suffix, so that every reader is reached whatever the content looks like.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace telefab::scan;
-  static constexpr std::array kNames{"a", "a.ply", "a.pcd", "a.xyz", "a.off", "a.stl", "a.obj", "a.ptx"};
+  static constexpr std::array kNames{"a",     "a.ply", "a.pcd", "a.xyz", "a.off",
+                                     "a.stl", "a.obj", "a.ptx", "a.e57", "a.las"};
   if (size == 0) return 0;
   const auto bytes = std::as_bytes(std::span{data, size});
   for (const auto content : {bytes, bytes.subspan(1)}) {

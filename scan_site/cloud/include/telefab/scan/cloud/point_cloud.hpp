@@ -1,6 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 namespace telefab::scan {
@@ -16,6 +17,7 @@ struct PointCloud {
   std::vector<Eigen::Vector3f> points;
   std::vector<Eigen::Vector3f> normals;
   std::vector<float> confidence;
+  std::optional<double> unit_mm;  ///< millimetres in one unit of the positions, where the file or somebody states it
 
   [[nodiscard]] std::size_t size() const { return points.size(); }
   [[nodiscard]] bool has_normals() const { return !normals.empty(); }

@@ -12,7 +12,7 @@
 
 namespace telefab::scan {
 
-enum class ScanFormat { Ply, Pcd, Text, Off, Stl, Obj, Ptx };
+enum class ScanFormat { Ply, Pcd, Text, Off, Stl, Obj, Ptx, E57, Las };
 
 /// "PLY", "PCD", ...: for messages and reports.
 [[nodiscard]] std::string_view name_of(ScanFormat format);
@@ -43,13 +43,14 @@ struct ScanFile {
   std::vector<RangeView> views;  ///< one a range image; empty for plain clouds
   std::vector<std::array<std::uint32_t, 3>>
       faces;                      ///< corners as indices of points; filled if asked for: PLY, OFF, STL
-  std::size_t empty_returns = 0;  ///< points the file marks as not seen (NaN in PCD, 0 0 0 in PTX); left out
+  std::size_t empty_returns = 0;  ///< points the file marks as not seen (NaN in PCD, 0 0 0 in PTX), invalid
+                                  ///< (E57) or withheld (LAS); left out
 };
 
-/// Reads PLY, PCD, PTX, OFF, STL, OBJ or text (XYZ, PTS, PWN, CSV), told apart by content, then by the suffix of
-/// `file_name`. Faces are skipped unless asked for. Memory is bounded by a small multiple of the bytes given.
-/// Fails: InvalidInput (empty, truncated, wrong magic, NaN, no point, coordinate beyond 1e12; says line or point),
-/// TooLarge (more than max_points), Cancelled.
+/// Reads PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text (XYZ, PTS, PWN, CSV), told apart by content, then by the suffix
+/// of `file_name`. Faces are skipped unless asked for. Memory is bounded by a small multiple of the bytes given. Fails:
+/// InvalidInput (empty, truncated, wrong magic, NaN, no point, coordinate beyond 1e12; says line or point), TooLarge
+/// (more than max_points), Cancelled.
 [[nodiscard]] Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_view file_name,
                                               const ReadOptions& options, std::stop_token stop);
 

@@ -10,7 +10,7 @@ namespace telefab::scan {
 /// Millimetres in one "mm", "cm", "m" or "in". Fails: InvalidInput for any other word.
 [[nodiscard]] Result<double> millimetres_per(std::string_view unit);
 
-/// Positions (and origin) times `factor`; normals and confidence stay.
+/// Positions (and origin) times `factor`; normals and confidence stay, and a stated unit stays right.
 [[nodiscard]] PointCloud scaled(PointCloud cloud, double factor);
 
 /// A sentence if the size of the cloud, taken as millimetres, is hardly that of a thing to be printed (below 2 mm or
