@@ -16,7 +16,7 @@ constexpr std::uint32_t kThrough_layers = 16;
 void PointOwner::mark(const RingIndex& rings, double grown_px, std::uint32_t owner) {
   const PixelBox& box = rings.box();
   const int width = static_cast<int>(size_.width_px), height = static_cast<int>(size_.height_px);
-  const int up = static_cast<int>(std::floor(grown_px));
+  const int up = static_cast<int>(std::ceil(grown_px));  // a row may just miss the end of a ring
   for (int y = box.y; y < box.y + box.height; ++y) {
     const auto spans = rings.spans_at(y + 0.5);
     for (std::size_t i = 0; i + 1 < spans.size(); i += 2) {

@@ -144,8 +144,7 @@ class LibusbTransport final : public UsbTransport {
     if (time.count() > 0 && !hears_) {
       // Without news to wait for, the wait must not end early.
       const Nanoseconds until = clock_.now() + time;
-      while (clock_.now() < until)
-        (void)libusb_handle_events_timeout_completed(context_.get(), &tv, nullptr);
+      while (clock_.now() < until) (void)libusb_handle_events_timeout_completed(context_.get(), &tv, nullptr);
       return;
     }
     (void)libusb_handle_events_timeout_completed(context_.get(), &tv, time.count() > 0 ? &has_arrived_ : nullptr);

@@ -6,6 +6,7 @@
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/cloud/write_cloud.hpp>
 #include <telefab/scan/digitize/digitize.hpp>
+#include <telefab/scan/digitize/models.hpp>
 #include <telefab/scan/registration/pose_file.hpp>
 
 #include "cloud_files.hpp"
@@ -15,41 +16,66 @@ namespace telefab::scan {
 namespace {
 
 struct Options {
-  std::string model, folder, units = "mm";
-  double scale = 1;
-  DigitizeOptions digitize{.tilt_deg = 0};
+  std::string model, shape, folder, reference, units = "mm";
+  std::optional<double> scale, height_mm;
+  std::vector<double> tilts_deg{0};
+  DigitizeOptions digitize;
 };
 
-Result<ExitCode> run(const Options& o, std::stop_token stop) {
+Result<DigitizeModel> load_model(const Options& o, std::stop_token stop) {
+  if (!o.shape.empty()) return shape_model(o.shape, o.height_mm.value_or(50));
   const auto bytes = read_file(o.model, kMaxScanFileBytes);
   if (!bytes) return tl::unexpected{bytes.error()};
   const auto file = read_scan_file(*bytes, name_of_file(o.model), {.keep_faces = true}, stop);
   if (!file) return tl::unexpected{file.error()};
   const auto unit = millimetres_per(o.units);
   if (!unit) return tl::unexpected{unit.error()};
-  if (!(o.scale > 0)) return fail(ErrorCode::InvalidInput, fmt::format("--scale {}: must be above 0", o.scale));
   DigitizeModel model;
-  model.triangles = file->faces;
-  for (const auto& p : file->cloud.points)
-    model.points.emplace_back((file->cloud.origin + p.cast<double>()) * (*unit * o.scale));
-  const auto views = digitize(model, o.digitize, stop);
-  if (!views) return fail_in(name_of_file(o.model), views.error());
+  if (file->faces.empty()) {
+    auto surfels = surfel_model(file->cloud);
+    if (!surfels) return fail_in(name_of_file(o.model), surfels.error());
+    model = std::move(*surfels);
+  } else {
+    model.triangles = file->faces;
+    for (const auto& p : file->cloud.points) model.points.emplace_back(file->cloud.origin + p.cast<double>());
+  }
+  for (Vec3& p : model.points) p *= *unit * o.scale.value_or(1);
+  if (o.height_mm) scale_to_height(model, *o.height_mm);
+  return model;
+}
+
+Result<ExitCode> run(const Options& o, std::stop_token stop) {
+  if (o.model.empty() == o.shape.empty())
+    return fail(ErrorCode::InvalidInput, "give a model to look at, or --shape, and not both");
+  const auto model = load_model(o, stop);
+  if (!model) return tl::unexpected{model.error()};
   std::error_code fault;
   std::filesystem::create_directories(o.folder, fault);
   if (fault) return fail(ErrorCode::NotPermitted, fmt::format("{}: {}", o.folder, fault.message()));
   std::vector<NamedPose> poses;
   std::size_t points = 0;
-  for (std::size_t v = 0; v < views->size(); ++v) {
-    const VirtualView& view = (*views)[v];
-    poses.push_back({fmt::format("view_{:03}.ply", v), view.scanner_to_model});
-    points += view.points.size();
-    const auto ply = write_range_ply(view.points, view.view, "virtual range image, mm");
-    if (auto ok = write_file_atomically(std::filesystem::path{o.folder} / poses.back().file, ply); !ok)
-      return tl::unexpected{ok.error()};
+  for (std::size_t turn = 0; turn < o.tilts_deg.size(); ++turn) {
+    DigitizeOptions options = o.digitize;
+    options.tilt_deg = o.tilts_deg[turn];
+    options.seed += turn;
+    const auto views = digitize(*model, options, stop);
+    if (!views) return fail_in(o.shape.empty() ? name_of_file(o.model) : o.shape, views.error());
+    for (const VirtualView& view : *views) {
+      poses.push_back({fmt::format("view_{:03}.ply", poses.size()), view.scanner_to_model});
+      points += view.points.size();
+      const auto ply = write_range_ply(view.points, view.view, "virtual range image, mm");
+      if (auto ok = write_file_atomically(std::filesystem::path{o.folder} / poses.back().file, ply); !ok)
+        return tl::unexpected{ok.error()};
+    }
   }
   if (auto ok = write_file_atomically(std::filesystem::path{o.folder} / "poses.conf", to_pose_file(poses)); !ok)
     return tl::unexpected{ok.error()};
-  fmt::print("{} range images, {} points, and their true poses in {}\n", views->size(), points, o.folder);
+  if (!o.reference.empty()) {
+    const PointCloud truth = reference_cloud(*model, o.digitize.pitch_mm / 2, o.digitize.seed);
+    if (auto ok = write_file_atomically(o.reference, write_ply(truth, {}, "points of the model itself, mm")); !ok)
+      return tl::unexpected{ok.error()};
+  }
+  fmt::print("{} range images, {} points, and their true poses in {}\n", poses.size(), points, o.folder);
   return ExitCode::Ok;
 }
 
@@ -58,14 +84,28 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 VerbBody declare_digitize(CLI::App& options) {
   auto o = std::make_shared<Options>();
   DigitizeOptions& d = o->digitize;
-  options.add_option("model", o->model, "a mesh: PLY, OFF or STL with faces")->required();
+  options.add_option(
+      "model", o->model,
+      "a mesh (PLY, OFF or STL with faces), or a cloud with normals such as `telefab-fab predict` writes");
+  options.add_option("--shape", o->shape, "instead of a file: sphere, torus or knot")
+      ->check(CLI::IsMember({"sphere", "torus", "knot"}));
   options.add_option("--out", o->folder, "folder for view_000.ply .. and poses.conf")->required();
   options.add_option("--units", o->units, "unit of the model (mm, cm, m, in)")->capture_default_str();
-  options.add_option("--scale", o->scale, "times which the model is made larger first")->capture_default_str();
+  auto* scale = options.add_option("--scale", o->scale, "times which the model is made larger first");
+  options.add_option("--height-mm", o->height_mm, "make the model this high along z; a shape without it: 50")
+      ->check(CLI::PositiveNumber)
+      ->excludes(scale);
+  scale->check(CLI::PositiveNumber);
+  options.add_option("--reference", o->reference,
+                     "also write points of the model itself, with normals, to measure against (PLY)");
   options.add_option("--step-deg", d.step_deg, "turn of the table between views")->capture_default_str();
   options.add_option("--views", d.views, "number of views; 0: a whole turn")->capture_default_str();
   options.add_option("--pitch-mm", d.pitch_mm, "distance of neighbouring cells")->capture_default_str();
-  options.add_option("--tilt-deg", d.tilt_deg, "how far the scanner looks down")->capture_default_str();
+  options
+      .add_option("--tilt-deg", o->tilts_deg,
+                  "how far the scanner looks down; several, as 30,-30: one turn of the table each")
+      ->delimiter(',')
+      ->capture_default_str();
   options.add_option("--noise-mm", d.noise_mm, "sigma along the line of sight")->capture_default_str();
   options.add_option("--outliers", d.outlier_share, "share of points with a random depth")->capture_default_str();
   options.add_option("--mixed", d.mixed_share, "share of cells at depth edges that mix both depths")

@@ -24,6 +24,7 @@ struct Options {
   std::string out, report, picture, poses, poses_out, axis, units;
   double step_deg = 0;
   std::optional<double> budget, cut_below;
+  bool upright = false;
   bool json = false;
 };
 
@@ -132,6 +133,23 @@ std::string report_of(const Registration& r, const MergeReport& merge, const std
       to_json(merge));
 }
 
+/// Where the result stands: the frame of the poses it started from, or of view 0, turned until the table is level.
+RigidMotion frame_of(const Options& o, const RegisterOptions& options, const Registration& registered) {
+  RigidMotion frame =
+      options.start.empty() ? RigidMotion::Identity() : options.start[0] * registered.poses[0].inverse();
+  if (!o.upright) return frame;
+  // Scanners stand upright, so of the axis' two senses the one nearer to the rows' upward direction is up.
+  Vec3 up = registered.axis.direction;
+  if (up.y() < 0) up = -up;
+  return RigidMotion{Eigen::Quaterniond::FromTwoVectors(up, Vec3::UnitZ())};
+}
+
+void move(PointCloud& cloud, const RigidMotion& motion) {
+  for (auto& p : cloud.points) p = (motion * (cloud.origin + p.cast<double>())).cast<float>();
+  for (auto& n : cloud.normals) n = (motion.linear() * n.cast<double>()).cast<float>();
+  cloud.origin.setZero();
+}
+
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
   auto views = load_views(o, stop);
   if (!views) return tl::unexpected{views.error()};
@@ -144,6 +162,8 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
       merge_views(*views, registered->poses, {.up = registered->axis.direction, .cut_below = o.cut_below}, stop);
   if (!merged) return tl::unexpected{merged.error()};
   PointCloud cloud = std::move(merged->cloud);
+  const RigidMotion frame = frame_of(o, *options, *registered);
+  move(cloud, frame);
   double unit_mm = 1;
   if (!o.units.empty()) {
     const auto factor = millimetres_per(o.units);
@@ -161,7 +181,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     if (auto ok = write_file_atomically(o.report, report); !ok) return tl::unexpected{ok.error()};
   if (!o.poses_out.empty()) {
     std::vector<NamedPose> poses;
-    for (std::size_t i = 0; i < views->size(); ++i) poses.push_back({(*views)[i].name, registered->poses[i]});
+    for (std::size_t i = 0; i < views->size(); ++i) poses.push_back({(*views)[i].name, frame * registered->poses[i]});
     if (auto ok = write_file_atomically(o.poses_out, to_pose_file(poses)); !ok) return tl::unexpected{ok.error()};
   }
   if (!o.picture.empty()) {
@@ -197,7 +217,12 @@ VerbBody declare_register(CLI::App& options) {
   options.add_option("--out", o->out, "the merged, oriented cloud, PLY")->required();
   options.add_option("--step-deg", o->step_deg, "turn of the table from one view to the next, degrees");
   options.add_option("--axis", o->axis, "direction of the table's axis: x, y or z; unset: searched");
-  options.add_option("--poses", o->poses, "poses to start from (Stanford .conf) instead of a search");
+  auto* poses = options.add_option(
+      "--poses", o->poses,
+      "poses to start from (Stanford .conf) instead of a search; the result is in their common frame");
+  options
+      .add_flag("--upright", o->upright, "turn the result until the table's axis points along +z, ready for slicing")
+      ->excludes(poses);
   options.add_option("--budget", o->budget,
                      "largest rms between the views, unit of the files; worse is refused. Unset: 0.6 grid spacings");
   options.add_option("--cut-below", o->cut_below,

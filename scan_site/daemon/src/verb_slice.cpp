@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -8,6 +9,7 @@
 #include <telefab/codec/tfc_file.hpp>
 #include <telefab/geometry/contour_lines.hpp>
 #include <telefab/machine/machine_profile.hpp>
+#include <telefab/scan/cloud/write_cloud.hpp>
 #include <telefab/scan/pipeline/preview.hpp>
 #include <telefab/scan/pipeline/slice_scan.hpp>
 
@@ -22,7 +24,7 @@ struct Options {
   std::string cloud;
   std::string machine;
   std::string machines = default_machine_folder();
-  std::string out, contours, report, preview;
+  std::string out, contours, report, preview, points;
   std::optional<double> height_mm, scale, layer_mm, kernel_mm, chord_mm, bridge_mm;
   std::string up = "z";
   bool fit = false;
@@ -90,6 +92,31 @@ Result<SliceRequest> request_from(const Options& o) {
   return request;
 }
 
+/// Vertices and chord middles of contours, taken back to where the scan stood.
+class ContourPoints {
+ public:
+  void add(const StackHeader& header, const Layer& layer) {
+    const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> to_build{header.scan_to_build.data()};
+    const Eigen::Affine3d to_scan{Eigen::Affine3d{Eigen::Matrix4d{to_build}}.inverse()};
+    const auto put = [&](double x, double y, double dx, double dy) {
+      cloud_.points.push_back((to_scan * Vec3{x, y, layer.z_mm}).cast<float>());
+      // Solid on the left: outward is to the right.
+      cloud_.normals.push_back((to_scan.linear() * Vec3{dy, -dx, 0}).normalized().cast<float>());
+    };
+    for (const Contour& ring : layer.contours)
+      for (std::size_t i = 0; i < ring.vertices().size(); ++i) {
+        const Point2 a = ring.vertices()[i];
+        const Point2 b = ring.vertices()[i + 1 == ring.vertices().size() ? 0 : i + 1];
+        put(a.x_mm, a.y_mm, b.x_mm - a.x_mm, b.y_mm - a.y_mm);
+        put((a.x_mm + b.x_mm) / 2, (a.y_mm + b.y_mm) / 2, b.x_mm - a.x_mm, b.y_mm - a.y_mm);
+      }
+  }
+  [[nodiscard]] const PointCloud& cloud() const { return cloud_; }
+
+ private:
+  PointCloud cloud_;
+};
+
 /// The files asked for; all of them are written after the last layer, each whole or not at all.
 class Outputs {
  public:
@@ -114,6 +141,7 @@ class Outputs {
     }
     if (!options_.contours.empty()) lines_ += to_json_line(layer) + '\n';
     if (preview_) preview_->add(layer);
+    if (!options_.points.empty()) points_.add(header, layer);
     if (writer_) return writer_->add(layer);
     return {};
   }
@@ -125,6 +153,11 @@ class Outputs {
     }
     if (!options_.contours.empty())
       if (auto ok = write_file_atomically(options_.contours, lines_); !ok) return ok;
+    if (!options_.points.empty())
+      if (auto ok =
+              write_file_atomically(options_.points, write_ply(points_.cloud(), {}, "contours, frame of the scan"));
+          !ok)
+        return ok;
     if (preview_) {
       const auto png = preview_->png();
       if (!png) return tl::unexpected{png.error()};
@@ -150,6 +183,7 @@ class Outputs {
   std::vector<std::byte> tfc_;
   std::optional<TfcWriter> writer_;
   std::optional<Preview> preview_;
+  ContourPoints points_;
 };
 
 void print_gaps(const std::vector<LayerGap>& gaps) {
@@ -238,6 +272,8 @@ VerbBody declare_slice(CLI::App& options) {
   options.add_option("--out", o->out, "write the stack here (.tfc)");
   options.add_option("--preview", o->preview, "write a picture here (PNG)");
   options.add_option("--contours", o->contours, "write contours here, one JSON line a layer");
+  options.add_option("--points", o->points,
+                     "write the contours' vertices and chord middles here, in the frame of the scan (PLY, to measure)");
   options.add_option("--report", o->report, "write the report here (JSON)");
   auto* height = options.add_option("--height-mm", o->height_mm, "scale the part to this height");
   auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file");
