@@ -16,7 +16,10 @@ enum SmallContext : unsigned { kRings, kReference, kStart };
 /// The same function writes and reads: with Writing the arguments hold the values, with Reading they take them.
 struct Writing {
   RangeEncoder& coder;
-  void bit(BitModel& model, bool& value) const { coder.encode(model, value ? 1 : 0); }
+  template <class Model>
+  void bit(Model&& model, bool& value) const {
+    coder.encode(model, value ? 1 : 0);
+  }
   template <unsigned N>
   void number(NumberModel<N>& model, std::uint32_t& value, unsigned context) const {
     model.encode(coder, value, context);
@@ -26,7 +29,10 @@ struct Writing {
 
 struct Reading {
   RangeDecoder& coder;
-  void bit(BitModel& model, bool& value) const { value = coder.decode(model) != 0; }
+  template <class Model>
+  void bit(Model&& model, bool& value) const {
+    value = coder.decode(model) != 0;
+  }
   template <unsigned N>
   void number(NumberModel<N>& model, std::uint32_t& value, unsigned context) const {
     value = model.decode(coder, context);
@@ -51,15 +57,15 @@ void code_residual(const Bits& bits, CurveModels& models, const ResidualContext&
     return;
   }
   bool some = residual != 0;
-  bits.bit(models.quiet[near.own][near.before], some);
+  bits.bit(near.quiet_models(models), some);
   if (!some) {
     residual = 0;
     return;
   }
   bool negative = residual < 0;
-  bits.bit(models.sign[near.own_sign][near.before_sign], negative);
+  bits.bit(near.sign_models(models), negative);
   std::uint32_t size = static_cast<std::uint32_t>(std::abs(residual)) - 1;
-  bits.number(models.size, size, (near.own == 3 ? 3 : 0) + near.before);
+  bits.number(models.size, size, near.size());
   size = std::min<std::uint32_t>(size, kMaxDistance);
   residual = static_cast<std::int32_t>(size + 1) * (negative ? -1 : 1);
 }
@@ -123,7 +129,7 @@ class RingMotion {
     plan.steps.resize(source.size());
     EdgeFilling<Bits> edges{bits_, models_.fill[0], steps_.residual, most_, budget_, plan.fills, made_};
     std::int32_t move_before = 0;
-    std::int32_t residual_before = 0;
+    ResidualsBefore before;
     bool gone_before = false;
     for (std::size_t k = 0; k < source.size(); ++k) {
       const std::size_t i = (k + plan.start) % source.size();
@@ -132,12 +138,13 @@ class RingMotion {
       if (k > 0) bits_.bit(models_.gone[gone_before ? 1 : 0][corners[i].bend], step.gone);
       gone_before = step.gone;
       if (step.gone) continue;
-      code_residual(bits_, models_, ResidualContext::of(source[i], residual_before), step.residual);
+      code_residual(bits_, models_, ResidualContext::of(source[i], source[i + 1 == source.size() ? 0 : i + 1], before),
+                    step.residual);
       MovingVertex v = source[i];
       const std::int32_t expected = rule.expected(v, move_before);
       if (!rule.apply(v, corners[i].normal, expected, step.residual, most_))
         return broken("a vertex lies outside the stated bounds");
-      residual_before = step.residual;
+      before = {step.residual, before.first};
       move_before = expected + step.residual * steps_.residual * kDistanceUnit;
       if (!made_.empty())
         if (auto done = edges.fill(MovingVertex{made_.back()}, v); !done) return tl::unexpected{done.error()};
@@ -218,10 +225,17 @@ FillModels::FillModels() {
   }
 }
 
-ResidualContext ResidualContext::of(const MovingVertex& v, std::int32_t residual_before) {
-  const auto sign = [](std::int32_t r) { return r < 0 ? 0U : r == 0 ? 1U : 2U; };
-  const auto size = [](std::int32_t r) { return static_cast<unsigned>(std::min(std::abs(r), 2)); };
-  return {v.fresh ? 3U : size(v.last), size(residual_before), sign(v.last), sign(residual_before), residual_before};
+ResidualContext ResidualContext::of(const MovingVertex& v, const MovingVertex& next, ResidualsBefore before) {
+  ResidualContext near;
+  near.fresh = v.fresh;
+  near.own = ResidualKind::of(v.last);
+  near.next = ResidualKind::of(next.last);
+  if (next.fresh) near.next.size = 1;
+  near.before = ResidualKind::of(before.first);
+  near.before2 = ResidualKind::of(before.second);
+  near.speed = std::min(bit_length(static_cast<std::uint32_t>(std::abs(v.velocity)) >> 6U), 11U);
+  near.residual_before = before.first;
+  return near;
 }
 
 void encode_curve_layer(RangeEncoder& coder, CurveState& state, CurveSteps steps, GridPoint most,

@@ -44,12 +44,14 @@ struct FillContext {
 struct CurveModels {
   ChunkModels exact;  ///< certificates, counts and rings given anew
   BitModel moves;
-  BitModel gone[2][12];   ///< by the fate of the vertex before, by bend
-  BitModel quiet[4][3];   ///< residual 0: by own last residual (3: fresh), by the residual before
-  BitModel sign[3][3];    ///< by the signs of both
-  NumberModel<6> size;    ///< residual less 1, by freshness and the residual before
-  NumberModel<12> swing;  ///< residual less most of a large one before it, by the size of that
-  FillModels fill[2];     ///< of rings that move, and of rings given anew
+  BitModel gone[2][12];            ///< by the fate of the vertex before, by bend
+  BitModel quiet[4][3][3][3];      ///< residual 0: by ResidualContext own, before, next, before2
+  BitModel quiet_speed[3][3][12];  ///< the same: by before, own, speed
+  BitModel sign[3][3];             ///< by the signs of own and before
+  BitModel sign_along[3][3][3];    ///< the same: of next, before2, before
+  NumberModel<6> size;             ///< residual less 1, by freshness and the residual before
+  NumberModel<12> swing;           ///< residual less most of a large one before it, by the size of that
+  FillModels fill[2];              ///< of rings that move, and of rings given anew
   BitModel filled;
   NumberModel<4> small;
 };
@@ -91,20 +93,47 @@ void encode_curve_layer(RangeEncoder& coder, CurveState& state, CurveSteps steps
 [[nodiscard]] Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& state, CurveSteps steps,
                                                           GridPoint most, std::uint64_t& budget);
 
+/// The residuals of the two vertices before in this layer, the nearer first.
+struct ResidualsBefore {
+  std::int32_t first = 0;
+  std::int32_t second = 0;
+};
+
+/// A residual's size, at most 2, and sign.
+struct ResidualKind {
+  unsigned size = 0;
+  unsigned sign = 1;  ///< 0 negative, 1 none, 2 positive
+  [[nodiscard]] static ResidualKind of(std::int32_t residual) {
+    return {static_cast<unsigned>(std::min(std::abs(residual), 2)), residual < 0 ? 0U : residual == 0 ? 1U : 2U};
+  }
+};
+
 /// Contexts of the models, shared with the encoder's estimate of costs.
 struct ResidualContext {
-  unsigned own = 0;     ///< 0 to 2; 3 fresh
-  unsigned before = 0;  ///< 0 to 2
-  unsigned own_sign = 1;
-  unsigned before_sign = 1;
+  bool fresh = false;
+  ResidualKind own;      ///< of the layer below
+  ResidualKind next;     ///< of the next vertex in the layer below
+  ResidualKind before;   ///< of the vertex before in this layer
+  ResidualKind before2;  ///< of the one before that
+  unsigned speed = 0;    ///< bit length of the expected move in steps of four; at most 11
   std::int32_t residual_before = 0;
+  [[nodiscard]] unsigned size() const { return (fresh ? 3 : 0) + before.size; }
   /// Where a whole stretch moves otherwise than expected, the next vertex most likely does so too.
   [[nodiscard]] bool swings() const { return std::abs(residual_before) > 2; }
   [[nodiscard]] std::int32_t guess() const { return divided(residual_before * 3, 4); }
   [[nodiscard]] unsigned swing() const {
     return std::min(bit_length(static_cast<std::uint32_t>(std::abs(residual_before))), 11U);
   }
-  [[nodiscard]] static ResidualContext of(const MovingVertex& v, std::int32_t residual_before);
+  [[nodiscard]] static ResidualContext of(const MovingVertex& v, const MovingVertex& next, ResidualsBefore before);
+  template <class Models>  // CurveModels, const or not
+  [[nodiscard]] auto quiet_models(Models& m) const {
+    return BitPair{m.quiet[fresh ? 3 : own.size][before.size][next.size][before2.size],
+                   m.quiet_speed[before.size][own.size][speed]};
+  }
+  template <class Models>  // CurveModels, const or not
+  [[nodiscard]] auto sign_models(Models& m) const {
+    return BitPair{m.sign[own.sign][before.sign], m.sign_along[next.sign][before2.sign][before.sign]};
+  }
 };
 
 }  // namespace telefab::codec

@@ -13,7 +13,7 @@ constexpr int kLongestGap = 256;          ///< the same where there is no other 
 constexpr int kMostGapTrials = 300;       ///< such ways tried for one ring
 constexpr double kLargestMove = 64 * 40;  ///< lattice steps
 constexpr double kTrackingWeight = 0.6;   ///< bits for an error of the whole tolerance: an exact move predicts the next
-constexpr int kNear = 64;                 ///< target segments searched around the last hit
+constexpr int kNear = 28;                 ///< target segments searched around the last hit
 
 struct Candidate {
   std::int32_t level = 0;  ///< the residual; of a fresh vertex the move in steps
@@ -26,6 +26,7 @@ struct Candidate {
   int from_vertex = -1;
   int from_candidate = -1;
   std::int32_t residual = 0;
+  std::int32_t residual_before = 0;  ///< of the vertex before on that way
   std::int32_t move = 0;
 };
 
@@ -53,6 +54,15 @@ class Motion {
 
  private:
   [[nodiscard]] std::size_t index(std::size_t k) const { return (k + start_) % reference_.size(); }
+  /// How far outside a bend its vertex is wanted: half of what the edges beside it cut off, so that they may be longer.
+  [[nodiscard]] double outward(std::size_t i) const {
+    const GridPoint before = reference_[i == 0 ? reference_.size() - 1 : i - 1].at;
+    const GridPoint p = reference_[i].at;
+    const auto [nx, ny] = corners_[i].normal;
+    const double aside =
+        (nx * (static_cast<double>(p.x) - before.x) + ny * (static_cast<double>(p.y) - before.y)) / 16384;
+    return std::clamp(aside / 8, -0.5 * rule_.tolerance, 0.5 * rule_.tolerance);
+  }
   [[nodiscard]] double expectation(const MovingVertex& v) const {
     return v.fresh ? 0.0 : v.velocity / static_cast<double>(kDistanceUnit);
   }
@@ -106,7 +116,8 @@ class Motion {
       if (at < 0) at += static_cast<double>(target_.size());
       const double step = rule_.steps.residual;
       const double base = expectation(reference_[i]);
-      const double wanted = (hit.distance - base) / step;
+      const double wish = hit.distance + outward(i);
+      const double wanted = (wish - base) / step;
       const auto nearest = static_cast<std::int32_t>(std::floor(wanted + 0.5));
       const std::int32_t toward = nearest > wanted ? nearest - 1 : nearest + 1;
       std::array<std::int32_t, 3> levels{nearest, toward, 0};
@@ -119,7 +130,7 @@ class Motion {
         if (!move_rule_.apply(c.vertex, corners_[i].normal, expected, c.level, rule_.most)) continue;
         c.error_square = square(c.vertex.at.x - hit.place.x) + square(c.vertex.at.y - hit.place.y);
         if (c.error_square > most_square_) continue;
-        c.penalty = kTrackingWeight * c.error_square / most_square_;
+        c.penalty = kTrackingWeight * square(base + c.level * step - wish) / most_square_;
         c.at = start_at_ + at;
         if (k == 0) {
           c.cost = 0;
@@ -138,15 +149,13 @@ class Motion {
     c.move = expected + c.residual * unit;
   }
 
-  [[nodiscard]] double residual_cost(const MovingVertex& source, std::int32_t residual,
-                                     std::int32_t residual_before) const {
-    const ResidualContext near = ResidualContext::of(source, residual_before);
+  [[nodiscard]] double residual_cost(std::size_t k, std::int32_t residual, ResidualsBefore before) const {
+    const ResidualContext near = ResidualContext::of(reference_[index(k)], reference_[index(k + 1)], before);
     if (near.swings()) return models_.swing.cost(zigzag(residual - near.guess()), near.swing());
-    double bits = cost_of(models_.quiet[near.own][near.before], residual != 0 ? 1 : 0);
+    double bits = cost_of(near.quiet_models(models_).mean(), residual != 0 ? 1 : 0);
     if (residual == 0) return bits;
-    bits += cost_of(models_.sign[near.own_sign][near.before_sign], residual < 0 ? 1 : 0);
-    return bits +
-           models_.size.cost(static_cast<std::uint32_t>(std::abs(residual)) - 1, (near.own == 3 ? 3 : 0) + near.before);
+    bits += cost_of(near.sign_models(models_).mean(), residual < 0 ? 1 : 0);
+    return bits + models_.size.cost(static_cast<std::uint32_t>(std::abs(residual)) - 1, near.size());
   }
 
   [[nodiscard]] double gone_cost(int k, bool gone_before, bool gone) const {
@@ -173,13 +182,15 @@ class Motion {
         double cost = before.cost + dropped;
         if (!closing) {
           settle(now, source, before.move, before.residual);
-          cost += c.penalty + residual_cost(source, now.residual, before.residual);
+          cost += c.penalty +
+                  residual_cost(static_cast<std::size_t>(k), now.residual, {before.residual, before.residual_before});
         }
         if (cost >= c.cost) continue;
         if (k - j > kMostGone + 1 && gap_trials_-- <= 0) break;
         cost += filler_.fill({before.vertex, c.vertex, before.at, c.at}, k - j <= 2 || k - j > kMostGone + 1, nullptr);
         if (cost >= c.cost) continue;
         c = now;
+        c.residual_before = before.residual;
         c.cost = cost;
         c.from_vertex = j;
         c.from_candidate = b;

@@ -16,6 +16,18 @@ double distance(GridPoint a, GridPoint b) {
   return std::sqrt(dx * dx + dy * dy);
 }
 
+/// Each value goes `eighths` of the way to the mean of its two neighbours'.
+void smooth(MovingRing& ring, std::int32_t MovingVertex::*value, std::int32_t eighths) {
+  const std::int32_t first = ring.front().*value;
+  std::int32_t before = ring.back().*value;
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    const std::int32_t own = ring[i].*value;
+    const std::int32_t after = i + 1 == ring.size() ? first : ring[i + 1].*value;
+    ring[i].*value = own + ((before + after) / 2 - own) * eighths / 8;
+    before = own;
+  }
+}
+
 bool inside(GridPoint p, GridPoint most) { return p.x >= 0 && p.y >= 0 && p.x <= most.x && p.y <= most.y; }
 
 }  // namespace
@@ -65,7 +77,8 @@ bool MoveRule::apply(MovingVertex& v, Normal normal, std::int32_t expected_move,
   if (move < -kMaxDistance || move > kMaxDistance) return false;
   v.at = moved(v.at, normal, static_cast<std::int32_t>(move));
   if (!inside(v.at, most)) return false;
-  v.velocity = static_cast<std::int32_t>(move);
+  v.change = v.fresh ? 0 : static_cast<std::int32_t>((v.change * std::int64_t{60} + extra * 8) / 64);
+  v.velocity = static_cast<std::int32_t>(std::clamp<std::int64_t>(move + v.change, -kMaxDistance, kMaxDistance));
   v.last = v.fresh ? 0 : std::clamp(residual, -2, 2);
   v.fresh = false;
   return true;
@@ -73,14 +86,9 @@ bool MoveRule::apply(MovingVertex& v, Normal normal, std::int32_t expected_move,
 
 void smooth_motion(MovingRing& ring) {
   if (ring.empty()) return;
-  const std::int32_t first = ring.front().velocity;
-  std::int32_t before = ring.back().velocity;
-  for (std::size_t i = 0; i < ring.size(); ++i) {
-    const std::int32_t own = ring[i].velocity;
-    const std::int32_t after = i + 1 == ring.size() ? first : ring[i + 1].velocity;
-    ring[i].velocity = own + ((before + after) / 2 - own) * 7 / 8;
-    before = own;
-  }
+  smooth(ring, &MovingVertex::velocity, 7);
+  smooth(ring, &MovingVertex::velocity, 4);
+  smooth(ring, &MovingVertex::change, 7);
 }
 
 bool make_between(const MovingVertex& a, const MovingVertex& b, std::int32_t offset, std::int32_t step, GridPoint most,
@@ -89,6 +97,7 @@ bool make_between(const MovingVertex& a, const MovingVertex& b, std::int32_t off
   if (aside < -kMaxDistance || aside > kMaxDistance) return false;
   made.at = moved(middle(a.at, b.at), normal_of(a.at, b.at), static_cast<std::int32_t>(aside));
   made.velocity = (a.velocity + b.velocity) / 2;
+  made.change = (a.change + b.change) / 2;
   made.last = 0;
   made.fresh = a.fresh && b.fresh;
   return inside(made.at, most) && !(made.at == a.at) && !(made.at == b.at);

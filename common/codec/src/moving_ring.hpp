@@ -12,6 +12,7 @@ namespace telefab::codec {
 struct MovingVertex {
   GridPoint at;
   std::int32_t velocity = 0;  ///< expected move along the outward normal to the next layer
+  std::int32_t change = 0;    ///< expected of that from layer to layer
   std::int32_t last = 0;      ///< the residual it had, a context for the next
   bool fresh = true;          ///< no motion was seen yet
 };
@@ -61,8 +62,8 @@ struct MoveRule {
                            GridPoint most) const;
 };
 
-/// Neighbours move alike: each velocity goes 7/8 of the way to the mean of its two neighbours'. Residuals are coarse,
-/// and this takes their rounding out of the next layer's expectation.
+/// Neighbours move alike: each velocity goes 7/8 of the way to the mean of its two neighbours', then half of it, and
+/// its change 7/8. Residuals are coarse, and this takes their rounding out of the next layer's expectation.
 void smooth_motion(MovingRing& ring);
 
 /// A vertex put between two of the same ring: over their middle, `offset` units aside. False outside the lattice.

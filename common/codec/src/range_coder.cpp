@@ -56,14 +56,23 @@ double cost_of(const BitModel& model, unsigned bit) {
 }
 
 void RangeEncoder::encode(BitModel& model, unsigned bit) {
-  const std::uint32_t bound = (range_ >> kModelBits) * model.zero;
+  narrow(model.zero, bit);
+  model.learn(bit);
+}
+
+void RangeEncoder::encode(const BitPair<BitModel>& pair, unsigned bit) {
+  narrow(pair.mean().zero, bit);
+  pair.learn(bit);
+}
+
+void RangeEncoder::narrow(std::uint16_t zero, unsigned bit) {
+  const std::uint32_t bound = (range_ >> kModelBits) * zero;
   if (bit == 0) {
     range_ = bound;
   } else {
     low_ += bound;
     range_ -= bound;
   }
-  model.learn(bit);
   while (range_ < kTop) {
     range_ <<= 8U;
     shift_low();
@@ -121,7 +130,19 @@ void RangeDecoder::normalise() {
 }
 
 unsigned RangeDecoder::decode(BitModel& model) {
-  const std::uint32_t bound = (range_ >> kModelBits) * model.zero;
+  const unsigned bit = narrow(model.zero);
+  model.learn(bit);
+  return bit;
+}
+
+unsigned RangeDecoder::decode(const BitPair<BitModel>& pair) {
+  const unsigned bit = narrow(pair.mean().zero);
+  pair.learn(bit);
+  return bit;
+}
+
+unsigned RangeDecoder::narrow(std::uint16_t zero) {
+  const std::uint32_t bound = (range_ >> kModelBits) * zero;
   unsigned bit = 0;
   if (code_ < bound) {
     range_ = bound;
@@ -130,7 +151,6 @@ unsigned RangeDecoder::decode(BitModel& model) {
     range_ -= bound;
     bit = 1;
   }
-  model.learn(bit);
   normalise();
   return bit;
 }

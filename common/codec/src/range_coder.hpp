@@ -20,9 +20,26 @@ struct BitModel {
 /// Bits that coding `bit` takes. Integers and a table made by squaring: the same estimate on every machine.
 [[nodiscard]] double cost_of(const BitModel& model, unsigned bit);
 
+/// Two models of the same bit that saw it in different contexts. Their mean tells it better than either; both learn.
+template <class Model>  // BitModel, const where only the cost is asked
+struct BitPair {
+  Model& one;
+  Model& other;
+  [[nodiscard]] BitModel mean() const {
+    return {static_cast<std::uint16_t>((std::uint32_t{one.zero} + other.zero) / 2), 0};
+  }
+  void learn(unsigned bit) const {
+    one.learn(bit);
+    other.learn(bit);
+  }
+};
+template <class Model>
+BitPair(Model&, Model&) -> BitPair<Model>;
+
 class RangeEncoder {
  public:
   void encode(BitModel& model, unsigned bit);
+  void encode(const BitPair<BitModel>& pair, unsigned bit);
   /// `count` bits of equal probability, highest first.
   void encode_direct(std::uint32_t value, unsigned count);
   /// Ends the stream; the encoder is spent.
@@ -30,6 +47,7 @@ class RangeEncoder {
   [[nodiscard]] std::size_t size() const { return bytes_.size() + pending_; }
 
  private:
+  void narrow(std::uint16_t zero, unsigned bit);
   void shift_low();
   std::uint64_t low_ = 0;
   std::uint32_t range_ = 0xFFFF'FFFF;
@@ -43,12 +61,14 @@ class RangeDecoder {
  public:
   explicit RangeDecoder(std::span<const std::byte> bytes);
   [[nodiscard]] unsigned decode(BitModel& model);
+  [[nodiscard]] unsigned decode(const BitPair<BitModel>& pair);
   [[nodiscard]] std::uint32_t decode_direct(unsigned count);
   [[nodiscard]] bool overrun() const { return overrun_; }
   /// True when exactly all bytes were used.
   [[nodiscard]] bool at_end() const { return !overrun_ && next_ == bytes_.size(); }
 
  private:
+  unsigned narrow(std::uint16_t zero);
   void normalise();
   std::uint8_t next_byte();
   std::span<const std::byte> bytes_;

@@ -300,7 +300,15 @@ Result<std::vector<Layer>> StackDecoder::decode(const Chunk& chunk) const {
     return broken(fmt::format("layers {} to {} are not layers of this stack", chunk.first_layer.count(), end));
   if (chunk.payload.size() > kMaxPayloadBytes) return broken("the payload is too long");
   const auto head = PayloadHead::from(chunk.payload);
-  if (!head) return broken("an unknown coding, or steps that are impossible");
+  if (!head) {
+    const auto number = chunk.payload.empty() ? 0U : std::to_integer<std::uint32_t>(chunk.payload[0]);
+    if (number == 2 || number == 3)
+      return broken(
+          fmt::format("coding {} is that of an earlier release, this one reads {} and {}; send it again from "
+                      "its scan site after both are of the same release",
+                      number, static_cast<std::uint32_t>(Coding::Exact), static_cast<std::uint32_t>(Coding::Curve)));
+    return broken("an unknown coding, or steps that are impossible");
+  }
   const auto grid = Grid::over(header_, head->per_pitch);
   if (!grid) return broken(grid.error().what);
 

@@ -101,6 +101,14 @@ void FabLink::hear(const Other&) {
 }
 
 void FabLink::hear(const Hello& hello) {
+  if (hello.protocol_version != kProtocolVersion) {
+    const Error other{ErrorCode::ProtocolBroken,
+                      fmt::format("protocol-version: this side speaks version {}, the fab {}; bring both to the same "
+                                  "release",
+                                  kProtocolVersion, hello.protocol_version)};
+    connection_->close(to_frame(Fault{{}, other, {}}));
+    return on_closed(other);
+  }
   std::vector<MachineProfile> machines;
   for (const std::string& toml : hello.machine_toml) {
     auto machine = machine_profile_from_toml(toml, net::to_text(options_.endpoint));
