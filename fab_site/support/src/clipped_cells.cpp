@@ -154,7 +154,9 @@ bool CellRegion::inside(Flat p) const {
     for (const std::uint32_t e : buckets_[static_cast<std::size_t>(row * columns_ + c)]) {
       const auto& [a, b] = edges_[e];
       if ((a.y <= p.y) == (b.y <= p.y)) continue;
-      const double x = a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x);
+      // Rounding must not carry it out of the buckets the edge lies in.
+      const double x =
+          std::clamp(a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x), std::min(a.x, b.x), std::max(a.x, b.x));
       if (x <= p.x) continue;
       if (std::clamp(static_cast<int>(x / bucket_), 0, columns_ - 1) != c) continue;
       winding += b.y > a.y ? 1 : -1;
@@ -211,8 +213,7 @@ void CellRegion::gather(Flat low, Flat high, std::vector<std::uint32_t>& found, 
   std::sort(found.begin(), found.end());
 }
 
-ClippedCell CellRegion::cut(Flat site, bool site_inside, const std::vector<Flat>& cell,
-                            const std::vector<std::uint32_t>& near) const {
+ClippedCell CellRegion::cut(Flat site, const std::vector<Flat>& cell, const std::vector<std::uint32_t>& near) const {
   ClippedCell out;
   Moments moments;
   std::vector<Flat> corners;
@@ -237,26 +238,34 @@ ClippedCell CellRegion::cut(Flat site, bool site_inside, const std::vector<Flat>
     }
     if (from < to) take(between(a, b, from), between(a, b, to));
   }
-  // The cell's edges inside the region. Inside or not is known at the site and flips at every crossing on the way.
-  bool in = site_inside;
-  double t = 0;
-  for (const std::uint32_t e : near)
-    if (crosses(site, cell.front(), edges_[e].a, edges_[e].b, t)) in = !in;
+  // The cell's edges inside the region: inside or not is known at its first corner and flips at every crossing on the
+  // way. Where that does not come out even, a corner lies on the region's edge, and every stretch is asked for.
+  std::vector<std::pair<Flat, Flat>> stretches;
   std::vector<double> cuts;
-  for (std::size_t i = 0; i < cell.size(); ++i) {
-    const Flat p = cell[i], q = cell[i + 1 < cell.size() ? i + 1 : 0];
-    cuts.clear();
-    for (const std::uint32_t e : near)
-      if (crosses(p, q, edges_[e].a, edges_[e].b, t)) cuts.push_back(t);
-    std::sort(cuts.begin(), cuts.end());
-    double last = 0;
-    for (const double c : cuts) {
-      if (in) take(between(p, q, last), between(p, q, c));
-      last = c;
-      in = !in;
+  double t = 0;
+  const bool starts_inside = inside(cell.front());
+  bool in = starts_inside;
+  const auto walk = [&](bool ask) {
+    stretches.clear();
+    for (std::size_t i = 0; i < cell.size(); ++i) {
+      const Flat p = cell[i], q = cell[i + 1 < cell.size() ? i + 1 : 0];
+      cuts.clear();
+      for (const std::uint32_t e : near)
+        if (crosses(p, q, edges_[e].a, edges_[e].b, t)) cuts.push_back(t);
+      std::sort(cuts.begin(), cuts.end());
+      cuts.push_back(1);
+      double last = 0;
+      for (std::size_t c = 0; c < cuts.size(); ++c) {
+        if (ask ? inside(between(p, q, (last + cuts[c]) / 2)) : in)
+          stretches.emplace_back(between(p, q, last), c + 1 < cuts.size() ? between(p, q, cuts[c]) : q);
+        last = cuts[c];
+        if (c + 1 < cuts.size()) in = !in;
+      }
     }
-    if (in) take(between(p, q, last), q);
-  }
+  };
+  walk(false);
+  if (in != starts_inside) walk(true);
+  for (const auto& [a, b] : stretches) take(a, b);
   if (corners.empty()) return out;
   out.area = moments.area2 / 2;
   out.centroid = moments.area2 > 1e-12
@@ -289,7 +298,7 @@ std::vector<ClippedCell> CellRegion::cells(const std::vector<Flat>& sites, const
       high = {std::max(high.x, p.x), std::max(high.y, p.y)};
     }
     gather(low, high, near, stamp, i + 1);
-    out[i] = cut(sites[i], inside(sites[i]), cell, near);
+    out[i] = cut(sites[i], cell, near);
   }
   return out;
 }

@@ -49,8 +49,7 @@ class CellRegion {
   };
   void gather(Flat low, Flat high, std::vector<std::uint32_t>& found, std::vector<std::uint32_t>& stamp,
               std::uint32_t mark) const;
-  [[nodiscard]] ClippedCell cut(Flat site, bool site_inside, const std::vector<Flat>& cell,
-                                const std::vector<std::uint32_t>& near) const;
+  [[nodiscard]] ClippedCell cut(Flat site, const std::vector<Flat>& cell, const std::vector<std::uint32_t>& near) const;
 
   std::vector<Edge> edges_;
   std::vector<std::vector<std::uint32_t>> buckets_;

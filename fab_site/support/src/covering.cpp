@@ -198,7 +198,7 @@ class Solver {
       const double back = std::min(0.5, cell.farthest_distance / 3) / cell.farthest_distance;
       Flat place{cell.farthest.x + back * (state.sites[i].x - cell.farthest.x),
                  cell.farthest.y + back * (state.sites[i].y - cell.farthest.y)};
-      if (!region_.inside(place)) place = region_.nudged_inside(cell.farthest);
+      if (!region_.inside(place)) place = region_.nudged_inside(region_.nearest_boundary(cell.farthest));
       fresh.push_back(place);
       if (options_.plain) break;
     }

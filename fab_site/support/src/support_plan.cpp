@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <telefab/fab/support/support_plan.hpp>
+#include <tuple>
 
 #include "route.hpp"
 #include "stability.hpp"
@@ -60,6 +61,9 @@ class Planner {
       }
     }
     if (options_.mode == SupportOptions::Mode::Auto) steady(found, lift);
+    std::stable_sort(anchors_.begin(), anchors_.end(), [](const Anchor& a, const Anchor& b) {
+      return std::tie(a.layer, a.place.y_mm, a.place.x_mm) < std::tie(b.layer, b.place.y_mm, b.place.x_mm);
+    });
     report(progress_, "structure", 0);
     auto routed = route_supports(anchors_, found.layers, lift, t_, machine_);
     figures_.feet_on_part = routed.feet_on_part;
@@ -85,8 +89,6 @@ class Planner {
         anchors_.push_back(anchor);
         ++figures_.steadying;
       }
-      std::stable_sort(anchors_.begin(), anchors_.end(),
-                       [](const Anchor& a, const Anchor& b) { return a.layer < b.layer; });
     }
     const Stability stands = stability_of(found.layers, anchors_, lift == 0, machine_);
     figures_.stability_mm = stands.slack_mm;

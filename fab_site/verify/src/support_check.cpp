@@ -86,6 +86,13 @@ struct Checker {
     return false;
   }
 
+  /// True where the part's piece at that point is smaller than two pixels: nothing begins or ends with it.
+  [[nodiscard]] bool is_fleck(std::size_t k, Point2 at) const {
+    for (const Region& piece : part[k].pieces())
+      if (piece.contains(at)) return piece.area_mm2() < speck / 2;
+    return false;
+  }
+
   /// 2. What rule 4.1 leaves, minus a disc around every anchor that may hold it.
   void reach(std::size_t k) {
     if (k < print.lift_layers || part[k].empty() || (k == 0)) return;
@@ -115,7 +122,8 @@ struct Checker {
     rest = subtract(rest, unite(near));
     // Narrower than a pixel is nothing a mask shows.
     const Region core = offset(rest, Millimetres{-pixel / 2}, Millimetres{pixel / 20});
-    for (const Region& piece : core.pieces()) note(Finding::Kind::OutOfReach, k, piece);
+    for (const Region& piece : core.pieces())
+      if (!is_fleck(k, inner_point(piece))) note(Finding::Kind::OutOfReach, k, piece);
   }
 
   /// 3. Supports with nothing above.

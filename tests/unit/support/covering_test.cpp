@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
 
+#include <numbers>
+#include <random>
 #include <telefab/fab/support/covering.hpp>
 
 #include "stacks.hpp"
@@ -47,6 +49,36 @@ TEST(Covering, ReachesEveryPointOfEveryShapeWithAnchorsInside) {
     EXPECT_LT(left_over_mm2(shape, covering->anchors, 3), 1e-6) << shape.area_mm2();
     EXPECT_LE(covering->worst_mm, 3);
     for (const Point2& a : covering->anchors) EXPECT_TRUE(shape.contains(a)) << a.x_mm << ' ' << a.y_mm;
+  }
+}
+
+TEST(Covering, PutsNoAnchorOutsideWhatStandingAnchorsLeaveOpen) {
+  // Thin bands with bites: cells with corners on the region's own edges.
+  std::mt19937 random{5};
+  const auto number = [&](double low, double high) {
+    return low + (high - low) * std::generate_canonical<double, 32>(random);
+  };
+  for (int round = 0; round < 150; ++round) {
+    const double turn = number(0, 6), width = number(0.5, 4);
+    std::vector<Point2> band;
+    for (int i = 0; i < 60; ++i) {
+      const double t = 2 * std::numbers::pi * i / 60, x = 16 * std::cos(t), y = width * std::sin(t);
+      band.push_back({x * std::cos(turn) - y * std::sin(turn), x * std::sin(turn) + y * std::cos(turn)});
+    }
+    std::vector<Region> held;
+    for (int i = 0; i < 6; ++i) {
+      const double s = number(-14, 14), off = number(-2, 2);
+      held.push_back(disc({s * std::cos(turn) - off * std::sin(turn), s * std::sin(turn) + off * std::cos(turn)},
+                          Millimetres{number(2, 3)}, Millimetres{0.006}));
+    }
+    const Region open = subtract(region({band}), unite(held));
+    const auto covering = cover_region(open, {}, {});
+    ASSERT_TRUE(covering);
+    EXPECT_LT(left_over_mm2(open, covering->anchors, 3), 1e-6) << round;
+    const Region rounded = offset(open, Millimetres{1e-3}, Millimetres{1e-4});
+    for (const Point2& a : covering->anchors)
+      EXPECT_TRUE(rounded.contains(a)) << round << ": " << a.x_mm << ' ' << a.y_mm;
+    EXPECT_LE(covering->anchors.size(), grid_covering(open, Millimetres{3}).size()) << round;
   }
 }
 

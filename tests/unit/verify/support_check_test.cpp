@@ -129,13 +129,13 @@ TEST(SupportCheck, LetsATipFadeOutOnTheLayerBelowHoweverSmall) {
   const auto fading = [](double moved) {
     return stacks::stack(6, [moved](double z) {
       std::vector<std::vector<Point2>> rings{stacks::box(30, 30, 50, 50)};
-      if (z > 2.9) rings = {stacks::box(40, 40, 40.15, 40.15)};
-      if (z > 3.1) rings = {stacks::box(40 + moved, 40, 40.15 + moved, 40.15)};
+      if (z > 2.9) rings = {stacks::box(40, 40, 40.25, 40.25)};
+      if (z > 3.1) rings = {stacks::box(40 + moved, 40, 40.25 + moved, 40.25)};
       if (z > 3.3) rings.clear();
       return rings;
     });
   };
-  for (const auto& [moved, findings] : {std::pair{0.0, 0U}, {0.02, 1U}}) {
+  for (const auto& [moved, findings] : {std::pair{0.0, 0U}, {0.05, 1U}}) {
     const auto s = fading(moved);
     PrintGeometry print;
     print.part = s.layers;
