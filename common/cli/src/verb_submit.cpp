@@ -20,6 +20,7 @@ struct SubmitOptions {
   std::string machine;
   std::optional<double> height_mm;
   std::optional<double> scale;
+  std::string units;
   bool fit = false;
   std::optional<double> layer_mm;
   std::string method;
@@ -36,6 +37,7 @@ std::string parameters_of(const SubmitOptions& o) {
   nlohmann::ordered_json object = nlohmann::ordered_json::object();
   if (o.height_mm) object["height_mm"] = *o.height_mm;
   if (o.scale) object["scale"] = *o.scale;
+  if (!o.units.empty()) object["units"] = o.units;
   if (o.fit) object["fit"] = true;
   if (o.layer_mm) object["layer_mm"] = *o.layer_mm;
   if (!o.method.empty()) object["method"] = o.method;
@@ -135,13 +137,17 @@ Result<ExitCode> run(const SubmitOptions& o, std::stop_token stop) {
 VerbBody declare_submit(CLI::App& options) {
   auto o = std::make_shared<SubmitOptions>();
   declare_common(options, o->common);
-  options.add_option("SCAN", o->scan, "PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text; its points alone are used")->required();
+  options.add_option("SCAN", o->scan, "PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text; its points alone are used")
+      ->required();
   options.add_option("--machine", o->machine, "which of `telefab machines`")->required();
   auto* height = options.add_option("--height-mm", o->height_mm, "height of the printed object, millimetres");
   auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file");
   auto* fit = options.add_flag("--fit", o->fit, "as large as the machine allows");
   height->check(CLI::PositiveNumber)->excludes(scale)->excludes(fit);
   scale->check(CLI::PositiveNumber)->excludes(fit);
+  options.add_option("--units", o->units, "unit of the file; default: what the file states, or mm")
+      ->check(CLI::IsMember({"mm", "cm", "m", "in"}))
+      ->excludes(scale);
   options.add_option("--up", o->up, "axis of the scan that points up; default: z")
       ->check(CLI::IsMember({"x", "-x", "y", "-y", "z", "-z"}));
   options.add_flag("--close-base", o->close_base, "close a scan without underside at the platform");

@@ -18,6 +18,7 @@ namespace {
 
 PointCloud select(const PointCloud& cloud, std::span<const PointFate> fate) {
   PointCloud kept;
+  kept.unit_mm = cloud.unit_mm;
   kept.origin = cloud.origin;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     if (fate[i] != PointFate::Kept) continue;

@@ -1,9 +1,15 @@
 #include <telefab/scan/cloud/units.hpp>
 
 #include <fmt/format.h>
-#include <algorithm>
+#include <array>
 
 namespace telefab::scan {
+namespace {
+
+/// Likeliest first.
+constexpr std::array<std::string_view, 4> kUnits{"mm", "m", "in", "cm"};
+
+}  // namespace
 
 Result<double> millimetres_per(std::string_view unit) {
   if (unit == "mm") return 1.0;
@@ -20,17 +26,29 @@ PointCloud scaled(PointCloud cloud, double factor) {
   return cloud;
 }
 
-std::optional<std::string> doubt_about_scale(const PointCloud& cloud_mm) {
-  if (cloud_mm.points.empty()) return std::nullopt;
-  Eigen::Vector3f low = cloud_mm.points[0], high = cloud_mm.points[0];
-  for (const auto& p : cloud_mm.points) {
+std::optional<std::string> doubt_about_scale(const Vec3& size_mm, double unit_mm) {
+  const double size = size_mm.maxCoeff();
+  const auto plausible = [](double mm) { return mm >= 2 && mm <= 3000; };
+  if (plausible(size)) return std::nullopt;
+  std::string doubt = fmt::format("the scan would be {:.3g} mm at its longest, which is hardly meant", size);
+  for (const std::string_view unit : kUnits)
+    if (const double other = size / unit_mm * *millimetres_per(unit); plausible(other))
+      return doubt + fmt::format("; if its unit is {}, it is {:.3g} mm: say --units {}", unit, other, unit);
+  return doubt + "; no unit of mm, cm, m and in makes it 2 mm to 3 m: state its size (--height-mm or --scale)";
+}
+
+std::optional<std::string> doubt_about_scale(const PointCloud& cloud_mm, double unit_mm) {
+  return cloud_mm.points.empty() ? std::nullopt : doubt_about_scale(size_of(cloud_mm), unit_mm);
+}
+
+Vec3 size_of(const PointCloud& cloud) {
+  if (cloud.points.empty()) return Vec3::Zero();
+  Eigen::Vector3f low = cloud.points[0], high = cloud.points[0];
+  for (const auto& p : cloud.points) {
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
-  const float size = (high - low).maxCoeff();
-  if (size >= 2 && size <= 3000) return std::nullopt;
-  return fmt::format("the scan would be {:.4g} mm across; is its unit {}? State it with --units", size,
-                     size < 2 ? "metres (or inches)" : "micrometres");
+  return high.cast<double>() - low.cast<double>();
 }
 
 }  // namespace telefab::scan

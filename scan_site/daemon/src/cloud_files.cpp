@@ -13,11 +13,17 @@ Result<PointCloud> load_cloud(const std::string& path, const std::string& unit, 
   const auto bytes = read_file(path, kMaxScanFileBytes);
   if (!bytes) return tl::unexpected{bytes.error()};
   auto cloud = read_cloud(*bytes, name_of_file(path), {}, stop);
-  if (!cloud || unit.empty()) return cloud;
-  const auto factor = millimetres_per(unit);
-  if (!factor) return tl::unexpected{factor.error()};
-  PointCloud in_mm = scaled(std::move(*cloud), *factor);
-  if (const auto doubt = doubt_about_scale(in_mm)) fmt::print(stderr, "note: {}: {}\n", name_of_file(path), *doubt);
+  if (!cloud) return cloud;
+  if (!unit.empty()) {
+    const auto stated = millimetres_per(unit);
+    if (!stated) return tl::unexpected{stated.error()};
+    cloud->unit_mm = *stated;
+  }
+  if (!cloud->unit_mm) return cloud;
+  const double unit_mm = *cloud->unit_mm;
+  PointCloud in_mm = scaled(std::move(*cloud), unit_mm);
+  if (const auto doubt = doubt_about_scale(in_mm, unit_mm))
+    fmt::print(stderr, "note: {}: {}\n", name_of_file(path), *doubt);
   return in_mm;
 }
 

@@ -10,7 +10,8 @@ namespace telefab::scan {
 
 inline constexpr std::uint64_t kMaxScanFileBytes = 64ULL << 30U;
 
-/// Reads a scan file, in millimetres if `unit` says what it is in ("" = as it stands).
+/// Reads a scan file, in millimetres if `unit` or the file itself says what it is in ("" = as the file says); else as
+/// it stands.
 [[nodiscard]] Result<PointCloud> load_cloud(const std::string& path, const std::string& unit, std::stop_token stop);
 /// The same with normals, estimated where the file has none. Says on standard error what was flipped or guessed.
 [[nodiscard]] Result<PointCloud> load_oriented(const std::string& path, const std::string& unit, std::stop_token stop);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
+#include <telefab/scan/cloud/units.hpp>
 
 namespace telefab::scan {
 namespace {
@@ -32,7 +33,7 @@ Result<JobParameters> job_parameters_from(std::string_view json, const MachinePr
     } else if (key == "fit" || key == "close_base") {
       if (!value.is_boolean()) return bad(key, "must be true or false");
       (key == "fit" ? slice.fit : slice.close_base) = value.get<bool>();
-    } else if (key == "method" || key == "surface" || key == "coding" || key == "up") {
+    } else if (key == "method" || key == "surface" || key == "coding" || key == "up" || key == "units") {
       if (!value.is_string()) return bad(key, "must be a text");
       const auto text = value.get<std::string>();
       if (key == "method") {
@@ -47,6 +48,10 @@ Result<JobParameters> job_parameters_from(std::string_view json, const MachinePr
         const auto up = up_axis_from(text);
         if (!up) return tl::unexpected{up.error()};
         slice.up = *up;
+      } else if (key == "units") {
+        const auto unit = millimetres_per(text);
+        if (!unit) return bad(key, unit.error().what);
+        slice.unit_mm = *unit;
       } else if (text == "exact") {
         parameters.codec.coding = Coding::Exact;
       } else if (text == "curve") {

@@ -70,8 +70,10 @@ VerbBody declare_clean(CLI::App& options) {
       .add_option("--preset", o->preset,
                   "careful: only what is surely wrong, nothing moves; strong: more, and smoothing")
       ->capture_default_str();
-  options.add_option("--units", o->units,
-                     "unit of the file (mm, cm, m, in); the result is in mm. Unset: lengths stay as they are");
+  options.add_option(
+      "--units", o->units,
+      "unit of the file (mm, cm, m, in); the result is in mm. Unset: what the file states (E57, LAS: m), or lengths "
+      "stay as they are");
   options.add_option("--report", o->report, "what was removed and moved, JSON");
   options.add_option("--picture", o->picture, "PNG: kept grey, outliers red, small clusters orange, duplicates blue");
   return [o](std::stop_token stop) { return clean(*o, stop); };

@@ -6,6 +6,7 @@
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/machine/machine_profile.hpp>
+#include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/pipeline/inspect_scan.hpp>
 
 #include "verbs.hpp"
@@ -21,7 +22,7 @@ struct Options {
   std::string machines = default_machine_folder();
   std::optional<double> height_mm, scale, kernel_mm;
   std::string surface = std::string{name_of(SurfaceKind::Unbiased)};
-  std::string out_prefix;
+  std::string out_prefix, units;
   bool keep_outliers = false;
   bool json = false;
 };
@@ -34,6 +35,8 @@ void print_table(const Inspection& inspection, double noise_mm) {
   fmt::print("kernel {:.3f} mm{}, spacing {:.3f} mm, noise {:.3f} mm, {} samples dropped, surface {}\n", k.kernel_mm,
              k.adaptive ? " (median, by local spacing)" : "", k.spacing_mm, k.noise_mm, k.dropped_samples,
              inspection.surface);
+
+  if (inspection.scale_doubt) fmt::print("warning: {}\n", *inspection.scale_doubt);
 
   constexpr std::array kKinds{CriticalKind::Minimum, CriticalKind::BottomSaddle, CriticalKind::TopSaddle,
                               CriticalKind::Maximum};
@@ -79,6 +82,11 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   }
   request.height_mm = o.height_mm;
   request.scale = o.scale;
+  if (!o.units.empty()) {
+    const auto unit = millimetres_per(o.units);
+    if (!unit) return tl::unexpected{unit.error()};
+    request.unit_mm = *unit;
+  }
   request.mls.kernel_mm = o.kernel_mm;
   request.mls.drop_outliers = !o.keep_outliers;
   const auto surface = surface_kind_from(o.surface);
@@ -115,7 +123,9 @@ VerbBody declare_inspect(CLI::App& options) {
   options.add_option("--machine", o->machine, "place it as it would be sliced for this machine");
   options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
   auto* height = options.add_option("--height-mm", o->height_mm, "scale the part to this height");
-  options.add_option("--scale", o->scale, "millimetres per unit of the file")->excludes(height);
+  auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file")->excludes(height);
+  options.add_option("--units", o->units, "unit of the file: mm, cm, m or in; default: what the file states, or mm")
+      ->excludes(scale);
   options.add_option("--surface", o->surface, "unbiased | paper | paper-literal | imls")->capture_default_str();
   options.add_option("--kernel-mm", o->kernel_mm, "kernel width; default: from spacing and noise, point by point");
   options.add_flag("--keep-outliers", o->keep_outliers, "use every point of the scan");

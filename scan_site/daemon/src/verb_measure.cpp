@@ -17,16 +17,16 @@ namespace {
 
 struct Options {
   std::string reference, built, out, report, picture;
-  std::string reference_units, built_units;
+  std::string units, reference_units, built_units;
   std::optional<double> height, range, max_distance;
   bool no_align = false;
   bool json = false;
 };
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
-  const auto reference = load_oriented(o.reference, o.reference_units, stop);
+  const auto reference = load_oriented(o.reference, o.reference_units.empty() ? o.units : o.reference_units, stop);
   if (!reference) return tl::unexpected{reference.error()};
-  const auto built = load_oriented(o.built, o.built_units, stop);
+  const auto built = load_oriented(o.built, o.built_units.empty() ? o.units : o.built_units, stop);
   if (!built) return tl::unexpected{built.error()};
   const auto measured = measure(*reference, *built,
                                 {.align_first = !o.no_align, .height = o.height, .max_distance = o.max_distance}, stop);
@@ -71,9 +71,10 @@ VerbBody declare_measure(CLI::App& options) {
   auto o = std::make_shared<Options>();
   options.add_option("reference", o->reference, "what it should be: a scan file of any format read")->required();
   options.add_option("built", o->built, "what it is")->required();
-  options.add_option("--reference-units", o->reference_units,
-                     "unit of the reference (mm, cm, m, in); unset: as it stands");
-  options.add_option("--built-units", o->built_units, "unit of the built cloud");
+  options.add_option("--units", o->units,
+                     "unit of both files (mm, cm, m, in); unset: what they state (E57, LAS: m), or as they stand");
+  options.add_option("--reference-units", o->reference_units, "unit of the reference alone");
+  options.add_option("--built-units", o->built_units, "unit of the built cloud alone");
   options.add_option("--height", o->height, "length that is 100 %; unset: extent of the reference along z");
   options.add_option("--max-distance", o->max_distance,
                      "farther points have no counterpart; unset: 10 % of the height");

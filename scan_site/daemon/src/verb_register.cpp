@@ -62,7 +62,8 @@ Result<std::vector<std::string>> files_of(const Options& o) {
     std::vector<std::string> found;
     for (const auto& entry : std::filesystem::directory_iterator{input, fault}) {
       const std::string suffix = entry.path().extension().string();
-      if (suffix == ".ply" || suffix == ".ptx" || suffix == ".pcd") found.push_back(entry.path().string());
+      if (suffix == ".ply" || suffix == ".ptx" || suffix == ".pcd" || suffix == ".e57")
+        found.push_back(entry.path().string());
     }
     if (fault) return fail(ErrorCode::NotPermitted, fmt::format("{}: {}", input, fault.message()));
     std::sort(found.begin(), found.end(), comes_before);
@@ -71,19 +72,35 @@ Result<std::vector<std::string>> files_of(const Options& o) {
   return files;
 }
 
-Result<std::vector<RangeImage>> load_views(const Options& o, std::stop_token stop) {
+struct Views {
+  std::vector<RangeImage> images;
+  std::optional<double> unit_mm;  ///< as the user or all files state it
+};
+
+Result<Views> load_views(const Options& o, std::stop_token stop) {
   const auto files = files_of(o);
   if (!files) return tl::unexpected{files.error()};
-  std::vector<RangeImage> views;
+  Views views;
+  if (!o.units.empty()) {
+    const auto unit = millimetres_per(o.units);
+    if (!unit) return tl::unexpected{unit.error()};
+    views.unit_mm = *unit;
+  }
   for (const std::string& path : *files) {
     const auto bytes = read_file(path, kMaxScanFileBytes);
     if (!bytes) return tl::unexpected{bytes.error()};
     const auto file = read_scan_file(*bytes, name_of_file(path), {}, stop);
     if (!file) return tl::unexpected{file.error()};
+    if (o.units.empty()) {
+      if (views.images.empty()) views.unit_mm = file->cloud.unit_mm;
+      if (views.unit_mm != file->cloud.unit_mm)
+        return fail(ErrorCode::InvalidInput,
+                    fmt::format("{} and {} do not state the same unit; say --units", path, files->front()));
+    }
     for (std::size_t v = 0; v < std::max<std::size_t>(1, file->views.size()); ++v) {
       auto image = make_range_image(*file, v, name_of_file(path));
       if (!image) return tl::unexpected{image.error()};
-      views.push_back(std::move(*image));
+      views.images.push_back(std::move(*image));
     }
   }
   return views;
@@ -151,8 +168,9 @@ void move(PointCloud& cloud, const RigidMotion& motion) {
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
-  auto views = load_views(o, stop);
-  if (!views) return tl::unexpected{views.error()};
+  auto loaded = load_views(o, stop);
+  if (!loaded) return tl::unexpected{loaded.error()};
+  std::vector<RangeImage>* const views = &loaded->images;
   const auto options = options_from(o, *views);
   if (!options) return tl::unexpected{options.error()};
   const ProgressSink progress = [](const Progress& p) { fmt::print(stderr, "{}\n", p.stage); };
@@ -164,13 +182,10 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   PointCloud cloud = std::move(merged->cloud);
   const RigidMotion frame = frame_of(o, *options, *registered);
   move(cloud, frame);
-  double unit_mm = 1;
-  if (!o.units.empty()) {
-    const auto factor = millimetres_per(o.units);
-    if (!factor) return tl::unexpected{factor.error()};
-    unit_mm = *factor;
+  const double unit_mm = loaded->unit_mm.value_or(1);
+  if (loaded->unit_mm) {
     cloud = scaled(std::move(cloud), unit_mm);
-    if (const auto doubt = doubt_about_scale(cloud)) fmt::print(stderr, "note: {}\n", *doubt);
+    if (const auto doubt = doubt_about_scale(cloud, unit_mm)) fmt::print(stderr, "note: {}\n", *doubt);
   }
   if (auto ok = write_file_atomically(
           o.out, write_ply(cloud, {}, registration_note(views->size(), registered->rms * unit_mm)));
@@ -211,8 +226,10 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 VerbBody declare_register(CLI::App& options) {
   auto o = std::make_shared<Options>();
   options
-      .add_option("views", o->inputs,
-                  "range images in the order of the turn, or a folder of them: PLY with range_grid, PTX, organised PCD")
+      .add_option(
+          "views", o->inputs,
+          "range images in the order of the turn, or a folder of them: PLY with range_grid, PTX, organised PCD, "
+          "E57 with rows and columns")
       ->required();
   options.add_option("--out", o->out, "the merged, oriented cloud, PLY")->required();
   options.add_option("--step-deg", o->step_deg, "turn of the table from one view to the next, degrees");
@@ -227,8 +244,10 @@ VerbBody declare_register(CLI::App& options) {
                      "largest rms between the views, unit of the files; worse is refused. Unset: 0.6 grid spacings");
   options.add_option("--cut-below", o->cut_below,
                      "removes the stand: what is lower than this above the lowest point, along the axis");
-  options.add_option("--units", o->units,
-                     "unit of the files (mm, cm, m, in); the result is in mm. Unset: lengths stay as they are");
+  options.add_option(
+      "--units", o->units,
+      "unit of the files (mm, cm, m, in); the result is in mm. Unset: what they state (E57: m), or lengths stay as "
+      "they are");
   options.add_option("--report", o->report, "every pair and the merge, JSON");
   options.add_option("--poses-out", o->poses_out, "the poses found, Stanford .conf");
   options.add_option("--picture", o->picture, "the merged cloud from four sides, PNG");

@@ -9,6 +9,7 @@
 #include <telefab/codec/tfc_file.hpp>
 #include <telefab/geometry/contour_lines.hpp>
 #include <telefab/machine/machine_profile.hpp>
+#include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/cloud/write_cloud.hpp>
 #include <telefab/scan/pipeline/preview.hpp>
 #include <telefab/scan/pipeline/slice_scan.hpp>
@@ -26,6 +27,7 @@ struct Options {
   std::string machines = default_machine_folder();
   std::string out, contours, report, preview, points;
   std::optional<double> height_mm, scale, layer_mm, kernel_mm, chord_mm, bridge_mm;
+  std::string units;
   std::string up = "z";
   bool fit = false;
   bool close_base = false;
@@ -62,6 +64,11 @@ Result<SliceRequest> request_from(const Options& o) {
   request.height_mm = o.height_mm;
   request.scale = o.scale;
   request.fit = o.fit;
+  if (!o.units.empty()) {
+    const auto unit = millimetres_per(o.units);
+    if (!unit) return tl::unexpected{unit.error()};
+    request.unit_mm = *unit;
+  }
   const auto up = up_axis_from(o.up);
   if (!up) return tl::unexpected{up.error()};
   request.up = *up;
@@ -266,7 +273,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 VerbBody declare_slice(CLI::App& options) {
   auto o = std::make_shared<Options>();
-  options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, OFF, STL, OBJ or text")->required();
+  options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text")->required();
   options.add_option("--machine", o->machine, "machine profile to slice for")->required();
   options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
   options.add_option("--out", o->out, "write the stack here (.tfc)");
@@ -280,6 +287,8 @@ VerbBody declare_slice(CLI::App& options) {
   auto* fit = options.add_flag("--fit", o->fit, "scale the part to the largest the machine holds");
   height->excludes(scale)->excludes(fit);
   scale->excludes(fit);
+  options.add_option("--units", o->units, "unit of the file: mm, cm, m or in; default: what the file states, or mm")
+      ->excludes(scale);
   options.add_option("--up", o->up, "axis of the scan that points up: x, -x, y, -y, z or -z")->capture_default_str();
   options.add_flag("--close-base", o->close_base,
                    "close a scan without underside at the platform: layers below its rim repeat the lowest closed one");

@@ -23,6 +23,7 @@ Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_vie
   }
   place.height_mm = request.height_mm;
   place.scale = request.scale;
+  place.unit_mm = request.unit_mm;
   place.mls = request.mls;
   if (auto ok = place.validate(); !ok) return tl::unexpected{ok.error()};
 
@@ -65,6 +66,7 @@ Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_vie
                     .kernel = (*field)->kernel(),
                     .surface = std::string{name_of(request.mls.surface)},
                     .size_mm = placed->size_mm,
+                    .scale_doubt = placed->scale_doubt,
                     .normals_json = to_json(oriented->report),
                     .samples = std::move(all.points),
                     .normals = std::move(all.normals),

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <telefab/geometry/limits.hpp>
+#include <telefab/scan/cloud/units.hpp>
 
 namespace telefab::scan {
 
@@ -63,27 +64,32 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   const MachineProfile::Platform& platform = request.machine.platform;
   const Vec3 room{platform.width_mm, platform.depth_mm, platform.z_travel_mm};
   const double largest = room.cwiseQuotient(size).minCoeff();
-  double scale = 1;
+  const double unit_mm = request.unit_mm.value_or(scan.unit_mm.value_or(1));
+  double scale = unit_mm;
   if (request.height_mm) scale = *request.height_mm / size.z();
   if (request.scale) scale = *request.scale;
   // A hair below what fits, so that rounding cannot push it over.
   if (request.fit) scale = largest * (1 - 1e-6);
   const Vec3 size_mm = scale * size;
+  std::optional<std::string> doubt;
+  if (!request.height_mm && !request.scale && !request.fit) doubt = doubt_about_scale(size_mm, unit_mm);
+  const std::string hint = doubt ? "; " + *doubt : std::string{};
   if (!size_mm.allFinite() || (size_mm - room).maxCoeff() > 1e-9 * room.maxCoeff())
     return fail(ErrorCode::InvalidInput,
                 fmt::format("the part is {:.4g} x {:.4g} x {:.4g} mm, larger than {}: {:.4g} x {:.4g} mm platform, "
-                            "{:.4g} mm travel; give --height-mm {:.4g} or less, or --fit",
+                            "{:.4g} mm travel; give --height-mm {:.4g} or less, or --fit{}",
                             size_mm.x(), size_mm.y(), size_mm.z(), request.machine.name, room.x(), room.y(), room.z(),
-                            std::floor(largest * size.z() * 100) / 100));
+                            std::floor(largest * size.z() * 100) / 100, hint));
   if (size_mm.minCoeff() < 1e-6)
     return fail(ErrorCode::InvalidInput, fmt::format("the part is {:.3g} x {:.3g} x {:.3g} mm, too small to be cut; "
-                                                     "give --height-mm or --scale",
-                                                     size_mm.x(), size_mm.y(), size_mm.z()));
+                                                     "give --height-mm or --scale{}",
+                                                     size_mm.x(), size_mm.y(), size_mm.z(), hint));
 
   const Vec3 middle = min + size / 2;
   const Vec3 shift{room.x() / 2 - scale * middle.x(), room.y() / 2 - scale * middle.y(), -scale * min.z()};
   Placement placed;
   placed.size_mm = size_mm;
+  placed.scale_doubt = std::move(doubt);
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c) placed.scan_to_build[static_cast<std::size_t>(4 * r + c)] = scale * turn(r, c);
     placed.scan_to_build[static_cast<std::size_t>(4 * r + 3)] = shift[r];
@@ -94,6 +100,7 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   for (auto& p : scan.points) p = (scale * (scan.origin + p.cast<double>()) + shift - origin).cast<float>();
   placed.cloud = std::move(scan);
   placed.cloud.origin = origin;
+  placed.cloud.unit_mm = 1;
   return placed;
 }
 

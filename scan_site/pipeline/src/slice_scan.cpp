@@ -237,6 +237,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   auto placed = place_on_platform(std::move(oriented->cloud), request);
   if (!placed) return fail_in(name, placed.error());
   result.size_mm = {placed->size_mm.x(), placed->size_mm.y(), placed->size_mm.z()};
+  if (placed->scale_doubt) result.warnings.push_back(*placed->scale_doubt);
   StackHeader& header = result.header;
   header.machine = request.machine.name;
   header.layer_thickness_mm = request.layer_mm.value_or(request.machine.layers.thickness_mm);
@@ -351,6 +352,10 @@ Result<void> SliceRequest::validate() const {
   if (!positive(height_mm, kMaxCoordinateMm))
     return fail(ErrorCode::InvalidInput, fmt::format("height {} mm is not in (0, {}]", *height_mm, kMaxCoordinateMm));
   if (!positive(scale, 1e9)) return fail(ErrorCode::InvalidInput, fmt::format("scale {} is not in (0, 1e9]", *scale));
+  if (!positive(unit_mm, 1e9))
+    return fail(ErrorCode::InvalidInput, fmt::format("a unit of {} mm is not in (0, 1e9]", *unit_mm));
+  if (scale && unit_mm)
+    return fail(ErrorCode::InvalidInput, "a scale and a unit say the same thing twice; give one of them");
   if (!positive(layer_mm, 1))
     return fail(ErrorCode::InvalidInput, fmt::format("layer thickness {} mm is not in (0, 1]", *layer_mm));
   if (!positive(chord_mm, 1))

@@ -91,9 +91,9 @@ std::optional<ParallelProjection> fit_projection(const Grid& grid) {
 
 Result<RangeImage> make_range_image(const ScanFile& file, std::size_t view_index, std::string name) {
   if (view_index >= file.views.size())
-    return fail(
-        ErrorCode::InvalidInput,
-        fmt::format("{}: no range grid; register needs range images (PLY with range_grid, organised PCD, PTX, E57 with rows and columns)", name));
+    return fail(ErrorCode::InvalidInput, fmt::format("{}: no range grid; register needs range images (PLY with "
+                                                     "range_grid, organised PCD, PTX, E57 with rows and columns)",
+                                                     name));
   const RangeView& view = file.views[view_index];
   std::vector<Eigen::Vector3f> absolute(file.cloud.size());
   const Eigen::Vector3f origin = file.cloud.origin.cast<float>();

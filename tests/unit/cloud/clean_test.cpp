@@ -1,5 +1,6 @@
 #include <telefab/scan/cloud/clean.hpp>
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/cloud/write_cloud.hpp>
@@ -70,12 +71,27 @@ TEST(WriteCloud, IsReadBackAsItWas) {
   EXPECT_EQ(back->confidence, cloud.confidence);
 }
 
-TEST(Units, AreKnownOrRefusedAndDoubtIsSaid) {
+TEST(Units, AreKnownOrRefused) {
   EXPECT_EQ(millimetres_per("m").value(), 1000);
   EXPECT_EQ(millimetres_per("in").value(), 25.4);
   EXPECT_FALSE(millimetres_per("furlong"));
-  EXPECT_FALSE(doubt_about_scale(ball(0)));
-  EXPECT_TRUE(doubt_about_scale(scaled(ball(0), 0.001)));
+}
+
+TEST(Units, DoubtASizeThatIsHardlyMeantAndNameTheUnitThatFits) {
+  using testing::HasSubstr;
+  EXPECT_FALSE(doubt_about_scale(ball(0), 1));
+  EXPECT_THAT(doubt_about_scale(Vec3{0.08, 0.05, 0.03}, 1).value(), HasSubstr("it is 80 mm: say --units m"));
+  EXPECT_THAT(doubt_about_scale(Vec3{1, 1.5, 1}, 1).value(), HasSubstr("say --units m"));
+  EXPECT_THAT(doubt_about_scale(Vec3{80000, 5, 3}, 1000).value(), HasSubstr("it is 80 mm: say --units mm"));
+  EXPECT_THAT(doubt_about_scale(Vec3{80000, 5, 3}, 1).value(), HasSubstr("--height-mm"));
+  EXPECT_FALSE(doubt_about_scale(PointCloud{}, 1));
+}
+
+TEST(Units, StayRightWhenACloudIsScaled) {
+  PointCloud cloud = ball(0);
+  EXPECT_FALSE(scaled(cloud, 10).unit_mm);
+  cloud.unit_mm = 1000;
+  EXPECT_EQ(scaled(cloud, 1000).unit_mm, 1);
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <telefab/scan/pipeline/preview.hpp>
 #include <telefab/test/analytic_field.hpp>
+#include <telefab/test/las_file.hpp>
 #include <telefab/test/surface_samples.hpp>
 
 namespace telefab::scan {
@@ -195,6 +196,55 @@ TEST(SliceScan, StopsBetweenLayersWhenAsked) {
   ASSERT_FALSE(report);
   EXPECT_EQ(report.error().code, ErrorCode::Cancelled);
   EXPECT_LT(taken, 52);
+}
+
+/// A ball of 20 units across, and one layer of it cut.
+Result<SliceReport> one_layer_of_a_ball(double unit, SliceRequest request) {
+  auto ball = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.9, .seed = 21});
+  for (Vec3& p : ball.points) p *= unit;
+  request.layers = {{0, 0}};
+  return slice(text_of(ball), request).report;
+}
+
+TEST(SliceScan, TakesTheUnitStatedAndDoubtsASizeHardlyMeant) {
+  SliceRequest in_metres = request_for();
+  in_metres.unit_mm = 1000;
+  const auto stated = one_layer_of_a_ball(0.001, in_metres);
+  ASSERT_TRUE(stated) << stated.error().what;
+  EXPECT_NEAR(stated->size_mm[2], 20, 0.5);
+  EXPECT_TRUE(stated->warnings.empty());
+
+  const auto unstated = one_layer_of_a_ball(0.001, request_for());
+  ASSERT_TRUE(unstated) << unstated.error().what;
+  ASSERT_FALSE(unstated->warnings.empty());
+  EXPECT_NE(unstated->warnings[0].find("say --units m"), std::string::npos) << unstated->warnings[0];
+
+  SliceRequest sized = request_for();
+  sized.height_mm = 20;
+  const auto by_height = one_layer_of_a_ball(0.001, sized);
+  ASSERT_TRUE(by_height) << by_height.error().what;
+  EXPECT_TRUE(by_height->warnings.empty());
+
+  const auto far_too_large = one_layer_of_a_ball(1, in_metres);
+  ASSERT_FALSE(far_too_large);
+  EXPECT_NE(far_too_large.error().what.find("say --units mm"), std::string::npos) << far_too_large.error().what;
+
+  in_metres.scale = 2;
+  EXPECT_FALSE(in_metres.validate());
+}
+
+TEST(SliceScan, BelievesAFormatThatStatesItsUnit) {
+  const auto ball = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.9, .seed = 21});
+  std::vector<std::array<std::int32_t, 3>> points;
+  for (const Vec3& p : ball.points) {
+    const Eigen::Vector3i whole = (p * 1000).array().round().cast<int>();
+    points.push_back({whole.x(), whole.y(), whole.z()});
+  }
+  SliceRequest request = request_for();
+  request.layers = {{0, 0}};
+  const auto report = slice(test::las_file(points, {.scale = Vec3::Constant(1e-6)}), request).report;  // LAS: metres
+  ASSERT_TRUE(report) << report.error().what;
+  EXPECT_NEAR(report->size_mm[2], 20, 0.5);
 }
 
 TEST(SliceScan, FlagsAScanWithAGapInsteadOfGuessing) {

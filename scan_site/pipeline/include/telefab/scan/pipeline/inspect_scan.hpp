@@ -21,6 +21,7 @@ struct InspectRequest {
   std::optional<MachineProfile> machine;
   std::optional<double> height_mm;  ///< > 0; the scan's z extent becomes this
   std::optional<double> scale;      ///< > 0; millimetres per unit of the file; not with height_mm
+  std::optional<double> unit_mm;    ///< > 0; millimetres in a unit of the file; none: as the file states it, or one
   MlsOptions mls;
 };
 
@@ -31,6 +32,7 @@ struct Inspection {
   KernelChoice kernel;
   std::string surface;
   Vec3 size_mm = Vec3::Zero();
+  std::optional<std::string> scale_doubt;  ///< a size that looks wrong, and what to do
   std::string normals_json;
   std::vector<Vec3> samples;  ///< that carry the surface, build frame
   std::vector<Vec3> normals;  ///< one a sample, unit, outward

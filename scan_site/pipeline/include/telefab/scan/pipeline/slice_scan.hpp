@@ -28,11 +28,12 @@ enum class UpAxis : std::uint8_t { PlusX = 1, MinusX = 2, PlusY = 3, MinusY = 4,
 /// "x", "-x", "y", "-y", "z", "-z"; InvalidInput lists them.
 [[nodiscard]] Result<UpAxis> up_axis_from(std::string_view name);
 
-/// Everything that decides the layers. At most one of height, scale and fit; none: the file's unit is millimetres.
+/// Everything that decides the layers. At most one of height, scale and fit; none: the file's own size.
 struct SliceRequest {
   MachineProfile machine;
   std::optional<double> height_mm;  ///< > 0; the scan's z extent becomes this
   std::optional<double> scale;      ///< > 0; millimetres per unit of the file
+  std::optional<double> unit_mm;    ///< > 0; millimetres in a unit of the file; none: as the file states it, or one
   bool fit = false;                 ///< as large as the platform and the Z travel allow
   UpAxis up = UpAxis::PlusZ;        ///< turned before it is scaled: heights are along this axis
   std::optional<double> layer_mm;   ///< (0, 1]; none: the machine's layer thickness
