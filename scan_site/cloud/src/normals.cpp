@@ -16,14 +16,17 @@ namespace {
 
 constexpr std::array kCellsInSpacings{4.0F, 2.5F, 1.6F};  ///< coarse grids close gaps, fine ones tell near walls apart
 constexpr std::size_t kMaxCells = 24'000'000;
+/// Few points, some of them far off, are not worth many cells.
+constexpr std::size_t kLeastCells = 1U << 20, kCellsAPoint = 512;
 
 /// +1, -1 or 0 a point: the finest grid that can tell decides.
 std::vector<std::int8_t> look_outside(std::span<const Eigen::Vector3f> points, const SurfaceGraph& graph) {
   std::vector<std::int8_t> side(points.size(), 0);
   std::vector<OutsideGrid> grids;
   grids.reserve(kCellsInSpacings.size());
+  const std::size_t most = std::min(kMaxCells, kLeastCells + kCellsAPoint * points.size());
   for (const float cells : kCellsInSpacings)
-    grids.emplace_back(points, cells * graph.spacing, kMaxCells, grids.empty() ? nullptr : &grids.back());
+    grids.emplace_back(points, cells * graph.spacing, most, grids.empty() ? nullptr : &grids.back());
   tbb::parallel_for(tbb::blocked_range<std::size_t>{0, points.size(), 4096}, [&](const auto& range) {
     for (std::size_t i = range.begin(); i < range.end(); ++i)
       for (auto grid = grids.rbegin(); grid != grids.rend(); ++grid)

@@ -78,6 +78,13 @@ std::uint64_t hash_of(const std::array<std::uint32_t, 3>& key) {
   return h ^ (h >> 31U);
 }
 
+/// What messages quote of a file may be anything: nothing that steers a terminal or is no UTF-8 gets through.
+std::string printable(std::string text) {
+  std::replace_if(
+      text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+  return text;
+}
+
 /// Leaves out the points without a normal while they are few; drops all normals when they are not.
 void settle_normals(PointCloud& cloud) {
   if (!cloud.has_normals()) return;
@@ -142,8 +149,12 @@ PointCloud without_duplicates(PointCloud cloud) {
 
 Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_view file_name,
                                 const ReadOptions& options, std::stop_token stop) {
-  const auto within = [&](const Error& cause) { return fail_in(file_name.substr(0, 200), cause); };
+  const auto within = [&](const Error& cause) {
+    return fail_in(file_name.substr(0, 200), Error{cause.code, printable(cause.what)});
+  };
   if (bytes.empty()) return within(Error{ErrorCode::InvalidInput, "the file is empty"});
+  constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
+  if (as_text(bytes).starts_with(kByteOrderMark)) bytes = bytes.subspan(kByteOrderMark.size());
   const FormatRow& row = row_of(format_of(bytes, file_name));
   auto file = row.read(bytes, options, stop);
   if (!file) return within(file.error());
