@@ -180,8 +180,10 @@ Result<std::shared_ptr<Intake>> FabSite::take_offer(const Offer& offer, const ne
   }
   Live& live = live_[offer.job];
   if (!live.intake) {
-    auto intake = Intake::open(*folder, offer);
+    auto analysis = std::make_shared<LayerStream>(*machine);
+    auto intake = Intake::open(*folder, offer, [analysis](const Layer& layer) { analysis->add(layer); });
     if (!intake) return tl::unexpected{intake.error()};
+    live.analysis = std::move(analysis);
     live.intake = std::make_shared<Intake>(std::move(*intake));
     live.send_began = clock_.now();
     counters_->begin(offer.job, job->counters);
@@ -210,6 +212,10 @@ void FabSite::completed(const std::string& job) {
   const auto now = store().find(job);
   if (live == live_.end() || !now || now->state > JobState::Sending) return;
   live->second.intake.reset();
+  if (live->second.analysis) {
+    const std::scoped_lock lock{analysed_mutex_};
+    analysed_[job] = std::move(live->second.analysis);
+  }
   const double seconds = std::chrono::duration<double>(clock_.now() - live->second.send_began).count();
   ledger_->set_stage_seconds(job, "send", seconds);
   move(job, JobState::Planning, "");
@@ -276,7 +282,7 @@ void FabSite::plan(const std::string& job, std::stop_token stop) {
     if (!stack) return tl::unexpected{stack.error()};
     const std::uint32_t layers = stack->header().layer_count;
     return plan_into(
-        *folder, job, *stack, *machine, clock_,
+        *folder, job, *stack, *machine, take_analysed(job, layers), clock_,
         [&](const Progress& progress) {
           if (progress.stage != "making masks") return;
           // How many layers the supports add is known at the end only.
@@ -299,6 +305,21 @@ void FabSite::plan(const std::string& job, std::stop_token stop) {
     ledger_->set_stage_seconds(job, "plan", seconds);
     planned(job, outcome->doubt);
   });
+}
+
+std::shared_ptr<const PartRegions> FabSite::take_analysed(const std::string& job, std::uint32_t layers) {
+  std::shared_ptr<LayerStream> analysis;
+  {
+    const std::scoped_lock lock{analysed_mutex_};
+    const auto found = analysed_.find(job);
+    if (found == analysed_.end()) return nullptr;
+    analysis = std::move(found->second);
+    analysed_.erase(found);
+  }
+  auto part = analysis->finish();
+  // What went wrong is said by the planner, which begins anew.
+  if (!part || part->layers.size() != layers) return nullptr;
+  return std::make_shared<const PartRegions>(std::move(*part));
 }
 
 void FabSite::count_planned(const std::string& job, std::uint32_t done, std::uint32_t all) {
@@ -511,6 +532,8 @@ void FabSite::end_job(const std::string& job, JobState state, std::string_view m
   set_in_doubt(job, false);
   counters_->end(job);
   live_.erase(job);
+  const std::scoped_lock lock{analysed_mutex_};
+  analysed_.erase(job);
 }
 
 }  // namespace telefab::fab

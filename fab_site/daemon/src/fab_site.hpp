@@ -9,6 +9,7 @@
 #include <telefab/desk/site_ledger.hpp>
 #include <telefab/desk/site_runtime.hpp>
 #include <telefab/fab/print/print_runner.hpp>
+#include <telefab/fab/support/part_regions.hpp>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/machine/machine_profile.hpp>
 
@@ -73,6 +74,8 @@ class FabSite final : public FabDesk {
   void count_planned(const std::string& job, std::uint32_t done, std::uint32_t all);
   /// On the planner's and the device's thread.
   void plan(const std::string& job, std::stop_token stop);
+  /// Of a job whose layers came in since the start; none of others.
+  [[nodiscard]] std::shared_ptr<const PartRegions> take_analysed(const std::string& job, std::uint32_t layers);
   void print(const std::string& job, std::stop_token stop);
   /// Whether the print under way, if there is one, still looks at its devices.
   [[nodiscard]] bool is_printer_alive();
@@ -85,7 +88,8 @@ class FabSite final : public FabDesk {
   void later(std::function<void()> work) { loop_.post(std::move(work)); }
 
   struct Live {
-    std::shared_ptr<Intake> intake;  ///< until the stack is whole
+    std::shared_ptr<Intake> intake;         ///< until the stack is whole
+    std::shared_ptr<LayerStream> analysis;  ///< of its layers, likewise
     Nanoseconds send_began{};
   };
 
@@ -98,6 +102,8 @@ class FabSite final : public FabDesk {
   net::Loop loop_;
   std::unique_ptr<LiveCounters> counters_;
   std::map<std::string, Live> live_;
+  std::mutex analysed_mutex_;
+  std::map<std::string, std::shared_ptr<LayerStream>> analysed_;  ///< of jobs to be planned; guarded by analysed_mutex_
   std::mutex control_mutex_;
   std::set<std::string> in_doubt_;  ///< jobs whose next layer was perhaps exposed; guarded by control_mutex_
   std::map<std::string, DecisionMade> decisions_;  ///< of operators, for a print's next start; guarded likewise

@@ -35,7 +35,7 @@ Result<void> write_message(const std::filesystem::path& path, const Message& mes
 
 Result<Offer> saved_offer(const std::filesystem::path& folder) { return saved_message<Offer>(folder / "offer"); }
 
-Result<Intake> Intake::open(const std::filesystem::path& folder, const Offer& offer) {
+Result<Intake> Intake::open(const std::filesystem::path& folder, const Offer& offer, LayerSink sink) {
   const Frame frame = to_frame(offer);
   if (std::filesystem::exists(folder / "offer")) {
     const auto before = saved_offer(folder);
@@ -46,17 +46,17 @@ Result<Intake> Intake::open(const std::filesystem::path& folder, const Offer& of
   } else {
     if (auto saved = write_message(folder / "offer", offer); !saved) return tl::unexpected{saved.error()};
   }
-  return reopen(folder);
+  return reopen(folder, std::move(sink));
 }
 
-Result<Intake> Intake::reopen(const std::filesystem::path& folder) {
+Result<Intake> Intake::reopen(const std::filesystem::path& folder, LayerSink sink) {
   auto offer = saved_offer(folder);
   if (!offer) return tl::unexpected{offer.error()};
   auto decoder = StackDecoder::start(offer->header);
   if (!decoder) return tl::unexpected{decoder.error()};
   auto spool = ChunkSpool::open(folder / "chunks");
   if (!spool) return tl::unexpected{spool.error()};
-  Intake intake{folder, std::move(*offer), std::move(*spool), std::move(*decoder)};
+  Intake intake{folder, std::move(*offer), std::move(*spool), std::move(*decoder), std::move(sink)};
   intake.hasher_.feed(canonical_text(intake.offer_.header));
   if (intake.is_complete()) return intake;
   for (std::uint32_t sequence = 0; sequence < intake.spool_.chunk_count(); ++sequence) {
@@ -71,7 +71,10 @@ Result<Intake> Intake::reopen(const std::filesystem::path& folder) {
 Result<void> Intake::feed(const Chunk& chunk) {
   const auto layers = decoder_.decode(chunk);
   if (!layers) return tl::unexpected{layers.error()};
-  for (const Layer& layer : *layers) hasher_.feed(canonical_text(layer));
+  for (const Layer& layer : *layers) {
+    hasher_.feed(canonical_text(layer));
+    if (sink_) sink_(layer);
+  }
   return {};
 }
 

@@ -4,6 +4,7 @@
 #include <telefab/wire/message.hpp>
 
 #include <filesystem>
+#include <functional>
 
 namespace telefab::fab {
 
@@ -11,11 +12,16 @@ namespace telefab::fab {
 /// of the layers so far. Threads: one caller at a time.
 class Intake {
  public:
+  /// Takes a decoded layer, bottom first.
+  using LayerSink = std::function<void(const Layer&)>;
+
   /// A new job, or one whose folder holds chunks already, which are read and checked. The offer is kept in the folder.
-  /// Conflict where the folder holds another offer.
-  [[nodiscard]] static Result<Intake> open(const std::filesystem::path& folder, const Offer& offer);
+  /// Conflict where the folder holds another offer. `sink`, if any, gets every layer, those that are here already
+  /// first; none of a job that is complete.
+  [[nodiscard]] static Result<Intake> open(const std::filesystem::path& folder, const Offer& offer,
+                                           LayerSink sink = {});
   /// Of a job that was offered before; NotFound where it was not.
-  [[nodiscard]] static Result<Intake> reopen(const std::filesystem::path& folder);
+  [[nodiscard]] static Result<Intake> reopen(const std::filesystem::path& folder, LayerSink sink = {});
 
   [[nodiscard]] const Offer& offer() const { return offer_; }
   [[nodiscard]] const ChunkSpool& spool() const { return spool_; }
@@ -29,8 +35,12 @@ class Intake {
   [[nodiscard]] Result<void> finish(const StackEnd& end);
 
  private:
-  Intake(std::filesystem::path folder, Offer offer, ChunkSpool spool, StackDecoder decoder)
-      : folder_{std::move(folder)}, offer_{std::move(offer)}, spool_{std::move(spool)}, decoder_{std::move(decoder)} {}
+  Intake(std::filesystem::path folder, Offer offer, ChunkSpool spool, StackDecoder decoder, LayerSink sink)
+      : folder_{std::move(folder)},
+        offer_{std::move(offer)},
+        spool_{std::move(spool)},
+        decoder_{std::move(decoder)},
+        sink_{std::move(sink)} {}
   [[nodiscard]] Result<void> feed(const Chunk& chunk);
 
   std::filesystem::path folder_;
@@ -38,6 +48,7 @@ class Intake {
   ChunkSpool spool_;
   StackDecoder decoder_;
   Hasher hasher_;
+  LayerSink sink_;
 };
 
 /// The offer of a job as its folder keeps it.

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <telefab/base/progress.hpp>
 #include <telefab/fab/print/print_runner.hpp>
+#include <telefab/fab/support/part_regions.hpp>
 #include <telefab/geometry/layer.hpp>
 
 namespace telefab::fab {
@@ -13,9 +14,11 @@ struct PlanOutcome {
   std::string doubt;  ///< what the check of the masks found; empty: nothing
 };
 
-/// Plans a received job into folder/plan: supports, masks, exposures, pictures and reports. Fails as write_plan_folder.
+/// Plans a received job into folder/plan: supports, masks, exposures, pictures and reports. `regions` are those of its
+/// layers, if they were analysed as they came. Fails as write_plan_folder.
 [[nodiscard]] Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const std::string& job,
-                                            const LayerStack& stack, const MachineProfile& machine, const Clock& clock,
+                                            const LayerStack& stack, const MachineProfile& machine,
+                                            std::shared_ptr<const PartRegions> regions, const Clock& clock,
                                             const ProgressSink& progress, std::stop_token stop);
 
 /// Prints what plan_into planned, or goes on where folder/journal ends. The record goes to folder/report/print.json.

@@ -211,7 +211,9 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& prof
   const Nanoseconds begun = clock.now();
   SupportOptions support_options = options.supports;
   support_options.threads = options.threads;
-  const auto supports = plan_supports(stack.layers(), header, machine, support_options, progress, stop);
+  const auto supports = options.regions
+                            ? plan_supports(*options.regions, header, machine, support_options, progress, stop)
+                            : plan_supports(stack.layers(), header, machine, support_options, progress, stop);
   if (!supports) return tl::unexpected{supports.error()};
   const Nanoseconds supported = clock.now();
 

@@ -102,22 +102,24 @@ LayerRegions analyse_layer(const Region& below, const Region& current, const Sel
   return out;
 }
 
-std::vector<Region> without_specks(std::vector<Region> layers, double speck_mm2) {
-  for (std::size_t k = 0; k < layers.size(); ++k) {
-    if (layers[k].rings().size() == 1 && layers[k].area_mm2() >= speck_mm2) continue;
-    const auto pieces = layers[k].pieces();
-    std::vector<GridRing> kept;
-    bool dropped = false;
-    for (const Region& piece : pieces) {
-      const bool held = k > 0 && intersect(piece, layers[k - 1]).area_mm2() > 0;
-      if (piece.area_mm2() < speck_mm2 && !held) {
-        dropped = true;
-        continue;
-      }
-      kept.insert(kept.end(), piece.rings().begin(), piece.rings().end());
+Region without_specks(Region layer, const Region& below, double speck_mm2) {
+  if (layer.rings().size() == 1 && layer.area_mm2() >= speck_mm2) return layer;
+  std::vector<GridRing> kept;
+  bool dropped = false;
+  for (const Region& piece : layer.pieces()) {
+    if (piece.area_mm2() < speck_mm2 && intersect(piece, below).area_mm2() <= 0) {
+      dropped = true;
+      continue;
     }
-    if (dropped) layers[k] = Region::from_rings(kept).value_or(Region{});
+    kept.insert(kept.end(), piece.rings().begin(), piece.rings().end());
   }
+  return dropped ? Region::from_rings(kept).value_or(Region{}) : layer;
+}
+
+std::vector<Region> without_specks(std::vector<Region> layers, double speck_mm2) {
+  const Region nothing;
+  for (std::size_t k = 0; k < layers.size(); ++k)
+    layers[k] = without_specks(std::move(layers[k]), k == 0 ? nothing : layers[k - 1], speck_mm2);
   return layers;
 }
 

@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 #include <tbb/info.h>
-#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
@@ -20,11 +19,6 @@ struct Standing {
   std::uint32_t layer = 0;
 };
 
-struct Analysis {
-  std::vector<Region> layers;      ///< simplified, without specks
-  std::vector<LayerRegions> rule;  ///< by layer
-};
-
 class Planner {
  public:
   Planner(const StackHeader& header, const MachineProfile& machine, const SupportOptions& options,
@@ -34,32 +28,19 @@ class Planner {
         progress_{progress},
         stop_{std::move(stop)},
         t_{header.layer_thickness_mm},
-        reach_{machine.supports.anchor_distance_mm},
-        law_{self_support_law(machine)} {}
+        reach_{machine.supports.anchor_distance_mm} {}
 
-  Result<SupportPlan> plan(std::span<const Layer> layers) {
-    auto regions = read(layers);
-    if (!regions) return tl::unexpected{regions.error()};
-    Analysis found;
-    found.layers = without_specks(std::move(*regions), law_.speck_mm2);
-    found.rule.resize(found.layers.size());
+  Result<SupportPlan> plan(const PartRegions& found) {
     for (const Region& layer : found.layers) figures_.part_mm3 += layer.area_mm2() * t_;
     const std::uint32_t lift = options_.mode == SupportOptions::Mode::None ? 0 : lift_layers(found.layers);
-    if (options_.mode == SupportOptions::Mode::Auto) {
-      report(progress_, "layer regions", 0);
-      tbb::parallel_for(std::size_t{0}, found.layers.size(), [&](std::size_t k) {
-        if (stop_.stop_requested() || (k == 0 && lift == 0)) return;
-        static const Region nothing;
-        found.rule[k] = analyse_layer(k == 0 ? nothing : found.layers[k - 1], found.layers[k], law_);
-        found.rule[k].attached = found.rule[k].self_supported = {};
-      });
-      for (std::size_t k = 0; k < found.layers.size(); ++k) {
+    if (options_.mode == SupportOptions::Mode::Auto)
+      // What stands on the platform is held by it.
+      for (std::size_t k = lift == 0 ? 1 : 0; k < found.layers.size(); ++k) {
         if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "planning supports: stopped");
         if (auto ok = cover_layer(found, k); !ok) return tl::unexpected{ok.error()};
         if (k % 16 == 0)
           report(progress_, "anchors", static_cast<double>(k) / static_cast<double>(found.layers.size()));
       }
-    }
     if (options_.mode == SupportOptions::Mode::Auto) steady(found, lift);
     std::stable_sort(anchors_.begin(), anchors_.end(), [](const Anchor& a, const Anchor& b) {
       return std::tie(a.layer, a.place.y_mm, a.place.x_mm) < std::tie(b.layer, b.place.y_mm, b.place.x_mm);
@@ -76,7 +57,7 @@ class Planner {
     return SupportPlan{lift, std::move(anchors_), std::move(sections), figures_};
   }
 
-  void steady(const Analysis& found, std::uint32_t lift) {
+  void steady(const PartRegions& found, std::uint32_t lift) {
     if (lift > 0) {
       for (Anchor& anchor : steadying_anchors(found.layers, anchors_, machine_)) {
         const double z = cut_height_mm(anchor.layer, t_);
@@ -95,29 +76,6 @@ class Planner {
     figures_.least_stable = stands.layer;
   }
 
-  Result<std::vector<Region>> read(std::span<const Layer> layers) {
-    std::vector<Region> regions(layers.size());
-    std::vector<std::string> wrong(layers.size());
-    const Millimetres tolerance{machine_.projection.pixel_pitch_mm / 10};
-    tbb::parallel_for(std::size_t{0}, layers.size(), [&](std::size_t k) {
-      if (stop_.stop_requested()) return;
-      if (layers[k].index.count() != k) {
-        wrong[k] =
-            fmt::format("planning supports: layer {} stands in the place of layer {}", layers[k].index.count(), k);
-        return;
-      }
-      auto region = Region::from_contours(layers[k].contours);
-      if (!region)
-        wrong[k] = fmt::format("planning supports: layer {}: {}", k, region.error().what);
-      else
-        regions[k] = simplified(*region, tolerance);
-    });
-    for (const std::string& text : wrong)
-      if (!text.empty()) return fail(ErrorCode::InvalidInput, text);
-    if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "planning supports: stopped");
-    return regions;
-  }
-
  private:
   [[nodiscard]] std::uint32_t lift_layers(const std::vector<Region>& layers) const {
     double largest = 0;
@@ -132,7 +90,7 @@ class Planner {
     return static_cast<std::uint32_t>(std::ceil(std::max(s.lift_off_mm, least) / t_ - 1e-6));
   }
 
-  Result<void> cover_layer(const Analysis& found, std::size_t k) {
+  Result<void> cover_layer(const PartRegions& found, std::size_t k) {
     const Region& layer = found.layers[k];
     const double span = reach_ * reach_;
     std::erase_if(standing_, [&](const Standing& s) {
@@ -140,7 +98,7 @@ class Planner {
       return rise * rise >= span || !layer.contains(s.place);
     });
     add_by_hand(layer, k);
-    Region wanted = found.rule[k].to_support;
+    Region wanted = found.to_support[k];
     if (wanted.empty()) return {};
     ++figures_.layers_with_regions;
     figures_.to_support_mm2 += wanted.area_mm2();
@@ -169,7 +127,7 @@ class Planner {
     }
     // What shows in the mask as a body of its own must stand on an anchor of its own, however near the next one.
     const Region closed = forbidden_at(k);
-    for (const Region& island : found.rule[k].islands) {
+    for (const Region& island : found.islands[k]) {
       const Region open = closed.empty() ? island : subtract(island, closed);
       if (open.empty()) continue;
       if (std::none_of(standing_.begin(), standing_.end(), [&](const Standing& s) { return island.contains(s.place); }))
@@ -209,7 +167,6 @@ class Planner {
   std::stop_token stop_;
   double t_;
   double reach_;
-  SelfSupportLaw law_;
   SupportFigures figures_;
   std::vector<Anchor> anchors_;
   std::vector<Standing> standing_;
@@ -236,17 +193,44 @@ std::vector<Contour> SupportPlan::section(LayerIndex print_layer) const {
   return sections_.section(print_layer).to_contours();
 }
 
+namespace {
+
+/// On as many threads as the options say.
+template <class Work>
+auto on_threads(const SupportOptions& options, const Work& work) {
+  const int cores = tbb::info::default_concurrency();
+  const int threads = options.threads == 0 ? cores : std::min(cores, options.threads);
+  std::optional<decltype(work())> done;
+  tbb::task_arena{threads}.execute([&] { done.emplace(work()); });
+  return std::move(*done);
+}
+
+}  // namespace
+
 Result<SupportPlan> plan_supports(std::span<const Layer> layers, const StackHeader& header,
                                   const MachineProfile& machine, const SupportOptions& options,
                                   const ProgressSink& progress, std::stop_token stop) {
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
   if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
-  Planner planner{header, machine, options, progress, stop};
-  std::optional<Result<SupportPlan>> plan;
-  const int cores = tbb::info::default_concurrency();
-  const int threads = options.threads == 0 ? cores : std::min(cores, options.threads);
-  tbb::task_arena{threads}.execute([&] { plan.emplace(planner.plan(layers)); });
-  return std::move(*plan);
+  report(progress, "layer regions", 0);
+  const auto part = on_threads(options, [&] { return analyse_part(layers, machine, stop); });
+  if (!part) return tl::unexpected{part.error()};
+  Planner planner{header, machine, options, progress, std::move(stop)};
+  return on_threads(options, [&] { return planner.plan(*part); });
+}
+
+Result<SupportPlan> plan_supports(const PartRegions& part, const StackHeader& header, const MachineProfile& machine,
+                                  const SupportOptions& options, const ProgressSink& progress, std::stop_token stop) {
+  if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
+  if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
+  if (part.layers.size() != header.layer_count)
+    return fail(ErrorCode::InvalidInput, fmt::format("planning supports: {} layers were analysed of {}",
+                                                     part.layers.size(), header.layer_count));
+  if (!(part.law == self_support_law(machine)))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("planning supports: the layers were analysed by another law than {}'s", machine.name));
+  Planner planner{header, machine, options, progress, std::move(stop)};
+  return on_threads(options, [&] { return planner.plan(part); });
 }
 
 Result<LayerRegions> regions_of_layer(std::span<const Layer> layers, LayerIndex layer, const MachineProfile& machine) {

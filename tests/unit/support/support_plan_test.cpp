@@ -84,6 +84,52 @@ TEST(SupportPlan, IsTheSameOnOneTwoAndEightThreads) {
   }
 }
 
+TEST(LayerStream, GivesTheSameSupportsForLayersThatComeOneByOne) {
+  for (const auto& s : {stacks::ball(), stacks::hook(), stacks::tilted_cylinder(), stacks::table()}) {
+    const std::string at_once = to_json(planned(s));
+    LayerStream stream{stacks::machine()};
+    for (const Layer& layer : s.layers) stream.add(layer);
+    const auto part = stream.finish();
+    ASSERT_TRUE(part);
+    for (const int threads : {1, 2, 8}) {
+      SupportOptions options;
+      options.threads = threads;
+      const auto plan = plan_supports(*part, s.header, stacks::machine(), options, {}, {});
+      ASSERT_TRUE(plan);
+      EXPECT_EQ(to_json(*plan), at_once) << threads;
+    }
+  }
+}
+
+TEST(LayerStream, SaysThatALayerIsMissing) {
+  const auto s = stacks::ball();
+  LayerStream stream{stacks::machine()};
+  stream.add(s.layers[0]);
+  stream.add(s.layers[2]);
+  stream.add(s.layers[3]);
+  const auto part = stream.finish();
+  ASSERT_FALSE(part);
+  EXPECT_EQ(part.error().code, ErrorCode::InvalidInput);
+}
+
+TEST(LayerStream, MayBeGivenUpHalfWay) {
+  const auto s = stacks::ball();
+  LayerStream stream{stacks::machine()};
+  for (const Layer& layer : s.layers) stream.add(layer);
+}
+
+TEST(SupportPlan, RefusesRegionsOfAnotherMachineOrOfFewerLayers) {
+  const auto s = stacks::ball();
+  MachineProfile other = stacks::machine();
+  other.supports.self_support_mm *= 2;
+  const auto part = analyse_part(s.layers, other, {});
+  ASSERT_TRUE(part);
+  EXPECT_EQ(plan_supports(*part, s.header, stacks::machine(), {}, {}, {}).error().code, ErrorCode::InvalidInput);
+  const auto fewer = analyse_part(std::span{s.layers}.first(5), stacks::machine(), {});
+  ASSERT_TRUE(fewer);
+  EXPECT_EQ(plan_supports(*fewer, s.header, stacks::machine(), {}, {}, {}).error().code, ErrorCode::InvalidInput);
+}
+
 TEST(SupportPlan, SteadiesALiftedBallOnThreePinsOrMore) {
   const auto plan = planned(stacks::ball());
   EXPECT_GE(plan.anchors().size(), 3U);

@@ -1,5 +1,6 @@
 #pragma once
 #include <functional>
+#include <memory>
 #include <stop_token>
 #include <telefab/base/clock.hpp>
 #include <telefab/base/progress.hpp>
@@ -35,7 +36,8 @@ struct PlanOptions {
   double cure_depth_layers = 0;
   double registration_rms_mm = 0;  ///< of the views the scan was put together from, as printed; 0: not stated
   SupportOptions supports;
-  int threads = 0;  ///< 0 (all cores) to 1024; the plan is the same for any number
+  std::shared_ptr<const PartRegions> regions;  ///< of the very layers, where they were analysed as they came
+  int threads = 0;                             ///< 0 (all cores) to 1024; the plan is the same for any number
   [[nodiscard]] Result<void> validate() const;
 };
 

@@ -20,6 +20,7 @@ struct SelfSupportLaw {
   Millimetres arc_tolerance{0.01};  ///< > 0; of the offset's round joins
 
   [[nodiscard]] Millimetres reach(double attached_area_mm2) const;
+  friend bool operator==(const SelfSupportLaw&, const SelfSupportLaw&) = default;
 };
 
 /// The law of a machine's profile; slivers and specks follow its pixel.
@@ -41,5 +42,7 @@ struct LayerRegions {
 /// The layers as the rule sees them: islands below the speck size that nothing holds are taken out, so that what
 /// grows from such a speck is an island itself. Same count as `layers`.
 [[nodiscard]] std::vector<Region> without_specks(std::vector<Region> layers, double speck_mm2);
+/// One layer of them; `below` is without specks already.
+[[nodiscard]] Region without_specks(Region layer, const Region& below, double speck_mm2);
 
 }  // namespace telefab::fab

@@ -6,6 +6,7 @@
 #include <telefab/base/progress.hpp>
 #include <telefab/fab/support/covering.hpp>
 #include <telefab/fab/support/layer_rule.hpp>
+#include <telefab/fab/support/part_regions.hpp>
 #include <telefab/fab/support/structure.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/machine/machine_profile.hpp>
@@ -102,6 +103,12 @@ class SupportPlan {
 /// the whole part, bottom first. Deterministic on any number of threads.
 /// Fails: InvalidInput (options, coordinates, layer order), TooLarge, Cancelled.
 [[nodiscard]] Result<SupportPlan> plan_supports(std::span<const Layer> layers, const StackHeader& header,
+                                                const MachineProfile& machine, const SupportOptions& options,
+                                                const ProgressSink& progress, std::stop_token stop);
+
+/// The same of a part that was analysed before, by analyse_part or as its layers came. Fails with InvalidInput where it
+/// was analysed for another machine or has another number of layers than the header says.
+[[nodiscard]] Result<SupportPlan> plan_supports(const PartRegions& part, const StackHeader& header,
                                                 const MachineProfile& machine, const SupportOptions& options,
                                                 const ProgressSink& progress, std::stop_token stop);
 
