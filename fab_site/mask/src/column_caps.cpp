@@ -185,7 +185,29 @@ void LayerCaps::darken_what_floats() {
     }
   for (std::size_t at = 0; at < caps_.size(); ++at)
     if (caps_[at] == 0 && held_[at] != kDark) caps_[at] = 255;
-  for (const std::uint32_t at : capped) caps_[at] = best[at];
+  // What is three pixels wide somewhere cures well, and the body cures to it with the layers that follow: it stays lit.
+  enum : std::uint8_t { kCalm, kFloats, kStays };
+  std::vector<std::uint8_t> state(caps_.size(), kCalm);
+  for (const std::uint32_t at : capped)
+    if (caps_[at] > best[at]) state[at] = kFloats;
+  std::vector<std::uint32_t> stays;
+  for (const std::uint32_t at : capped) {
+    int around = 0;
+    if (state[at] != kCalm) each_neighbour(at, [&](std::size_t n) { around += state[n] != kCalm; });
+    if (around == 9) stays.push_back(at);
+  }
+  for (const std::uint32_t at : stays) state[at] = kStays;
+  while (!stays.empty()) {
+    const std::uint32_t at = stays.back();
+    stays.pop_back();
+    each_neighbour(at, [&](std::size_t n) {
+      if (state[n] != kFloats) return;
+      state[n] = kStays;
+      stays.push_back(static_cast<std::uint32_t>(n));
+    });
+  }
+  for (const std::uint32_t at : capped)
+    if (state[at] == kFloats) caps_[at] = best[at];
   held_.clear();
   held_.shrink_to_fit();
 }

@@ -292,7 +292,9 @@ class LayerWork {
   }
 
   [[nodiscard]] float cap_beside(std::size_t at) const {
-    return beside_.empty() || beside_[at] == 0 ? 1 : kShare[beside_[at] - 1U];
+    if (beside_.empty()) return 1;
+    // Far from all that shows in the mask only splinters of the contour could ask for light; it would cure to beads.
+    return beside_[at] == 0 ? 0 : kShare[beside_[at] - 1U];
   }
 
   /// Whether the pixel and its eight neighbours are all of the part: what is there holds the layer while it is printed.

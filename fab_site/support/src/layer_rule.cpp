@@ -44,12 +44,14 @@ bool holds(const Region& contact, const SelfSupportLaw& law) {
   return !offset(contact, Millimetres{-law.contact.count()}, law.arc_tolerance).empty();
 }
 
-/// True where the piece that the contact belongs to lies on the layer below as a whole: it lights no pixel that is
-/// not lit below, however small it is.
+/// True where the piece that the contact belongs to lies on the layer below but for less than a pixel: a fading tip
+/// needs no pin, however small it is.
 bool rests(const Region& contact, std::span<const Region> pieces, const Region& below, const SelfSupportLaw& law) {
   const Point2 inside = inner_point(contact);
   for (const Region& piece : pieces)
-    if (piece.contains(inside)) return subtract(piece, below).area_mm2() <= 0.05 * law.speck_mm2;
+    if (piece.contains(inside))
+      return subtract(piece, below).area_mm2() <=
+             std::max(0.05 * law.speck_mm2, std::min(0.5 * law.speck_mm2, 0.2 * piece.area_mm2()));
   return false;
 }
 

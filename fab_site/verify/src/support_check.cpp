@@ -78,11 +78,12 @@ struct Checker {
     }
   }
 
-  /// True where the part's piece around a contact does not reach beyond it: a fading tip, however small.
+  /// True where the part's piece around a contact reaches beyond it by less than a pixel: a fading tip, however small.
   [[nodiscard]] bool lies_on_the_layer_below(std::size_t k, const Region& contact) const {
     const Point2 inside = inner_point(contact);
     for (const Region& piece : part[k].pieces())
-      if (piece.contains(inside)) return subtract(piece, part[k - 1]).area_mm2() <= speck / 40;
+      if (piece.contains(inside))
+        return subtract(piece, part[k - 1]).area_mm2() <= std::min(speck / 4, piece.area_mm2() / 4);
     return false;
   }
 

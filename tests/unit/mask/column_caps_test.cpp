@@ -39,11 +39,11 @@ struct Print {
   }
 };
 
-/// Ten layers of nothing, then a body whose lowest layer reaches four pixels beyond the rest.
-Print foot() {
+/// Ten layers of nothing, then a body whose lowest layer reaches some pixels beyond the rest.
+Print foot(double beyond) {
   Print print;
   print.part.assign(10, {});
-  print.part.push_back(box(6, 26));
+  print.part.push_back(box(10 - beyond, 22 + beyond));
   print.part.resize(30, box(10, 22));
   return print;
 }
@@ -55,19 +55,25 @@ TEST(LayerCaps, CapNothingOfAColumnThatStandsOnThePlatform) {
 }
 
 TEST(LayerCaps, KeepARimDarkThatWouldCureBeforeTheBodyItHangsOn) {
-  const auto caps = foot().caps(10, 16);
+  const auto caps = foot(2).caps(10, 16);
   ASSERT_FALSE(caps.empty());
-  for (std::size_t x = 6; x < 26; ++x) EXPECT_EQ(caps[x], 0) << x;
+  for (std::size_t x = 8; x < 24; ++x) EXPECT_EQ(caps[x], 0) << x;
+}
+
+TEST(LayerCaps, LightARimThatIsWideEnoughToCureWell) {
+  const auto caps = foot(4).caps(10, 16);
+  ASSERT_FALSE(caps.empty());
+  for (std::size_t x = 6; x < 26; ++x) EXPECT_EQ(caps[x] > 100, x < 10 || x >= 22) << x;
 }
 
 TEST(LayerCaps, LightARimThatAPinHolds) {
-  Print print = foot();
-  print.supports.assign(10, box(7, 9));
+  Print print = foot(2);
+  print.supports.assign(10, box(8, 9));
   const auto caps = print.caps(10, 8);
   ASSERT_FALSE(caps.empty());
-  EXPECT_EQ(caps[7], 255);  // over the pin
+  EXPECT_EQ(caps[8], 255);  // over the pin
   EXPECT_GT(caps[9], 100);  // the rim beside it, one layer thin: what cures one layer
-  EXPECT_GT(caps[25], 100);
+  EXPECT_GT(caps[23], 100);
   EXPECT_EQ(print.caps(10, 16)[12], 0) << "the body lies deep enough for the light of later layers";
 }
 
@@ -84,7 +90,7 @@ TEST(LayerCaps, DoNotCapWhatStandsOnASupportHoweverThin) {
 }
 
 TEST(LayerCaps, LeavePixelsAloneWhereNothingIsSolid) {
-  const auto caps = foot().caps(10, 16);
+  const auto caps = foot(2).caps(10, 16);
   ASSERT_FALSE(caps.empty());
   EXPECT_EQ(caps[2], 255);
   EXPECT_EQ(caps[30], 255);

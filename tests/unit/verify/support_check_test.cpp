@@ -135,7 +135,7 @@ TEST(SupportCheck, LetsATipFadeOutOnTheLayerBelowHoweverSmall) {
       return rings;
     });
   };
-  for (const auto& [moved, findings] : {std::pair{0.0, 0U}, {0.05, 1U}}) {
+  for (const auto& [moved, findings] : {std::pair{0.0, 0U}, {0.1, 1U}}) {
     const auto s = fading(moved);
     PrintGeometry print;
     print.part = s.layers;

@@ -52,9 +52,9 @@ class SolidRows {
 /// The caps of one layer. `below` and `above` nearest first, as far as the table looks; what lies below the last of
 /// `below` counts as solid if `on_platform`. All given must outlive the constructor only.
 ///
-/// A column over a support is not capped: light that goes too deep there cures the support. And no pixel is lit more
-/// than the darkest pixel on the best way to one that is not capped: a bright rim around a dark underside would cure
-/// first and float. So every pixel of a mask, at any grey level, hangs together with what is held from below.
+/// A column over a support is not capped: light that goes too deep there cures the support. And a rim of one or two
+/// pixels is lit no more than the darkest pixel on its best way to one that is not capped: around a dark underside it
+/// would cure first, badly, and float. Wider ones stay lit, or thin sheets would lose what the body hangs on.
 class LayerCaps {
  public:
   LayerCaps(const CapTable& table, const SolidRows& here, const std::vector<const SolidRows*>& below,
