@@ -23,6 +23,8 @@ struct Options {
   std::optional<double> height_mm, scale, kernel_mm;
   std::string surface = std::string{name_of(SurfaceKind::Unbiased)};
   std::string out_prefix, units;
+  std::string up = "z";
+  bool fit = false;
   bool keep_outliers = false;
   bool json = false;
 };
@@ -82,6 +84,11 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   }
   request.height_mm = o.height_mm;
   request.scale = o.scale;
+  if (o.fit && !request.machine) return fail(ErrorCode::InvalidInput, "--fit needs a --machine to fit into");
+  request.fit = o.fit;
+  const auto up = up_axis_from(o.up);
+  if (!up) return tl::unexpected{up.error()};
+  request.up = *up;
   if (!o.units.empty()) {
     const auto unit = millimetres_per(o.units);
     if (!unit) return tl::unexpected{unit.error()};
@@ -126,6 +133,10 @@ VerbBody declare_inspect(CLI::App& options) {
   auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file")->excludes(height);
   options.add_option("--units", o->units, "unit of the file: mm, cm, m or in; default: what the file states, or mm")
       ->excludes(scale);
+  options.add_flag("--fit", o->fit, "scale the part to the largest the machine holds")
+      ->excludes(height)
+      ->excludes(scale);
+  options.add_option("--up", o->up, "axis of the scan that points up: x, -x, y, -y, z or -z")->capture_default_str();
   options.add_option("--surface", o->surface, "unbiased | paper | paper-literal | imls")->capture_default_str();
   options.add_option("--kernel-mm", o->kernel_mm, "kernel width; default: from spacing and noise, point by point");
   options.add_flag("--keep-outliers", o->keep_outliers, "use every point of the scan");

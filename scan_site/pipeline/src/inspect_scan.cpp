@@ -24,6 +24,8 @@ Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_vie
   place.height_mm = request.height_mm;
   place.scale = request.scale;
   place.unit_mm = request.unit_mm;
+  place.up = request.up;
+  place.fit = request.fit;
   place.mls = request.mls;
   if (auto ok = place.validate(); !ok) return tl::unexpected{ok.error()};
 

@@ -46,6 +46,16 @@ TEST(Inspection, StandsOnTheGroundAtTheAskedHeight) {
   EXPECT_NEAR(inspection.topology.critical_points().back().position_mm.z(), 92, 0.1);
 }
 
+TEST(Inspection, FillsTheMachineWithTheAxisAskedForUp) {
+  MachineProfile machine;
+  machine.platform = {28, 28, 100};
+  const Inspection as_it_lies = inspected({.machine = machine, .fit = true});
+  const Inspection turned = inspected({.machine = machine, .fit = true, .up = scan::UpAxis::PlusX});
+  EXPECT_LE(as_it_lies.size_mm.y(), 28);
+  EXPECT_LE(turned.size_mm.y(), 28);
+  EXPECT_NEAR(turned.size_mm.z() / as_it_lies.size_mm.x(), turned.size_mm.x() / as_it_lies.size_mm.z(), 0.01);
+}
+
 TEST(Inspection, JsonHoldsWhatTheTableShows) {
   const Inspection inspection = inspected({});
   const auto json = nlohmann::json::parse(to_json(inspection));
