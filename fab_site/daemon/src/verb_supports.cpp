@@ -1,10 +1,13 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/fab/formats/mesh_export.hpp>
 #include <telefab/fab/support/pictures.hpp>
+#include <telefab/fab/support/structure_mesh.hpp>
 
 #include "read_stack.hpp"
 #include "verbs.hpp"
@@ -95,9 +98,13 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     if (auto ok = write_png(o.structure, draw_structure(stack->layers(), *plan, thickness_mm)); !ok)
       return tl::unexpected{ok.error()};
   if (!o.model.empty()) {
-    const std::string ply =
-        structure_ply(stack->layers(), *plan, thickness_mm, Millimetres{machine->projection.pixel_pitch_mm / 4});
-    if (auto ok = write_file_atomically(o.model, ply); !ok) return tl::unexpected{ok.error()};
+    const StructureMesh mesh =
+        structure_mesh(stack->layers(), *plan, thickness_mm, Millimetres{machine->projection.pixel_pitch_mm / 4});
+    const bool is_threemf = std::filesystem::path{o.model}.extension() == ".3mf";
+    auto written = is_threemf ? export_threemf(mesh, o.model, progress_line(), stop)
+                              : write_file_atomically(o.model, to_ply(mesh));
+    clear_progress();
+    if (!written) return tl::unexpected{written.error()};
   }
   return ExitCode::Ok;
 }
@@ -119,7 +126,8 @@ VerbBody declare_supports(CLI::App& options) {
   options.add_option("--preview", o->preview,
                      "PNG of one layer: attached, self-supported, to support, anchors and the circles they reach");
   options.add_option("--structure", o->structure, "PNG of the part with its supports in 3-D");
-  options.add_option("--model", o->model, "PLY of the part with its supports, in colours, for a viewer");
+  options.add_option("--model", o->model,
+                     "the part with its supports in colours, for a viewer: 3MF if the name ends so, else PLY");
   options.add_option("--out", o->out, "anchors and primitives as JSON, as supports.json of a plan");
   options.add_option("--threads", o->threads, "0: all cores; the supports are the same for any number")
       ->check(CLI::Range(0, 1024))

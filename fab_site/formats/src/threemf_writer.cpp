@@ -2,8 +2,6 @@
 
 #include <fmt/format.h>
 
-#include "zip_writer.hpp"
-
 namespace telefab::fab {
 namespace {
 
@@ -119,12 +117,16 @@ void ThreeMfModel::end(std::string& out) {
   out += "</build>\n</model>\n";
 }
 
+Result<void> add_threemf_frame(ZipWriter& zip) {
+  if (auto ok = zip.add("[Content_Types].xml", kContentTypes, Packing::Deflated); !ok) return ok;
+  return zip.add("_rels/.rels", kRelationships, Packing::Deflated);
+}
+
 Result<void> write_threemf(const ContourJob& job, const std::filesystem::path& path, const ProgressSink& progress,
                            std::stop_token stop) {
   auto zip = ZipWriter::create(path);
   if (!zip) return tl::unexpected{zip.error()};
-  if (auto ok = zip->add("[Content_Types].xml", kContentTypes, Packing::Deflated); !ok) return ok;
-  if (auto ok = zip->add("_rels/.rels", kRelationships, Packing::Deflated); !ok) return ok;
+  if (auto ok = add_threemf_frame(*zip); !ok) return ok;
   const auto model = [&]() -> Result<std::vector<std::byte>> {
     ThreeMfModel text{job};
     std::string out;

@@ -4,6 +4,7 @@
 #include <telefab/base/progress.hpp>
 
 #include "contour_texts.hpp"
+#include "zip_writer.hpp"
 
 namespace telefab::fab {
 
@@ -20,6 +21,9 @@ class ThreeMfModel final : public LayerText {
  private:
   const ContourJob& job_;
 };
+
+/// What every 3MF archive begins with: content types, and where its model lies.
+[[nodiscard]] Result<void> add_threemf_frame(ZipWriter& zip);
 
 [[nodiscard]] Result<void> write_threemf(const ContourJob& job, const std::filesystem::path& path,
                                          const ProgressSink& progress, std::stop_token stop);

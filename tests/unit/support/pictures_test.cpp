@@ -1,6 +1,8 @@
 #include <gtest/gtest.h>
 
+#include <map>
 #include <telefab/fab/support/pictures.hpp>
+#include <telefab/fab/support/structure_mesh.hpp>
 
 #include "stacks.hpp"
 
@@ -43,13 +45,47 @@ TEST(Pictures, ShowPartAndSupportsInTheirColours) {
   EXPECT_GT(orange, 1'000U);
 }
 
-TEST(StructurePly, HoldsAsManyVerticesAndFacesAsItsHeaderSays) {
+TEST(StructureMesh, GivesAPlyWithAsManyVerticesAndFacesAsItsHeaderSays) {
   const auto s = stacks::mushroom();
   const auto plan = plan_supports(s.layers, s.header, stacks::machine(), {}, {}, {}).value();
-  const std::string ply = structure_ply(s.layers, plan, 0.15, Millimetres{0.05});
+  const std::string ply = to_ply(structure_mesh(s.layers, plan, 0.15, Millimetres{0.05}));
   const auto number = [&](const char* key) { return std::stoul(ply.substr(ply.find(key) + std::string{key}.size())); };
   const std::size_t body = ply.find("end_header\n") + 11;
   EXPECT_EQ(ply.size() - body, number("element vertex ") * 15 + number("element face ") * 13);
+}
+
+/// By the divergence theorem: right only where every body is closed and faces outward.
+double volume_of(const TriangleMesh& mesh) {
+  double six = 0;
+  for (const auto& t : mesh.triangles) {
+    const auto &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]];
+    six += a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
+  }
+  return six / 6;
+}
+
+TEST(StructureMesh, ClosesEveryLayerHolesIncludedAndEveryStick) {
+  const auto s = stacks::stack(6, [](double) {
+    auto hole = stacks::box(44, 44, 56, 56);
+    std::reverse(hole.begin(), hole.end());
+    return std::vector<std::vector<Point2>>{stacks::box(40, 40, 60, 60), hole, stacks::circle(50, 50, 3)};
+  });
+  SupportOptions never;
+  never.stand = SupportOptions::Stand::Never;
+  const auto plan = plan_supports(s.layers, s.header, stacks::machine(), never, {}, {}).value();
+  const auto mesh = structure_mesh(s.layers, plan, 0.15, Millimetres{0.001});
+  EXPECT_NEAR(volume_of(mesh.part), plan.figures().part_mm3, 0.01 * plan.figures().part_mm3);
+  EXPECT_NEAR(volume_of(mesh.supports), plan.figures().support_mm3, 0.1 * plan.figures().support_mm3);
+  // Closed: every edge twice, once each way.
+  for (const TriangleMesh* body : {&mesh.part, &mesh.supports}) {
+    std::map<std::pair<std::uint32_t, std::uint32_t>, int> edges;
+    for (const auto& t : body->triangles)
+      for (int i = 0; i < 3; ++i) ++edges[{t[static_cast<std::size_t>(i)], t[static_cast<std::size_t>((i + 1) % 3)]}];
+    for (const auto& [edge, count] : edges) {
+      EXPECT_EQ(count, 1);
+      EXPECT_TRUE(edges.contains({edge.second, edge.first}));
+    }
+  }
 }
 
 }  // namespace

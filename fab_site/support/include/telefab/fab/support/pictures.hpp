@@ -30,11 +30,6 @@ struct SeenAnchor {
 /// shadows and a grid of 10 mm (1 mm under prints below 30 mm). RGB, at most kPictureSide a side. Threads: oneTBB.
 [[nodiscard]] Image draw_structure(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm);
 
-/// Part and supports as a binary PLY mesh with a colour at every vertex, for any viewer: sticks and plates as closed
-/// solids, the part as the walls of its layers.
-[[nodiscard]] std::string structure_ply(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm,
-                                        Millimetres tolerance);
-
 /// The polygons of a GeoJSON text, in millimetres: Polygon, MultiPolygon, GeometryCollection, Feature and
 /// FeatureCollection. Fails with InvalidInput and says where.
 [[nodiscard]] Result<Region> region_from_geojson(std::string_view text);
