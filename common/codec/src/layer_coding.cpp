@@ -4,7 +4,10 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <telefab/geometry/limits.hpp>
+#include <tuple>
+#include <utility>
 
 namespace telefab::codec {
 namespace {
@@ -13,41 +16,145 @@ enum SmallContext : unsigned { kRingCount, kVertexCount, kVerdict, kMethod, kEul
 enum Flag : unsigned { kHasPredicted, kHasPlace };
 constexpr std::uint32_t kMaxReasonBytes = 4096;
 
-/// Straight on from the two vertices before, inside the lattice so that a residual fits 31 bits.
-GridPoint extrapolate(GridPoint before, GridPoint last, GridPoint most) {
-  const auto go = [](std::int64_t a, std::int64_t b, std::int32_t limit) {
-    return static_cast<std::int32_t>(std::clamp<std::int64_t>(2 * b - a, 0, limit));
+constexpr std::int32_t kFar = 1 << 29;  ///< no lattice is wider: residuals fit 31 bits, turned or not
+
+/// Of a turn so much is expected again: a part of it is the rounding of three vertices.
+constexpr double kSteady = 0.85;
+
+std::int64_t nearest(double v) { return static_cast<std::int64_t>(std::floor(v + 0.5)); }
+
+/// A residual along an edge and to its left. Turned by three shears with rounding, so every lattice point comes back.
+class Heading {
+ public:
+  Heading() = default;
+  Heading(GridPoint from, GridPoint to) {
+    const double dx = static_cast<double>(to.x) - from.x;
+    const double dy = static_cast<double>(to.y) - from.y;
+    length_ = std::sqrt(dx * dx + dy * dy);
+    // By at most a quarter turn: shears of a tangent of half the angle stay below 1.
+    back_ = dx < 0;
+    const double cosine = std::abs(dx) / length_;
+    sine_ = (back_ ? -dy : dy) / length_;
+    tangent_ = sine_ / (1 + cosine);
+    dx_ = dx;
+    dy_ = dy;
+  }
+  [[nodiscard]] double length() const { return length_; }
+
+  struct Local {
+    std::int64_t along;
+    std::int64_t left;
   };
-  return {go(before.x, last.x, most.x), go(before.y, last.y, most.y)};
-}
+  [[nodiscard]] Local local(std::int64_t x, std::int64_t y) const {
+    if (back_) x = -x, y = -y;
+    x += nearest(tangent_ * static_cast<double>(y));
+    y -= nearest(sine_ * static_cast<double>(x));
+    x += nearest(tangent_ * static_cast<double>(y));
+    return {x, y};
+  }
+  [[nodiscard]] std::pair<std::int64_t, std::int64_t> global(Local p) const {
+    auto [x, y] = p;
+    x -= nearest(tangent_ * static_cast<double>(y));
+    y += nearest(sine_ * static_cast<double>(x));
+    x -= nearest(tangent_ * static_cast<double>(y));
+    if (back_) x = -x, y = -y;
+    return {x, y};
+  }
+  /// How far left of this edge the next vertex lies, `along` from where it would end: an arc turns as from `before` to
+  /// this edge. The slicer's chords follow curvature, so their turns change slowly.
+  [[nodiscard]] std::int64_t bend(const Heading& before, std::int64_t along) const {
+    if (before.length_ == 0 || before.dx_ * dx_ + before.dy_ * dy_ <= 0) return 0;
+    const double turn = (before.dx_ * dy_ - before.dy_ * dx_) / (before.length_ * length_);
+    const double next = length_ + static_cast<double>(along);
+    if (!(next > 0)) return 0;
+    const double left = kSteady * turn * next * (length_ + next) / (before.length_ + length_);
+    return nearest(std::clamp(left, -1.0 * kFar, 1.0 * kFar));
+  }
 
-/// Sizes of the residuals so far, from which the next one's context is taken.
-struct Neighbourhood {
-  unsigned x_length = 8;
-  unsigned y_length = 8;
-
-  [[nodiscard]] unsigned x_context() const { return std::min((x_length + y_length + 1) / 2, 15U); }
-  [[nodiscard]] unsigned y_context(unsigned x_now) const { return 16 + std::min((2 * x_now + y_length + 1) / 3, 15U); }
+ private:
+  double dx_ = 0, dy_ = 0, length_ = 0, sine_ = 0, tangent_ = 0;
+  bool back_ = false;
 };
 
-void encode_residual(RangeEncoder& coder, ChunkModels& models, Neighbourhood& near, GridPoint p, GridPoint guess) {
-  const std::uint32_t x = zigzag(p.x - guess.x);
-  const std::uint32_t y = zigzag(p.y - guess.y);
-  models.residual.encode(coder, x, near.x_context());
-  models.residual.encode(coder, y, near.y_context(bit_length(x)));
-  near = {bit_length(x), bit_length(y)};
+/// What is known of a ring while its vertices are told one after the other.
+class RingContext {
+ public:
+  /// `guess`: where its first vertex is expected.
+  explicit RingContext(GridPoint guess) : last_{guess} {}
+  /// Where the next vertex is expected: straight on.
+  [[nodiscard]] GridPoint guess() const {
+    const auto go = [](std::int64_t a, std::int64_t b) {
+      return static_cast<std::int32_t>(std::clamp<std::int64_t>(2 * b - a, 0, kFar));
+    };
+    return count_ < 2 ? last_ : GridPoint{go(before_.x, last_.x), go(before_.y, last_.y)};
+  }
+  void add(GridPoint p) {
+    if (count_ > 0) {
+      turned_ = heading_;
+      heading_ = Heading{last_, p};
+      if (count_ == 1) turned_ = Heading{};
+      before_ = last_;
+    }
+    last_ = p;
+    if (++count_ <= 2) along_length_ = left_length_ = 8;
+  }
+  [[nodiscard]] bool has_heading() const { return count_ >= 2; }
+  [[nodiscard]] const Heading& heading() const { return heading_; }
+  [[nodiscard]] std::int64_t bend(std::int64_t along) const { return heading_.bend(turned_, along); }
+
+  [[nodiscard]] unsigned along_context() const {
+    return has_heading() ? 8 * std::min(along_length_, 15U) + std::min(left_length_ / 2, 7U) : kFirstVertices;
+  }
+  [[nodiscard]] unsigned left_context(unsigned along_now) const {
+    return has_heading() ? kLeft + 8 * std::min(left_length_, 15U) + std::min(along_now / 2, 7U) : kFirstVertices + 1;
+  }
+  void remember(unsigned along_length, unsigned left_length) {
+    along_length_ = along_length;
+    left_length_ = left_length;
+  }
+
+ private:
+  static constexpr unsigned kLeft = 128;
+  static constexpr unsigned kFirstVertices = 256;
+  std::size_t count_ = 0;
+  GridPoint before_, last_;
+  Heading turned_, heading_;
+  unsigned along_length_ = 8, left_length_ = 8;
+};
+
+void encode_vertex(RangeEncoder& coder, ChunkModels& models, RingContext& near, GridPoint p) {
+  const GridPoint guess = near.guess();
+  std::int64_t x = std::int64_t{p.x} - guess.x;
+  std::int64_t y = std::int64_t{p.y} - guess.y;
+  if (near.has_heading()) {
+    const auto [along, left] = near.heading().local(x, y);
+    x = along;
+    y = left - near.bend(along);
+  }
+  const std::uint32_t first = zigzag(static_cast<std::int32_t>(x));
+  const std::uint32_t second = zigzag(static_cast<std::int32_t>(y));
+  models.residual.encode(coder, first, near.along_context());
+  models.residual.encode(coder, second, near.left_context(bit_length(first)));
+  near.remember(bit_length(first), bit_length(second));
+  near.add(p);
 }
 
 /// Nothing where the vertex lies outside the lattice.
-std::optional<GridPoint> decode_residual(RangeDecoder& coder, ChunkModels& models, Neighbourhood& near, GridPoint guess,
-                                         GridPoint most) {
-  const std::uint32_t x = models.residual.decode(coder, near.x_context());
-  const std::uint32_t y = models.residual.decode(coder, near.y_context(bit_length(x)));
-  near = {bit_length(x), bit_length(y)};
-  const std::int64_t px = std::int64_t{guess.x} + unzigzag(x);
-  const std::int64_t py = std::int64_t{guess.y} + unzigzag(y);
-  if (px < 0 || px > most.x || py < 0 || py > most.y) return std::nullopt;
-  return GridPoint{static_cast<std::int32_t>(px), static_cast<std::int32_t>(py)};
+std::optional<GridPoint> decode_vertex(RangeDecoder& coder, ChunkModels& models, RingContext& near, GridPoint most) {
+  const GridPoint guess = near.guess();
+  const std::uint32_t first = models.residual.decode(coder, near.along_context());
+  const std::uint32_t second = models.residual.decode(coder, near.left_context(bit_length(first)));
+  near.remember(bit_length(first), bit_length(second));
+  std::int64_t x = unzigzag(first);
+  std::int64_t y = unzigzag(second);
+  if (near.has_heading()) {
+    y += near.bend(x);
+    std::tie(x, y) = near.heading().global({x, y});
+  }
+  x += guess.x;
+  y += guess.y;
+  if (x < 0 || x > most.x || y < 0 || y > most.y) return std::nullopt;
+  return GridPoint{static_cast<std::int32_t>(x), static_cast<std::int32_t>(y)};
 }
 
 GridPoint first_guess(const ChunkModels& models, std::size_t ring, const std::vector<GridPoint>& firsts) {
@@ -114,32 +221,25 @@ Result<LayerCertificate> decode_certificate(RangeDecoder& coder, ChunkModels& mo
 }
 
 void encode_ring(RangeEncoder& coder, ChunkModels& models, const std::vector<GridPoint>& ring, GridPoint guess) {
-  constexpr std::int32_t far = 1 << 29;  // the clamp's limits are not needed to encode: vertices lie inside
   models.small.encode(coder, static_cast<std::uint32_t>(ring.size() - 3), kVertexCount);
-  Neighbourhood near;
-  encode_residual(coder, models, near, ring[0], guess);
-  near = {};
-  encode_residual(coder, models, near, ring[1], ring[0]);
-  for (std::size_t i = 2; i < ring.size(); ++i)
-    encode_residual(coder, models, near, ring[i], extrapolate(ring[i - 2], ring[i - 1], {far, far}));
+  RingContext near{guess};
+  for (const GridPoint p : ring) encode_vertex(coder, models, near, p);
 }
 
 Result<std::vector<GridPoint>> decode_ring(RangeDecoder& coder, ChunkModels& models, GridPoint guess, GridPoint most,
                                            std::uint64_t& budget) {
-  constexpr std::int32_t far = 1 << 29;
   const std::uint64_t size = std::uint64_t{models.small.decode(coder, kVertexCount)} + 3;
   if (size > kMaxVerticesPerLayer || size > budget) return broken("more vertices than a layer or chunk may have");
   budget -= size;
   std::vector<GridPoint> ring;
-  Neighbourhood near;
+  RingContext near{guess};
   for (std::uint64_t i = 0; i < size; ++i) {
     // Checked now and then: past the end the decoder only reads zeros.
     if (i % 256 == 0 && coder.overrun()) return broken("the chunk ends in the middle of a ring");
-    const auto p = decode_residual(coder, models, near, guess, most);
+    const auto p = decode_vertex(coder, models, near, most);
     if (!p) return broken("a vertex lies outside the stated bounds");
     if (!ring.empty() && ring.back() == *p) return broken("two neighbouring vertices are equal");
-    if (i == 0) near = {};
-    guess = i == 0 ? *p : extrapolate(ring.back(), *p, {far, far});
+    near.add(*p);
     ring.push_back(*p);
   }
   return ring;

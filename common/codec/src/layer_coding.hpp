@@ -14,8 +14,8 @@ struct GridLayer {
 
 /// The adaptive state of one chunk, shared by the layers in it; the encoder's and the decoder's move alike.
 struct ChunkModels {
-  NumberModel<8> small;      ///< counts and the certificate's numbers
-  NumberModel<32> residual;  ///< vertex residuals, by axis and by the size of those before
+  NumberModel<8> small;       ///< counts and the certificate's numbers
+  NumberModel<258> residual;  ///< of vertices, along and across the edge before, by the sizes of those before
   NumberModel<1> text;
   BitModel flags[4];
   std::vector<GridPoint> firsts;  ///< first vertices of the rings of the layer below

@@ -58,7 +58,7 @@ std::vector<Message> every_message() {
           Files{request, {{"preview.png", 1234}}},
           AskFile{request, "j1", "preview.png"},
           FileBlock{request, 900, 1000, bytes},
-          Offer{"j1", "vase.ply", "machine-a", "{}", digest, some_header(), 1, "ana", std::vector<std::byte>(32),
+          Offer{"j1", "vase.ply", "machine-a", "{}", digest, some_header(), 5, "ana", std::vector<std::byte>(32),
                 std::vector<std::byte>(64), digest, 0.04},
           OfferTaken{"j1", 7, false},
           SendChunk{"j1", 7, LayerIndex{64}, 64, bytes, digest},
@@ -82,7 +82,7 @@ TEST(Message, ComesBackAsItWasSent) {
 }
 
 TEST(Message, KeepsWhatAnOfferSaysOfItsScan) {
-  Offer offer{"j1", "vase.ply", "machine-a", "{}", {}, some_header(), 1, "ana", {}, {}};
+  Offer offer{"j1", "vase.ply", "machine-a", "{}", {}, some_header(), 5, "ana", {}, {}};
   auto back = from_frame(to_frame(offer));
   ASSERT_TRUE(back);
   EXPECT_EQ(std::get<Offer>(*back).scan, Digest{}) << "not stated";
@@ -145,12 +145,12 @@ TEST(Message, RefusesEveryValueOutOfItsRangeByName) {
       {Submit{RequestId{1}, "b.ply", "m", std::string(20'000, ' '), 1, digest}, "parameters"},
       {UploadBlock{RequestId{1}, 0, std::vector<std::byte>(kMaxBlockBytes + 1)}, "content"},
       {Command{RequestId{1}, "j1", static_cast<JobCommand>(9), ""}, "action"},
-      {Offer{"j1", "v", "m", "{}", digest, some_header(), 1, "", {}, {}, {}, -1}, "registration_rms_mm"},
+      {Offer{"j1", "v", "m", "{}", digest, some_header(), 5, "", {}, {}, {}, -1}, "registration_rms_mm"},
       {FileBlock{RequestId{1}, 5, 6, std::vector<std::byte>(2)}, "content"},
       {Offer{"j1", "v", "m", "{}", digest, bad_header, 1, "", {}, {}}, "header"},
-      {Offer{"j1", "v", "m", "{}", digest, some_header(), 5, "", {}, {}}, "coding"},
+      {Offer{"j1", "v", "m", "{}", digest, some_header(), 6, "", {}, {}}, "coding"},
       {Offer{"j1", "v", "m", "{}", digest, some_header(), 3, "", {}, {}}, "coding"},
-      {Offer{"j1", "v", "m", "{}", digest, some_header(), 1, "", std::vector<std::byte>(31), {}}, "public_key"},
+      {Offer{"j1", "v", "m", "{}", digest, some_header(), 5, "", std::vector<std::byte>(31), {}}, "public_key"},
       {SendChunk{"j1", kMaxLayers, LayerIndex{0}, 1, {}, digest}, "sequence"},
       {SendChunk{"j1", 0, LayerIndex{0}, 0, {}, digest}, "layer_count"},
       {SendChunk{"j1", 0, LayerIndex{kMaxLayers - 1}, 2, {}, digest}, "layer_count"},

@@ -11,9 +11,9 @@ namespace telefab {
 
 /// How contours are written. Numbers go to disk and over the wire: never renumber.
 enum class Coding : std::uint32_t {
-  Exact = 1,  ///< the slicer's vertices on a grid of pixel pitch / 16
-  Curve =
-      4,  ///< the curve within a stated error: contours as those of the layer below, moved; 2 and 3 were earlier forms
+  // 1, 2 and 3 were earlier forms.
+  Curve = 4,  ///< the curve within a stated error: contours as those of the layer below, moved
+  Exact = 5,  ///< the slicer's vertices on a grid of pixel pitch / 16
 };
 
 struct CodecOptions {
