@@ -6,6 +6,7 @@
 
 #include <array>
 #include <random>
+#include <telefab/codec/stack_codec.hpp>
 #include <telefab/wire/message.hpp>
 
 #include "two_sites.hpp"
@@ -119,7 +120,8 @@ TEST_F(Hostile, AJobOfTheSameIdIsRefusedAsReplayed) {
   header.bounds = {{1, 1}, {2, 2}};
   const Stranger stranger{fab_port()};
   stranger.send(Message{Hello{kProtocolVersion, Side::ScanSite, "rude", {}, {}}});
-  stranger.send(Message{Offer{job, "other.ply", "toy", "{}", {}, header, 1, "mallory", {}, {}}});
+  stranger.send(Message{
+      Offer{job, "other.ply", "toy", "{}", {}, header, static_cast<std::uint32_t>(Coding::Exact), "mallory", {}, {}}});
   stranger.send(Message{Submit{RequestId{2}, "a", "toy", "{}", 1, {}}});
   EXPECT_THAT(stranger.hear_out(), HasSubstr("replayed-job"));
 }
