@@ -34,6 +34,8 @@ Result<void> check_statements(const MachineProfile& machine) {
   if (d.projector == "dlpc900" && d.led_polarity == "unstated")
     return wrong(
         "state devices.led_polarity, normal or inverted, as the board's maker says (fab_site/drivers/first-light.md)");
+  if (d.projector == "dlpc900" && d.led_current == 0)
+    return wrong("devices.led_current is 0, nothing would cure; raise it as fab_site/drivers/first-light.md says");
   if (d.thermometer != "none" && d.stage != "marlin")
     return wrong("devices.thermometer needs stage = \"marlin\"; GRBL boards and virtual stages have none");
   if ((d.hottest_celsius > 0 || d.coldest_celsius > 0) && d.thermometer == "none")

@@ -1,6 +1,6 @@
 #include <fmt/format.h>
 
-#include <algorithm>
+#include <cmath>
 #include <telefab/fab/drivers/dlpc900_projector.hpp>
 #include <telefab/fab/drivers/grbl_model.hpp>
 #include <telefab/fab/drivers/grbl_stage.hpp>
@@ -32,7 +32,7 @@ int simulate(const char* folder) {
   MachineLog log;
   Dlpc900Model model{dmd, 6, clock, &log};
   GrblModel board{top_mm, clock, &log};
-  auto projector = Dlpc900Projector::open(std::make_unique<ModelUsb>(model, clock), {.mask = plan.mask_size}, clock);
+  auto projector = Dlpc900Projector::open(std::make_unique<ModelUsb>(model, clock), {.mask = plan.mask_size, .led_current = 255}, clock);
   if (!projector) return complain(projector.error());
   auto stage = SerialStage::open(std::make_unique<ModelLine>(board, clock),
                                  {.top_mm = top_mm, .homing_mm_per_s = kHoming_mm_per_s}, clock);
@@ -48,10 +48,10 @@ int simulate(const char* folder) {
   if (!record) return complain(record.error());
   const double took_s = double((clock.now() - from).count()) * 1e-9;
 
-  double lit_s = 0, planned_s = 0, worst = 0;
+  double lit_s = 0, planned_s = 0;
   for (const LitSpan& span : log.light()) lit_s += double((span.until - span.from).count()) * 1e-9;
   for (const PlannedLayer& layer : plan.layers) planned_s += double(layer.exposure.count()) * 1e-6;
-  worst = planned_s > 0 ? lit_s / planned_s : 0;
+  const double lit_share = planned_s > 0 ? lit_s / planned_s : 0;
   const double expected_s = double(admission->expected.count()) * 1e-9;
   fmt::print("{}: {} layers, {}, {}\n", plan.job, plan.layers.size(), (*projector)->facts().name,
              name_of(record->outcome));
@@ -62,9 +62,9 @@ int simulate(const char* folder) {
              admission->longest_upload_layer.count(), (*projector)->facts().upload_bytes_per_s);
   fmt::print(
       "light: {:.6f} of the planned time; {} ns while the platform moved; {} findings against the plan; {} refusals\n",
-      worst, log.light_while_moving().count(), compare(*record, plan).size(), model.refusals());
+      lit_share, log.light_while_moving().count(), compare(*record, plan).size(), model.refusals());
   if (!record->cause.what.empty()) fmt::print("cause: {}\n", record->cause.what);
-  return record->outcome == PrintOutcome::Done ? 0 : 1;
+  return record->outcome == PrintOutcome::Done && std::abs(lit_share - 1) < 0.01 ? 0 : 1;
 }
 
 }  // namespace

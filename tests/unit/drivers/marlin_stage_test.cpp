@@ -227,6 +227,11 @@ TEST(RealDevices, AreRefusedUntilTheProfileStatesWhatNobodyMayGuess) {
     return made ? std::string{} : made.error().what;
   };
   EXPECT_THAT(refusal([](auto& d) { d.projector = "dlpc900"; }), HasSubstr("led_polarity"));
+  EXPECT_THAT(refusal([](auto& d) {
+                d.projector = "dlpc900";
+                d.led_polarity = "normal";
+              }),
+              HasSubstr("led_current is 0"));
   EXPECT_THAT(refusal([](auto& d) { d.thermometer = "bed"; }), HasSubstr("thermometer"));
   EXPECT_THAT(refusal([](auto& d) { d.hottest_celsius = 40; }), HasSubstr("limits"));
   EXPECT_THAT(refusal([](auto& d) {
