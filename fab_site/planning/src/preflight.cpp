@@ -121,6 +121,25 @@ PreflightItem dose_of(const LayerStack& stack, const PlanSummary& summary) {
   return item;
 }
 
+/// Whether the print keeps its weight over what holds it, layer by layer, with a twentieth of its height to spare.
+PreflightItem stability_of(const PlanSummary& summary) {
+  const double slack_mm = summary.figures.stability_mm;
+  PreflightItem item{"stability", Verdict::Passed, {}, slack_mm, "mm", {}, {}};
+  if (slack_mm >= 0) {
+    item.text = fmt::format(
+        "the centre of mass keeps {:.1f} mm inside of what holds the print, beyond a twentieth of its height",
+        slack_mm);
+    return item;
+  }
+  item.verdict = Verdict::Warning;
+  item.layer = LayerIndex{summary.figures.least_stable.count() + summary.lift_layers};
+  item.text = fmt::format(
+      "at layer {} the centre of mass lies {:.1f} mm out of what holds the print safely: it may tip over. Give it "
+      "extra anchors in a hand list, or turn the part",
+      item.layer->count(), -slack_mm);
+  return item;
+}
+
 std::string duration(double seconds) {
   const auto minutes = static_cast<long>(seconds / 60 + 0.5);
   return minutes < 60 ? fmt::format("{} min", minutes) : fmt::format("{} h {} min", minutes / 60, minutes % 60);
@@ -167,6 +186,7 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
                               "no support is loose or trapped"));
   items.push_back(findings_of("hollows", Verdict::Warning, {Kind::SuctionCup, Kind::ResinTrap}, summary.check,
                               "no hollow holds a vacuum or liquid resin"));
+  items.push_back(stability_of(summary));
   const double resin_ml = summary.cured_mm3 / 1000;
   items.push_back(against("resin", resin_ml, "ml", machine.resin.vat_ml,
                           fmt::format("{:.1f} ml of resin, supports included", resin_ml), "resin.vat_ml"));

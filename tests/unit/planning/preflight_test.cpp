@@ -54,6 +54,18 @@ TEST_F(PreflightTest, WarnsOfAHollowWithoutHoldingTheJob) {
   EXPECT_FALSE(preflight_of(stack, machine, summary).holds());
 }
 
+TEST_F(PreflightTest, WarnsOfAPrintThatMayTipOverAndNamesTheLayer) {
+  EXPECT_EQ(item("stability").verdict, Verdict::Passed);
+  summary.figures.stability_mm = -1.25;
+  summary.figures.least_stable = LayerIndex{2};
+  summary.lift_layers = 5;
+  const PreflightItem stability = item("stability");
+  EXPECT_EQ(stability.verdict, Verdict::Warning);
+  EXPECT_EQ(stability.layer, LayerIndex{7});
+  EXPECT_THAT(stability.text, HasSubstr("1.2 mm out of what holds"));
+  EXPECT_FALSE(preflight_of(stack, machine, summary).holds());
+}
+
 TEST_F(PreflightTest, ResinAndPeelAreHeldAgainstTheProfilesLimitsAndNotKnownWithoutThem) {
   EXPECT_EQ(item("resin").verdict, Verdict::NotKnown);
   EXPECT_EQ(item("peel").verdict, Verdict::NotKnown);

@@ -13,7 +13,7 @@ struct PreflightItem {
     Held = 3,      ///< the job waits until an operator approves it by name
     NotKnown = 4,  ///< the scan or the machine's profile does not say enough
   };
-  std::string name;  ///< "size", "certificates", "islands", "hollows", "features", "resin", "peel", "time", ...
+  std::string name;  ///< "size", "certificates", "islands", "hollows", "stability", "resin", "peel", "time", ...
   Verdict verdict = Verdict::Passed;
   std::string text;  ///< for people, with the figure and its unit
   std::optional<double> value;
@@ -37,7 +37,8 @@ struct Preflight {
 [[nodiscard]] std::string to_text(const Preflight& preflight);
 
 /// Size, certificates, registration of the scan's views where it is stated, islands and loose supports, hollows
-/// that hold a vacuum or resin, resin against the vat, peel area against the machine's limit, time. Pure.
+/// that hold a vacuum or resin, whether the print may tip over, resin against the vat, peel area against the machine's
+/// limit, time. Pure.
 [[nodiscard]] Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine,
                                      const PlanSummary& summary);
 
