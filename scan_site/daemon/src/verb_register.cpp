@@ -98,7 +98,8 @@ Result<Views> load_views(const Options& o, std::stop_token stop) {
                     fmt::format("{} and {} do not state the same unit; say --units", path, files->front()));
     }
     for (std::size_t v = 0; v < std::max<std::size_t>(1, file->views.size()); ++v) {
-      auto image = make_range_image(*file, v, name_of_file(path));
+      const std::string name = name_of_file(path);
+      auto image = make_range_image(*file, v, file->views.size() > 1 ? fmt::format("{}#{}", name, v) : name);
       if (!image) return tl::unexpected{image.error()};
       views.images.push_back(std::move(*image));
     }
