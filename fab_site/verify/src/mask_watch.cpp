@@ -169,7 +169,8 @@ SupportReport MaskWatch::finish() {
     } else if (hollow.last > hollow.first) {
       s.findings.push_back({Finding::Kind::ResinTrap, LayerIndex{hollow.first}, LayerIndex{hollow.last},
                             s.place(hollow.column, hollow.row), s.area(hollow.most_pixels)});
-      if (hollow.holds_support) {
+      // What the platform closes is open once the print is taken off it.
+      if (hollow.holds_support && hollow.first > 0) {
         Finding trapped = s.findings.back();
         trapped.kind = Finding::Kind::TrappedSupport;
         s.findings.push_back(trapped);

@@ -89,6 +89,20 @@ TEST(MaskWatch, ReportsAClosedHollowAsATrapAndAnInvertedCupAsACup) {
   EXPECT_TRUE(vented.findings.empty());
 }
 
+TEST(MaskWatch, CallsASupportTrappedOnlyWhereTheHollowIsNotOpenToThePlatform) {
+  const std::vector<std::string> full{"......", ".####.", ".####.", ".####.", ".####.", "......"};
+  const std::vector<std::string> ring{"......", ".####.", ".#..#.", ".#..#.", ".####.", "......"};
+  const std::vector<std::string> pin{"......", "......", "..#...", "......", "......", "......"};
+  const auto trapped = [&](const std::vector<std::vector<std::string>>& layers) {
+    MaskWatch watch{0.1, 3};
+    const LayerRuns supports = drawn(pin);
+    for (const auto& layer : layers) EXPECT_TRUE(watch.add(drawn(layer), &supports));
+    return watch.finish().count(Finding::Kind::TrappedSupport);
+  };
+  EXPECT_EQ(trapped({full, ring, ring, full}), 1U);
+  EXPECT_EQ(trapped({ring, ring, full}), 0U);
+}
+
 TEST(MaskWatch, RefusesMasksOfDifferentSizes) {
   MaskWatch watch{0.1, 4};
   EXPECT_TRUE(watch.add(drawn({"##", "##"})));
