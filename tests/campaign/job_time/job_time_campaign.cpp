@@ -32,7 +32,8 @@ int simulate(const char* folder) {
   MachineLog log;
   Dlpc900Model model{dmd, 6, clock, &log};
   GrblModel board{top_mm, clock, &log};
-  auto projector = Dlpc900Projector::open(std::make_unique<ModelUsb>(model, clock), {.mask = plan.mask_size, .led_current = 255}, clock);
+  auto projector = Dlpc900Projector::open(std::make_unique<ModelUsb>(model, clock),
+                                          {.mask = plan.mask_size, .led_current = 255}, clock);
   if (!projector) return complain(projector.error());
   auto stage = SerialStage::open(std::make_unique<ModelLine>(board, clock),
                                  {.top_mm = top_mm, .homing_mm_per_s = kHoming_mm_per_s}, clock);
