@@ -129,7 +129,7 @@ PreflightItem stability_of(const LayerStack& stack, const PlanSummary& summary) 
   if (slack_mm >= -stack.header().pixel_pitch_mm) {
     item.text = fmt::format(
         "the centre of mass keeps {:.1f} mm inside of what holds the print, beyond a twentieth of its height",
-        slack_mm);
+        std::max(0.0, slack_mm));
     return item;
   }
   item.verdict = Verdict::Warning;
@@ -187,7 +187,7 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
                               "no support is loose or trapped"));
   items.push_back(findings_of("hollows", Verdict::Warning, {Kind::SuctionCup, Kind::ResinTrap}, summary.check,
                               "no hollow holds a vacuum or liquid resin"));
-  items.push_back(stability_of(summary));
+  items.push_back(stability_of(stack, summary));
   const double resin_ml = summary.cured_mm3 / 1000;
   items.push_back(against("resin", resin_ml, "ml", machine.resin.vat_ml,
                           fmt::format("{:.1f} ml of resin, supports included", resin_ml), "resin.vat_ml"));
