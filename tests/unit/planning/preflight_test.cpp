@@ -56,6 +56,8 @@ TEST_F(PreflightTest, WarnsOfAHollowWithoutHoldingTheJob) {
 
 TEST_F(PreflightTest, WarnsOfAPrintThatMayTipOverAndNamesTheLayer) {
   EXPECT_EQ(item("stability").verdict, Verdict::Passed);
+  summary.figures.stability_mm = -stack.header().pixel_pitch_mm / 2;
+  EXPECT_EQ(item("stability").verdict, Verdict::Passed);
   summary.figures.stability_mm = -1.25;
   summary.figures.least_stable = LayerIndex{2};
   summary.lift_layers = 5;
