@@ -302,11 +302,11 @@ Result<std::vector<Layer>> StackDecoder::decode(const Chunk& chunk) const {
   const auto head = PayloadHead::from(chunk.payload);
   if (!head) {
     const auto number = chunk.payload.empty() ? 0U : std::to_integer<std::uint32_t>(chunk.payload[0]);
-    if (number >= 1 && number <= 3)
+    if (number >= 1 && number <= 4)
       return broken(
           fmt::format("coding {} is that of an earlier release, this one reads {} and {}; send it again from "
                       "its scan site after both are of the same release",
-                      number, static_cast<std::uint32_t>(Coding::Curve), static_cast<std::uint32_t>(Coding::Exact)));
+                      number, static_cast<std::uint32_t>(Coding::Exact), static_cast<std::uint32_t>(Coding::Curve)));
     return broken("an unknown coding, or steps that are impossible");
   }
   const auto grid = Grid::over(header_, head->per_pitch);

@@ -27,21 +27,29 @@ PreflightItem size_of(const LayerStack& stack, const MachineProfile& machine, co
 }
 
 PreflightItem certificates_of(const LayerStack& stack, const PlanSummary& summary) {
-  std::size_t flagged = 0, unchecked = 0;
+  std::size_t flagged = 0, unchecked = 0, lacking = 0;
   const Layer* first = nullptr;
   for (const Layer& layer : stack.layers()) {
     unchecked += layer.certificate.verdict == LayerCertificate::Verdict::Unchecked;
     if (layer.certificate.verdict != LayerCertificate::Verdict::Flagged) continue;
     ++flagged;
-    if (!first) first = &layer;
+    const bool lacks = layer.certificate.reason.starts_with(kContoursLeftOut);
+    // What is missing says more than what is in doubt.
+    if (!first || (lacks && lacking == 0)) first = &layer;
+    lacking += lacks;
   }
   PreflightItem item{"certificates", Verdict::Passed, {}, static_cast<double>(flagged), "layers", {}, {}};
   if (first) {
-    item.verdict = Verdict::Warning;
+    item.verdict = lacking > 0 ? Verdict::Held : Verdict::Warning;
     item.layer = LayerIndex{first->index.count() + summary.lift_layers};
     item.place = first->certificate.place;
     item.text = fmt::format("{} of {} layers are flagged by the slicer; the first, layer {}: {}", flagged,
                             stack.layers().size(), item.layer->count(), first->certificate.reason);
+    if (lacking > 0)
+      item.text = fmt::format(
+          "{} of {} layers lack contours of the object; the first, layer {}: {}; scan it there again, or slice with a "
+          "wider --bridge-mm",
+          lacking, stack.layers().size(), item.layer->count(), first->certificate.reason);
   } else if (unchecked > 0) {
     item.verdict = Verdict::NotKnown;
     item.text = fmt::format("{} layers carry no certificate: their contours come from elsewhere", unchecked);

@@ -222,9 +222,8 @@ TraceFault fault_of(const ContourGap& gap, double bridge_mm) {
   if (gap.bridged)
     return {fmt::format("open contour: the scan has a gap of {:.3g} mm here, closed by a straight line", gap.size_mm),
             gap.place};
-  return {fmt::format("open contour, left out: the scan has a gap of {:.3g} mm here, bridges of up to {:.3g} mm are "
-                      "allowed",
-                      gap.size_mm, bridge_mm),
+  return {fmt::format("{}: the scan has a gap of {:.3g} mm here, bridges of up to {:.3g} mm are allowed",
+                      kContoursLeftOut, gap.size_mm, bridge_mm),
           gap.place};
 }
 
@@ -251,7 +250,10 @@ Result<LayerTrace> trace_by_grid(const ScalarField& field, FieldCursor& cursor, 
   }
   if (auto ok = tracer.grow(stop); !ok) return tl::unexpected{ok.error()};
   auto rings = tracer.link(trace.gaps);
-  for (const ContourGap& gap : trace.gaps) trace.faults.push_back(fault_of(gap, options.bridge_mm));
+  // What is missing first: a certificate has room for one reason.
+  for (const bool bridged : {false, true})
+    for (const ContourGap& gap : trace.gaps)
+      if (gap.bridged == bridged) trace.faults.push_back(fault_of(gap, options.bridge_mm));
   for (auto& ring : rings) {
     if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while tracing");
     refine(ring, plane, options.chord_mm);

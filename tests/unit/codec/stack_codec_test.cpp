@@ -245,7 +245,7 @@ TEST(StackEncoder, KeepsEmptyLayers) {
 TEST(StackDecoder, RefusesCodingsOfEarlierReleasesByNumber) {
   const LayerStack stack = random_stack(1, 4);
   const StackDecoder decoder = StackDecoder::start(stack.header()).value();
-  for (const int earlier : {1, 2, 3}) {
+  for (const int earlier : {1, 2, 3, 4}) {
     Chunk chunk = encode(stack).chunks[0];
     chunk.payload[0] = static_cast<std::byte>(earlier);
     const auto refused = decoder.decode(chunk);

@@ -115,6 +115,22 @@ TEST_F(PreflightTest, AFlaggedLayerIsAWarningWithTheSlicersReason) {
   EXPECT_THAT(certificates.text, HasSubstr("a gap of 2 mm"));
 }
 
+TEST_F(PreflightTest, HoldsAJobWhoseLayersLackContours) {
+  std::vector<Layer> layers{stack.layers().begin(), stack.layers().end()};
+  const auto flag = [&](std::size_t layer, std::string reason) {
+    layers[layer].certificate = {
+        LayerCertificate::Verdict::Flagged, LayerCertificate::Method::Grid, {}, 1, std::move(reason), Point2{3, 4}};
+  };
+  flag(0, "a gap of 2 mm");
+  flag(2, std::string{kContoursLeftOut} + ": a gap of 20 mm");
+  stack = LayerStack::from_layers(stack.header(), std::move(layers)).value();
+  const PreflightItem certificates = item("certificates");
+  EXPECT_EQ(certificates.verdict, Verdict::Held);
+  EXPECT_EQ(certificates.layer, LayerIndex{2 + summary.lift_layers});
+  EXPECT_THAT(certificates.text, HasSubstr("1 of"));
+  EXPECT_THAT(certificates.text, HasSubstr("--bridge-mm"));
+}
+
 TEST_F(PreflightTest, TellsTheRegistrationErrorWhereTheScanStatesIt) {
   const auto items = preflight_of(stack, machine, summary).items;
   EXPECT_TRUE(std::none_of(items.begin(), items.end(), [](const auto& each) { return each.name == "registration"; }));

@@ -11,9 +11,9 @@ namespace telefab {
 
 /// How contours are written. Numbers go to disk and over the wire: never renumber.
 enum class Coding : std::uint32_t {
-  // 1, 2 and 3 were earlier forms.
-  Curve = 4,  ///< the curve within a stated error: contours as those of the layer below, moved
+  // 1 to 4 were earlier forms.
   Exact = 5,  ///< the slicer's vertices on a grid of pixel pitch / 16
+  Curve = 6,  ///< the curve within a stated error: contours as those of the layer below, moved
 };
 
 struct CodecOptions {

@@ -3,11 +3,15 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <telefab/base/digest.hpp>
 #include <telefab/base/quantity.hpp>
 #include <telefab/geometry/contour.hpp>
 
 namespace telefab {
+
+/// How the reason of a flagged layer begins that lacks contours of the object: a part printed from it lacks them too.
+inline constexpr std::string_view kContoursLeftOut = "open contour, left out";
 
 /// What the slicer vouches for in one layer.
 struct LayerCertificate {
