@@ -42,6 +42,7 @@ PageFigures look_at_page(std::uint16_t port, std::uint32_t layers) {
   (void)browser.becomes_true("return " + std::string{kIsDrawn} + ";");
   PageFigures figures;
   figures.job_drawn_ms = browser.run("return state.drawnAt;").get<double>();
+  (void)browser.becomes_true("return performance.getEntriesByName('first-contentful-paint').length > 0;");
   figures.first_paint_ms =
       browser.run("return performance.getEntriesByName('first-contentful-paint')[0].startTime;").get<double>();
   constexpr std::uint32_t kJumps = 40;
