@@ -16,10 +16,15 @@ Mask rasterise(std::span<const Contour> rings, const MaskFrame& frame) {
   return mask;
 }
 
-Mask merged(Mask mask, const Mask& other) {
-  for (std::size_t i = 0; i < mask.rows.size(); ++i)
-    mask.rows[i] = static_cast<std::uint8_t>(std::min(255, mask.rows[i] + other.rows[i]));
-  return mask;
+void add_cover(Mask& mask, std::span<const Contour> rings, double pixel_pitch_mm) {
+  const CoverCells cells{rings, {mask.size, pixel_pitch_mm}};
+  std::vector<std::uint8_t> more(mask.size.width_px);
+  for (std::uint32_t y = 0; y < mask.size.height_px; ++y) {
+    if (cells.empty(y)) continue;
+    cells.fill(y, more.data());
+    std::uint8_t* row = mask.rows.data() + std::size_t{mask.size.height_px - 1 - y} * mask.size.width_px;
+    for (std::size_t x = 0; x < more.size(); ++x) row[x] = static_cast<std::uint8_t>(std::min(255, row[x] + more[x]));
+  }
 }
 
 }  // namespace telefab::fab

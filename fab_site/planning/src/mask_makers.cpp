@@ -6,6 +6,7 @@
 #include <telefab/fab/verify/support_check.hpp>
 
 #include "layer_source.hpp"
+#include "mask_passes.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -29,9 +30,7 @@ BlendTask task_of(const SourceLayer& layer, double exposure) {
 
 /// What a single exposure from that grey on cures.
 std::function<void(Mask&)> cured_from(std::uint8_t level) {
-  return [level](Mask& mask) {
-    for (std::uint8_t& grey : mask.rows) grey = grey >= level ? 255 : 0;
-  };
+  return [level](Mask& mask) { keep_from(level, mask.rows); };
 }
 
 class SingleMaker final : public MaskMaker {
@@ -65,7 +64,7 @@ class SingleMaker final : public MaskMaker {
         made.mask = std::move(blended.mask);
       } else {
         made.mask = rasterise(layer->part, frame_);
-        if (!layer->supports.empty()) made.mask = merged(std::move(made.mask), rasterise(layer->supports, frame_));
+        if (!layer->supports.empty()) add_cover(made.mask, layer->supports, frame_.pixel_pitch_mm);
       }
       if (auto ok = take(std::move(made), cured_from(level_)); !ok) return tl::unexpected{ok.error()};
     }

@@ -10,6 +10,7 @@
 #include <telefab/image/canvas.hpp>
 
 #include "layer_source.hpp"
+#include "mask_passes.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -30,6 +31,7 @@ struct LayerWork {
   Digest digest;
   LayerRuns runs;
   LayerLight light;
+  std::vector<float> at_features;  // FeatureWatch::light_of
   std::uint64_t grey_sum = 0;
   std::uint64_t solid_pixels = 0;
   Image tile;
@@ -253,6 +255,9 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& prof
   const auto maker = make_mask_maker(source, machine, options, clock);
   if (!maker) return tl::unexpected{maker.error()};
   MaskWatch watch{frame.pixel_pitch_mm, kLeastIslandPx};
+  auto model = cure_model(machine);
+  FeatureWatch features{stack.layers(), summary.lift_layers, frame.pixel_pitch_mm,
+                        model ? std::optional{std::move(*model)} : std::nullopt};
   const auto finish = [&](MaskMaker::Made made, const std::function<void(Mask&)>& cured) {
     LayerWork work;
     const Mask& mask = made.mask;
@@ -264,14 +269,16 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& prof
     work.png = std::move(*png);
     work.supports = std::move(made.section);
     work.digest = digest_of(bytes_of(mask));
-    for (const std::uint8_t level : mask.rows) work.grey_sum += level;
+    work.grey_sum = sums_of(mask.rows).grey;
     if (std::binary_search(tile_layers.begin(), tile_layers.end(), made.index)) work.tile = cropped(mask, crop);
-    const std::chrono::duration<double> exposure = exposure_of(machine, made.index);
-    work.light.lit = LayerRuns::from_mask(mask.view(), gel_level(machine, exposure.count()));
+    const auto exposure = exposure_of(machine, made.index);
+    work.at_features = features.light_of(made.index, {mask.view(), exposure});
+    work.light.lit =
+        LayerRuns::from_mask(mask.view(), gel_level(machine, std::chrono::duration<double>(exposure).count()));
     cured(made.mask);
     work.runs = LayerRuns::from_mask(made.mask.view(), kCuredPixel);
     work.light.joined = LayerRuns::from_mask(made.mask.view(), kJoinedPixel);
-    for (const std::uint8_t level : made.mask.rows) work.solid_pixels += level == 255;
+    work.solid_pixels = sums_of(made.mask.rows).white;
     return work;
   };
 
@@ -301,7 +308,10 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& prof
       };
       reached[block] = (*maker)->make(from, std::min(in_block, first + count - from), take, stop);
     };
-    arena.execute([&] { tbb::parallel_for(std::uint32_t{0}, blocks, make_block, tbb::simple_partitioner{}); });
+    arena.execute([&] {
+      features.look(first + count);
+      tbb::parallel_for(std::uint32_t{0}, blocks, make_block, tbb::simple_partitioner{});
+    });
     for (const auto& block : reached) {
       if (!block) return tl::unexpected{block.error()};
       summary.mask_figures.add(*block);
@@ -330,10 +340,12 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& prof
       }
       if (auto watched = watch.add(std::move(work.runs), nullptr, &work.light); !watched)
         return tl::unexpected{watched.error()};
+      features.add(index.count(), work.at_features);
     }
     report(progress, "making masks", static_cast<double>(first + count) / print_layers);
   }
   summary.check = watch.finish();
+  summary.thin = features.finish();
   summary.preview = contact_sheet(tile_images, tile_labels, kPreviewColumns, kTilePx);
   if (auto ok = plan.validate(); !ok) return tl::unexpected{ok.error()};
   summary.support_seconds = std::chrono::duration<double>(supported - begun).count();
@@ -366,6 +378,7 @@ std::string to_json(const PlanSummary& s) {
                              {"tiles_solved", s.mask_figures.tiles},
                              {"tiles_left_as_cover", s.mask_figures.unsolved},
                              {"deadline_reached", s.mask_figures.unsolved > 0}}},
+                           {"thin", ordered_json::parse(to_json(s.thin))},
                            {"plan_digest", to_hex(plan_digest(s.plan))},
                            {"check", ordered_json::parse(to_json(s.check))},
                            {"seconds", {{"supports", s.support_seconds}, {"masks", s.mask_seconds}}}};

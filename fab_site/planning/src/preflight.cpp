@@ -129,6 +129,74 @@ PreflightItem dose_of(const LayerStack& stack, const PlanSummary& summary) {
   return item;
 }
 
+std::string place_of(const ThinFeature& feature, std::string_view kind) {
+  return fmt::format("a {} of {:.3f} mm in layer {} at ({:.1f}, {:.1f}) mm", kind, feature.place.width_mm,
+                     feature.layer.count(), feature.place.middle.x_mm, feature.place.middle.y_mm);
+}
+
+/// Of a wall and a gap the one that is worse, with its name.
+template <class Worse>
+std::pair<const ThinFeature*, std::string_view> worse_of(const std::optional<ThinFeature>& wall,
+                                                         const std::optional<ThinFeature>& gap, Worse is_worse) {
+  if (wall && (!gap || is_worse(*wall, *gap))) return {&*wall, "wall"};
+  return {gap ? &*gap : nullptr, "gap"};
+}
+
+/// Walls and gaps that the pixels are too coarse for.
+PreflightItem features_of(const LayerStack& stack, const ThinReport& thin) {
+  const double finest_mm = kFinestFeature_px * stack.header().pixel_pitch_mm;
+  PreflightItem item{"features", Verdict::Passed, {}, {}, "mm", {}, {}};
+  const auto [narrowest, kind] =
+      worse_of(thin.walls.narrowest, thin.gaps.narrowest,
+               [](const ThinFeature& a, const ThinFeature& b) { return a.place.width_mm < b.place.width_mm; });
+  if (thin.walls.fine_layers + thin.gaps.fine_layers == 0) {
+    item.text = fmt::format("no wall or gap is narrower than a pixel, {:.3f} mm", finest_mm);
+    return item;
+  }
+  item.verdict = Verdict::Warning;
+  item.value = narrowest->place.width_mm;
+  item.layer = narrowest->layer;
+  item.place = narrowest->place.middle;
+  item.text = fmt::format(
+      "{} layers have walls and {} layers gaps narrower than a pixel, {:.3f} mm; the narrowest: {}. Scale the part up, "
+      "or print it with finer pixels",
+      thin.walls.fine_layers, thin.gaps.fine_layers, finest_mm, place_of(*narrowest, kind));
+  return item;
+}
+
+/// Walls and gaps that a small error of the dose loses.
+PreflightItem latitude_of(const ThinReport& thin) {
+  constexpr double kPercent = 100;
+  PreflightItem item{"latitude", Verdict::Passed, {}, {}, "%", {}, {}};
+  if (!thin.dose_known) {
+    item.verdict = Verdict::NotKnown;
+    item.text = "the profile has no figures for light and resin, so nobody knows what thin features bear";
+    return item;
+  }
+  const auto [weakest, kind] =
+      worse_of(thin.walls.weakest, thin.gaps.weakest,
+               [](const ThinFeature& a, const ThinFeature& b) { return *a.latitude < *b.latitude; });
+  if (!weakest) {
+    item.text = "no wall or gap is so thin that it depends on the dose";
+    return item;
+  }
+  item.value = kPercent * *weakest->latitude;
+  item.layer = weakest->layer;
+  item.place = weakest->place.middle;
+  const std::string which = place_of(*weakest, kind);
+  if (*weakest->latitude >= kDoseDoubt) {
+    item.text = fmt::format("the dose may be wrong by {:.0f} % before thin features are lost; the first: {}",
+                            *item.value, which);
+    return item;
+  }
+  item.verdict = Verdict::Warning;
+  item.text =
+      fmt::format("{:.0f} % less dose loses walls in {} layers, {:.0f} % more closes gaps in {}; the weakest: {}, {}",
+                  kPercent * kDoseDoubt, thin.walls.weak_layers, kPercent * kDoseDoubt, thin.gaps.weak_layers, which,
+                  *item.value < 0 ? std::string{"is lost as planned"} : fmt::format("bears {:.1f} %", *item.value));
+  return item;
+}
+
 /// Whether the print keeps its weight over what holds it, layer by layer, with a twentieth of its height to spare. Out
 /// by less than a pixel is out by nothing: the first layers of a lifted part weigh little and rest on a tip or two.
 PreflightItem stability_of(const LayerStack& stack, const PlanSummary& summary) {
@@ -188,6 +256,8 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
   items.push_back(certificates_of(stack, summary));
   if (summary.registration_rms_mm > 0) items.push_back(registration_of(stack, summary));
   items.push_back(dose_of(stack, summary));
+  items.push_back(features_of(stack, summary.thin));
+  items.push_back(latitude_of(summary.thin));
   using Kind = Finding::Kind;
   items.push_back(
       findings_of("islands", Verdict::Held, {Kind::Island, Kind::OutOfReach}, summary.check, "nothing floats"));

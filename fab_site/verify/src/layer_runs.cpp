@@ -5,6 +5,25 @@
 
 namespace telefab::fab {
 
+namespace {
+
+/// The first column from x on whose grey is at or above the level (or below it); `width` where there is none.
+template <bool kSolid>
+std::int32_t next_where(const std::uint8_t* row, std::int32_t x, std::int32_t width, std::uint8_t level) {
+  constexpr std::int32_t kBlock = 32;  // no branch within it
+  const auto is_it = [level](std::uint8_t grey) { return (grey >= level) == kSolid; };
+  while (x + kBlock <= width) {
+    std::uint8_t any = 0;
+    for (std::int32_t i = 0; i < kBlock; ++i) any |= static_cast<std::uint8_t>(is_it(row[x + i]));
+    if (any) break;
+    x += kBlock;
+  }
+  while (x < width && !is_it(row[x])) ++x;
+  return x;
+}
+
+}  // namespace
+
 LayerRuns LayerRuns::from_mask(const MaskView& mask, std::uint8_t level) {
   LayerRuns out;
   out.size_ = mask.size;
@@ -16,10 +35,10 @@ LayerRuns LayerRuns::from_mask(const MaskView& mask, std::uint8_t level) {
     const std::uint8_t* row =
         mask.rows.data() + static_cast<std::size_t>(mask.size.height_px - 1 - y) * mask.size.width_px;
     for (std::int32_t x = 0; x < width;) {
-      while (x < width && row[x] < level) ++x;
+      x = next_where<true>(row, x, width, level);
       if (x == width) break;
       const std::int32_t first = x;
-      while (x < width && row[x] >= level) ++x;
+      x = next_where<false>(row, x, width, level);
       out.runs_.push_back({first, x - 1});
     }
   }

@@ -133,7 +133,9 @@ VerbBody declare_inspect(CLI::App& options) {
   auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file")->excludes(height);
   options.add_option("--units", o->units, "unit of the file: mm, cm, m or in; default: what the file states, or mm")
       ->excludes(scale);
-  options.add_flag("--fit", o->fit, "scale the part to the largest the machine holds")
+  options
+      .add_flag("--fit", o->fit,
+                "scale the part to the largest the machine holds with supports and a margin of 1 % on every side")
       ->excludes(height)
       ->excludes(scale);
   options.add_option("--up", o->up, "axis of the scan that points up: x, -x, y, -y, z or -z")->capture_default_str();

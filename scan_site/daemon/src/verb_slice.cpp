@@ -284,7 +284,9 @@ VerbBody declare_slice(CLI::App& options) {
   options.add_option("--report", o->report, "write the report here (JSON)");
   auto* height = options.add_option("--height-mm", o->height_mm, "scale the part to this height");
   auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file");
-  auto* fit = options.add_flag("--fit", o->fit, "scale the part to the largest the machine holds");
+  auto* fit = options.add_flag(
+      "--fit", o->fit,
+      "scale the part to the largest the machine holds with supports and a margin of 1 % on every side");
   height->excludes(scale)->excludes(fit);
   scale->excludes(fit);
   options.add_option("--units", o->units, "unit of the file: mm, cm, m or in; default: what the file states, or mm")

@@ -37,6 +37,8 @@ Eigen::Matrix3f turn_of(UpAxis up) {
   return turn;
 }
 
+constexpr double kFitMargin = 0.01;  // of the room, kept free on every side
+
 }  // namespace
 
 Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request) {
@@ -68,8 +70,11 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   double scale = unit_mm;
   if (request.height_mm) scale = *request.height_mm / size.z();
   if (request.scale) scale = *request.scale;
-  // A hair below what fits, so that rounding cannot push it over.
-  if (request.fit) scale = largest * (1 - 1e-6);
+  if (request.fit) {
+    // The surface swells beyond its samples, by a share of their spacing that is not known yet, and supports lift it.
+    const Vec3 used = (1 - 2 * kFitMargin) * room - Vec3{0, 0, request.machine.supports.lift_off_mm};
+    scale = used.cwiseMax(room / 2).cwiseQuotient(size).minCoeff();
+  }
   const Vec3 size_mm = scale * size;
   std::optional<std::string> doubt;
   if (!request.height_mm && !request.scale && !request.fit) doubt = doubt_about_scale(size_mm, unit_mm);

@@ -123,9 +123,8 @@ TEST_P(RasteriseProperty, SumsUpToTheAreaOfTheRings) {
 TEST_P(RasteriseProperty, GivesOneFullMaskForTwoHalves) {
   std::mt19937_64 rng{GetParam()};
   const double x = 1 + static_cast<double>(rng() % 1000) / 200;
-  const Mask left = rasterise(std::vector{square(0, 0, x, 6)}, kFrame);
-  const Mask right = rasterise(std::vector{square(x, 0, 8, 6)}, kFrame);
-  const Mask both = merged(left, right);
+  Mask both = rasterise(std::vector{square(0, 0, x, 6)}, kFrame);
+  add_cover(both, std::vector{square(x, 0, 8, 6)}, kFrame.pixel_pitch_mm);
   for (const std::uint8_t level : both.rows) EXPECT_GE(level, 254);
 }
 INSTANTIATE_TEST_SUITE_P(Seeds, RasteriseProperty, testing::Range<std::uint64_t>(0, 24));

@@ -141,7 +141,7 @@ TEST(SliceScan, ScalesToHeightAndToFit) {
   request.layers = {{10, 10}};
   const Outcome large = slice(torus_text(), request);
   ASSERT_TRUE(large.report) << large.report.error().what;
-  EXPECT_NEAR(large.report->size_mm[1], 40, 0.01);  // the depth is what limits it
+  EXPECT_NEAR(large.report->size_mm[1], 0.98 * 40, 0.01);  // the depth is what limits it, less a margin
   EXPECT_LE(large.report->size_mm[0], 60);
 }
 

@@ -82,6 +82,36 @@ TEST_F(PreflightTest, ResinAndPeelAreHeldAgainstTheProfilesLimitsAndNotKnownWith
   EXPECT_EQ(item("peel").verdict, Verdict::Held);
 }
 
+TEST_F(PreflightTest, WarnsOfWallsThatThePixelsAreTooCoarseForAndNamesTheNarrowest) {
+  EXPECT_EQ(item("features").verdict, Verdict::Passed);
+  std::vector<std::vector<Contour>> rings(4, {test::rectangle(5, 5, 15, 15)});
+  rings.resize(12, {test::rectangle(10, 6, 10.06, 14)});
+  stack = test::stack_of(rings);
+  summary = plan();
+  const PreflightItem features = item("features");
+  EXPECT_EQ(features.verdict, Verdict::Warning);
+  EXPECT_NEAR(features.value.value(), 0.06, 1e-9);
+  EXPECT_THAT(features.text, HasSubstr("8 layers have walls and 0 layers gaps narrower than a pixel, 0.100 mm"));
+  EXPECT_NEAR(features.place.value().x_mm, 10.03, 1e-9);
+  EXPECT_FALSE(preflight_of(stack, machine, summary).holds());
+}
+
+TEST_F(PreflightTest, WarnsOfWhatASmallErrorOfTheDoseLosesAndSaysWhatItBears) {
+  EXPECT_EQ(item("latitude").verdict, Verdict::Passed);
+  summary.thin.walls.weak_layers = 3;
+  summary.thin.walls.weakest = {{NarrowPlace::Kind::Wall, {4, 5}, 0.08, 1}, LayerIndex{7}, 0.021};
+  summary.thin.gaps.weakest = {{NarrowPlace::Kind::Gap, {6, 7}, 0.09, 1}, LayerIndex{8}, 0.2};
+  const PreflightItem latitude = item("latitude");
+  EXPECT_EQ(latitude.verdict, Verdict::Warning);
+  EXPECT_EQ(latitude.layer, LayerIndex{7});
+  EXPECT_THAT(latitude.text, HasSubstr("5 % less dose loses walls in 3 layers"));
+  EXPECT_THAT(latitude.text, HasSubstr("a wall of 0.080 mm in layer 7 at (4.0, 5.0) mm, bears 2.1 %"));
+  summary.thin.gaps.weakest->latitude = -0.01;
+  EXPECT_THAT(item("latitude").text, HasSubstr("a gap of 0.090 mm in layer 8 at (6.0, 7.0) mm, is lost as planned"));
+  summary.thin.dose_known = false;
+  EXPECT_EQ(item("latitude").verdict, Verdict::NotKnown);
+}
+
 TEST_F(PreflightTest, HoldsAJobWhoseDoseDoesNotCureThroughALayer) {
   EXPECT_EQ(item("dose").verdict, Verdict::Passed);
   machine.resin.critical_dose_mj_per_cm2 = 20 / std::exp(0.1 / 0.2 * 1.1);  // 1.1 layers deep

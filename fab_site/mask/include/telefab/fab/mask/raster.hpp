@@ -18,8 +18,7 @@ struct MaskFrame {
 /// Cost: proportional to contour length in pixels, plus one pass over the rows that are touched.
 [[nodiscard]] Mask rasterise(std::span<const Contour> rings, const MaskFrame& frame);
 
-/// Adds grey levels, at most 255: two masks of regions that do not overlap become the mask of both.
-/// Both must have the same size.
-[[nodiscard]] Mask merged(Mask mask, const Mask& other);
+/// Adds the cover of rings to a mask, up to 255: masks of regions that do not overlap become the mask of all.
+void add_cover(Mask& mask, std::span<const Contour> rings, double pixel_pitch_mm);
 
 }  // namespace telefab::fab

@@ -4,6 +4,7 @@
 #include <stop_token>
 #include <telefab/base/clock.hpp>
 #include <telefab/base/progress.hpp>
+#include <telefab/fab/cure/feature_watch.hpp>
 #include <telefab/fab/mask/mask.hpp>
 #include <telefab/fab/print/print_plan.hpp>
 #include <telefab/fab/support/support_plan.hpp>
@@ -65,6 +66,7 @@ struct PeelLoad {
 struct PlanSummary {
   PrintPlan plan;
   SupportReport check;  ///< of the final masks
+  ThinReport thin;      ///< of the part's contours and the final masks
   SupportFigures figures;
   std::size_t anchors = 0;
   std::uint32_t part_layers = 0;

@@ -36,7 +36,8 @@ struct Preflight {
 /// A line an item, for a terminal.
 [[nodiscard]] std::string to_text(const Preflight& preflight);
 
-/// Size, certificates, registration of the scan's views where it is stated, islands and loose supports, hollows
+/// Size, certificates, registration of the scan's views where it is stated, dose, walls and gaps too fine for the
+/// pixels or too weak for a small error of the dose, islands and loose supports, hollows
 /// that hold a vacuum or resin, whether the print may tip over, resin against the vat, peel area against the machine's
 /// limit, time. Pure.
 [[nodiscard]] Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine,

@@ -34,7 +34,7 @@ struct SliceRequest {
   std::optional<double> height_mm;  ///< > 0; the scan's z extent becomes this
   std::optional<double> scale;      ///< > 0; millimetres per unit of the file
   std::optional<double> unit_mm;    ///< > 0; millimetres in a unit of the file; none: as the file states it, or one
-  bool fit = false;                 ///< as large as the platform and the Z travel allow
+  bool fit = false;                 ///< as large as the machine holds, with supports and a margin of 1 % on every side
   UpAxis up = UpAxis::PlusZ;        ///< turned before it is scaled: heights are along this axis
   std::optional<double> layer_mm;   ///< (0, 1]; none: the machine's layer thickness
   TraceMethod method = TraceMethod::Auto;
