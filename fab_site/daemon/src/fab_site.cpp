@@ -281,8 +281,11 @@ void FabSite::plan(const std::string& job, std::stop_token stop) {
     const auto stack = received_stack(*folder);
     if (!stack) return tl::unexpected{stack.error()};
     const std::uint32_t layers = stack->header().layer_count;
+    PlanOptions options = config_.planning;
+    options.job = job;
+    options.regions = take_analysed(job, layers);
     return plan_into(
-        *folder, job, *stack, *machine, take_analysed(job, layers), clock_,
+        *folder, *stack, *machine, std::move(options), clock_,
         [&](const Progress& progress) {
           if (progress.stage != "making masks") return;
           // How many layers the supports add is known at the end only.

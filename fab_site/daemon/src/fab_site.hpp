@@ -8,6 +8,7 @@
 #include <telefab/desk/service_notifier.hpp>
 #include <telefab/desk/site_ledger.hpp>
 #include <telefab/desk/site_runtime.hpp>
+#include <telefab/fab/planning/plan_job.hpp>
 #include <telefab/fab/print/print_runner.hpp>
 #include <telefab/fab/support/part_regions.hpp>
 #include <telefab/fab/web/router.hpp>
@@ -23,14 +24,15 @@ namespace telefab::fab {
 struct FabSiteConfig {
   ServeOptions serve;
   std::string site_keys;           ///< folder with SITE.sign.pub; empty: the --tls folder, or none without TLS
+  PlanOptions planning;            ///< of every job; name, registration and regions are its own
   bool start_on_approval = false;  ///< a planned job waits for `telefab approve`
   /// For a layer that was perhaps exposed when the power went; empty: the print waits for an operator.
   std::optional<Decision> after_crash = Decision::TreatAsExposed;
 };
 
 /// The daemon: layers in from scan sites, planned, printed; commands and questions from clients and scan sites.
-/// Threads: network (everything but the three below), planner, device, web. Stop order: web, listener, planner, device,
-/// ledger.
+/// Threads: network (everything but the three below), planner, device, web. Stop order: web, listener, planner,
+/// device, ledger.
 class FabSite final : public FabDesk {
  public:
   /// Everything is checked and the port is bound when this returns.

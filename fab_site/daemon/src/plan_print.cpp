@@ -14,12 +14,9 @@
 
 namespace telefab::fab {
 
-Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const std::string& job, const LayerStack& stack,
-                              const MachineProfile& machine, std::shared_ptr<const PartRegions> regions,
-                              const Clock& clock, const ProgressSink& progress, std::stop_token stop) {
-  PlanOptions options;
-  options.job = job;
-  options.regions = std::move(regions);
+Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const LayerStack& stack,
+                              const MachineProfile& machine, PlanOptions options, const Clock& clock,
+                              const ProgressSink& progress, std::stop_token stop) {
   if (const auto offer = saved_offer(folder)) options.registration_rms_mm = offer->registration_rms_mm;
   const auto summary = write_plan_folder(folder / "plan", stack, machine, options, clock, progress, std::move(stop));
   if (!summary) return tl::unexpected{summary.error()};

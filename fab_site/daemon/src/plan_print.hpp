@@ -2,8 +2,8 @@
 #include <atomic>
 #include <filesystem>
 #include <telefab/base/progress.hpp>
+#include <telefab/fab/planning/plan_job.hpp>
 #include <telefab/fab/print/print_runner.hpp>
-#include <telefab/fab/support/part_regions.hpp>
 #include <telefab/geometry/layer.hpp>
 
 namespace telefab::fab {
@@ -14,11 +14,10 @@ struct PlanOutcome {
   std::string doubt;  ///< what the check of the masks found; empty: nothing
 };
 
-/// Plans a received job into folder/plan: supports, masks, exposures, pictures and reports. `regions` are those of its
-/// layers, if they were analysed as they came. Fails as write_plan_folder.
-[[nodiscard]] Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const std::string& job,
-                                            const LayerStack& stack, const MachineProfile& machine,
-                                            std::shared_ptr<const PartRegions> regions, const Clock& clock,
+/// Plans a received job into folder/plan: supports, masks, exposures, pictures and reports. How well the scan's views
+/// lie on each other is taken from the saved offer. Fails as write_plan_folder.
+[[nodiscard]] Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const LayerStack& stack,
+                                            const MachineProfile& machine, PlanOptions options, const Clock& clock,
                                             const ProgressSink& progress, std::stop_token stop);
 
 /// Prints what plan_into planned, or goes on where folder/journal ends. The record goes to folder/report/print.json.

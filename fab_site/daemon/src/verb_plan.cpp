@@ -1,12 +1,12 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
-#include <cmath>
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/planning/preflight.hpp>
 
+#include "mask_options.hpp"
 #include "read_stack.hpp"
 #include "verbs.hpp"
 
@@ -20,12 +20,7 @@ struct Options {
   std::string machine;
   std::string machines = default_machine_folder();
   std::string out;
-  std::string masks = "blend-stack";
-  double deadline_s = 0;
-  int iterations = 20;
-  double support_grey = 1;
-  double cure_depth_layers = 0;
-  bool plain_undersides = false;
+  MaskOptions masks;
   std::string supports = "auto";
   std::string stand = "auto";
   std::string hand_list;
@@ -36,14 +31,7 @@ struct Options {
 Result<PlanOptions> plan_options(const Options& o) {
   PlanOptions options;
   options.job = std::filesystem::path{o.stack}.stem().string();
-  const auto masks = mask_method_from_name(o.masks);
-  if (!masks) return tl::unexpected{masks.error()};
-  options.masks = *masks;
-  options.mask_deadline = std::chrono::nanoseconds{std::llround(o.deadline_s * 1e9)};
-  options.mask_iterations = o.iterations;
-  options.support_grey = o.support_grey;
-  options.cure_depth_layers = o.cure_depth_layers;
-  options.compensate_undersides = !o.plain_undersides;
+  if (auto ok = apply(o.masks, options); !ok) return tl::unexpected{ok.error()};
   options.supports.mode = o.supports == "none" ? SupportOptions::Mode::None : SupportOptions::Mode::Auto;
   options.supports.stand = o.stand == "always"  ? SupportOptions::Stand::Always
                            : o.stand == "never" ? SupportOptions::Stand::Never
@@ -64,13 +52,6 @@ void print_summary(const PlanSummary& s, const Preflight& preflight, const std::
              s.part_layers, s.lift_layers, s.anchors);
   fmt::print("part {:.1f} mm3, supports {:.1f} mm3; {:.0f} min of print, of that {:.0f} min of light\n",
              s.figures.part_mm3, s.figures.support_mm3, s.print_s / 60, s.exposure_s / 60);
-  if (s.masks != MaskMethod::Cover)
-    fmt::print("masks by {}: {:.0f} px of contour solved to {:.4f} px rms{}\n", name_of(s.masks),
-               s.mask_figures.length_px, s.mask_figures.residual_px(),
-               s.mask_figures.unsolved == 0
-                   ? std::string{}
-                   : fmt::format(", {} of {} tiles left as cover when time was out", s.mask_figures.unsolved,
-                                 s.mask_figures.unsolved + s.mask_figures.tiles));
   fmt::print("supports {:.2f} s, masks {:.2f} s; written to {}\n", s.support_seconds, s.mask_seconds, folder);
   fmt::print("before printing:{}\n{}", preflight.holds() ? " the job would be held" : "", to_text(preflight));
 }
@@ -106,31 +87,7 @@ VerbBody declare_plan(CLI::App& options) {
       .add_option("--out", o->out,
                   "folder for masks, plan.json, supports.json, preview.png, report.json, preflight.json")
       ->required();
-  options
-      .add_option("--masks", o->masks,
-                  "how grey levels are found: cover (area of each pixel), blend (solved, each layer's own light), "
-                  "blend-stack (solved for the light of all layers)")
-      ->check(CLI::IsMember({"cover", "blend", "blend-stack"}))
-      ->capture_default_str();
-  options
-      .add_option(
-          "--mask-deadline-s", o->deadline_s,
-          "most seconds for solving one mask, the rest of it keeps its cover; 0: no limit, same bytes on every run")
-      ->check(CLI::Range(0.0, 3600.0))
-      ->capture_default_str();
-  options.add_option("--mask-iterations", o->iterations, "steps of the solver")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  options.add_option("--support-grey", o->support_grey, "light of supports as share of white; solved masks only")
-      ->check(CLI::Range(0.05, 1.0))
-      ->capture_default_str();
-  options
-      .add_option("--cure-depth", o->cure_depth_layers,
-                  "layers that one exposure cures deep: times follow from resin and irradiance; 0: the profile's times")
-      ->check(CLI::Range(0.0, 20.0))
-      ->capture_default_str();
-  options.add_flag("--plain-undersides", o->plain_undersides,
-                   "blend-stack: give layers over a void their full light although later ones cure through them");
+  declare_mask_options(options, o->masks);
   options.add_option("--supports", o->supports, "none or auto")
       ->check(CLI::IsMember({"none", "auto"}))
       ->capture_default_str();

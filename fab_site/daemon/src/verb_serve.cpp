@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "fab_site.hpp"
+#include "mask_options.hpp"
 #include "verbs.hpp"
 
 namespace telefab::fab {
@@ -12,6 +13,7 @@ VerbBody declare_serve(CLI::App& options) {
     FabSiteConfig config;
     std::string start = "automatic";
     std::string after_crash = "exposed";
+    MaskOptions masks;
   };
   auto o = std::make_shared<Options>();
   o->config.serve = {"127.0.0.1:7420", "", default_machine_folder(), "", "fab-site"};
@@ -27,7 +29,9 @@ VerbBody declare_serve(CLI::App& options) {
                   "exposed | again | ask: what becomes of a layer that was perhaps exposed when the power went")
       ->check(CLI::IsMember({"exposed", "again", "ask"}))
       ->capture_default_str();
+  declare_mask_options(options, o->masks);
   return [o](std::stop_token stop) -> Result<ExitCode> {
+    if (auto ok = apply(o->masks, o->config.planning); !ok) return tl::unexpected{ok.error()};
     o->config.start_on_approval = o->start == "on-approval";
     if (o->after_crash == "ask") o->config.after_crash.reset();
     if (o->after_crash == "again") o->config.after_crash = Decision::ExposeAgain;

@@ -48,19 +48,17 @@ SolidRows::SolidRows(std::span<const Contour> part, std::span<const Contour> sup
   const CoverCells a{part, frame}, b{supports, frame};
   const std::size_t width = frame.size.width_px;
   std::vector<std::uint8_t> row(width), other(width);
-  const auto add = [width](Rows& to, const std::vector<std::uint8_t>& cover) {
+  const auto add = [width](PixelRuns& to, const std::vector<std::uint8_t>& cover) {
     for (std::size_t x = 0; x < width;) {
       while (x < width && cover[x] < kSolidFrom) ++x;
       const std::size_t first = x;
       while (x < width && cover[x] >= kSolidFrom) ++x;
-      if (x > first) to.runs.push_back({static_cast<std::int32_t>(first), static_cast<std::int32_t>(x)});
+      if (x > first) to.add({static_cast<std::int32_t>(first), static_cast<std::int32_t>(x)});
     }
   };
-  solid_.starts.reserve(std::size_t{frame.size.height_px} + 1);
-  supports_.starts.reserve(std::size_t{frame.size.height_px} + 1);
   for (std::uint32_t y = 0; y < frame.size.height_px; ++y) {
-    solid_.starts.push_back(static_cast<std::uint32_t>(solid_.runs.size()));
-    supports_.starts.push_back(static_cast<std::uint32_t>(supports_.runs.size()));
+    solid_.begin_row();
+    supports_.begin_row();
     const bool any = !a.empty(y), more = !b.empty(y);
     if (!any && !more) continue;
     a.fill(y, row.data());
@@ -71,8 +69,6 @@ SolidRows::SolidRows(std::span<const Contour> part, std::span<const Contour> sup
     }
     add(solid_, row);
   }
-  solid_.starts.push_back(static_cast<std::uint32_t>(solid_.runs.size()));
-  supports_.starts.push_back(static_cast<std::uint32_t>(supports_.runs.size()));
 }
 
 namespace {

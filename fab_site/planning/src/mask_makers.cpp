@@ -84,7 +84,7 @@ class SingleMaker final : public MaskMaker {
 class StackMaker final : public MaskMaker {
  public:
   StackMaker(const LayerSource& source, const MachineProfile& machine, const MaskLight& light, MaskBlender blender,
-             const PlanOptions& options, const Clock& clock)
+             std::optional<PatternMaker> pattern, const PlanOptions& options, const Clock& clock)
       : source_{source},
         machine_{machine},
         frame_{mask_frame(machine)},
@@ -94,6 +94,7 @@ class StackMaker final : public MaskMaker {
             std::clamp(std::ceil(std::log(kForgotten) * light.penetration_mm / light.layer_mm), 1.0, 64.0))},
         caps_{light, options.compensate_undersides ? static_cast<int>(ahead_) : 0},
         capped_{options.compensate_undersides},
+        pattern_{std::move(pattern)},
         deadline_{options.mask_deadline},
         clock_{clock} {}
 
@@ -102,17 +103,20 @@ class StackMaker final : public MaskMaker {
   [[nodiscard]] Result<MaskFigures> make(std::uint32_t first, std::uint32_t count, const Take& take,
                                          const std::stop_token& stop) const override {
     const std::uint32_t until = std::min(source_.count(), first + count + ahead_);
-    const std::uint32_t reach = capped_ ? static_cast<std::uint32_t>(caps_.reach()) : 0;
-    const std::uint32_t lowest = first > reach ? first - reach : 0;
+    const std::uint32_t shell = pattern_ ? pattern_->shell_layers() : 0;
+    const std::uint32_t below = std::max(capped_ ? static_cast<std::uint32_t>(caps_.reach()) : 0, shell);
+    const std::uint32_t lowest = first > below ? first - below : 0;
+    const std::uint32_t behind = std::min(source_.count(), until + shell);
     std::vector<SourceLayer> layers;
     std::vector<SolidRows> solid;
-    for (std::uint32_t i = lowest; i < until; ++i) {
+    for (std::uint32_t i = lowest; i < behind; ++i) {
       if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
       auto layer = source_.layer(i);
       if (!layer) return tl::unexpected{layer.error()};
-      if (capped_) solid.emplace_back(layer->part, layer->supports, frame_);
+      if (capped_ || pattern_) solid.emplace_back(layer->part, layer->supports, frame_);
       layers.push_back(std::move(*layer));
     }
+    const auto cores = pattern_ ? pattern_->cores(solid) : std::vector<PixelRuns>{};
     MaskFigures figures;
     BlendStack stack{blender_};
     for (std::uint32_t i = until; i-- > first;) {
@@ -120,7 +124,11 @@ class StackMaker final : public MaskMaker {
       SourceLayer& layer = layers[i - lowest];
       BlendTask task = task_of(layer, exposure_ratio(machine_, i));
       const auto caps = capped_ ? std::optional{caps_of(solid, i, lowest, until)} : std::nullopt;
-      if (caps) task.caps = [&caps](std::uint32_t y, std::span<std::uint8_t> row) { return caps->fill(y, row); };
+      if (caps || pattern_)
+        task.caps = [&](std::uint32_t y, std::span<std::uint8_t> row) {
+          const bool capped = caps && caps->fill(y, row);
+          return pattern_ ? pattern_->darken(cores[i - lowest], i, y, capped, row) : capped;
+        };
       if (deadline_.count() > 0)
         task.out_of_time = [this, end = clock_.now() + deadline_] { return clock_.now() >= end; };
       auto blended = stack.descend(task, i < first + count + kSolvedAhead ? iterations_ : 0);
@@ -152,6 +160,7 @@ class StackMaker final : public MaskMaker {
   std::uint32_t ahead_;
   CapTable caps_;
   bool capped_;
+  std::optional<PatternMaker> pattern_;
   std::chrono::nanoseconds deadline_;
   const Clock& clock_;
 };
@@ -196,8 +205,16 @@ Result<std::unique_ptr<MaskMaker>> make_mask_maker(const LayerSource& source, co
   blend.support_grey = options.support_grey;
   auto blender = MaskBlender::make(mask_frame(machine), *light, blend);
   if (!blender) return tl::unexpected{blender.error()};
-  if (options.masks == MaskMethod::BlendStack)
-    return std::make_unique<StackMaker>(source, machine, *light, std::move(*blender), options, clock);
+  if (options.masks == MaskMethod::BlendStack) {
+    std::optional<PatternMaker> pattern;
+    if (options.pattern.kind != InnerPattern::Kind::Solid) {
+      auto made = PatternMaker::make(options.pattern, *light, mask_frame(machine));
+      if (!made) return tl::unexpected{made.error()};
+      pattern = *made;
+    }
+    return std::make_unique<StackMaker>(source, machine, *light, std::move(*blender), std::move(pattern), options,
+                                        clock);
+  }
   return std::make_unique<SingleMaker>(source, machine, std::make_unique<MaskBlender>(std::move(*blender)), options,
                                        clock);
 }

@@ -168,6 +168,12 @@ Result<void> PlanOptions::validate() const {
   if (!(cure_depth_layers >= 0 && cure_depth_layers <= 20))
     return fail(ErrorCode::InvalidInput,
                 fmt::format("a cure depth of {} layers; up to 20 are possible", cure_depth_layers));
+  if (auto ok = pattern.validate(); !ok) return ok;
+  if (pattern.kind != InnerPattern::Kind::Solid && masks != MaskMethod::BlendStack)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("the pattern {} needs masks by blend-stack, which reckon with the light of later layers; "
+                            "they are by {}",
+                            name_of(pattern.kind), name_of(masks)));
   return supports.validate();
 }
 
@@ -228,6 +234,7 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& prof
   summary.registration_rms_mm = options.registration_rms_mm;
   summary.masks = options.masks;
   summary.mask_iterations = options.masks == MaskMethod::Cover ? 0 : options.mask_iterations;
+  summary.pattern = options.pattern;
   summary.white_dose_mj_per_cm2 = machine.projection.irradiance_mw_per_cm2 * machine.layers.exposure_s;
   summary.cure_depth_mm =
       machine.resin.penetration_mm * std::log(summary.white_dose_mj_per_cm2 / machine.resin.critical_dose_mj_per_cm2);
@@ -330,7 +337,7 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& prof
           std::max(static_cast<double>(work.grey_sum) / 255, static_cast<double>(work.solid_pixels)) *
           frame.pixel_pitch_mm * frame.pixel_pitch_mm;
       if (lit_mm2 > summary.peel.most_mm2) summary.peel = {lit_mm2, index};
-      summary.cured_mm3 += static_cast<double>(work.grey_sum) / 255 * voxel_mm3;
+      summary.cured_mm3 += static_cast<double>(work.solid_pixels) * voxel_mm3;
       summary.exposure_s += std::chrono::duration<double>(planned.exposure).count();
       summary.print_s += layer_seconds(machine.motion, planned.exposure);
       plan.layers.push_back(planned);
@@ -372,6 +379,7 @@ std::string to_json(const PlanSummary& s) {
                            {"cure_depth_mm", s.cure_depth_mm},
                            {"masks",
                             {{"method", name_of(s.masks)},
+                             {"pattern", name_of(s.pattern.kind)},
                              {"iterations", s.mask_iterations},
                              {"contour_px", s.mask_figures.length_px},
                              {"residual_rms_px", s.mask_figures.residual_px()},

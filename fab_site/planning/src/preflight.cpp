@@ -197,6 +197,29 @@ PreflightItem latitude_of(const ThinReport& thin) {
   return item;
 }
 
+/// How the masks were made, and whether time was enough.
+PreflightItem masks_of(const PlanSummary& summary) {
+  const MaskFigures& figures = summary.mask_figures;
+  PreflightItem item{"masks", Verdict::Passed, {}, figures.residual_px(), "px", {}, {}};
+  item.text = fmt::format("by {}", name_of(summary.masks));
+  if (summary.masks == MaskMethod::Cover) {
+    item.value.reset();
+    item.text += ": the share of each pixel that the part covers, no dose is reckoned with";
+  } else {
+    item.text +=
+        fmt::format(": {:.0f} px of contour solved to {:.4f} px rms", figures.length_px, figures.residual_px());
+  }
+  if (summary.pattern.kind != InnerPattern::Kind::Solid)
+    item.text +=
+        fmt::format(", {} inside of a shell of {} mm", name_of(summary.pattern.kind), summary.pattern.shell_mm);
+  if (figures.unsolved > 0) {
+    item.verdict = Verdict::Warning;
+    item.text += fmt::format("; time was out for {} of {} tiles, which keep the cover of their pixels",
+                             figures.unsolved, figures.unsolved + figures.tiles);
+  }
+  return item;
+}
+
 /// Whether the print keeps its weight over what holds it, layer by layer, with a twentieth of its height to spare. Out
 /// by less than a pixel is out by nothing: the first layers of a lifted part weigh little and rest on a tip or two.
 PreflightItem stability_of(const LayerStack& stack, const PlanSummary& summary) {
@@ -256,6 +279,7 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
   items.push_back(certificates_of(stack, summary));
   if (summary.registration_rms_mm > 0) items.push_back(registration_of(stack, summary));
   items.push_back(dose_of(stack, summary));
+  items.push_back(masks_of(summary));
   items.push_back(features_of(stack, summary.thin));
   items.push_back(latitude_of(summary.thin));
   using Kind = Finding::Kind;

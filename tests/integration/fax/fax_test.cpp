@@ -205,6 +205,21 @@ TEST_F(Fax, StartsAPrintOnlyAfterApprovalWhereTheFabSaysSo) {
   EXPECT_EQ(watch->finish(), 0) << watch->errors();
 }
 
+TEST_F(Fax, PlansEveryJobWithTheMasksTheFabWasToldToMake) {
+  start_fab({"--masks", "cover"});
+  start_scan();
+  const std::string job = submit_torus();
+  EXPECT_EQ(telefab({"watch", job}).code, 0);
+  EXPECT_THAT(text_of(folder() / "fab" / "jobs" / job / "plan" / "report.json"), HasSubstr("\"method\": \"cover\""));
+  EXPECT_THAT(text_of(folder() / "fab" / "jobs" / job / "plan" / "preflight.json"), HasSubstr("by cover"));
+  // What cannot go together is said at the start, not at the first job.
+  const Outcome refused =
+      run({std::string{::getenv("TELEFAB_BIN")} + "/telefab-fab", "serve", "--data", (folder() / "other").string(),
+           "--machines", (folder() / "machines").string(), "--masks", "cover", "--pattern", "checker"});
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.errors, HasSubstr("needs masks by blend-stack"));
+}
+
 TEST_F(Fax, HoldsAJobWithAnIslandUntilAnOperatorOfTheFabLetsItThroughByName) {
   // Tips far below a pixel: they cure nowhere, so the part floats and the check of the masks must say so.
   std::ofstream{folder() / "machines" / "toy.toml", std::ios::app}

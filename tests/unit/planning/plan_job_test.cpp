@@ -1,8 +1,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <numeric>
+#include <telefab/fab/cure/dose_field.hpp>
 #include <telefab/fab/mask/raster.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
 #include <telefab/test/block_stack.hpp>
@@ -170,6 +173,103 @@ TEST(PlanJob, LeavesLayersOverAVoidDarkWhereLaterLightCuresThem) {
   EXPECT_EQ(grey_over_void(true, foot + 8), 255);
   EXPECT_EQ(grey_over_void(false, foot), 255);
   EXPECT_EQ(grey_over_void(false, foot - 1), 0);
+}
+
+/// What cures of every layer: pixels that all light together cures to the layer's middle, and to its far side.
+struct Cured {
+  std::vector<std::vector<bool>> middles, through;  // bottom first
+};
+Cured cured(const Planned& planned, const MachineProfile& machine) {
+  const CureModel model = cure_model(machine).value();
+  DoseStream stream{model};
+  Cured all{std::vector<std::vector<bool>>(planned.pngs.size()), std::vector<std::vector<bool>>(planned.pngs.size())};
+  for (std::size_t n = planned.pngs.size(); n-- > 0;) {
+    const Image image = decode_png(planned.pngs[n], 1'000'000).value();
+    const MaskExposure exposure{{model.mask, image.pixels}, planned.summary->plan.layers[n].exposure};
+    const DoseField dose = stream.descend({&exposure, 1}).value();
+    for (std::uint32_t y = 0; y < model.mask.height_px; ++y)
+      for (std::uint32_t x = 0; x < model.mask.width_px; ++x) {
+        const double d = dose.sample({x + 0.5, y + 0.5}).dose;
+        all.middles[n].push_back(d >= model.to_middle());
+        all.through[n].push_back(d >= model.through());
+      }
+  }
+  return all;
+}
+
+TEST(PlanJob, PatternsTakeLightFromTheInsideAndNothingFromWhatCures) {
+  const MachineProfile machine = test::small_machine();
+  const LayerStack stack = test::stack_of(std::vector<std::vector<Contour>>(44, {test::rectangle(5, 5, 15.04, 14.97)}));
+  PlanOptions options = without_supports();
+  const Planned solid = plan(stack, options, machine);
+  const Cured all = cured(solid, machine);
+  const auto light_of = [](const Planned& planned) {
+    double sum = 0;
+    for (const auto& png : planned.pngs) {
+      const Image image = decode_png(png, 1'000'000).value();
+      sum = std::accumulate(image.pixels.begin(), image.pixels.end(), sum);
+    }
+    return sum;
+  };
+  for (const auto kind : {InnerPattern::Kind::Checker, InnerPattern::Kind::ShellCore}) {
+    options.pattern.kind = kind;
+    const Planned planned = plan(stack, options, machine);
+    ASSERT_TRUE(planned.summary) << planned.summary.error().what;
+    EXPECT_LT(light_of(planned), 0.95 * light_of(solid));
+    const Cured some = cured(planned, machine);
+    EXPECT_EQ(some.middles, all.middles) << name_of(kind);
+    EXPECT_EQ(some.through, all.through) << name_of(kind);
+    EXPECT_TRUE(planned.summary->check.passes());
+    EXPECT_EQ(planned.summary->check.count(Finding::Kind::ResinTrap), 0U);
+    EXPECT_DOUBLE_EQ(planned.summary->cured_mm3, solid.summary->cured_mm3);
+    EXPECT_EQ(nlohmann::json::parse(to_json(*planned.summary))["masks"]["pattern"], name_of(kind));
+    options.threads = 3;
+    EXPECT_EQ(plan(stack, options, machine).pngs, planned.pngs);
+    options.threads = 0;
+  }
+}
+
+TEST(PlanJob, RefusesAPatternThatNothingReckonsTheLightFor) {
+  PlanOptions options = without_supports();
+  options.pattern.kind = InnerPattern::Kind::Checker;
+  options.masks = MaskMethod::Cover;
+  EXPECT_THAT(plan(test::table(3, 3), options).summary.error().what, HasSubstr("needs masks by blend-stack"));
+}
+
+/// A clock that goes on by a millisecond whenever somebody looks.
+class HurryingClock final : public Clock {
+ public:
+  [[nodiscard]] Nanoseconds now() const override { return Nanoseconds{1ms * ++looks_}; }
+  [[nodiscard]] Nanoseconds wall() const override { return now(); }
+  void sleep_for(Nanoseconds) override {}
+
+ private:
+  mutable std::atomic<int> looks_{0};
+};
+
+TEST(PlanJob, StopsSolvingAMaskAtItsDeadlineAndKeepsTheCoverOfTheRest) {
+  const LayerStack stack = test::table(6, 3);
+  for (const MaskMethod method : {MaskMethod::Blend, MaskMethod::BlendStack}) {
+    PlanOptions options = without_supports();
+    options.masks = method;
+    options.threads = 1;
+    options.mask_deadline = 5ms;
+    const HurryingClock clock;
+    std::size_t layers = 0;
+    const auto count = [&](const PlannedSheet&) -> Result<void> {
+      ++layers;
+      return {};
+    };
+    const auto hurried = plan_job(stack, test::small_machine(), options, count, clock, {}, {});
+    ASSERT_TRUE(hurried) << hurried.error().what;
+    EXPECT_EQ(layers, 9U);  // none is missing
+    // One look starts a layer, and the sixth after it is the first to find time out.
+    EXPECT_LE(hurried->mask_figures.tiles, 9U * 4);
+    EXPECT_GT(hurried->mask_figures.unsolved, 0U);
+    const auto masks = nlohmann::json::parse(to_json(*hurried))["masks"];
+    EXPECT_EQ(masks["deadline_reached"], true);
+    EXPECT_EQ(masks["tiles_left_as_cover"], hurried->mask_figures.unsolved);
+  }
 }
 
 TEST(PlanJob, ReportsWhatTheSolverReachedAndWhatTimeLeftUndone) {

@@ -82,6 +82,19 @@ TEST_F(PreflightTest, ResinAndPeelAreHeldAgainstTheProfilesLimitsAndNotKnownWith
   EXPECT_EQ(item("peel").verdict, Verdict::Held);
 }
 
+TEST_F(PreflightTest, SaysHowTheMasksWereMadeAndWarnsWhereTimeWasOut) {
+  EXPECT_EQ(item("masks").verdict, Verdict::Passed);
+  EXPECT_THAT(item("masks").text, HasSubstr("by blend-stack: "));
+  summary.pattern.kind = InnerPattern::Kind::Checker;
+  EXPECT_THAT(item("masks").text, HasSubstr("checker inside of a shell of 1 mm"));
+  summary.mask_figures.tiles = 90;
+  summary.mask_figures.unsolved = 10;
+  EXPECT_EQ(item("masks").verdict, Verdict::Warning);
+  EXPECT_THAT(item("masks").text, HasSubstr("time was out for 10 of 100 tiles"));
+  summary.masks = MaskMethod::Cover;
+  EXPECT_THAT(item("masks").text, HasSubstr("by cover"));
+}
+
 TEST_F(PreflightTest, WarnsOfWallsThatThePixelsAreTooCoarseForAndNamesTheNarrowest) {
   EXPECT_EQ(item("features").verdict, Verdict::Passed);
   std::vector<std::vector<Contour>> rings(4, {test::rectangle(5, 5, 15, 15)});

@@ -1,5 +1,6 @@
 #pragma once
 #include <telefab/fab/mask/mask_light.hpp>
+#include <telefab/fab/mask/pixel_runs.hpp>
 #include <telefab/fab/mask/raster.hpp>
 
 namespace telefab::fab {
@@ -28,25 +29,19 @@ class CapTable {
 class SolidRows {
  public:
   SolidRows(std::span<const Contour> part, std::span<const Contour> supports, const MaskFrame& frame);
-  struct Run {
-    std::int32_t first = 0;
-    std::int32_t behind = 0;
-  };
-  /// Row y from the front; part and supports.
-  [[nodiscard]] std::span<const Run> row(std::uint32_t y) const { return row_of(solid_, y); }
+  using Run = PixelRuns::Run;
+  /// Part and supports.
+  [[nodiscard]] const PixelRuns& solid() const { return solid_; }
   /// The pixels of supports alone.
-  [[nodiscard]] std::span<const Run> support_row(std::uint32_t y) const { return row_of(supports_, y); }
-  [[nodiscard]] std::uint32_t rows() const { return static_cast<std::uint32_t>(solid_.starts.size() - 1); }
+  [[nodiscard]] const PixelRuns& supports() const { return supports_; }
+  [[nodiscard]] bool any_support() const { return !supports_.empty(); }
+  /// Row y from the front.
+  [[nodiscard]] std::span<const Run> row(std::uint32_t y) const { return solid_.row(y); }
+  [[nodiscard]] std::span<const Run> support_row(std::uint32_t y) const { return supports_.row(y); }
+  [[nodiscard]] std::uint32_t rows() const { return solid_.rows(); }
 
  private:
-  struct Rows {
-    std::vector<Run> runs;
-    std::vector<std::uint32_t> starts;
-  };
-  static std::span<const Run> row_of(const Rows& rows, std::uint32_t y) {
-    return {rows.runs.data() + rows.starts[y], rows.starts[y + 1] - rows.starts[y]};
-  }
-  Rows solid_, supports_;
+  PixelRuns solid_, supports_;
 };
 
 /// The caps of one layer. `below` and `above` nearest first, as far as the table looks; what lies below the last of

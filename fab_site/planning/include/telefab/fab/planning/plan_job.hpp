@@ -5,6 +5,7 @@
 #include <telefab/base/clock.hpp>
 #include <telefab/base/progress.hpp>
 #include <telefab/fab/cure/feature_watch.hpp>
+#include <telefab/fab/mask/inner_pattern.hpp>
 #include <telefab/fab/mask/mask.hpp>
 #include <telefab/fab/print/print_plan.hpp>
 #include <telefab/fab/support/support_plan.hpp>
@@ -31,6 +32,7 @@ struct PlanOptions {
   /// only then is the plan the same on every run.
   std::chrono::nanoseconds mask_deadline{0};
   double support_grey = 1;            ///< (0, 1]; irradiance of supports as share of white, solved masks only
+  InnerPattern pattern;               ///< of the inside; other than Solid for BlendStack only
   bool compensate_undersides = true;  ///< BlendStack: layers over a void stay dark where later ones shine through
   /// How deep one normal exposure cures, (0, 20] layers; its time then follows from resin and irradiance, and that of
   /// bottom layers in proportion. 0: the profile's times hold.
@@ -72,13 +74,14 @@ struct PlanSummary {
   std::uint32_t part_layers = 0;
   std::uint32_t lift_layers = 0;
   std::string supports_json;  ///< to_json(SupportPlan)
-  double cured_mm3 = 0;       ///< grey-weighted volume of all masks
+  double cured_mm3 = 0;       ///< of what the masks cure, supports included
   PeelLoad peel;
   double exposure_s = 0;  ///< of all layers
   double print_s = 0;     ///< exposures, lifts, lowering and settling
   Image preview;          ///< contact sheet
   MaskMethod masks = MaskMethod::Cover;
   int mask_iterations = 0;
+  InnerPattern pattern;
   MaskFigures mask_figures;
   double white_dose_mj_per_cm2 = 0;  ///< of a normal exposure
   double cure_depth_mm = 0;          ///< of it; negative where it cures nothing
