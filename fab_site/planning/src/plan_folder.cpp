@@ -87,6 +87,7 @@ Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& 
   if (auto ok = under_way.begin(); !ok) return tl::unexpected{ok.error()};
   std::string support_lines;
   const auto keep = [&](const PlannedSheet& sheet) -> Result<void> {
+    if (sheet.index.count() == 0) support_lines.clear();  // planned again
     Layer supports;
     supports.index = sheet.index;
     supports.z_mm = cut_height_mm(sheet.index, stack.header().layer_thickness_mm);

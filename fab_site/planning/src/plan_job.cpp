@@ -11,6 +11,7 @@
 
 #include "layer_source.hpp"
 #include "mask_passes.hpp"
+#include "plan_once.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -206,10 +207,9 @@ double layer_seconds(const MachineProfile::Motion& motion, std::chrono::microsec
          motion.lift_mm / motion.lower_speed_mm_per_s + motion.settle_s;
 }
 
-Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& profile, const PlanOptions& options,
-                             const PlanSink& sink, const Clock& clock, const ProgressSink& progress,
-                             std::stop_token stop) {
-  if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
+Result<PlanSummary> plan_once(const LayerStack& stack, const MachineProfile& profile, const PlanOptions& options,
+                              const PlanSink& sink, const Clock& clock, const ProgressSink& progress,
+                              std::stop_token stop) {
   const auto exposed = exposed_to_depth(profile, options.cure_depth_layers);
   if (!exposed) return tl::unexpected{exposed.error()};
   const MachineProfile& machine = *exposed;
@@ -369,6 +369,8 @@ std::string to_json(const PlanSummary& s) {
                            {"part_layers", s.part_layers},
                            {"lift_layers", s.lift_layers},
                            {"anchors", s.anchors},
+                           {"anchors_under_floating", s.figures.floating},
+                           {"repairs", s.repairs},
                            {"to_support_mm2", s.figures.to_support_mm2},
                            {"part_mm3", s.figures.part_mm3},
                            {"support_mm3", s.figures.support_mm3},

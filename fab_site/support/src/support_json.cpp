@@ -76,6 +76,7 @@ std::string to_json(const SupportPlan& plan) {
                      {"needles", f.needles},
                      {"part_mm3", rounded(f.part_mm3)},
                      {"support_mm3", rounded(f.support_mm3)},
+                     {"floating", f.floating},
                      {"steadying", f.steadying},
                      {"stability_mm", rounded(f.stability_mm)},
                      {"least_stable_layer", f.least_stable.count()}};

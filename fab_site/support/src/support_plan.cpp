@@ -41,7 +41,10 @@ class Planner {
         if (k % 16 == 0)
           report(progress_, "anchors", static_cast<double>(k) / static_cast<double>(found.layers.size()));
       }
-    if (options_.mode == SupportOptions::Mode::Auto) steady(found, lift);
+    if (options_.mode == SupportOptions::Mode::Auto) {
+      hold_floating(found, lift);
+      steady(found, lift);
+    }
     std::stable_sort(anchors_.begin(), anchors_.end(), [](const Anchor& a, const Anchor& b) {
       return std::tie(a.layer, a.place.y_mm, a.place.x_mm) < std::tie(b.layer, b.place.y_mm, b.place.x_mm);
     });
@@ -57,16 +60,36 @@ class Planner {
     return SupportPlan{lift, std::move(anchors_), std::move(sections), figures_};
   }
 
+  [[nodiscard]] bool is_forbidden(Point2 place, LayerIndex layer) const {
+    const double z = cut_height_mm(layer, t_);
+    return std::any_of(options_.hand.forbidden.begin(), options_.hand.forbidden.end(), [&](const auto& f) {
+      return z >= f.from_z_mm && z <= f.to_z_mm &&
+             std::hypot(place.x_mm - f.place.x_mm, place.y_mm - f.place.y_mm) <= f.radius_mm;
+    });
+  }
+
+  /// After the covering, which therefore stays as it was: what held before still holds.
+  void hold_floating(const PartRegions& found, std::uint32_t lift) {
+    const double pixel = machine_.projection.pixel_pitch_mm;
+    for (const SupportOptions::Floating& floating : options_.floating) {
+      const std::size_t k = floating.layer.count();
+      if (k >= found.layers.size() || (k == 0 && lift == 0)) continue;
+      Point2 place = floating.place;
+      if (!found.layers[k].contains(place)) {
+        const Region near = intersect(found.layers[k], disc(place, Millimetres{2 * pixel}, Millimetres{pixel / 20}));
+        if (near.empty()) continue;
+        place = inner_point(near);
+      }
+      if (is_forbidden(place, floating.layer)) continue;
+      anchors_.push_back({place, floating.layer, false, false});
+      ++figures_.floating;
+    }
+  }
+
   void steady(const PartRegions& found, std::uint32_t lift) {
     if (lift > 0) {
       for (Anchor& anchor : steadying_anchors(found.layers, anchors_, machine_)) {
-        const double z = cut_height_mm(anchor.layer, t_);
-        const bool forbidden =
-            std::any_of(options_.hand.forbidden.begin(), options_.hand.forbidden.end(), [&](const auto& f) {
-              return z >= f.from_z_mm && z <= f.to_z_mm &&
-                     std::hypot(anchor.place.x_mm - f.place.x_mm, anchor.place.y_mm - f.place.y_mm) <= f.radius_mm;
-            });
-        if (forbidden) continue;
+        if (is_forbidden(anchor.place, anchor.layer)) continue;
         anchors_.push_back(anchor);
         ++figures_.steadying;
       }
@@ -181,6 +204,9 @@ Result<void> SupportOptions::validate() const {
   for (const auto& e : hand.extra)
     if (!finite(e.place.x_mm) || !finite(e.place.y_mm) || !finite(e.z_mm))
       return fail(ErrorCode::InvalidInput, "supports: an extra place by hand is not a finite number");
+  for (const auto& f : floating)
+    if (!finite(f.place.x_mm) || !finite(f.place.y_mm))
+      return fail(ErrorCode::InvalidInput, "supports: a place where material floats is not a finite number");
   for (const auto& f : hand.forbidden)
     if (!finite(f.place.x_mm) || !finite(f.place.y_mm) || !finite(f.from_z_mm) || !finite(f.to_z_mm) ||
         !(f.radius_mm > 0 && f.radius_mm <= 1e4) || f.from_z_mm > f.to_z_mm)

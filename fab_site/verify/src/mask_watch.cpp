@@ -66,7 +66,8 @@ struct MaskWatch::State {
     struct Body {
       std::uint64_t pixels = 0;  ///< of `solid`
       std::uint64_t lit = 0;     ///< of them
-      std::int32_t column = 0;   ///< of its first pixel
+      std::int32_t longest = 0;  ///< of its runs
+      std::int32_t column = 0;   ///< the middle of that run
       std::uint32_t row = 0;
       bool held = false;
     };
@@ -85,7 +86,10 @@ struct MaskWatch::State {
       for (std::uint32_t r = solid.row_start(y); r < solid.row_start(y) + solid.row(y).size(); ++r) {
         const LayerRuns::Run& run = solid.run(r);
         Body& body = bodies[body_of[r]];
-        if (body.pixels == 0) body.column = run.first, body.row = y;
+        if (run.last - run.first + 1 > body.longest) {
+          body.longest = run.last - run.first + 1;
+          body.column = run.first + (run.last - run.first) / 2, body.row = y;
+        }
         body.pixels += pixels(run.first, run.last);
         if (!light) body.lit = body.pixels;
       }

@@ -86,7 +86,8 @@ struct PlanSummary {
   double white_dose_mj_per_cm2 = 0;  ///< of a normal exposure
   double cure_depth_mm = 0;          ///< of it; negative where it cures nothing
   double registration_rms_mm = 0;    ///< as the options said it
-  double support_seconds = 0;
+  std::uint32_t repairs = 0;         ///< times the print was planned again because material floated in the masks
+  double support_seconds = 0;        ///< of all times together, like the next
   double mask_seconds = 0;
 };
 
@@ -96,12 +97,15 @@ struct PlannedSheet {
   std::span<const std::byte> png;     ///< of the mask
   std::span<const Contour> supports;  ///< the support's rings, canonical order
 };
-/// Takes the next print layer. Called in order, from one thread.
+/// Takes the next print layer. Called in order, from one thread. Where the print has to be planned again it is called
+/// from layer 0 on again: what came before is void.
 using PlanSink = std::function<Result<void>(const PlannedSheet&)>;
 
 /// Plans a print: supports (section 4), one mask a layer with part and supports merged (section 5), exposures with
-/// longer bottom layers, and an independent check of the final masks. The stack must fit the machine: bounds on its
-/// platform, part and lift below its Z travel.
+/// longer bottom layers, and an independent check of the final masks. Where the check finds islands (masks may leave
+/// dark what joins two regions) each gets an anchor of its own and the print is planned again, twice at most; what
+/// floats even then is in `check`. The stack must fit the machine: bounds on its platform, part and lift below its Z
+/// travel.
 /// Fails: InvalidInput (does not fit, thickness differs from the machine's; both figures are named), Cancelled, and
 /// whatever the sink fails with. Deterministic on any number of threads.
 [[nodiscard]] Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& machine,

@@ -41,9 +41,17 @@ struct SupportOptions {
   /// its largest layer, and is lifted on pins otherwise. Always: lift 0. Never: always lifted.
   enum class Stand : std::uint8_t { Auto = 1, Always = 2, Never = 3 };
 
+  /// Where material floats in masks although regions are held: what a check of the masks found.
+  struct Floating {
+    Point2 place;
+    LayerIndex layer;  ///< of the part
+  };
+
   Mode mode = Mode::Auto;
   Stand stand = Stand::Auto;
   HandList hand;
+  /// Each gets an anchor of its own where the part's layer has material within two pixels of the place. Auto only.
+  std::vector<Floating> floating;
   int threads = 0;  ///< 0 (all cores) to 1024; the result is the same for any number
   [[nodiscard]] Result<void> validate() const;
 };
@@ -67,6 +75,7 @@ struct SupportFigures {
   std::uint32_t needles = 0;  ///< pins in places too tight for a full one
   double part_mm3 = 0;
   double support_mm3 = 0;
+  std::uint32_t floating = 0;   ///< anchors under what floated in the masks
   std::uint32_t steadying = 0;  ///< anchors that only keep a lifted part over its pins
   double stability_mm = 0;      ///< least slack of the centre of mass inside the hull of what holds the print, counted
                                 ///< from a twentieth of its height; negative: it may tip over
