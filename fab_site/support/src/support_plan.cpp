@@ -146,17 +146,43 @@ class Planner {
       options.anchor_distance = Millimetres{reach_};
       auto covering = cover_region(rest, options, stop_);
       if (!covering) return tl::unexpected{covering.error()};
-      for (const Point2& place : covering->anchors) anchor(place, k, false);
+      for (const Point2& place : covering->anchors)
+        if (const auto kept = under_what_ends(place, piece, found.layers, k)) anchor(*kept, k, false);
     }
     // What shows in the mask as a body of its own must stand on an anchor of its own, however near the next one.
     const Region closed = forbidden_at(k);
     for (const Region& island : found.islands[k]) {
       const Region open = closed.empty() ? island : subtract(island, closed);
       if (open.empty()) continue;
-      if (std::none_of(standing_.begin(), standing_.end(), [&](const Standing& s) { return island.contains(s.place); }))
-        anchor(inner_point(open), k, false);
+      if (std::any_of(standing_.begin(), standing_.end(), [&](const Standing& s) { return island.contains(s.place); }))
+        continue;
+      const Point2 place = inner_point(open);
+      const auto piece = std::find_if(pieces.begin(), pieces.end(), [&](const Region& p) { return p.contains(place); });
+      const auto kept = piece == pieces.end() ? place : under_what_ends(place, *piece, found.layers, k);
+      if (kept) anchor(*kept, k, false);
     }
     return {};
+  }
+
+  /// Where a pin to `place` in a piece of layer k really ends in material. Above most places there is more of it. Where
+  /// the piece ends with its layer, it is the pin's only hold, and what lies on the layer below needs none: then the
+  /// place is one beyond the layer below, or none at all if a pixel does not reach that far.
+  [[nodiscard]] std::optional<Point2> under_what_ends(Point2 place, const Region& piece,
+                                                      const std::vector<Region>& layers, std::size_t k) const {
+    if (k == 0 || (k + 1 < layers.size() && layers[k + 1].contains(place))) return place;
+    const double pixel = machine_.projection.pixel_pitch_mm;
+    const Millimetres tip{machine_.supports.tip_radius_mm}, tolerance{pixel / 20};
+    if (k + 1 < layers.size() && !intersect(layers[k + 1], disc(place, tip, tolerance)).empty()) return place;
+    const Region fresh = subtract(piece, layers[k - 1]);
+    const Region held = intersect(fresh, disc(place, tip, tolerance));
+    if (held.area_mm2() >= pixel * pixel) return place;
+    const Region* widest = nullptr;
+    const auto parts = fresh.pieces();
+    for (const Region& part : parts)
+      if (widest == nullptr || part.area_mm2() > widest->area_mm2()) widest = &part;
+    if (widest == nullptr || fresh.area_mm2() < pixel * pixel) return std::nullopt;
+    const Point2 beyond = inner_point(*widest);
+    return is_forbidden(beyond, LayerIndex{static_cast<std::uint32_t>(k)}) ? place : beyond;
   }
 
   void anchor(Point2 place, std::size_t k, bool by_hand) {

@@ -62,6 +62,26 @@ TEST(SupportCheck, FindsTheDropOfAHookThatNobodyHolds) {
   EXPECT_GT(report.count(Finding::Kind::OutOfReach), 0U);
 }
 
+/// A crumb beside a block, for two layers: the second lies on the first but for a strip of `beyond` pixels.
+stacks::Stack crumb_that_ends(double beyond) {
+  const double px = stacks::machine().projection.pixel_pitch_mm;
+  return stacks::stack(3.0, [=](double z) {
+    std::vector<std::vector<Point2>> rings{stacks::box(20, 20, 30, 30)};
+    if (z > 1.2 && z < 1.35) rings.push_back(stacks::box(40, 20, 40 + 2 * px, 20 + 4 * px));
+    if (z > 1.35 && z < 1.5)
+      rings.push_back(stacks::box(40 + 1.6 * px, 20 + 2.5 * px, 40 + 2 * px + beyond * px, 20 + 4 * px));
+    return rings;
+  });
+}
+
+TEST(SupportCheck, FindsNoFreePinUnderACrumbThatEndsWithItsLayer) {
+  for (const double beyond : {0.1, 0.3, 0.5, 0.7, 1.0, 2.0, 4.0}) {
+    const auto s = crumb_that_ends(beyond);
+    const auto report = checked(s, planned(s));
+    EXPECT_TRUE(report.passes()) << beyond << '\n' << to_json(report);
+  }
+}
+
 TEST(SupportCheck, NoticesAnAnchorThatIsMissing) {
   const auto s = stacks::mushroom();
   const auto plan = planned(s);
