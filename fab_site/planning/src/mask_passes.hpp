@@ -1,6 +1,8 @@
 #pragma once
 #include <cstdint>
 #include <span>
+#include <telefab/fab/mask/mask.hpp>
+#include <telefab/fab/verify/layer_runs.hpp>
 
 namespace telefab::fab {
 
@@ -14,5 +16,8 @@ struct GreySums {
 
 /// 255 for what is `level` or above, else 0.
 void keep_from(std::uint8_t level, std::span<std::uint8_t> greys);
+
+/// Black for some pixels of what is solid and for those around them that belong to nothing else solid.
+void darken(Mask& mask, const LayerRuns& specks, const LayerRuns& solid);
 
 }  // namespace telefab::fab

@@ -6,7 +6,7 @@
 namespace telefab::fab {
 namespace {
 
-constexpr int kRepairs = 2;
+constexpr int kRepairs = 4;
 using Floating = std::vector<SupportOptions::Floating>;
 
 /// Adds the places of islands in the part's layers, as far as they are not known; false where none is new.

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <nlohmann/json.hpp>
+#include <numbers>
 #include <telefab/fab/mask/blend.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
 #include <telefab/image/canvas.hpp>
@@ -138,75 +138,6 @@ Bounds2 printed_bounds(const LayerStack& stack, const SupportPlan& supports, std
 
 }  // namespace
 
-std::string_view name_of(MaskMethod method) {
-  switch (method) {
-    case MaskMethod::Cover:
-      return "cover";
-    case MaskMethod::Blend:
-      return "blend";
-    case MaskMethod::BlendStack:
-      return "blend-stack";
-  }
-  return "cover";
-}
-
-Result<MaskMethod> mask_method_from_name(std::string_view name) {
-  for (const MaskMethod method : {MaskMethod::Cover, MaskMethod::Blend, MaskMethod::BlendStack})
-    if (name == name_of(method)) return method;
-  return fail(ErrorCode::InvalidInput,
-              fmt::format("{} is no way to make masks; there are: cover, blend, blend-stack", name));
-}
-
-Result<void> PlanOptions::validate() const {
-  if (threads < 0 || threads > 1024)
-    return fail(ErrorCode::InvalidInput, fmt::format("{} threads; 0 (all cores) to 1024 are possible", threads));
-  if (mask_iterations < 1 || mask_iterations > 1000)
-    return fail(ErrorCode::InvalidInput, fmt::format("{} mask iterations; 1 to 1000 are possible", mask_iterations));
-  if (mask_deadline.count() < 0) return fail(ErrorCode::InvalidInput, "a mask deadline cannot be negative");
-  if (!(support_grey > 0 && support_grey <= 1))
-    return fail(ErrorCode::InvalidInput,
-                fmt::format("a support grey of {}; above 0 and up to 1 is possible", support_grey));
-  if (!(cure_depth_layers >= 0 && cure_depth_layers <= 20))
-    return fail(ErrorCode::InvalidInput,
-                fmt::format("a cure depth of {} layers; up to 20 are possible", cure_depth_layers));
-  if (auto ok = pattern.validate(); !ok) return ok;
-  if (pattern.kind != InnerPattern::Kind::Solid && masks != MaskMethod::BlendStack)
-    return fail(ErrorCode::InvalidInput,
-                fmt::format("the pattern {} needs masks by blend-stack, which reckon with the light of later layers; "
-                            "they are by {}",
-                            name_of(pattern.kind), name_of(masks)));
-  return supports.validate();
-}
-
-void MaskFigures::add(const MaskFigures& other) {
-  length_px += other.length_px;
-  squares_px3 += other.squares_px3;
-  tiles += other.tiles;
-  unsolved += other.unsolved;
-}
-
-double MaskFigures::residual_px() const { return length_px > 0 ? std::sqrt(squares_px3 / length_px) : 0; }
-
-Result<MachineProfile> exposed_to_depth(MachineProfile machine, double cure_depth_layers) {
-  if (cure_depth_layers == 0) return machine;
-  auto& layers = machine.layers;
-  const double irradiance = machine.projection.irradiance_mw_per_cm2, critical = machine.resin.critical_dose_mj_per_cm2;
-  if (!(irradiance > 0 && critical > 0 && machine.resin.penetration_mm > 0 && layers.exposure_s > 0))
-    return fail(ErrorCode::InvalidInput,
-                fmt::format("machine {} has no figures for resin and light; a cure depth needs "
-                            "resin.critical_dose_mj_per_cm2, resin.penetration_mm and projection.irradiance_mw_per_cm2",
-                            machine.name));
-  const double dose = critical * std::exp(cure_depth_layers * layers.thickness_mm / machine.resin.penetration_mm);
-  layers.bottom_exposure_s *= dose / irradiance / layers.exposure_s;
-  layers.exposure_s = dose / irradiance;
-  return machine;
-}
-
-double layer_seconds(const MachineProfile::Motion& motion, std::chrono::microseconds exposure) {
-  return std::chrono::duration<double>(exposure).count() + motion.lift_mm / motion.lift_speed_mm_per_s +
-         motion.lift_mm / motion.lower_speed_mm_per_s + motion.settle_s;
-}
-
 Result<PlanSummary> plan_once(const LayerStack& stack, const MachineProfile& profile, const PlanOptions& options,
                               const PlanSink& sink, const Clock& clock, const ProgressSink& progress,
                               std::stop_token stop) {
@@ -265,28 +196,45 @@ Result<PlanSummary> plan_once(const LayerStack& stack, const MachineProfile& pro
   auto model = cure_model(machine);
   FeatureWatch features{stack.layers(), summary.lift_layers, frame.pixel_pitch_mm,
                         model ? std::optional{std::move(*model)} : std::nullopt};
-  const auto finish = [&](MaskMaker::Made made, const std::function<void(Mask&)>& cured) {
-    LayerWork work;
-    const Mask& mask = made.mask;
+  const auto keep = [&](LayerWork& work, std::uint32_t index, const Mask& mask) -> Result<void> {
     auto png = encode_png_grey(frame.size.width_px, frame.size.height_px, mask.rows);
-    if (!png) {
-      work.outcome = tl::unexpected{png.error()};
-      return work;
-    }
+    if (!png) return tl::unexpected{png.error()};
     work.png = std::move(*png);
-    work.supports = std::move(made.section);
     work.digest = digest_of(bytes_of(mask));
     work.grey_sum = sums_of(mask.rows).grey;
-    if (std::binary_search(tile_layers.begin(), tile_layers.end(), made.index)) work.tile = cropped(mask, crop);
-    const auto exposure = exposure_of(machine, made.index);
-    work.at_features = features.light_of(made.index, {mask.view(), exposure});
+    if (std::binary_search(tile_layers.begin(), tile_layers.end(), index)) work.tile = cropped(mask, crop);
+    const auto exposure = exposure_of(machine, index);
+    work.at_features = features.light_of(index, {mask.view(), exposure});
     work.light.lit =
         LayerRuns::from_mask(mask.view(), gel_level(machine, std::chrono::duration<double>(exposure).count()));
+    return {};
+  };
+  const auto finish = [&](MaskMaker::Made made, const std::function<void(Mask&)>& cured) {
+    LayerWork work;
+    work.outcome = keep(work, made.index, made.mask);
+    work.supports = std::move(made.section);
     cured(made.mask);
     work.runs = LayerRuns::from_mask(made.mask.view(), kCuredPixel);
     work.light.joined = LayerRuns::from_mask(made.mask.view(), kJoinedPixel);
     work.solid_pixels = sums_of(made.mask.rows).white;
     return work;
+  };
+
+  // A fleck that no pin's tip is as small as would cure on nothing: it gets no light of its own, and what later layers
+  // cure of it hangs on them.
+  const double tip_px = machine.supports.tip_radius_mm / frame.pixel_pitch_mm;
+  const auto most_speck_px = options.supports.mode == SupportOptions::Mode::None
+                                 ? 0
+                                 : static_cast<std::uint64_t>(std::numbers::pi * tip_px * tip_px);
+  const auto darken_specks = [&](LayerWork& work, std::uint32_t index) -> Result<void> {
+    const LayerRuns specks = watch.specks(work.runs, &work.light, most_speck_px);
+    if (specks.count() == 0) return {};
+    auto image = decode_png(work.png, std::uint64_t{frame.size.width_px} * frame.size.height_px);
+    if (!image) return tl::unexpected{image.error()};
+    Mask mask{frame.size, std::move(image->pixels)};
+    darken(mask, specks, work.runs);
+    summary.specks += components_of(specks, true).components.size();
+    return keep(work, index, mask);
   };
 
   // So that large masks do not fill the memory, few of them are under way at once.
@@ -326,6 +274,7 @@ Result<PlanSummary> plan_once(const LayerStack& stack, const MachineProfile& pro
     for (std::uint32_t i = 0; i < count; ++i) {
       LayerWork& work = round[i];
       const LayerIndex index{first + i};
+      if (auto done = darken_specks(work, index.count()); !done) return tl::unexpected{done.error()};
       if (auto done = sink({index, work.png, work.supports}); !done) return tl::unexpected{done.error()};
       PlannedLayer planned;
       planned.index = index;
@@ -358,41 +307,6 @@ Result<PlanSummary> plan_once(const LayerStack& stack, const MachineProfile& pro
   summary.support_seconds = std::chrono::duration<double>(supported - begun).count();
   summary.mask_seconds = std::chrono::duration<double>(clock.now() - supported).count();
   return summary;
-}
-
-std::string to_json(const PlanSummary& s) {
-  using nlohmann::ordered_json;
-  const ordered_json value{{"job", s.plan.job},
-                           {"machine", s.plan.machine},
-                           {"mask_px", {s.plan.mask_size.width_px, s.plan.mask_size.height_px}},
-                           {"layers", s.plan.layers.size()},
-                           {"part_layers", s.part_layers},
-                           {"lift_layers", s.lift_layers},
-                           {"anchors", s.anchors},
-                           {"anchors_under_floating", s.figures.floating},
-                           {"repairs", s.repairs},
-                           {"to_support_mm2", s.figures.to_support_mm2},
-                           {"part_mm3", s.figures.part_mm3},
-                           {"support_mm3", s.figures.support_mm3},
-                           {"cured_mm3", s.cured_mm3},
-                           {"exposure_s", s.exposure_s},
-                           {"print_s", s.print_s},
-                           {"white_dose_mj_per_cm2", s.white_dose_mj_per_cm2},
-                           {"cure_depth_mm", s.cure_depth_mm},
-                           {"masks",
-                            {{"method", name_of(s.masks)},
-                             {"pattern", name_of(s.pattern.kind)},
-                             {"iterations", s.mask_iterations},
-                             {"contour_px", s.mask_figures.length_px},
-                             {"residual_rms_px", s.mask_figures.residual_px()},
-                             {"tiles_solved", s.mask_figures.tiles},
-                             {"tiles_left_as_cover", s.mask_figures.unsolved},
-                             {"deadline_reached", s.mask_figures.unsolved > 0}}},
-                           {"thin", ordered_json::parse(to_json(s.thin))},
-                           {"plan_digest", to_hex(plan_digest(s.plan))},
-                           {"check", ordered_json::parse(to_json(s.check))},
-                           {"seconds", {{"supports", s.support_seconds}, {"masks", s.mask_seconds}}}};
-  return value.dump(1) + "\n";
 }
 
 }  // namespace telefab::fab

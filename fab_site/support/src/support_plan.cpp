@@ -72,16 +72,19 @@ class Planner {
   void hold_floating(const PartRegions& found, std::uint32_t lift) {
     const double pixel = machine_.projection.pixel_pitch_mm;
     for (const SupportOptions::Floating& floating : options_.floating) {
-      const std::size_t k = floating.layer.count();
-      if (k >= found.layers.size() || (k == 0 && lift == 0)) continue;
+      std::size_t k = floating.layer.count();
+      if (k >= found.layers.size()) continue;
       Point2 place = floating.place;
       if (!found.layers[k].contains(place)) {
         const Region near = intersect(found.layers[k], disc(place, Millimetres{2 * pixel}, Millimetres{pixel / 20}));
         if (near.empty()) continue;
         place = inner_point(near);
       }
-      if (is_forbidden(place, floating.layer)) continue;
-      anchors_.push_back({place, floating.layer, false, false});
+      // Within the part's own column nothing would be built: down to its underside.
+      while (k > 0 && found.layers[k - 1].contains(place)) --k;
+      const LayerIndex underside{static_cast<std::uint32_t>(k)};
+      if ((k == 0 && lift == 0) || is_forbidden(place, underside)) continue;
+      anchors_.push_back({place, underside, false, false});
       ++figures_.floating;
     }
   }

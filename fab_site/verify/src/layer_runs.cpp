@@ -46,6 +46,25 @@ LayerRuns LayerRuns::from_mask(const MaskView& mask, std::uint8_t level) {
   return out;
 }
 
+LayerRuns LayerRuns::some_of(const LayerRuns& layer, const std::vector<char>& keep) {
+  LayerRuns out;
+  out.size_ = layer.size_;
+  for (std::uint32_t y = 0; y < layer.size_.height_px; ++y) {
+    out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
+    for (std::uint32_t i = layer.starts_[y]; i < layer.starts_[y + 1]; ++i)
+      if (keep[i]) out.runs_.push_back(layer.runs_[i]);
+  }
+  out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
+  return out;
+}
+
+bool LayerRuns::contains(std::int32_t column, std::uint32_t y) const {
+  if (y >= size_.height_px) return false;
+  const auto runs = row(y);
+  const auto next = std::partition_point(runs.begin(), runs.end(), [&](const Run& run) { return run.last < column; });
+  return next != runs.end() && next->first <= column;
+}
+
 LayerRuns LayerRuns::from_contours(std::span<const Contour> contours, PixelSize size, double pitch_mm) {
   LayerRuns out;
   out.size_ = size;

@@ -62,18 +62,27 @@ struct MaskWatch::State {
                         place(hollow.column, hollow.row), area(hollow.most_pixels)});
   }
 
-  void look_for_islands(const LayerRuns& solid, const LayerLight* light) {
+  /// What hangs together in a layer.
+  struct Bodies {
     struct Body {
       std::uint64_t pixels = 0;  ///< of `solid`
       std::uint64_t lit = 0;     ///< of them
-      std::int32_t longest = 0;  ///< of its runs
-      std::int32_t column = 0;   ///< the middle of that run
+      std::int32_t widest = 0;   ///< of its runs, in pixels
+      std::int32_t column = 0;   ///< of that run's middle
       std::uint32_t row = 0;
-      bool held = false;
+      bool held = false;  ///< by material below or the platform
     };
+    std::vector<Body> bodies;
+    std::vector<std::uint32_t> of_run;  ///< of the solid ones
+    [[nodiscard]] static bool floats(const Body& body, std::uint32_t least) { return !body.held && body.lit >= least; }
+  };
+
+  [[nodiscard]] Bodies bodies_of(const LayerRuns& solid, const LayerLight* light) const {
+    Bodies found;
+    auto& [bodies, body_of] = found;
     const RunComponents parts = components_of(light ? light->joined : solid, true);
-    std::vector<Body> bodies(parts.components.size());
-    std::vector<std::uint32_t> body_of(solid.count());  // by run
+    bodies.resize(parts.components.size());
+    body_of.resize(solid.count());
     if (light)
       for_overlaps(solid, light->joined,
                    [&](std::uint32_t run, std::uint32_t whole) { body_of[run] = parts.of_run[whole]; });
@@ -85,10 +94,11 @@ struct MaskWatch::State {
     for (std::uint32_t y = 0; y < solid.size().height_px; ++y)
       for (std::uint32_t r = solid.row_start(y); r < solid.row_start(y) + solid.row(y).size(); ++r) {
         const LayerRuns::Run& run = solid.run(r);
-        Body& body = bodies[body_of[r]];
-        if (run.last - run.first + 1 > body.longest) {
-          body.longest = run.last - run.first + 1;
-          body.column = run.first + (run.last - run.first) / 2, body.row = y;
+        Bodies::Body& body = bodies[body_of[r]];
+        if (const std::int32_t width = run.last - run.first + 1; width > body.widest) {
+          body.widest = width;
+          body.column = run.first + (width - 1) / 2;
+          body.row = y;
         }
         body.pixels += pixels(run.first, run.last);
         if (!light) body.lit = body.pixels;
@@ -102,15 +112,21 @@ struct MaskWatch::State {
       for_overlaps(solid, solid_below, [&](std::uint32_t here, std::uint32_t below) {
         bodies[body_of[here]].held |= held_below[below] != 0;
       });
-    for (Body& body : bodies) {
-      body.held |= layers == 0;
-      if (body.held || body.lit < least) continue;
+    if (layers == 0)
+      for (Bodies::Body& body : bodies) body.held = true;
+    return found;
+  }
+
+  void look_for_islands(const LayerRuns& solid, const LayerLight* light) {
+    Bodies found = bodies_of(solid, light);
+    for (Bodies::Body& body : found.bodies) {
+      if (!Bodies::floats(body, least)) continue;
       findings.push_back({Finding::Kind::Island, LayerIndex{layers}, LayerIndex{layers}, place(body.column, body.row),
                           area(body.pixels)});
       body.held = true;  // what stands on it is not reported again
     }
     held_below.assign(solid.count(), 0);
-    for (std::uint32_t r = 0; r < solid.count(); ++r) held_below[r] = bodies[body_of[r]].held;
+    for (std::uint32_t r = 0; r < solid.count(); ++r) held_below[r] = found.bodies[found.of_run[r]].held;
   }
 
   void look_for_hollows(const LayerRuns& solid, const LayerRuns* removable) {
@@ -158,6 +174,17 @@ Result<void> MaskWatch::add(LayerRuns layer, const LayerRuns* removable, const L
   s.solid_below = std::move(layer);
   ++s.layers;
   return {};
+}
+
+LayerRuns MaskWatch::specks(const LayerRuns& layer, const LayerLight* light, std::uint64_t most_pixels) const {
+  const State& s = *state_;
+  const State::Bodies found = s.bodies_of(layer, light);
+  std::vector<char> is_speck(layer.count());
+  for (std::uint32_t r = 0; r < layer.count(); ++r) {
+    const auto& body = found.bodies[found.of_run[r]];
+    is_speck[r] = State::Bodies::floats(body, s.least) && body.pixels <= most_pixels;
+  }
+  return LayerRuns::some_of(layer, is_speck);
 }
 
 SupportReport MaskWatch::finish() {

@@ -127,6 +127,12 @@ struct Checker {
       if (!is_fleck(k, inner_point(piece))) note(Finding::Kind::OutOfReach, k, piece);
   }
 
+  /// Whether material of the part begins in that layer within a piece of support.
+  [[nodiscard]] bool begins_over(const Region& piece, std::size_t k) const {
+    const Region held = intersect(piece, part[k]);
+    return !held.empty() && (k == 0 || subtract(held, part[k - 1]).area_mm2() >= speck / 8);
+  }
+
   /// 3. Supports with nothing above.
   void free_ends(std::size_t k) {
     if (support[k].empty()) return;
@@ -135,8 +141,8 @@ struct Checker {
       if (piece.area_mm2() < speck || touched(piece, contacts)) continue;
       // A stump inside the part's own material is its contact, and so is material that begins in its last layer.
       if (subtract(piece, part[k]).area_mm2() <= speck / 4) continue;
-      const Region held = intersect(piece, part[k]);
-      if (!held.empty() && (k == 0 || subtract(held, part[k - 1]).area_mm2() >= speck / 8)) continue;
+      // Or in the one before it: a tip may reach a layer deep into what it holds.
+      if (begins_over(piece, k) || (k > 0 && begins_over(piece, k - 1))) continue;
       note(Finding::Kind::FreePin, k, piece);
     }
   }

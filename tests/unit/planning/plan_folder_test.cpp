@@ -5,6 +5,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/test/block_stack.hpp>
+#include <telefab/test/overlooked.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -46,6 +47,20 @@ TEST_F(PlanFolderTest, ReplacesAnOlderPlanWholly) {
   EXPECT_EQ(static_cast<std::size_t>(std::distance(fs::directory_iterator{root / "plan/masks"}, {})),
             summary->plan.layers.size());
   EXPECT_EQ(std::distance(fs::directory_iterator{root}, {}), 1);
+}
+
+TEST_F(PlanFolderTest, HoldsTheLastLayersAloneWhereSupportsWereAddedForWhatFloated) {
+  const test::Overlooked part{2, 11};
+  const auto summary = write_plan_folder(root / "plan", part.stack, test::small_machine(), part.options, clock, {}, {});
+  ASSERT_TRUE(summary) << summary.error().what;
+  ASSERT_EQ(summary->repairs, 1U);
+  const auto job = PlannedJob::open(root / "plan");
+  ASSERT_TRUE(job) << job.error().what;
+  for (const PlannedLayer& layer : (*job)->plan().layers) EXPECT_TRUE((*job)->mask(layer.index));
+  const auto supports = (*job)->supports();
+  ASSERT_TRUE(supports) << supports.error().what;
+  EXPECT_EQ(supports->size(), summary->plan.layers.size());
+  EXPECT_TRUE(std::ranges::any_of(*supports, [](const auto& rings) { return !rings.empty(); }));
 }
 
 TEST_F(PlanFolderTest, RefusesAFolderThatHoldsSomethingElse) {

@@ -9,6 +9,7 @@
 #include <telefab/fab/mask/raster.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
 #include <telefab/test/block_stack.hpp>
+#include <telefab/test/overlooked.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -26,6 +27,7 @@ Planned plan(const LayerStack& stack, PlanOptions options = {}, const MachinePro
   const VirtualClock clock;
   Planned planned{fail(ErrorCode::Internal, ""), {}};
   const auto keep = [&](const PlannedSheet& sheet) -> Result<void> {
+    if (sheet.index.count() == 0) planned.pngs.clear();
     EXPECT_EQ(sheet.index.count(), planned.pngs.size());
     planned.pngs.emplace_back(sheet.png.begin(), sheet.png.end());
     return {};
@@ -79,6 +81,25 @@ TEST(PlanJob, SeesWhatFloatsWhereNothingHoldsIt) {
   ASSERT_TRUE(planned.summary);
   EXPECT_FALSE(planned.summary->check.passes());
   EXPECT_EQ(planned.summary->check.count(Finding::Kind::Island), 1U);
+}
+
+TEST(PlanJob, GivesNoLightToAFleckThatWouldFloat) {
+  for (const MaskMethod method : {MaskMethod::Cover, MaskMethod::BlendStack}) {
+    test::Overlooked part{0.3, 1};
+    part.options.masks = method;
+    const Planned planned = plan(part.stack, part.options);
+    ASSERT_TRUE(planned.summary) << planned.summary.error().what;
+    EXPECT_EQ(planned.summary->specks, 1U);
+    EXPECT_EQ(planned.summary->anchors, 0U);
+    EXPECT_TRUE(planned.summary->check.passes());
+    const Image image = decode_png(planned.pngs[5], 1'000'000).value();
+    std::uint8_t brightest = 0;
+    for (std::size_t y = 80; y < 120; ++y)
+      for (std::size_t x = 190; x < 220; ++x) brightest = std::max(brightest, image.pixels[y * image.width_px + x]);
+    EXPECT_LT(brightest, gel_level(test::small_machine(), 2) / 2) << name_of(method);
+    EXPECT_EQ(planned.summary->plan.layers[5].mask, digest_of(std::as_bytes(std::span{image.pixels})));
+    EXPECT_EQ(image.pixels[std::size_t{200} * image.width_px + 100], 255);  // the block
+  }
 }
 
 TEST(PlanJob, SpendsNoLightOnAHoleInNothing) {

@@ -77,6 +77,20 @@ TEST(MaskWatch, LetsHangWhatLaterLayersCureButNothingStandOnIt) {
   EXPECT_EQ(report.findings[0].layer, LayerIndex{3});
 }
 
+TEST(MaskWatch, TellsWhichPixelsWouldBeSmallIslandsAndAddsNothing) {
+  MaskWatch watch{0.1, 4};
+  EXPECT_EQ(watch.specks(drawn(kPostAndIsland), nullptr, 100).count(), 0U);  // the platform holds all
+  EXPECT_TRUE(watch.add(drawn(kPost)));
+  const LayerRuns specks = watch.specks(drawn(kPostAndIsland), nullptr, 4);
+  EXPECT_EQ(specks, drawn({"........", ".....##.", ".....##.", "........", "........"}));
+  EXPECT_TRUE(specks.contains(5, 2));
+  EXPECT_FALSE(specks.contains(1, 2));
+  EXPECT_FALSE(specks.contains(4, 2));
+  EXPECT_EQ(watch.specks(drawn(kPostAndIsland), nullptr, 3).count(), 0U);
+  EXPECT_EQ(watch.specks(drawn(kPostAndSpeck), nullptr, 4).count(), 0U);  // below what add() reports
+  EXPECT_TRUE(watch.finish().passes());
+}
+
 TEST(MaskWatch, ReportsAClosedHollowAsATrapAndAnInvertedCupAsACup) {
   const std::vector<std::string> full{"......", ".####.", ".####.", ".####.", ".####.", "......"};
   const std::vector<std::string> ring{"......", ".####.", ".#..#.", ".#..#.", ".####.", "......"};

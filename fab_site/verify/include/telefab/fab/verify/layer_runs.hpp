@@ -23,9 +23,13 @@ class LayerRuns {
   /// Pixels whose centre lies inside the rings by a positive winding number, on the raster of a machine.
   [[nodiscard]] static LayerRuns from_contours(std::span<const Contour> contours, PixelSize size, double pitch_mm);
 
+  /// Some of the runs of another layer, by their index there; `keep` has an entry a run.
+  [[nodiscard]] static LayerRuns some_of(const LayerRuns& layer, const std::vector<char>& keep);
+
   /// The other pixels.
   [[nodiscard]] LayerRuns complement() const;
   [[nodiscard]] PixelSize size() const { return size_; }
+  [[nodiscard]] bool contains(std::int32_t column, std::uint32_t y) const;
   [[nodiscard]] std::span<const Run> row(std::uint32_t y) const;
   [[nodiscard]] const Run& run(std::uint32_t i) const { return runs_[i]; }
   /// Index of the first run of a row among all runs.

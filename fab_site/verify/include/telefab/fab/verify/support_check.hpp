@@ -73,6 +73,8 @@ class MaskWatch {
   /// is what its own exposure cures.
   [[nodiscard]] Result<void> add(LayerRuns layer, const LayerRuns* removable = nullptr,
                                  const LayerLight* light = nullptr);
+  /// Of what add() would report as islands of the next layer the pixels of those that have at most so many.
+  [[nodiscard]] LayerRuns specks(const LayerRuns& layer, const LayerLight* light, std::uint64_t most_pixels) const;
   /// After the last layer.
   [[nodiscard]] SupportReport finish();
 
