@@ -15,6 +15,7 @@ struct Shaft {
   double bottom_mm = 0;
   double top_mm = 0;
   std::size_t stick = 0;  ///< index of its Pin stick
+  std::size_t foot = 0;   ///< of its Foot
   bool on_platform = false;
   std::vector<double> braced_at{};
 };
@@ -37,6 +38,7 @@ class Router {
   RoutedStructure route(std::vector<Anchor>& anchors) {
     for (Anchor& anchor : anchors) place(anchor);
     brace();
+    prop();
     thicken();
     lay_plates();
     return std::move(out_);
@@ -167,10 +169,11 @@ class Router {
     add(StickKind::Tip, {at.x_mm, at.y_mm, neck_mm}, {at.x_mm, at.y_mm, contact + t_}, neck, p_.tip_radius_mm);
     add(StickKind::Arm, {choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm}, {at.x_mm, at.y_mm, neck_mm},
         p_.pin_radius_mm, neck);
-    Shaft shaft{choice->foot, choice->floor_mm, choice->joint_mm, 0, !choice->stands_on_part};
+    Shaft shaft{choice->foot, choice->floor_mm, choice->joint_mm, 0, 0, !choice->stands_on_part};
     anchor.on_part = choice->stands_on_part;
     const Point3 top{choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm};
     double bottom = choice->floor_mm;
+    shaft.foot = out_.structure.sticks.size();
     if (anchor.on_part) {
       ++out_.feet_on_part;
       // A small foot, sunk a few layers into the part so that it is welded on, as easy to break off as a tip.
@@ -179,13 +182,18 @@ class Router {
           std::min(p_.pin_radius_mm, 1.25 * p_.tip_radius_mm), p_.pin_radius_mm);
       bottom += height;
     } else {
-      const double height = std::min(p_.base_thickness_mm + p_.foot_radius_mm, choice->joint_mm);
-      add(StickKind::Foot, {top.x_mm, top.y_mm, 0}, {top.x_mm, top.y_mm, height}, p_.foot_radius_mm, p_.pin_radius_mm);
-      bottom = height;
+      bottom = add_foot(choice->foot, choice->joint_mm);
     }
     shaft.stick = out_.structure.sticks.size();
     add(StickKind::Pin, {top.x_mm, top.y_mm, bottom}, top, p_.pin_radius_mm, p_.pin_radius_mm);
     if (out_.structure.sticks.size() > shaft.stick) shafts_.push_back(std::move(shaft));
+  }
+
+  /// On the platform, below a pin of that height; where it ends.
+  double add_foot(Point2 q, double pin_mm) {
+    const double height = std::min(p_.base_thickness_mm + p_.foot_radius_mm, pin_mm);
+    add(StickKind::Foot, {q.x_mm, q.y_mm, 0}, {q.x_mm, q.y_mm, height}, p_.foot_radius_mm, p_.pin_radius_mm);
+    return height;
   }
 
   /// Where nothing wider fits: straight down, as thin as a tip, to whatever lies below.
@@ -243,11 +251,7 @@ class Router {
       Shaft& from = turn % 2 ? b : a;
       Shaft& to = turn % 2 ? a : b;
       if (!strut_is_clear(from.place, to.place, z, apart)) continue;
-      const double r = std::max(p_.tip_radius_mm, 0.6 * p_.pin_radius_mm);
-      add(StickKind::Brace, {from.place.x_mm, from.place.y_mm, z}, {to.place.x_mm, to.place.y_mm, z + apart}, r, r);
-      from.braced_at.push_back(z);
-      to.braced_at.push_back(z + apart);
-      ++out_.braces;
+      add_strut(from, to, z, apart);
       any = true;
     }
     return any;
@@ -263,20 +267,102 @@ class Router {
     return true;
   }
 
-  /// A pin that stands free for too long in spite of its braces grows until its slenderness is legal.
-  void thicken() {
-    for (Shaft& shaft : shafts_) {
-      auto& at = shaft.braced_at;
-      at.push_back(shaft.bottom_mm);
-      at.push_back(shaft.top_mm);
-      std::sort(at.begin(), at.end());
-      double free = 0;
-      for (std::size_t i = 1; i < at.size(); ++i) free = std::max(free, at[i] - at[i - 1]);
-      Stick& pin = out_.structure.sticks[shaft.stick];
-      const double wanted = free / (2 * p_.slenderness);
-      pin.bottom_radius_mm = std::max(pin.bottom_radius_mm, wanted);
-      // The arm's end stays as it was: the pin tapers to it.
+  /// The longest piece of a shaft between its ends and struts.
+  [[nodiscard]] static double free_mm(const Shaft& shaft) {
+    std::vector<double> at{shaft.bottom_mm, shaft.top_mm};
+    at.insert(at.end(), shaft.braced_at.begin(), shaft.braced_at.end());
+    std::sort(at.begin(), at.end());
+    double free = 0;
+    for (std::size_t i = 1; i < at.size(); ++i) free = std::max(free, at[i] - at[i - 1]);
+    return free;
+  }
+
+  /// A pin on the platform that stands free for too long and has no neighbour gets a prop: a pin beside it that holds
+  /// nothing but its struts, and ends in the last of them.
+  void prop() {
+    const double needs = p_.slenderness * 2 * p_.pin_radius_mm;
+    const double apart = 0.75 * p_.brace_pitch_mm;
+    const std::size_t count = shafts_.size();
+    for (std::size_t i = 0; i < count; ++i) {
+      if (!shafts_[i].on_platform || free_mm(shafts_[i]) <= needs) continue;
+      const Point2 at = shafts_[i].place;
+      for (int turn = 0; turn < 16; ++turn) {
+        const double angle = 2 * std::numbers::pi * turn / 16;
+        const Point2 q{at.x_mm + apart * std::cos(angle), at.y_mm + apart * std::sin(angle)};
+        if (on_platform(q) && stand_prop(i, q, apart)) break;
+      }
     }
+  }
+
+  /// False where part or pins are in the way, or where the struts would not do.
+  bool stand_prop(std::size_t i, Point2 q, double apart) {
+    const double low = p_.foot_radius_mm + p_.base_thickness_mm, high = shafts_[i].top_mm;
+    // Struts lead to the prop and back in turn; the last one leads back.
+    const int pairs = static_cast<int>(std::floor((high - apart - low) / p_.brace_pitch_mm + 1)) / 2;
+    if (pairs < 1) return false;
+    const double top = low + (2 * pairs - 1) * p_.brace_pitch_mm;
+    if (wide_.highest_below(q, part_layer(top) + 1)) return false;
+    for (const Shaft& other : shafts_)
+      if (std::hypot(other.place.x_mm - q.x_mm, other.place.y_mm - q.y_mm) < 4 * p_.pin_radius_mm) return false;
+    const Point2 at = shafts_[i].place;
+    for (int s = 0; s < 2 * pairs; ++s) {
+      const double z = low + s * p_.brace_pitch_mm;
+      if (!strut_is_clear(s % 2 ? q : at, s % 2 ? at : q, z, apart)) return false;
+    }
+    Shaft prop{q, 0, top + t_, 0, out_.structure.sticks.size(), true};
+    const double foot = add_foot(q, prop.top_mm);
+    prop.stick = out_.structure.sticks.size();
+    add(StickKind::Pin, {q.x_mm, q.y_mm, foot}, {q.x_mm, q.y_mm, prop.top_mm}, p_.pin_radius_mm, p_.pin_radius_mm);
+    for (int s = 0; s < 2 * pairs; ++s)
+      add_strut(s % 2 ? prop : shafts_[i], s % 2 ? shafts_[i] : prop, low + s * p_.brace_pitch_mm, apart);
+    shafts_.push_back(std::move(prop));
+    return true;
+  }
+
+  void add_strut(Shaft& from, Shaft& to, double z_mm, double rise_mm) {
+    const double r = std::max(p_.tip_radius_mm, 0.6 * p_.pin_radius_mm);
+    add(StickKind::Brace, {from.place.x_mm, from.place.y_mm, z_mm}, {to.place.x_mm, to.place.y_mm, z_mm + rise_mm}, r,
+        r);
+    from.braced_at.push_back(z_mm);
+    to.braced_at.push_back(z_mm + rise_mm);
+    ++out_.braces;
+  }
+
+  /// A pin that stands free for too long in spite of all struts grows towards its foot until its slenderness is legal,
+  /// as far as the part leaves room; on the platform its foot grows with it.
+  void thicken() {
+    for (const Shaft& shaft : shafts_) {
+      Stick& pin = out_.structure.sticks[shaft.stick];
+      double wanted = free_mm(shaft) / (2 * p_.slenderness);
+      while (wanted > pin.bottom_radius_mm && !has_room(pin, wanted, shaft.on_platform)) wanted *= 0.8;
+      if (wanted <= pin.bottom_radius_mm) continue;
+      // The arm's end stays as it was: the pin tapers to it.
+      pin.bottom_radius_mm = wanted;
+      if (!shaft.on_platform) continue;
+      Stick& foot = out_.structure.sticks[shaft.foot];
+      foot.top_radius_mm = wanted;
+      foot.bottom_radius_mm = std::max(foot.bottom_radius_mm, wanted + p_.foot_radius_mm - p_.pin_radius_mm);
+    }
+  }
+
+  /// True where a pin with that radius at its bottom keeps the part's distance; but for the lowest tenth of one that
+  /// stands on the part.
+  [[nodiscard]] bool has_room(const Stick& pin, double bottom_radius_mm, bool on_platform) const {
+    const double length = pin.top.z_mm - pin.bottom.z_mm;
+    const int steps = std::max(2, static_cast<int>(length / t_));
+    for (int i = on_platform ? 0 : steps / 10; i <= steps; ++i) {
+      const double s = static_cast<double>(i) / steps;
+      const double beyond = (1 - s) * (bottom_radius_mm - pin.top_radius_mm);
+      const std::int64_t layer = part_layer(pin.bottom.z_mm + s * length);
+      const int turns = std::clamp(static_cast<int>(2 * std::numbers::pi * beyond / cell_), 4, 64);
+      for (double rho = beyond; rho > 0; rho -= cell_)
+        for (int turn = 0; turn < turns; ++turn) {
+          const double angle = 2 * std::numbers::pi * turn / turns;
+          if (wide_.occupied({pin.top.x_mm + rho * std::cos(angle), pin.top.y_mm + rho * std::sin(angle)}, layer))
+            return false;
+        }
+    }
+    return true;
   }
 
   void lay_plates() {

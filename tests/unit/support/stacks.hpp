@@ -99,6 +99,30 @@ inline Stack hook() {
   });
 }
 
+inline std::vector<Point2> mast_with_arm() {
+  return {{40, 45}, {50, 45}, {50, 49.5}, {53, 49.5}, {53, 50.5}, {50, 50.5}, {50, 55}, {40, 55}};
+}
+
+/// A tall mast with a short arm at its top: what holds the arm has no neighbour.
+inline Stack flag() {
+  return stack(90, [](double z) {
+    if (z > 87) return std::vector<std::vector<Point2>>{mast_with_arm()};
+    return std::vector<std::vector<Point2>>{box(40, 45, 50, 55)};
+  });
+}
+
+/// The same in a narrow shaft that leaves no room beside the pin.
+inline Stack flag_in_a_shaft() {
+  return stack(90, [](double z) {
+    if (z > 87) return std::vector<std::vector<Point2>>{mast_with_arm()};
+    auto rings = std::vector<std::vector<Point2>>{box(40, 45, 50, 55)};
+    rings.push_back(box(54.5, 45, 60, 55));
+    rings.push_back(box(50.5, 52, 60, 62));
+    rings.push_back(box(50.5, 38, 60, 48));
+    return rings;
+  });
+}
+
 inline Stack tilted_cylinder() {
   return stack(7.5, [](double z) { return std::vector<std::vector<Point2>>{circle(25 + 6 * z, 50, 4)}; });
 }

@@ -56,6 +56,62 @@ TEST(SupportPlan, KeepsShaftsClearOfThePart) {
   }
 }
 
+/// The part within 0.35 mm of a plan's supports, tips, arms and feet left out.
+double near_shafts_mm3(const stacks::Stack& s, const SupportPlan& plan) {
+  double near = 0;
+  for (const Stick& stick : plan.structure().sticks) {
+    if (stick.kind != StickKind::Pin && stick.kind != StickKind::Brace) continue;
+    for (std::size_t k = 0; k < s.layers.size(); ++k) {
+      const double z = (static_cast<double>(k) + plan.lift_layers() + 0.5) * 0.15;
+      if (z < stick.bottom.z_mm || z >= stick.top.z_mm) continue;
+      const double t = (z - stick.bottom.z_mm) / (stick.top.z_mm - stick.bottom.z_mm);
+      const auto mix = [t](double a, double b) { return a + t * (b - a); };
+      const Region shaft = disc({mix(stick.bottom.x_mm, stick.top.x_mm), mix(stick.bottom.y_mm, stick.top.y_mm)},
+                                Millimetres{0.35 + mix(stick.bottom_radius_mm, stick.top_radius_mm)}, Millimetres{0.01});
+      near += intersect(shaft, part(s, k)).area_mm2() * 0.15;
+    }
+  }
+  return near;
+}
+
+TEST(SupportPlan, PropsALonePinThatWouldStandFreeForTooLong) {
+  const auto plan = planned(stacks::flag());
+  ASSERT_GT(plan.anchors().size(), 0U);
+  std::size_t pins = 0;
+  for (const Stick& stick : plan.structure().sticks) {
+    if (stick.kind != StickKind::Pin) continue;
+    ++pins;
+    EXPECT_DOUBLE_EQ(stick.bottom_radius_mm, stacks::machine().supports.pin_radius_mm);
+  }
+  EXPECT_GT(pins, plan.anchors().size());
+  EXPECT_GT(plan.figures().braces, 4U);
+  EXPECT_EQ(near_shafts_mm3(stacks::flag(), plan), 0);
+}
+
+TEST(SupportPlan, ThickensALonePinOnlyAsFarAsThePartLeavesRoom) {
+  const auto plan = planned(stacks::flag_in_a_shaft());
+  ASSERT_GT(plan.anchors().size(), 0U);
+  EXPECT_EQ(near_shafts_mm3(stacks::flag_in_a_shaft(), plan), 0);
+}
+
+TEST(SupportPlan, StandsThickPinsOnFeetNoNarrowerThanThey) {
+  MachineProfile machine = stacks::machine();
+  machine.supports.brace_pitch_mm = 60;  // no strut fits
+  const auto s = stacks::flag();
+  const auto plan = plan_supports(s.layers, s.header, machine, {}, {}, {}).value();
+  double thickest = 0;
+  for (const Stick& pin : plan.structure().sticks) {
+    if (pin.kind != StickKind::Pin) continue;
+    thickest = std::max(thickest, pin.bottom_radius_mm);
+    for (const Stick& foot : plan.structure().sticks)
+      if (foot.kind == StickKind::Foot && foot.top == pin.bottom) {
+        EXPECT_DOUBLE_EQ(foot.top_radius_mm, pin.bottom_radius_mm);
+        EXPECT_GT(foot.bottom_radius_mm, pin.bottom_radius_mm);
+      }
+  }
+  EXPECT_GT(thickest, 1.0);
+}
+
 TEST(Structure, LosesNoLayerWhereOneStickEndsAndTheNextBegins) {
   // 0.285 is the middle of a layer of 0.01 but for rounding.
   Structure structure;

@@ -24,7 +24,7 @@ SupportPlan planned(const stacks::Stack& s, SupportOptions options = {}) {
 
 TEST(SupportCheck, PassesWhatThePlannerMakes) {
   for (const auto& s : {stacks::vault(), stacks::mushroom(), stacks::table(), stacks::ball(), stacks::hook(),
-                        stacks::tilted_cylinder()}) {
+                        stacks::tilted_cylinder(), stacks::flag(), stacks::flag_in_a_shaft()}) {
     const auto report = checked(s, planned(s));
     EXPECT_TRUE(report.passes()) << to_json(report);
   }
