@@ -66,8 +66,9 @@ double near_shafts_mm3(const stacks::Stack& s, const SupportPlan& plan) {
       if (z < stick.bottom.z_mm || z >= stick.top.z_mm) continue;
       const double t = (z - stick.bottom.z_mm) / (stick.top.z_mm - stick.bottom.z_mm);
       const auto mix = [t](double a, double b) { return a + t * (b - a); };
-      const Region shaft = disc({mix(stick.bottom.x_mm, stick.top.x_mm), mix(stick.bottom.y_mm, stick.top.y_mm)},
-                                Millimetres{0.35 + mix(stick.bottom_radius_mm, stick.top_radius_mm)}, Millimetres{0.01});
+      const Region shaft =
+          disc({mix(stick.bottom.x_mm, stick.top.x_mm), mix(stick.bottom.y_mm, stick.top.y_mm)},
+               Millimetres{0.35 + mix(stick.bottom_radius_mm, stick.top_radius_mm)}, Millimetres{0.01});
       near += intersect(shaft, part(s, k)).area_mm2() * 0.15;
     }
   }
