@@ -141,8 +141,7 @@ struct Checker {
       if (piece.area_mm2() < speck || touched(piece, contacts)) continue;
       // A stump inside the part's own material is its contact, and so is material that begins in its last layer.
       if (subtract(piece, part[k]).area_mm2() <= speck / 4) continue;
-      // Or in the one before it: a tip may reach a layer deep into what it holds.
-      if (begins_over(piece, k) || (k > 0 && begins_over(piece, k - 1))) continue;
+      if (begins_over(piece, k)) continue;
       note(Finding::Kind::FreePin, k, piece);
     }
   }

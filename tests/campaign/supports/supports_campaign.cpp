@@ -13,6 +13,8 @@
 #include <telefab/base/file.hpp>
 #include <telefab/codec/tfc_file.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
+#include <telefab/fab/region/region.hpp>
+#include <telefab/fab/support/support_plan.hpp>
 #include <telefab/fab/verify/print_files.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/scan/cloud/read_cloud.hpp>
@@ -34,6 +36,7 @@ struct Setup {
   std::uint32_t most_layers = 400;
   std::vector<std::string> only;
   bool regions = true;
+  bool cuts = false;
 };
 
 /// Orientations: as it stands, on its side, on its face, and on no face at all.
@@ -120,6 +123,49 @@ Result<LayerStack> sliced(const fs::path& scan, const MachineProfile& machine, i
   return read_tfc(*coded);
 }
 
+struct Cuts {
+  std::size_t shafts = 0;  ///< pins and struts that cut the part where they should keep their distance
+  double most_px = 0;      ///< largest overlap of one of them with one layer
+  std::string where;
+};
+
+/// Shafts against the part: what Structure says, cut layer by layer, without the arms, tips and feet that may touch it.
+Result<Cuts> cuts_of(const LayerStack& stack, const MachineProfile& machine) {
+  const auto plan = fab::plan_supports(stack.layers(), stack.header(), machine, {}, {}, {});
+  if (!plan) return tl::unexpected{plan.error()};
+  const double t = stack.header().layer_thickness_mm, pixel = machine.projection.pixel_pitch_mm;
+  std::vector<std::optional<fab::Region>> part(stack.layers().size());
+  Cuts cuts;
+  for (const fab::Stick& s : plan->structure().sticks) {
+    if (s.kind != fab::StickKind::Pin && s.kind != fab::StickKind::Brace) continue;
+    double worst = 0;
+    for (std::size_t k = 0; k < part.size(); ++k) {
+      const double z = (static_cast<double>(k + plan->lift_layers()) + 0.5) * t;
+      if (z < s.bottom.z_mm || z >= s.top.z_mm) continue;
+      if (!part[k]) {
+        auto region = fab::Region::from_contours(stack.layers()[k].contours);
+        if (!region) return tl::unexpected{region.error()};
+        part[k] = std::move(*region);
+      }
+      const double at = (z - s.bottom.z_mm) / (s.top.z_mm - s.bottom.z_mm);
+      const auto mix = [at](double a, double b) { return a + at * (b - a); };
+      const fab::Region disc =
+          fab::disc({mix(s.bottom.x_mm, s.top.x_mm), mix(s.bottom.y_mm, s.top.y_mm)},
+                    Millimetres{mix(s.bottom_radius_mm, s.top_radius_mm)}, Millimetres{pixel / 10});
+      const double overlap = fab::intersect(disc, *part[k]).area_mm2() / pixel / pixel;
+      if (overlap <= worst) continue;
+      worst = overlap;
+      if (worst > cuts.most_px)
+        cuts.where = fmt::format("{} r {:.2f}..{:.2f} mm, layer {} at ({:.3f}, {:.3f})", fab::name_of(s.kind),
+                                 s.bottom_radius_mm, s.top_radius_mm, k, mix(s.bottom.x_mm, s.top.x_mm),
+                                 mix(s.bottom.y_mm, s.top.y_mm));
+      cuts.most_px = std::max(cuts.most_px, worst);
+    }
+    cuts.shafts += worst >= 1;
+  }
+  return cuts;
+}
+
 /// One row; the number of findings that hold the job.
 Result<std::size_t> row(const fs::path& scan, const MachineProfile& machine, int turn, const Setup& setup) {
   const auto stack = sliced(scan, machine, turn, setup);
@@ -154,6 +200,13 @@ Result<std::size_t> row(const fs::path& scan, const MachineProfile& machine, int
              f.needles, f.braces, plan->check.count(Kind::Island), regions, plan->check.count(Kind::SuctionCup),
              plan->check.count(Kind::ResinTrap), 100 * f.support_mm3 / std::max(1e-9, f.part_mm3),
              plan->support_seconds, plan->mask_seconds);
+  if (setup.cuts) {
+    const auto cuts = cuts_of(*stack, machine);
+    if (!cuts) return tl::unexpected{cuts.error()};
+    if (cuts->shafts > 0)
+      fmt::print("    {} shafts cut the part, by {:.1f} px at most: {}\n", cuts->shafts, cuts->most_px, cuts->where);
+    wrong += cuts->shafts;
+  }
   int shown = 0;
   for (const fab::Finding& found : findings)
     if (fab::holds_the_job(found.kind) && ++shown <= 6)
@@ -197,7 +250,7 @@ int run(const Setup& setup) {
 
 constexpr const char* kUsage =
     "campaign_supports FOLDER.. [--keep FOLDER] [--profiles FOLDER] [--machines a,b] [--turns 0,1,2,3]\n"
-    "                  [--most-layers 400] [--only part-of-a-name] [--no-regions]\n";
+    "                  [--most-layers 400] [--only part-of-a-name] [--no-regions] [--cuts]\n";
 
 std::vector<std::string> split(const std::string& text) {
   std::vector<std::string> parts(1);
@@ -220,6 +273,10 @@ int main(int argc, char** argv) {
     const std::string word = argv[i];
     if (word == "--no-regions") {
       setup.regions = false;
+      continue;
+    }
+    if (word == "--cuts") {
+      setup.cuts = true;
       continue;
     }
     if (!word.starts_with("--")) {
