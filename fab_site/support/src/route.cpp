@@ -124,6 +124,17 @@ class Router {
 
   [[nodiscard]] double tip_length() const { return 2.5 * (p_.pin_radius_mm - p_.tip_radius_mm) + 2 * t_; }
 
+  /// True where a full pin there meets no material between two heights, by the layers themselves.
+  [[nodiscard]] bool shaft_is_clear(Point2 q, double from_mm, double to_mm) const {
+    const double pixel = machine_.projection.pixel_pitch_mm;
+    const Region shaft = disc(q, Millimetres{p_.pin_radius_mm}, Millimetres{pixel / 10});
+    for (std::int64_t k = std::max<std::int64_t>(0, part_layer(from_mm)); k <= part_layer(to_mm); ++k)
+      if (k < static_cast<std::int64_t>(layers_.size()) &&
+          intersect(shaft, layers_[static_cast<std::size_t>(k)]).area_mm2() > pixel * pixel / 4)
+        return false;
+    return true;
+  }
+
   /// The nearest free column to the platform, else the nearest on which a pin can stand on the part.
   [[nodiscard]] std::optional<Choice> choose(Point2 at, double contact_mm) const {
     std::optional<Choice> on_part;
@@ -150,6 +161,7 @@ class Router {
         // Room for a full pin on the part: the shaft's clearance is broken only close above its foot.
         if (joint - floor_mm < 2 * p_.pin_radius_mm) continue;
         if (top_of(*hit) - floor_mm > 2 * p_.pin_radius_mm + p_.clearance_mm) continue;
+        if (!shaft_is_clear(q, floor_mm + 2 * p_.pin_radius_mm, top_of(*hit))) continue;
         if (rho == 0 || arm_is_clear(at, contact_mm - t_, q, joint))
           on_part = Choice{q, joint, floor_mm, sunk_mm(q, *floor), true};
       }

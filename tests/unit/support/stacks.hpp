@@ -99,6 +99,19 @@ inline Stack hook() {
   });
 }
 
+/// The same over ribs that are no higher than a foot's clearance.
+inline Stack hook_over_ribs() {
+  return stack(20, [](double z) {
+    std::vector<std::vector<Point2>> rings;
+    if (z < 2) return rings = {box(30, 40, 70, 60)};
+    rings = {box(30, 45, 36, 55)};
+    if (z > 16) return rings = {box(30, 45, 66, 55)};
+    for (double x = 55; x < 69 && z < 3.3; x += 1.2) rings.push_back(box(x, 42, x + 0.6, 58));
+    if (z > 10) rings.push_back(box(60, 47, 66, 53));
+    return rings;
+  });
+}
+
 inline std::vector<Point2> mast_with_arm() {
   return {{40, 45}, {50, 45}, {50, 49.5}, {53, 49.5}, {53, 50.5}, {50, 50.5}, {50, 55}, {40, 55}};
 }

@@ -56,8 +56,8 @@ TEST(SupportPlan, KeepsShaftsClearOfThePart) {
   }
 }
 
-/// The part within 0.35 mm of a plan's supports, tips, arms and feet left out.
-double near_shafts_mm3(const stacks::Stack& s, const SupportPlan& plan) {
+/// The part within a distance of a plan's supports, tips, arms and feet left out.
+double near_shafts_mm3(const stacks::Stack& s, const SupportPlan& plan, double distance_mm) {
   double near = 0;
   for (const Stick& stick : plan.structure().sticks) {
     if (stick.kind != StickKind::Pin && stick.kind != StickKind::Brace) continue;
@@ -68,11 +68,17 @@ double near_shafts_mm3(const stacks::Stack& s, const SupportPlan& plan) {
       const auto mix = [t](double a, double b) { return a + t * (b - a); };
       const Region shaft =
           disc({mix(stick.bottom.x_mm, stick.top.x_mm), mix(stick.bottom.y_mm, stick.top.y_mm)},
-               Millimetres{0.35 + mix(stick.bottom_radius_mm, stick.top_radius_mm)}, Millimetres{0.01});
+               Millimetres{distance_mm + mix(stick.bottom_radius_mm, stick.top_radius_mm)}, Millimetres{0.01});
       near += intersect(shaft, part(s, k)).area_mm2() * 0.15;
     }
   }
   return near;
+}
+
+TEST(SupportPlan, StandsNoPinOnThePartWhereItWouldGrowIntoItsSide) {
+  const auto plan = planned(stacks::hook_over_ribs());
+  EXPECT_GT(plan.figures().feet_on_part, 0U);
+  EXPECT_EQ(near_shafts_mm3(stacks::hook_over_ribs(), plan, 0), 0);
 }
 
 TEST(SupportPlan, PropsALonePinThatWouldStandFreeForTooLong) {
@@ -86,13 +92,13 @@ TEST(SupportPlan, PropsALonePinThatWouldStandFreeForTooLong) {
   }
   EXPECT_GT(pins, plan.anchors().size());
   EXPECT_GT(plan.figures().braces, 4U);
-  EXPECT_EQ(near_shafts_mm3(stacks::flag(), plan), 0);
+  EXPECT_EQ(near_shafts_mm3(stacks::flag(), plan, 0.35), 0);
 }
 
 TEST(SupportPlan, ThickensALonePinOnlyAsFarAsThePartLeavesRoom) {
   const auto plan = planned(stacks::flag_in_a_shaft());
   ASSERT_GT(plan.anchors().size(), 0U);
-  EXPECT_EQ(near_shafts_mm3(stacks::flag_in_a_shaft(), plan), 0);
+  EXPECT_EQ(near_shafts_mm3(stacks::flag_in_a_shaft(), plan, 0.35), 0);
 }
 
 TEST(SupportPlan, StandsThickPinsOnFeetNoNarrowerThanThey) {
