@@ -79,15 +79,36 @@ void Canvas::text(PixelPoint at, std::string_view text, Colour colour, double he
               height_px > 30 ? 2 : 1, cv::LINE_AA);
 }
 
-void Canvas::paste(const Image& image, PixelPoint at, std::uint32_t width_px, std::uint32_t height_px) {
-  if (image.pixels.empty() || width_px == 0 || height_px == 0) return;
+namespace {
+
+/// Of an image that is not empty.
+cv::Mat resized(const Image& image, std::uint32_t width_px, std::uint32_t height_px) {
   // The matrix only looks at the pixels and is not written.
-  cv::Mat source(static_cast<int>(image.height_px), static_cast<int>(image.width_px),
-                 image.channels == 1 ? CV_8UC1 : CV_8UC3, const_cast<std::uint8_t*>(image.pixels.data()));
+  const cv::Mat source(static_cast<int>(image.height_px), static_cast<int>(image.width_px),
+                       image.channels == 1 ? CV_8UC1 : CV_8UC3, const_cast<std::uint8_t*>(image.pixels.data()));
   cv::Mat sized;
   cv::resize(source, sized,
              cv::Size{static_cast<int>(std::min(width_px, kMaxSide)), static_cast<int>(std::min(height_px, kMaxSide))},
              0, 0, cv::INTER_AREA);
+  return sized;
+}
+
+struct Sides {
+  std::uint32_t width_px, height_px;
+};
+
+/// Those of an image whose longer side is to have so many pixels.
+Sides fitted(const Image& image, std::uint32_t most_px) {
+  const double scale = static_cast<double>(most_px) / std::max({image.width_px, image.height_px, 1U});
+  return {static_cast<std::uint32_t>(std::max(1.0, std::floor(image.width_px * scale))),
+          static_cast<std::uint32_t>(std::max(1.0, std::floor(image.height_px * scale)))};
+}
+
+}  // namespace
+
+void Canvas::paste(const Image& image, PixelPoint at, std::uint32_t width_px, std::uint32_t height_px) {
+  if (image.pixels.empty() || width_px == 0 || height_px == 0) return;
+  cv::Mat sized = resized(image, width_px, height_px);
   if (sized.channels() == 1) cv::cvtColor(sized, sized, cv::COLOR_GRAY2RGB);
   const cv::Rect wanted{static_cast<int>(std::lround(at.x_px)), static_cast<int>(std::lround(at.y_px)), sized.cols,
                         sized.rows};
@@ -103,6 +124,13 @@ Image Canvas::image() const {
   return image;
 }
 
+Image shrunk_to(Image image, std::uint32_t most_px) {
+  if (image.pixels.empty() || std::max(image.width_px, image.height_px) <= most_px) return image;
+  const auto [width, height] = fitted(image, most_px);
+  const cv::Mat sized = resized(image, width, height);
+  return {width, height, image.channels, {sized.datastart, sized.dataend}};
+}
+
 Image contact_sheet(std::span<const Image> tiles, std::span<const std::string> labels, std::uint32_t columns,
                     std::uint32_t tile_px) {
   constexpr std::uint32_t gap = 8;
@@ -113,9 +141,7 @@ Image contact_sheet(std::span<const Image> tiles, std::span<const std::string> l
   Canvas canvas{columns * (tile_px + gap) + gap, rows * (tile_px + gap + label) + gap, Colour{250, 250, 249}};
   for (std::uint32_t i = 0; i < count; ++i) {
     const Image& tile = tiles[i];
-    const double scale = static_cast<double>(tile_px) / std::max({tile.width_px, tile.height_px, 1U});
-    const auto width = static_cast<std::uint32_t>(std::max(1.0, std::floor(tile.width_px * scale)));
-    const auto height = static_cast<std::uint32_t>(std::max(1.0, std::floor(tile.height_px * scale)));
+    const auto [width, height] = fitted(tile, tile_px);
     const PixelPoint corner{static_cast<double>(gap + (i % columns) * (tile_px + gap)),
                             static_cast<double>(gap + (i / columns) * (tile_px + gap + label))};
     canvas.paste(tile, {corner.x_px + (tile_px - width) / 2, corner.y_px + (tile_px - height) / 2}, width, height);

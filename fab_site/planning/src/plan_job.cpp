@@ -116,7 +116,7 @@ Image cropped(const Mask& mask, const Crop& crop) {
         mask.rows.begin() + static_cast<std::ptrdiff_t>(std::size_t{crop.y + y} * mask.size.width_px + crop.x);
     image.pixels.insert(image.pixels.end(), row, row + crop.width);
   }
-  return image;
+  return shrunk_to(std::move(image), kTilePx);
 }
 
 /// Bounds of everything that is printed, from the contours themselves: headers may state a whole platform.

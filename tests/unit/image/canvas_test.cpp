@@ -33,6 +33,21 @@ TEST(Canvas, TakesAnythingOutsideOrNotFinite) {
   EXPECT_EQ(canvas.image().pixels.size(), 300U);
 }
 
+TEST(ShrunkTo, KeepsShapeAndMeanAndEnlargesNothing) {
+  Image wide{400, 100, 1, std::vector<std::uint8_t>(40000)};
+  for (std::size_t i = 0; i < wide.pixels.size(); ++i) wide.pixels[i] = i % 400 < 200 ? 0 : 200;
+  const Image small = shrunk_to(wide, 40);
+  EXPECT_EQ(small.width_px, 40U);
+  EXPECT_EQ(small.height_px, 10U);
+  ASSERT_EQ(small.pixels.size(), 400U);
+  EXPECT_EQ(small.pixels[5 * 40 + 10], 0);
+  EXPECT_EQ(small.pixels[5 * 40 + 30], 200);
+  EXPECT_EQ(shrunk_to(wide, 400), wide);
+  // Shrunk before or by the sheet: the same picture.
+  const std::string label = "a";
+  EXPECT_EQ(contact_sheet({&small, 1}, {&label, 1}, 1, 40), contact_sheet({&wide, 1}, {&label, 1}, 1, 40));
+}
+
 TEST(ContactSheet, ShowsEveryTile) {
   const std::vector<Image> tiles(5, Image{4, 4, 1, std::vector<std::uint8_t>(16, 200)});
   const std::vector<std::string> labels{"0", "1", "2", "3", "4"};

@@ -47,6 +47,9 @@ class Canvas {
   std::unique_ptr<Impl> impl_;
 };
 
+/// The image shrunk by area so that its longer side has `most_px` (at least 1); itself where it is no larger.
+[[nodiscard]] Image shrunk_to(Image image, std::uint32_t most_px);
+
 /// Pictures side by side with a label below each, `columns` in a row, all scaled to fit `tile_px` squares.
 [[nodiscard]] Image contact_sheet(std::span<const Image> tiles, std::span<const std::string> labels,
                                   std::uint32_t columns, std::uint32_t tile_px);
