@@ -18,6 +18,9 @@ constexpr double kForgotten = 100;          // light is forgotten when this litt
 
 MaskFigures reached(const BlendFigures& f) { return {f.length_px, f.squares_px3, f.tiles, f.unsolved}; }
 
+/// Of the deadline a tenth is left for the cover of what is not solved by then.
+std::chrono::nanoseconds solving_time(const PlanOptions& options) { return options.mask_deadline * 9 / 10; }
+
 double exposure_ratio(const MachineProfile& machine, std::uint32_t layer) {
   return layer < machine.layers.bottom_count ? machine.layers.bottom_exposure_s / machine.layers.exposure_s : 1;
 }
@@ -42,7 +45,7 @@ class SingleMaker final : public MaskMaker {
         frame_{mask_frame(machine)},
         level_{cure_level(machine)},
         blender_{std::move(blender)},
-        deadline_{options.mask_deadline},
+        solving_{solving_time(options)},
         clock_{clock} {}
 
   [[nodiscard]] std::uint32_t block_layers() const override { return kSingleLayers; }
@@ -57,8 +60,8 @@ class SingleMaker final : public MaskMaker {
       Made made{i, {}, std::move(layer->section)};
       if (blender_) {
         BlendTask task = task_of(*layer, exposure_ratio(machine_, i));
-        if (deadline_.count() > 0)
-          task.out_of_time = [this, until = clock_.now() + deadline_] { return clock_.now() >= until; };
+        if (solving_.count() > 0)
+          task.out_of_time = [this, until = clock_.now() + solving_] { return clock_.now() >= until; };
         auto blended = blender_->blend(task);
         figures.add(reached(blended.figures));
         made.mask = std::move(blended.mask);
@@ -77,7 +80,7 @@ class SingleMaker final : public MaskMaker {
   MaskFrame frame_;
   std::uint8_t level_;
   std::unique_ptr<MaskBlender> blender_;  ///< none: by cover
-  std::chrono::nanoseconds deadline_;
+  std::chrono::nanoseconds solving_;      ///< most of a mask; 0: no limit
   const Clock& clock_;
 };
 
@@ -95,7 +98,7 @@ class StackMaker final : public MaskMaker {
         caps_{light, options.compensate_undersides ? static_cast<int>(ahead_) : 0},
         capped_{options.compensate_undersides},
         pattern_{std::move(pattern)},
-        deadline_{options.mask_deadline},
+        solving_{solving_time(options)},
         clock_{clock} {}
 
   [[nodiscard]] std::uint32_t block_layers() const override { return kStackLayers; }
@@ -129,8 +132,8 @@ class StackMaker final : public MaskMaker {
           const bool capped = caps && caps->fill(y, row);
           return pattern_ ? pattern_->darken(cores[i - lowest], i, y, capped, row) : capped;
         };
-      if (deadline_.count() > 0)
-        task.out_of_time = [this, end = clock_.now() + deadline_] { return clock_.now() >= end; };
+      if (solving_.count() > 0)
+        task.out_of_time = [this, end = clock_.now() + solving_] { return clock_.now() >= end; };
       auto blended = stack.descend(task, i < first + count + kSolvedAhead ? iterations_ : 0);
       if (i >= first + count) continue;
       figures.add(reached(blended.figures));
@@ -161,7 +164,7 @@ class StackMaker final : public MaskMaker {
   CapTable caps_;
   bool capped_;
   std::optional<PatternMaker> pattern_;
-  std::chrono::nanoseconds deadline_;
+  std::chrono::nanoseconds solving_;  ///< most of a mask; 0: no limit
   const Clock& clock_;
 };
 
