@@ -161,7 +161,7 @@ Result<Cuts> cuts_of(const LayerStack& stack, const MachineProfile& machine) {
                                  mix(s.bottom.y_mm, s.top.y_mm));
       cuts.most_px = std::max(cuts.most_px, worst);
     }
-    cuts.shafts += worst >= 1;
+    cuts.shafts += worst >= 2;  // crumbs below two pixels are no part to the planner
   }
   return cuts;
 }
