@@ -118,9 +118,6 @@ VerbBody declare_sites(CLI::App& options) {
       ->check(CLI::Range(0.01, 3600.0))
       ->capture_default_str();
   options.add_flag("--json", o->json, "print JSON, one value");
-  options.footer(
-      "Example: telefab sites add chicago --address scan.example.org:7410 --tls ~/telefab-certs\n"
-      "         telefab submit statue.ply --site chicago --machine machine-a --height-mm 75\n");
   return [o](std::stop_token stop) { return run(*o, std::move(stop)); };
 }
 

@@ -69,6 +69,7 @@ std::string man_page(const ProgramManual& program) {
     page += fmt::format(".SS {}\n{}\n.PP\n{}\n", roff(verb.name), roff(verb.summary), usage(program, verb));
     for (const OptionManual& option : verb.options)
       page += fmt::format(".TP\n{}\n{}\n", option_head(option), option_text(option));
+    if (!verb.notes.empty()) page += ".PP\n" + lines(verb.notes);
   }
   page += ".SH EXIT STATUS\n" + lines(exit_code_table());
   page += ".SH EXAMPLES\n" + lines(program.examples);

@@ -97,9 +97,21 @@ ProgramManual describe(const ProgramText& text, CLI::App& app) {
     VerbManual page{verb->get_name(), verb->get_description(), {}};
     for (const CLI::Option* option : verb->get_options())
       if (option != verb->get_help_ptr()) page.options.push_back(describe(*option));
+    page.notes = verb->get_footer();
     manual.verbs.push_back(std::move(page));
   }
   return manual;
+}
+
+/// What a verb says below its options: its own words, then its examples.
+std::string notes_of(const Verb& verb, std::string_view own_words) {
+  std::string notes{own_words};
+  while (notes.ends_with('\n')) notes.pop_back();
+  if (!notes.empty()) notes += "\n\n";
+  notes += "Examples:\n";
+  for (const Example& example : verb.examples)
+    if (!example.command.empty()) notes += fmt::format("  {}:\n    {}\n", example.purpose, example.command);
+  return notes;
 }
 
 /// The two verbs that every program has.
@@ -138,6 +150,7 @@ int run_program(const ProgramText& text, std::span<const Verb> verbs, int argc, 
     for (const Verb& verb : verbs) {
       CLI::App* options = app.add_subcommand(std::string{verb.name}, std::string{verb.summary});
       options->callback([body = verb.declare(*options), &chosen] { chosen = body; });
+      options->footer(notes_of(verb, options->get_footer()));
     }
     declare_about_itself(text, app, chosen);
     try {

@@ -96,9 +96,7 @@ VerbBody declare_calibrate(CLI::App& options) {
   options.footer(
       "measured.csv has the columns test, grey, row, column, period_px, exposure_s, value, unit; `calibrate masks` "
       "writes\n"
-      "it with a row for everything to measure.\n"
-      "Example: telefab-fab calibrate masks --machine machine-a --out calibration\n"
-      "         telefab-fab calibrate fit calibration/measured.csv --machine machine-a --out fitted.toml");
+      "it with a row for everything to measure.");
   return [o](std::stop_token stop) { return o->what == "masks" ? write_masks(*o, stop) : fit(*o); };
 }
 

@@ -18,7 +18,7 @@ VerbBody declare_cover(CLI::App& options) {
     bool plain = false;
   };
   auto o = std::make_shared<Options>();
-  options.add_option("regions", o->regions, "GeoJSON with polygons in millimetres")->required();
+  options.add_option("REGIONS", o->regions, "GeoJSON with polygons in millimetres")->required();
   options.add_option("--anchor-mm", o->anchor_mm, "every point lies within this of an anchor")
       ->required()
       ->check(CLI::Range(1e-3, 1000.0));

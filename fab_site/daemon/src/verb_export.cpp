@@ -174,9 +174,7 @@ VerbBody declare_export(CLI::App& options) {
       "the\n"
       "part alone.\n"
       "Pictures in sl1 and nanodlp are turned as projection.orientation of the machine says; the archive states it.\n"
-      "The same input gives the same bytes. A file appears whole or not at all.\n"
-      "Examples: telefab-fab export statue-plan --format sl1 --out statue.sl1\n"
-      "          telefab-fab export statue.tfc --format cli --out statue.cli");
+      "The same input gives the same bytes. A file appears whole or not at all.");
   return [o](std::stop_token stop) -> Result<ExitCode> {
     const auto layers = export_as_asked(*o, stop);
     clear_progress();

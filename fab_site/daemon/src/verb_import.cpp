@@ -118,9 +118,7 @@ VerbBody declare_import(CLI::App& options) {
       "What an odd number of rings surrounds is solid, whichever way they run. Rings that cross are refused with "
       "layer\n"
       "and place. Layers must be as thick as the machine's, none missing; the lowest is put on the platform. Vertices\n"
-      "move by at most 1/22 of a pixel.\n"
-      "Example: telefab-fab import part.cli --machine machine-a --out part.tfc && telefab-fab plan part.tfc --out "
-      "plan");
+      "move by at most 1/22 of a pixel.");
   return [o](std::stop_token stop) { return run(*o, stop); };
 }
 

@@ -226,7 +226,7 @@ Result<ExitCode> verify(const VerifyOptions& o, std::stop_token stop) {
 
 VerbBody declare_verify(CLI::App& options) {
   auto o = std::make_shared<VerifyOptions>();
-  options.add_option("folder", o->folder, "a plan folder, as `telefab-fab plan` writes it")->required();
+  options.add_option("FOLDER", o->folder, "a plan folder, as `telefab-fab plan` writes it")->required();
   options.add_option("--stack", o->stack, "the .tfc file it was planned of: checks regions, anchors and pins as well");
   options.add_option("--as-built", o->as_built, "the sealed record of the print, report/as-built.json of the job");
   options.add_option("--key", o->key,

@@ -64,7 +64,7 @@ Result<ExitCode> clean(const Options& o, std::stop_token stop) {
 
 VerbBody declare_clean(CLI::App& options) {
   auto o = std::make_shared<Options>();
-  options.add_option("cloud", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text")->required();
+  options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text")->required();
   options.add_option("--out", o->out, "the cleaned cloud, PLY")->required();
   options
       .add_option("--preset", o->preset,

@@ -85,7 +85,7 @@ VerbBody declare_digitize(CLI::App& options) {
   auto o = std::make_shared<Options>();
   DigitizeOptions& d = o->digitize;
   options.add_option(
-      "model", o->model,
+      "MODEL", o->model,
       "a mesh (PLY, OFF or STL with faces), or a cloud with normals such as `telefab-fab predict` writes");
   options.add_option("--shape", o->shape, "instead of a file: sphere, torus or knot")
       ->check(CLI::IsMember({"sphere", "torus", "knot"}));

@@ -69,8 +69,8 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 VerbBody declare_measure(CLI::App& options) {
   auto o = std::make_shared<Options>();
-  options.add_option("reference", o->reference, "what it should be: a scan file of any format read")->required();
-  options.add_option("built", o->built, "what it is")->required();
+  options.add_option("REFERENCE", o->reference, "what it should be: a scan file of any format read")->required();
+  options.add_option("BUILT", o->built, "what it is")->required();
   options.add_option("--units", o->units,
                      "unit of both files (mm, cm, m, in); unset: what they state (E57, LAS: m), or as they stand");
   options.add_option("--reference-units", o->reference_units, "unit of the reference alone");

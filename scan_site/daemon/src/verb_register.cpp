@@ -228,7 +228,7 @@ VerbBody declare_register(CLI::App& options) {
   auto o = std::make_shared<Options>();
   options
       .add_option(
-          "views", o->inputs,
+          "VIEWS", o->inputs,
           "range images in the order of the turn, or a folder of them: PLY with range_grid, PTX, organised PCD, "
           "E57 with rows and columns")
       ->required();

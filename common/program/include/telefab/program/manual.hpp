@@ -23,6 +23,7 @@ struct VerbManual {
   std::string name;
   std::string summary;
   std::vector<OptionManual> options;  ///< in the order of their declaration, --help left out
+  std::string notes = {};             ///< lines below the options: what else to know, examples
 };
 
 struct ProgramManual {

@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <functional>
 #include <span>
 #include <stop_token>
@@ -16,10 +17,17 @@ using VerbBody = std::function<Result<ExitCode>(std::stop_token)>;
 
 /// One verb of a program, e.g. `telefab-scan slice`. `declare` adds the verb's options to its own sub-command and
 /// returns the body; the options live as long as the body.
+/// A command line that works, and what one would want it for. A test holds its words against the verb's options.
+struct Example {
+  std::string_view purpose;
+  std::string_view command;
+};
+
 struct Verb {
   std::string_view name;
   std::string_view summary;
   VerbBody (*declare)(CLI::App& options);
+  std::array<Example, 3> examples{};  ///< at least one; the others may be empty
 };
 
 struct ProgramText {
