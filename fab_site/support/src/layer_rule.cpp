@@ -71,6 +71,23 @@ std::vector<Region> hanging_by_a_neck(const Region& current, std::span<const Reg
   return hanging;
 }
 
+/// Pieces that touch nothing below and are too thin to show as a blob, but not too thin to cure: a neighbour's reach
+/// across the gap does not hold them.
+void add_thin_pieces(const Region& current, std::span<const Region> contacts, const SelfSupportLaw& law,
+                     std::vector<Region>& islands) {
+  auto pieces = current.pieces();
+  if (pieces.size() <= 1) return;
+  const std::size_t blobs = islands.size();
+  for (Region& piece : pieces) {
+    if (piece.area_mm2() < 2 * law.speck_mm2) continue;
+    const auto inside = [&](const Region& part) { return piece.contains(inner_point(part)); };
+    if (std::any_of(contacts.begin(), contacts.end(), inside)) continue;
+    if (std::any_of(islands.begin(), islands.begin() + static_cast<std::ptrdiff_t>(blobs), inside)) continue;
+    if (offset(piece, Millimetres{-law.sliver.count()}, law.arc_tolerance).empty()) continue;
+    islands.push_back(std::move(piece));
+  }
+}
+
 }  // namespace
 
 LayerRegions analyse_layer(const Region& below, const Region& current, const SelfSupportLaw& law) {
@@ -93,6 +110,7 @@ LayerRegions analyse_layer(const Region& below, const Region& current, const Sel
   }
   const Region reach = grown.size() == 1 ? std::move(grown.front()) : unite(grown);
   out.islands = hanging_by_a_neck(current, contacts, law);
+  add_thin_pieces(current, contacts, law, out.islands);
   const Region hanging = intersect(offset(unite(out.islands), law.neck, law.arc_tolerance), current);
   out.self_supported = subtract(intersect(reach, current), hanging);
   out.to_support = subtract(current, reach);

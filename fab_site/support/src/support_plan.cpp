@@ -169,7 +169,7 @@ class Planner {
 
   /// Where a pin to `place` in a piece of layer k really ends in material. Above most places there is more of it. Where
   /// the piece ends with its layer, it is the pin's only hold, and what lies on the layer below needs none: then the
-  /// place is one beyond the layer below, or none at all if a pixel does not reach that far.
+  /// place is one beyond the layer below, or none at all if less than 0.6 pixels of that would be held.
   [[nodiscard]] std::optional<Point2> under_what_ends(Point2 place, const Region& piece,
                                                       const std::vector<Region>& layers, std::size_t k) const {
     if (k == 0 || (k + 1 < layers.size() && layers[k + 1].contains(place))) return place;
@@ -177,15 +177,22 @@ class Planner {
     const Millimetres tip{machine_.supports.tip_radius_mm}, tolerance{pixel / 20};
     if (k + 1 < layers.size() && !intersect(layers[k + 1], disc(place, tip, tolerance)).empty()) return place;
     const Region fresh = subtract(piece, layers[k - 1]);
-    const Region held = intersect(fresh, disc(place, tip, tolerance));
-    if (held.area_mm2() >= pixel * pixel) return place;
-    const Region* widest = nullptr;
-    const auto parts = fresh.pieces();
-    for (const Region& part : parts)
-      if (widest == nullptr || part.area_mm2() > widest->area_mm2()) widest = &part;
-    if (widest == nullptr || fresh.area_mm2() < pixel * pixel) return std::nullopt;
-    const Point2 beyond = inner_point(*widest);
-    return is_forbidden(beyond, LayerIndex{static_cast<std::uint32_t>(k)}) ? place : beyond;
+    const auto hold = [&](Point2 at) { return intersect(fresh, disc(at, tip, tolerance)).area_mm2(); };
+    if (hold(place) >= pixel * pixel) return place;
+    if (fresh.area_mm2() < pixel * pixel) return std::nullopt;
+    // Where it reaches widest, of the places that are allowed.
+    std::vector<Point2> places{place};
+    for (const double inwards : {0.0, pixel / 4, pixel / 2})
+      for (const Region& part : offset(fresh, Millimetres{-inwards}, tolerance).pieces())
+        places.push_back(inner_point(part));
+    std::optional<Point2> best;
+    double most = 0.6 * pixel * pixel;
+    for (const Point2 at : places) {
+      if (is_forbidden(at, LayerIndex{static_cast<std::uint32_t>(k)}) || hold(at) <= most) continue;
+      best = at;
+      most = hold(at);
+    }
+    return best;
   }
 
   void anchor(Point2 place, std::size_t k, bool by_hand) {

@@ -72,11 +72,25 @@ LayerStack random_part(std::uint32_t seed) {
   return test::stack_of(rings);
 }
 
+/// Tips of two sizes, resin that light goes through deeply or hardly, part by part.
+MachineProfile machine_of(std::uint32_t seed) {
+  MachineProfile machine = test::small_machine();
+  if (seed % 2 == 1) {
+    auto& s = machine.supports;
+    s.tip_radius_mm = 0.12, s.pin_radius_mm = 0.25, s.foot_radius_mm = 0.5;
+    s.clearance_mm = 0.2, s.self_support_mm = 0.05;
+  } else if (seed % 4 == 2) {
+    machine.resin.penetration_mm = 0.1;
+    machine.supports.self_support_mm = 0.3;
+  }
+  return machine;
+}
+
 class RandomParts : public testing::TestWithParam<std::uint32_t> {};
 
 TEST_P(RandomParts, FloatNowhereAndNoPinEndsInResin) {
   const LayerStack stack = random_part(GetParam());
-  const MachineProfile machine = test::small_machine();
+  const MachineProfile machine = machine_of(GetParam());
   const VirtualClock clock;
   const auto plan = plan_job(stack, machine, {}, [](const PlannedSheet&) { return Result<void>{}; }, clock, {}, {});
   ASSERT_TRUE(plan) << plan.error().what;
@@ -94,7 +108,9 @@ TEST_P(RandomParts, FloatNowhereAndNoPinEndsInResin) {
     EXPECT_EQ(checked->count(kind), 0U) << name_of(kind) << '\n' << to_json(*checked);
 }
 
-INSTANTIATE_TEST_SUITE_P(Seeds, RandomParts, testing::Range(0U, 24U));
+INSTANTIATE_TEST_SUITE_P(Seeds, RandomParts, testing::Range(0U, 20U));
+// A thin strip beside a body, and a ledge that ends with the last layer: once not held, and held by nothing.
+INSTANTIATE_TEST_SUITE_P(OnceWrong, RandomParts, testing::Values(1082U, 1143U));
 
 }  // namespace
 }  // namespace telefab::fab

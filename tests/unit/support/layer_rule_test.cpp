@@ -59,6 +59,18 @@ TEST(LayerRule, DoesNotTrustAContactTooSmallForAPixel) {
   EXPECT_NEAR(analyse_layer(below, region({stacks::box(0, 0, 4, 4)}), law()).to_support.area_mm2(), 16, 1e-2);
 }
 
+TEST(LayerRule, CallsAThinStripBesideABodyAnIslandAlthoughTheBodyReachesAcrossTheGap) {
+  const Region below = region({stacks::box(0, 0, 10, 10)});
+  const auto strip = [](double width) {
+    return region({stacks::box(0, 0, 10, 10), stacks::box(10.1, 2, 10.1 + width, 4)});
+  };
+  const auto found = analyse_layer(below, strip(0.1), law());
+  ASSERT_EQ(found.islands.size(), 1U);
+  EXPECT_NEAR(found.islands[0].area_mm2(), 0.2, 1e-3);
+  EXPECT_NEAR(found.to_support.area_mm2(), 0.2, 1e-2);
+  EXPECT_TRUE(analyse_layer(below, strip(0.05), law()).islands.empty());  // nothing a mask could show
+}
+
 TEST(LayerRule, LetsASpeckRestThatLiesOnTheLayerBelowAsAWhole) {
   SelfSupportLaw fine = law();
   fine.contact = Millimetres{0.5};
