@@ -57,6 +57,7 @@ struct PageFigures {
   double first_paint_ms = 0;
   double job_drawn_ms = 0;
   double scrub_mean_ms = 0;
+  double scrub_p95_ms = 0;
   double scrub_worst_ms = 0;
   double script_mb = 0;   ///< JavaScript's heap
   double process_mb = 0;  ///< proportional set of the renderer's process

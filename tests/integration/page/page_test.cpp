@@ -183,6 +183,41 @@ TEST_F(PageTest, ScrubsToAnyLayerByKeyboard) {
   EXPECT_TRUE(browser->becomes_true("return !document.querySelector('#follow').checked;"));
 }
 
+TEST_F(PageTest, IsUsedFromPauseToCancelByKeyboardAloneWithTheFocusInSight) {
+  // Keys in WebDriver's private area.
+  const std::string tab = "\xEE\x80\x84", enter = "\xEE\x80\x87";
+  const auto go_to = [&](const std::string& css) {
+    for (int presses = 0; presses < 60; ++presses) {
+      const bool nowhere = browser->run("return document.activeElement === document.body;").get<bool>();
+      browser->type(nowhere ? "body" : ":focus", tab);
+      if (!browser->run(fmt::format("return document.activeElement.matches('{}');", css)).get<bool>()) continue;
+      return browser
+          ->run(
+              "const s = getComputedStyle(document.activeElement); return s.outlineStyle !== 'none' && "
+              "parseFloat(s.outlineWidth) >= 1;")
+          .get<bool>();
+    }
+    return false;
+  };
+  ASSERT_TRUE(go_to("[data-action=pause]"));
+  browser->type(":focus", enter);
+  ASSERT_TRUE(browser->becomes_true("return !document.querySelector('#token-form').hidden;"));
+  if (!browser->run("return document.activeElement.id === 'token';").get<bool>()) {
+    ASSERT_TRUE(go_to("#token"));
+  }
+  browser->type(":focus", "secret" + enter);
+  ASSERT_TRUE(says("#job-line", "paused"));
+  ASSERT_TRUE(go_to("[data-action=resume]"));
+  browser->type(":focus", enter);
+  ASSERT_TRUE(says("#job-line", "printing"));
+  for (const char* css : {"#layer", "#solid-box > summary", "#jobs button"}) EXPECT_TRUE(go_to(css)) << css;
+  ASSERT_TRUE(go_to("[data-action=cancel]"));
+  browser->type(":focus", enter);
+  browser->accept_dialog();
+  ASSERT_TRUE(says("#job-line", "cancelled"));
+  EXPECT_EQ(desk.actions.size(), 3U);
+}
+
 TEST_F(PageTest, AsksNobodyButItsOwnSite) {
   EXPECT_TRUE(says("#devices", "virtual"));
   EXPECT_EQ(

@@ -61,6 +61,7 @@ TEST_F(ScanWebTest, TellsHowFarEachStageIsAndWhetherTheFabIsReached) {
   EXPECT_EQ(list["jobs"][0]["layers_printed"], 77);
   EXPECT_EQ(list["link"]["up"], false);
   EXPECT_EQ(list["link"]["why_down"], "connection refused");
+  EXPECT_EQ(json::parse(ask("GET", "/v1/link").body), list["link"]);
   EXPECT_EQ(web.event_data().find('\n'), std::string::npos);
 }
 
