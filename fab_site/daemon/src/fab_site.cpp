@@ -7,6 +7,7 @@
 #include <telefab/base/file.hpp>
 
 #include "plan_print.hpp"
+#include "predict_plan.hpp"
 #include "upload.hpp"
 
 namespace telefab::fab {
@@ -41,6 +42,8 @@ Result<void> FabSite::start() {
   auto trust = trust_of(config_.serve);
   if (!trust) return tl::unexpected{trust.error()};
 
+  predictor_ = std::make_unique<WorkQueue>(
+      "predictor", [this](const std::string& job, std::stop_token token) { predict(job, std::move(token)); });
   planner_ =
       std::make_unique<WorkQueue>("planner", [this](const std::string& job, std::stop_token stop) { plan(job, stop); });
   device_ =
@@ -87,6 +90,7 @@ Result<void> FabSite::start_web() {
 FabSite::~FabSite() {
   web_.reset();
   listener_.reset();
+  if (predictor_) predictor_->end();
   if (planner_) planner_->end();
   if (device_) device_->end();
 }
@@ -106,6 +110,7 @@ Result<void> FabSite::run(std::stop_token stop) {
                                      later([&] {
                                        if (!device_->is_idle())
                                          log_line("telefab-fab ends when the light of the print under way has ended");
+                                       predictor_->ask_to_end();
                                        planner_->ask_to_end();
                                        device_->ask_to_end();
                                        end_when_dark();
@@ -251,6 +256,7 @@ Result<void> FabSite::take_up(const Job& job) {
       planner_->add(job.id);
       break;
     case JobState::Ready:
+      predictor_->add(job.id);
       if (job.message.empty()) device_->add(job.id);  // otherwise it says that it waits for approval
       break;
     case JobState::Printing:
@@ -307,6 +313,7 @@ void FabSite::plan(const std::string& job, std::stop_token stop) {
     count_planned(job, outcome->print_layers, outcome->print_layers);
     ledger_->set_stage_seconds(job, "plan", seconds);
     planned(job, outcome->doubt);
+    predictor_->add(job);
   });
 }
 
@@ -369,6 +376,31 @@ bool FabSite::is_printer_alive() {
   // Before its first wait the print opens devices and codes every mask, for as long as that takes.
   const std::uint64_t beats = print_beats_;
   return print_beat_.is_alive(beats > 0 ? std::optional{beats} : std::nullopt, clock_.now());
+}
+
+void FabSite::predict(const std::string& job, std::stop_token stop) {
+  const auto attempt = [&]() -> Result<void> {
+    const auto found = store().find(job);
+    if (!found) return tl::unexpected{found.error()};
+    const auto machine = find_machine(machines_, found->machine);
+    if (!machine) return tl::unexpected{machine.error()};
+    const auto folder = folder_.job(job);
+    if (!folder) return tl::unexpected{folder.error()};
+    std::error_code error;
+    if (std::filesystem::exists(*folder / "report" / "accuracy.png", error)) return {};
+    return keep_prediction(*folder, *machine, stop);
+  };
+  Result<void> outcome = fail(ErrorCode::Internal, "not begun");
+  try {
+    outcome = attempt();
+  } catch (const std::exception& error) {
+    outcome = fail(ErrorCode::Internal, fmt::format("a fault of Telefab: {}", error.what()));
+  }
+  // The print needs none of it; whoever looks for the picture finds the reason in the log.
+  if (!outcome && !stop.stop_requested())
+    later([job, why = outcome.error().what] {
+      log_line(fmt::format("job {}: no accuracy picture: {}", job, why), {job});
+    });
 }
 
 void FabSite::print(const std::string& job, std::stop_token stop) {
@@ -468,6 +500,7 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
         break;
       }
       planner_->drop(id);
+      predictor_->drop(id);
       device_->drop(id);
       end_job(id, JobState::Cancelled, fmt::format("by {}", command.who));
       break;

@@ -79,6 +79,7 @@ class FabSite final : public FabDesk {
   /// Of a job whose layers came in since the start; none of others.
   [[nodiscard]] std::shared_ptr<const PartRegions> take_analysed(const std::string& job, std::uint32_t layers);
   void print(const std::string& job, std::stop_token stop);
+  void predict(const std::string& job, std::stop_token stop);
   /// Whether the print under way, if there is one, still looks at its devices.
   [[nodiscard]] bool is_printer_alive();
   /// A layer of the job was perhaps exposed, and nobody has decided yet.
@@ -113,6 +114,7 @@ class FabSite final : public FabDesk {
   std::shared_ptr<PrintControl> control_;          ///< of the job being printed; guarded by control_mutex_
   std::atomic<std::uint64_t> print_beats_ = 0;     ///< waits of the print under way; 0: none, or not so far yet
   Heartbeat print_beat_{std::chrono::seconds{30}};
+  std::unique_ptr<WorkQueue> predictor_;  ///< of accuracy pictures, behind everything else
   std::unique_ptr<WorkQueue> planner_;
   std::unique_ptr<WorkQueue> device_;
   std::unique_ptr<net::Listener> listener_;

@@ -219,6 +219,16 @@ Result<std::vector<std::byte>> WebDesk::preview_png(std::string_view id) {
   return read_file(*path, kMaxFileBytes);
 }
 
+Result<std::vector<std::byte>> WebDesk::accuracy_png(std::string_view id) {
+  const auto plan = plan_file(id, "");
+  if (!plan) return tl::unexpected{plan.error()};
+  const auto path = plan->parent_path().parent_path() / "report" / "accuracy.png";
+  std::error_code error;
+  if (!std::filesystem::exists(path, error))
+    return fail(ErrorCode::NotFound, "the accuracy is reckoned out in the background once the job is planned");
+  return read_file(path, kMaxFileBytes);
+}
+
 Result<const WebDesk::Sheets*> WebDesk::sheets_of(std::string_view id) {
   if (sheets_ && sheets_->job == id) return &*sheets_;
   const auto path = plan_file(id, "supports.jsonl");

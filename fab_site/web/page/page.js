@@ -15,6 +15,7 @@ site.showJob = (job) => {
 
 site.chosen = (id) => {
   state.layer = "";
+  byId("accuracy-box").hidden = true;
   byId("preview").src = `/v1/jobs/${id}/preview.png`;
   document.dispatchEvent(new CustomEvent("job-chosen"));
 };
@@ -23,6 +24,7 @@ site.chosen = (id) => {
 site.showStage = async (job) => {
   showPreflight(job.id);
   showDose(job.id);
+  showAccuracy(job.id);
   try {
     byId("report").textContent = JSON.stringify(await get(`/v1/jobs/${job.id}/report`), null, 1);
   } catch (error) {
@@ -86,6 +88,17 @@ async function showPreflight(id) {
     item.append(element("b", each.verdict.replace("-", " ")), element("span", each.name), element("span", each.text));
     return item;
   }));
+}
+
+// Reckoned out in the background once the job is planned: asked for again until it is there.
+async function showAccuracy(id) {
+  const box = byId("accuracy-box"), url = `/v1/jobs/${id}/accuracy.png`;
+  const isThere = await fetch(url, { method: "HEAD" }).then((answer) => answer.ok, () => false);
+  if (id !== state.chosen) return;
+  clearTimeout(state.accuracyTimer);
+  box.hidden = !isThere;
+  if (isThere) byId("accuracy").src = url;
+  else state.accuracyTimer = setTimeout(() => id === state.chosen && showAccuracy(id), 10000);
 }
 
 // One step curve: value of layer i from i to i + 1. Nulls leave a gap.

@@ -119,6 +119,8 @@ const std::vector<Row>& rows() {
        [](const Call& c) { return web_json(c.desk.exposures(c.arguments.id)); }},
       {{"GET", "/v1/jobs/{id}/preview.png", "contact sheet of the plan"},
        [](const Call& c) { return as_png(c.desk.preview_png(c.arguments.id)); }},
+      {{"GET", "/v1/jobs/{id}/accuracy.png", "the predicted part and the error of its edges"},
+       [](const Call& c) { return as_png(c.desk.accuracy_png(c.arguments.id)); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}", "contours of part and supports in one layer"},
        [](const Call& c) { return web_json(c.desk.layer_json(c.arguments.id, c.arguments.layer)); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}/mask.png", "grey mask of one layer"},

@@ -40,6 +40,19 @@ TEST_F(Fax, PrintsASubmittedScanAndBringsTheReportsBack) {
   EXPECT_THAT(text_of(out / "preview.png"), testing::StartsWith("\x89PNG"));
 }
 
+TEST_F(Fax, BringsThePictureOfThePredictedPartOnceItWasReckonedOut) {
+  start_both();
+  const std::string job = submit_torus();
+  EXPECT_EQ(telefab({"watch", job}).code, 0);
+  const auto out = folder() / "out";
+  // In the background; each look takes a while.
+  for (int looks = 0; looks < 400 && !std::filesystem::exists(out / "accuracy.png"); ++looks)
+    ASSERT_EQ(telefab({"report", job, "--out", out.string(), "--site", fab_site()}).code, 0);
+  EXPECT_THAT(text_of(out / "accuracy.png"), StartsWith("\x89PNG"));
+  const json accuracy = json::parse(text_of(out / "accuracy.json"));
+  EXPECT_LT(std::abs(accuracy["cured_mm3"].get<double>() / accuracy["contour_mm3"].get<double>() - 1), 0.05);
+}
+
 TEST_F(Fax, PausesResumesAndCancelsThePrintAtTheFab) {
   set_machine(40);
   start_both();

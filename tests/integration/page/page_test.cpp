@@ -154,6 +154,16 @@ TEST_F(PageTest, DrawsTheDosePlannedAndMeasured) {
                             "c.width, c.height).data.some((v) => v !== 0);"));
 }
 
+TEST_F(PageTest, ShowsTheAccuracyOfThePredictedPartOnceItIsThere) {
+  EXPECT_TRUE(
+      browser->becomes_true("return !document.querySelector('#accuracy-box').hidden && "
+                            "document.querySelector('#accuracy').src.endsWith('/v1/jobs/job-1/accuracy.png');"));
+  // However large the picture, the page stays as wide as its window.
+  EXPECT_TRUE(browser->becomes_true(
+      "document.querySelector('#accuracy-box').open = true; const image = document.querySelector('#accuracy'); "
+      "image.width = 5000; return document.documentElement.scrollWidth <= window.innerWidth;"));
+}
+
 TEST_F(PageTest, HasEnoughContrastInEveryText) {
   // WCAG 2.1, 1.4.3: 4.5 to 1, of every text that shows, against the first opaque ground behind it. Words of controls
   // that are off are exempt there.
@@ -188,8 +198,7 @@ TEST_F(PageTest, IsUsedFromPauseToCancelByKeyboardAloneWithTheFocusInSight) {
   const std::string tab = "\xEE\x80\x84", enter = "\xEE\x80\x87";
   const auto go_to = [&](const std::string& css) {
     for (int presses = 0; presses < 60; ++presses) {
-      const bool nowhere = browser->run("return document.activeElement === document.body;").get<bool>();
-      browser->type(nowhere ? "body" : ":focus", tab);
+      browser->press({tab});
       if (!browser->run(fmt::format("return document.activeElement.matches('{}');", css)).get<bool>()) continue;
       return browser
           ->run(
@@ -200,19 +209,19 @@ TEST_F(PageTest, IsUsedFromPauseToCancelByKeyboardAloneWithTheFocusInSight) {
     return false;
   };
   ASSERT_TRUE(go_to("[data-action=pause]"));
-  browser->type(":focus", enter);
+  browser->press({enter});
   ASSERT_TRUE(browser->becomes_true("return !document.querySelector('#token-form').hidden;"));
   if (!browser->run("return document.activeElement.id === 'token';").get<bool>()) {
     ASSERT_TRUE(go_to("#token"));
   }
-  browser->type(":focus", "secret" + enter);
+  browser->press({"s", "e", "c", "r", "e", "t", enter});
   ASSERT_TRUE(says("#job-line", "paused"));
   ASSERT_TRUE(go_to("[data-action=resume]"));
-  browser->type(":focus", enter);
+  browser->press({enter});
   ASSERT_TRUE(says("#job-line", "printing"));
   for (const char* css : {"#layer", "#solid-box > summary", "#jobs button"}) EXPECT_TRUE(go_to(css)) << css;
   ASSERT_TRUE(go_to("[data-action=cancel]"));
-  browser->type(":focus", enter);
+  browser->press({enter});
   browser->accept_dialog();
   ASSERT_TRUE(says("#job-line", "cancelled"));
   EXPECT_EQ(desk.actions.size(), 3U);

@@ -80,6 +80,14 @@ class Browser {
   void type(const std::string& css, const std::string& text) {
     (void)in_session("POST", "/element/" + find(css) + "/value", {{"text", text}});
   }
+  /// Keys as they come from the keyboard, wherever the focus is.
+  void press(std::initializer_list<std::string> keys) {
+    Json actions = Json::array();
+    for (const std::string& key : keys)
+      for (const char* type : {"keyDown", "keyUp"}) actions.push_back({{"type", type}, {"value", key}});
+    const Json keyboard{{"type", "key"}, {"id", "keyboard"}, {"actions", actions}};
+    (void)in_session("POST", "/actions", {{"actions", Json::array({keyboard})}});
+  }
   void resize(int width_px, int height_px) {
     (void)in_session("POST", "/window/rect", {{"width", width_px}, {"height", height_px}});
   }

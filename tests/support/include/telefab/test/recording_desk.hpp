@@ -32,6 +32,9 @@ class RecordingDesk : public JobDesk {
   [[nodiscard]] Result<std::vector<std::byte>> preview_png(std::string_view) override {
     return std::vector<std::byte>{std::byte{0x89}};
   }
+  [[nodiscard]] Result<std::vector<std::byte>> accuracy_png(std::string_view) override {
+    return std::vector<std::byte>{std::byte{0x89}};
+  }
   [[nodiscard]] Result<std::string> layer_json(std::string_view, std::uint32_t layer) override {
     return R"({"layer":)" + std::to_string(layer) +
            R"(,"z_mm":0.1,"thickness_mm":0.2,"bounds":[0,0,1,1],"part":[],"supports":[],"certificate":"certified"})";

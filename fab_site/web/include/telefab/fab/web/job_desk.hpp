@@ -62,6 +62,8 @@ class JobDesk {
   [[nodiscard]] virtual Result<std::vector<std::byte>> mask_png(std::string_view id, std::uint32_t layer) = 0;
   /// PNG contact sheet of the plan.
   [[nodiscard]] virtual Result<std::vector<std::byte>> preview_png(std::string_view id) = 0;
+  /// PNG of the predicted part and how far its edges lie from the contours; NotFound until that was reckoned out.
+  [[nodiscard]] virtual Result<std::vector<std::byte>> accuracy_png(std::string_view id) = 0;
   /// JSON of one print layer, millimetres, build frame; z_mm is its middle, bounds are those of the whole print:
   /// {"layer":n,"z_mm":z,"thickness_mm":t,"bounds":[x0,y0,x1,y1],"part":[rings],"supports":[rings],"certificate":"..."}
   [[nodiscard]] virtual Result<std::string> layer_json(std::string_view id, std::uint32_t layer) = 0;
