@@ -6,8 +6,8 @@
 
 #include <telefab/base/file.hpp>
 
+#include "accuracy.hpp"
 #include "plan_print.hpp"
-#include "predict_plan.hpp"
 #include "upload.hpp"
 
 namespace telefab::fab {
@@ -382,13 +382,11 @@ void FabSite::predict(const std::string& job, std::stop_token stop) {
   const auto attempt = [&]() -> Result<void> {
     const auto found = store().find(job);
     if (!found) return tl::unexpected{found.error()};
-    const auto machine = find_machine(machines_, found->machine);
-    if (!machine) return tl::unexpected{machine.error()};
     const auto folder = folder_.job(job);
     if (!folder) return tl::unexpected{folder.error()};
     std::error_code error;
     if (std::filesystem::exists(*folder / "report" / "accuracy.png", error)) return {};
-    return keep_prediction(*folder, *machine, stop);
+    return keep_accuracy(*folder, found->machine, config_.serve.machines, stop);
   };
   Result<void> outcome = fail(ErrorCode::Internal, "not begun");
   try {

@@ -1,17 +1,23 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/fab/cure/prediction.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/verify/print_files.hpp>
 
-#include "predict_plan.hpp"
 #include "read_stack.hpp"
 #include "verbs.hpp"
 
 namespace telefab::fab {
 namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::uint64_t kMaxTextBytes = 4ULL << 30U;
 
 struct PredictVerb {
   std::string folder, contours, machine, out;
@@ -25,6 +31,22 @@ struct PredictVerb {
   bool supports = false;
   bool json = false;
 };
+
+Result<std::uint32_t> lift_of(const fs::path& path) {
+  const auto bytes = read_file(path, kMaxTextBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  const auto supports = WrittenSupports::from_json({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
+  if (!supports) return fail_in(path.string(), supports.error());
+  return supports->lift_layers();
+}
+
+/// From the option, or those that the planner kept; nothing where it kept none.
+Result<std::optional<LayerStack>> contours_of(const PlannedJob& job, const PredictVerb& o) {
+  auto stack = o.contours.empty() ? job.part() : read_stack(o.contours);
+  if (stack) return std::optional<LayerStack>{std::move(*stack)};
+  if (o.contours.empty() && stack.error().code == ErrorCode::NotFound) return std::optional<LayerStack>{};
+  return tl::unexpected{stack.error()};
+}
 
 void tell(const Prediction& p, const CureModel& model, bool compared) {
   fmt::print("cured {:.1f} mm3, {} surface points{}\n", p.solid.volume_mm3, p.points.size(),
@@ -56,7 +78,8 @@ Result<void> write_files(const Prediction& prediction, const CureModel& model, s
     for (SurfacePoint& point : points) point.z_mm -= lift_mm;
   }
   const auto comment = fmt::format("predicted by telefab-fab, millimetres, {} frame", o.frame);
-  if (auto ok = write_file_atomically(o.out, to_ply(points, comment)); !ok) return ok;
+  if (!o.out.empty())
+    if (auto ok = write_file_atomically(o.out, to_ply(points, comment)); !ok) return ok;
   if (o.report)
     if (auto ok = write_file_atomically(*o.report, to_json(prediction, model)); !ok) return ok;
   if (!o.preview) return {};
@@ -66,31 +89,59 @@ Result<void> write_files(const Prediction& prediction, const CureModel& model, s
 }
 
 Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
-  const auto job = PlannedJob::open(o.folder);
+  if (o.out.empty() && !o.report && !o.preview && !o.json)
+    return fail(ErrorCode::InvalidInput, "nothing asked for: give --out, --report, --preview or --json");
+  auto job = PlannedJob::open(o.folder);
   if (!job) return tl::unexpected{job.error()};
+  const PrintPlan& plan = (*job)->plan();
   const auto machines = load_machine_profiles(o.machines);
   if (!machines) return tl::unexpected{machines.error()};
-  const auto machine = find_machine(*machines, o.machine.empty() ? (*job)->plan().machine : o.machine);
+  const auto machine = find_machine(*machines, o.machine.empty() ? plan.machine : o.machine);
   if (!machine) return tl::unexpected{machine.error()};
+  auto model = cure_model(*machine);
+  if (!model) return tl::unexpected{model.error()};
+  model->mask = plan.mask_size;
+  const auto stack = contours_of(**job, o);
+  if (!stack) return tl::unexpected{stack.error()};
+  const auto supports = (*job)->supports();
+  if (!supports) return tl::unexpected{supports.error()};
+  const auto lift = lift_of(fs::path{o.folder} / "supports.json");
+  if (!lift) return tl::unexpected{lift.error()};
+
+  PrintToPredict print;
+  print.layers = static_cast<std::uint32_t>(plan.layers.size());
+  print.lift_layers = *lift;
+  if (*stack) print.part = (*stack)->layers();
+  print.supports = *supports;
+  print.light = [&](LayerIndex index) -> Result<LitLayer> {
+    LitLayer light;
+    const auto exposure = plan.layers[index.count()].exposure;
+    if (exposure.count() == 0) return light;
+    auto mask = (*job)->mask(index);
+    if (!mask) return tl::unexpected{mask.error()};
+    light.masks.push_back(std::move(*mask));
+    light.lit.push_back(exposure);
+    return light;
+  };
   PredictOptions options;
   options.sub_pixels = o.sub_pixels;
   options.spacing_px = o.spacing_px;
   options.supports = o.supports;
   options.threads = o.threads;
   if (o.layer) options.picture = LayerIndex{*o.layer};
-  const auto made = predict_plan(o.folder, *machine, o.contours, options, progress_line(), stop);
+  const auto prediction = predict_print(*model, print, options, progress_line(), stop);
   clear_progress();
-  if (!made) return tl::unexpected{made.error()};
-  if (auto ok = write_files(made->prediction, made->model, made->lift_layers, o); !ok)
-    return tl::unexpected{ok.error()};
+  if (!prediction) return tl::unexpected{prediction.error()};
+  if (auto ok = write_files(*prediction, *model, *lift, o); !ok) return tl::unexpected{ok.error()};
   if (o.json)
-    fmt::print("{}", to_json(made->prediction, made->model));
+    fmt::print("{}", to_json(*prediction, *model));
   else
-    tell(made->prediction, made->model, made->is_compared);
-  if (made->leaked >= 0.5)
+    tell(*prediction, *model, stack->has_value());
+  const double leaked = model->leaked_dose(plan.layers.back().exposure);
+  if (leaked >= 0.5)
     fmt::print(stderr,
                "telefab-fab: black pixels leak {:.2f} of the critical dose in a tall print; all resin sets at 1\n",
-               made->leaked);
+               leaked);
   return ExitCode::Ok;
 }
 
@@ -99,7 +150,7 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
 VerbBody declare_predict(CLI::App& options) {
   auto o = std::make_shared<PredictVerb>();
   options.add_option("DIR", o->folder, "a plan folder, as `telefab-fab plan` writes it")->required();
-  options.add_option("--out", o->out, "write the cured part's surface points with normals here (PLY)")->required();
+  options.add_option("--out", o->out, "write the cured part's surface points with normals here (PLY)");
   options.add_option("--report", o->report, "write edge errors, by layer and overall, here (JSON)");
   options.add_option("--preview", o->preview, "write a picture here (PNG)");
   options.add_option("--contours", o->contours,

@@ -1,0 +1,74 @@
+#include "accuracy.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <poll.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/resource.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <fstream>
+#include <vector>
+
+namespace telefab::fab {
+namespace {
+
+constexpr int kLookEveryMs = 200;
+constexpr int kLowPriority = 15;
+
+pid_t spawn(std::vector<std::string> words) {
+  std::vector<char*> arguments;
+  for (std::string& word : words) arguments.push_back(word.data());
+  arguments.push_back(nullptr);
+  posix_spawn_file_actions_t files{};
+  posix_spawn_file_actions_init(&files);
+  posix_spawn_file_actions_addopen(&files, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+  posix_spawn_file_actions_addopen(&files, STDOUT_FILENO, "/dev/null", O_WRONLY, 0);
+  posix_spawnattr_t attributes{};
+  posix_spawnattr_init(&attributes);
+  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGMASK);
+  sigset_t none;
+  sigemptyset(&none);
+  posix_spawnattr_setsigmask(&attributes, &none);
+  pid_t child = -1;
+  const int error = ::posix_spawn(&child, "/proc/self/exe", &files, &attributes, arguments.data(), environ);
+  posix_spawnattr_destroy(&attributes);
+  posix_spawn_file_actions_destroy(&files);
+  return error == 0 ? child : -1;
+}
+
+}  // namespace
+
+Result<void> keep_accuracy(const std::filesystem::path& job_folder, const std::string& machine,
+                           const std::string& machine_folder, const std::stop_token& stop) {
+  const auto report = job_folder / "report";
+  std::error_code error;
+  std::filesystem::create_directories(report, error);
+  const pid_t child = spawn({"telefab-fab", "predict", (job_folder / "plan").string(), "--machine", machine,
+                             "--machines", machine_folder, "--report", (report / "accuracy.json").string(), "--preview",
+                             (report / "accuracy.png").string(), "--spacing-px", "2", "--threads", "1"});
+  if (child < 0) return fail(ErrorCode::Internal, "the process for it could not be started");
+  ::setpriority(PRIO_PROCESS, static_cast<id_t>(child), kLowPriority);
+  std::ofstream{fmt::format("/proc/{}/oom_score_adj", child)} << 1000;
+  const int watch = static_cast<int>(::syscall(SYS_pidfd_open, child, 0));
+  bool has_ended = false;
+  while (!has_ended && !stop.stop_requested()) {
+    pollfd each{watch, POLLIN, 0};
+    has_ended = ::poll(&each, 1, kLookEveryMs) > 0;
+  }
+  if (!has_ended) ::kill(child, SIGKILL);
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  if (watch >= 0) ::close(watch);
+  if (!has_ended) return fail(ErrorCode::Cancelled, "it was not waited for");
+  if (WIFSIGNALED(status))
+    return fail(ErrorCode::Internal, fmt::format("the process for it died by signal {}", WTERMSIG(status)));
+  if (WEXITSTATUS(status) != 0)
+    return fail(ErrorCode::Internal, fmt::format("the process for it ended with exit code {}", WEXITSTATUS(status)));
+  return {};
+}
+
+}  // namespace telefab::fab
