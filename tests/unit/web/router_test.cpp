@@ -143,6 +143,28 @@ TEST(WebRouter, EscapesNamesInJson) {
   EXPECT_EQ(event_data(desk).find('\n'), std::string::npos);
 }
 
+TEST(WebRouter, HandsOutTheDesksReportsAndPicturesAsTheyAre) {
+  RecordingDesk desk;
+  const std::string job = "/v1/jobs/job-1/";
+  const std::pair<std::string, std::string> texts[] = {{"report", *desk.report("job-1")},
+                                                       {"preflight", *desk.preflight("job-1")},
+                                                       {"exposures", *desk.exposures("job-1")},
+                                                       {"layers/2", *desk.layer_json("job-1", 2)}};
+  for (const auto& [route, text] : texts) {
+    const WebResponse response = answer(ask("GET", job + route, ""), desk, kOptions);
+    EXPECT_EQ(response.status, 200U) << route;
+    EXPECT_EQ(json::parse(response.body), json::parse(text)) << route;
+    EXPECT_THAT(response.content_type, HasSubstr("application/json")) << route;
+  }
+  for (const char* route : {"preview.png", "accuracy.png", "layers/2/mask.png"}) {
+    const WebResponse response = answer(ask("GET", job + route, ""), desk, kOptions);
+    EXPECT_EQ(response.status, 200U) << route;
+    EXPECT_EQ(response.body, "\x89") << route;
+    EXPECT_EQ(response.content_type, "image/png") << route;
+  }
+  EXPECT_EQ(answer(ask("GET", job + "layers/3/mask.png", ""), desk, kOptions).status, 404U);
+}
+
 TEST(WebRouter, ServesThePageAndItsPartsWithoutOutsideRequests) {
   RecordingDesk desk;
   for (const char* path : {"/", "/page.css", "/jobs.js", "/page.js", "/solid.js", "/icon.svg"}) {
