@@ -95,6 +95,8 @@ pid_t spawn(const std::string& program, const Job& job, const std::string& input
   posix_spawn_file_actions_adddup2(&files, file, STDIN_FILENO);
   // What it prints goes to the daemon's log; standard output tells the port and nothing else.
   posix_spawn_file_actions_adddup2(&files, STDERR_FILENO, STDOUT_FILENO);
+  // No socket, journal or device of the daemon: a program that outlives it must hold none of them.
+  posix_spawn_file_actions_addclosefrom_np(&files, STDERR_FILENO + 1);
   posix_spawnattr_t attributes{};
   posix_spawnattr_init(&attributes);
   posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);

@@ -38,7 +38,7 @@ int hostile(const WebFab& fab, std::size_t count) {
   const HostileCount found = ask_hostile(fab.port(), job, count, 5);
   const bool same = state_of(fab) == before;
   const bool alive = fab.is_alive();
-  (void)fab.act(job, "resume");
+  if (!fab.act(job, "resume") || !fab.wait_for(job, "printing", 60)) return fmt::print("the print did not go on\n"), 1;
   // As many again while layers are exposed.
   const HostileCount during = ask_hostile(fab.port(), job, count, 6);
   const auto after = fab.job(job);
