@@ -2,17 +2,17 @@
 #include <atomic>
 #include <map>
 #include <set>
-#include <telefab/desk/client_session.hpp>
-#include <telefab/desk/daemon_log.hpp>
-#include <telefab/desk/live_counters.hpp>
-#include <telefab/desk/service_notifier.hpp>
-#include <telefab/desk/site_ledger.hpp>
-#include <telefab/desk/site_runtime.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
 #include <telefab/fab/print/print_runner.hpp>
 #include <telefab/fab/support/part_regions.hpp>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/machine/machine_profile.hpp>
+#include <telefab/service/client_session.hpp>
+#include <telefab/service/daemon_log.hpp>
+#include <telefab/service/live_counters.hpp>
+#include <telefab/service/service_notifier.hpp>
+#include <telefab/service/site_ledger.hpp>
+#include <telefab/service/site_runtime.hpp>
 
 #include "scan_session.hpp"
 #include "site_keys.hpp"

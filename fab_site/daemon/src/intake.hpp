@@ -1,6 +1,6 @@
 #pragma once
 #include <telefab/codec/stack_codec.hpp>
-#include <telefab/spool/chunk_spool.hpp>
+#include <telefab/transfer/chunk_spool.hpp>
 #include <telefab/wire/message.hpp>
 
 #include <filesystem>

@@ -1,4 +1,4 @@
-#include <telefab/desk/shared_verbs.hpp>
+#include <telefab/service/shared_verbs.hpp>
 
 #include "verbs.hpp"
 

@@ -5,7 +5,7 @@
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/codec/tfc_file.hpp>
-#include <telefab/program/program.hpp>
+#include <telefab/command_line/program.hpp>
 
 namespace telefab::fab {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 #include <map>
-#include <telefab/desk/file_sender.hpp>
+#include <telefab/service/file_sender.hpp>
 
 namespace telefab::fab {
 namespace {

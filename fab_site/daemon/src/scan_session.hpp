@@ -1,7 +1,7 @@
 #pragma once
-#include <telefab/desk/site_desk.hpp>
 #include <telefab/net/connection.hpp>
 #include <telefab/net/loop.hpp>
+#include <telefab/service/site_desk.hpp>
 
 #include "intake.hpp"
 

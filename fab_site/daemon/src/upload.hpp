@@ -2,8 +2,8 @@
 #include <filesystem>
 #include <span>
 #include <string_view>
-#include <telefab/desk/site_runtime.hpp>
 #include <telefab/machine/machine_profile.hpp>
+#include <telefab/service/site_runtime.hpp>
 #include <telefab/store/job_store.hpp>
 
 namespace telefab::fab {

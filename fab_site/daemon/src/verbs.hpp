@@ -1,5 +1,5 @@
 #pragma once
-#include <telefab/program/program.hpp>
+#include <telefab/command_line/program.hpp>
 
 // One function a verb, each in its own verb_NAME.cpp; main.cpp holds the table.
 namespace telefab::fab {

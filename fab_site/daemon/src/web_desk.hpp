@@ -2,11 +2,11 @@
 #include <functional>
 #include <map>
 #include <optional>
-#include <telefab/desk/site_page.hpp>
 #include <telefab/fab/print/print_plan.hpp>
 #include <telefab/fab/web/job_desk.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/machine/machine_profile.hpp>
+#include <telefab/service/site_page.hpp>
 #include <telefab/store/job_store.hpp>
 #include <telefab/wire/message.hpp>
 

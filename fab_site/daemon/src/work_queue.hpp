@@ -5,7 +5,7 @@
 #include <functional>
 #include <mutex>
 #include <string>
-#include <telefab/desk/site_runtime.hpp>
+#include <telefab/service/site_runtime.hpp>
 #include <thread>
 
 namespace telefab::fab {

@@ -8,7 +8,6 @@
 #include <cmath>
 #include <numeric>
 #include <telefab/scan/cloud/kd_tree.hpp>
-#include <telefab/scan/cloud/read_cloud.hpp>
 #include <tuple>
 
 #include "surface_graph.hpp"

@@ -3,7 +3,7 @@
 #include <string>
 #include <telefab/base/result.hpp>
 #include <telefab/scan/cloud/normals.hpp>
-#include <telefab/scan/cloud/read_cloud.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
 
 // What the verbs that work on clouds have in common: files in, files out.
 namespace telefab::scan {

@@ -1,10 +1,10 @@
 #pragma once
-#include <telefab/desk/client_session.hpp>
-#include <telefab/desk/daemon_log.hpp>
-#include <telefab/desk/live_counters.hpp>
-#include <telefab/desk/service_notifier.hpp>
-#include <telefab/desk/site_ledger.hpp>
-#include <telefab/desk/site_runtime.hpp>
+#include <telefab/service/client_session.hpp>
+#include <telefab/service/daemon_log.hpp>
+#include <telefab/service/live_counters.hpp>
+#include <telefab/service/service_notifier.hpp>
+#include <telefab/service/site_ledger.hpp>
+#include <telefab/service/site_runtime.hpp>
 
 #include "fab_link.hpp"
 #include "slicer.hpp"

@@ -1,6 +1,6 @@
 #pragma once
 #include <filesystem>
-#include <telefab/desk/site_runtime.hpp>
+#include <telefab/service/site_runtime.hpp>
 
 namespace telefab::scan {
 

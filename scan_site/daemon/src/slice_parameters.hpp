@@ -1,7 +1,7 @@
 #pragma once
 #include <string_view>
 #include <telefab/codec/stack_codec.hpp>
-#include <telefab/scan/pipeline/slice_scan.hpp>
+#include <telefab/scan/slicing/slice_scan.hpp>
 
 namespace telefab::scan {
 

@@ -4,8 +4,8 @@
 
 #include <cmath>
 #include <telefab/base/file.hpp>
-#include <telefab/desk/site_runtime.hpp>
-#include <telefab/scan/cloud/registration_note.hpp>
+#include <telefab/scan/formats/registration_note.hpp>
+#include <telefab/service/site_runtime.hpp>
 #include <telefab/wire/job_signature.hpp>
 
 #include "slice_parameters.hpp"

@@ -2,7 +2,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
-#include <telefab/spool/chunk_spool.hpp>
+#include <telefab/transfer/chunk_spool.hpp>
 
 namespace telefab::scan {
 

@@ -3,7 +3,7 @@
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/scan/cloud/clean.hpp>
-#include <telefab/scan/cloud/write_cloud.hpp>
+#include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/measure/point_picture.hpp>
 
 #include "cloud_files.hpp"

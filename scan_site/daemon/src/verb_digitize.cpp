@@ -4,9 +4,9 @@
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/scan/cloud/units.hpp>
-#include <telefab/scan/cloud/write_cloud.hpp>
 #include <telefab/scan/digitize/digitize.hpp>
 #include <telefab/scan/digitize/models.hpp>
+#include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/registration/pose_file.hpp>
 
 #include "cloud_files.hpp"

@@ -7,7 +7,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/scan/cloud/units.hpp>
-#include <telefab/scan/pipeline/inspect_scan.hpp>
+#include <telefab/scan/inspect/inspect_scan.hpp>
 
 #include "verbs.hpp"
 

@@ -5,7 +5,7 @@
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
-#include <telefab/scan/cloud/write_cloud.hpp>
+#include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/measure/measure.hpp>
 #include <telefab/scan/measure/point_picture.hpp>
 

@@ -5,9 +5,9 @@
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
-#include <telefab/scan/cloud/registration_note.hpp>
 #include <telefab/scan/cloud/units.hpp>
-#include <telefab/scan/cloud/write_cloud.hpp>
+#include <telefab/scan/formats/registration_note.hpp>
+#include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/measure/point_picture.hpp>
 #include <telefab/scan/registration/merge_views.hpp>
 #include <telefab/scan/registration/pose_file.hpp>

@@ -10,9 +10,9 @@
 #include <telefab/geometry/contour_lines.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/scan/cloud/units.hpp>
-#include <telefab/scan/cloud/write_cloud.hpp>
-#include <telefab/scan/pipeline/preview.hpp>
-#include <telefab/scan/pipeline/slice_scan.hpp>
+#include <telefab/scan/formats/write_cloud.hpp>
+#include <telefab/scan/slicing/preview.hpp>
+#include <telefab/scan/slicing/slice_scan.hpp>
 
 #include "verbs.hpp"
 

@@ -21,23 +21,26 @@ using Strings = std::vector<std::string>;
 /// The order of the tree is the order of dependence: a module may include those above it in its own site, and all of
 /// common may be included by both sites.
 const std::array<Strings, 3> kOrder{
-    Strings{"common/base", "common/geometry", "common/machine", "common/image", "common/codec", "common/program",
-            "common/store", "common/spool", "common/wire", "common/net", "common/web", "common/desk", "common/cli"},
-    Strings{"scan_site/cloud", "scan_site/digitize", "scan_site/registration", "scan_site/mls", "scan_site/topology",
-            "scan_site/contour", "scan_site/measure", "scan_site/pipeline", "scan_site/web", "scan_site/daemon"},
+    Strings{"common/base", "common/geometry", "common/machine", "common/image", "common/codec", "common/command_line",
+            "common/job", "common/store", "common/transfer", "common/wire", "common/net", "common/web",
+            "common/service", "common/client"},
+    Strings{"scan_site/cloud", "scan_site/formats", "scan_site/digitize", "scan_site/registration", "scan_site/mls",
+            "scan_site/topology", "scan_site/contour", "scan_site/measure", "scan_site/slicing", "scan_site/inspect",
+            "scan_site/web", "scan_site/daemon"},
     Strings{"fab_site/region", "fab_site/support", "fab_site/mask", "fab_site/verify", "fab_site/cure",
             "fab_site/device", "fab_site/print", "fab_site/planning", "fab_site/formats", "fab_site/usb",
             "fab_site/drivers", "fab_site/spool", "fab_site/web", "fab_site/daemon"}};
 
 /// Nothing depends on these.
-const Strings kLeaves{"common/cli", "scan_site/daemon", "fab_site/daemon"};
+const Strings kLeaves{"common/client", "scan_site/daemon", "fab_site/daemon"};
 
 /// What may see sockets, jobs on disk, the wire, the program frame: the daemons and the outer half of common.
-const Strings kOuter{"common/program", "common/store", "common/spool", "common/wire",
-                     "common/net",     "common/web",   "common/desk"};
-const Strings kMayUseOuter{"common/program",  "common/store",   "common/spool", "common/wire",   "common/net",
-                           "common/web",      "common/desk",    "common/cli",   "scan_site/web", "scan_site/daemon",
-                           "fab_site/daemon", "fab_site/spool", "fab_site/web"};
+const Strings kOuter{"common/command_line", "common/job", "common/store", "common/transfer",
+                     "common/wire",         "common/net", "common/web",   "common/service"};
+const Strings kMayUseOuter{"common/command_line", "common/job",    "common/store",     "common/transfer",
+                           "common/wire",         "common/net",    "common/web",       "common/service",
+                           "common/client",       "scan_site/web", "scan_site/daemon", "fab_site/daemon",
+                           "fab_site/spool",      "fab_site/web"};
 
 struct Heavy {
   std::string prefix;  ///< of the include path
@@ -53,12 +56,12 @@ const std::vector<Heavy> kHeavy{
     {"telefab/v1/", {"common/wire"}},
     {"sqlite3.h", {"common/store"}},
     {"zip.h", {"fab_site/formats"}},
-    {"boost/asio", {"common/net", "common/cli", "common/web", "scan_site/daemon", "fab_site/daemon"}},
+    {"boost/asio", {"common/net", "common/client", "common/web", "scan_site/daemon", "fab_site/daemon"}},
     {"boost/beast", {"common/web"}},
     {"openssl/", {"common/base", "common/net", "common/web"}},
     {"xsimd/", {"scan_site/mls"}},
     // desk: the options that both serve verbs share.
-    {"CLI/", {"common/program", "common/desk", "common/cli", "scan_site/daemon", "fab_site/daemon"}},
+    {"CLI/", {"common/command_line", "common/service", "common/client", "scan_site/daemon", "fab_site/daemon"}},
 };
 
 /// Libraries that no public header mentions, whoever uses them.
@@ -207,7 +210,7 @@ TEST(Layering, RefusesWhatItShouldRefuse) {
   EXPECT_NE(complaint("common/net/src/a.cpp", "telefab/v1/scan.pb.h"), "");
   EXPECT_NE(complaint("fab_site/support/include/telefab/fab/support/a.hpp", "CGAL/number_utils.h"), "");
   EXPECT_NE(complaint("scan_site/mls/include/telefab/scan/mls/a.hpp", "fmt/format.h"), "");
-  EXPECT_NE(complaint("common/net/src/a.cpp", "telefab/cli/client.hpp"), "");
+  EXPECT_NE(complaint("common/net/src/a.cpp", "telefab/client/client.hpp"), "");
   EXPECT_EQ(complaint("scan_site/contour/src/a.cpp", "telefab/scan/mls/mls_field.hpp"), "");
   EXPECT_EQ(complaint("fab_site/daemon/src/a.cpp", "telefab/net/listener.hpp"), "");
   EXPECT_EQ(complaint("common/wire/src/a.cpp", "telefab/v1/scan.pb.h"), "");

@@ -9,7 +9,7 @@
 #include <cstdio>
 #include <ctime>
 #include <string>
-#include <telefab/scan/cloud/read_cloud.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
 
 #include "clouds.hpp"
 #include "machine_figures.hpp"

@@ -10,9 +10,9 @@
 #include <numbers>
 #include <random>
 #include <telefab/base/file.hpp>
-#include <telefab/scan/cloud/read_cloud.hpp>
-#include <telefab/scan/cloud/write_cloud.hpp>
-#include <telefab/scan/pipeline/slice_scan.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
+#include <telefab/scan/formats/write_cloud.hpp>
+#include <telefab/scan/slicing/slice_scan.hpp>
 
 #include "mesh_truth.hpp"
 #include "shape_truth.hpp"

@@ -17,9 +17,9 @@
 #include <telefab/fab/support/support_plan.hpp>
 #include <telefab/fab/verify/print_files.hpp>
 #include <telefab/machine/machine_profile.hpp>
-#include <telefab/scan/cloud/read_cloud.hpp>
-#include <telefab/scan/cloud/write_cloud.hpp>
-#include <telefab/scan/pipeline/slice_scan.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
+#include <telefab/scan/formats/write_cloud.hpp>
+#include <telefab/scan/slicing/slice_scan.hpp>
 
 namespace telefab {
 namespace {

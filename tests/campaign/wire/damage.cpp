@@ -12,7 +12,7 @@
 #include <map>
 #include <random>
 #include <stdexcept>
-#include <telefab/spool/chunk_spool.hpp>
+#include <telefab/transfer/chunk_spool.hpp>
 #include <telefab/wire/message.hpp>
 
 namespace telefab::test {

@@ -1,4 +1,4 @@
-#include <telefab/scan/cloud/read_cloud.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
 
 #include <array>
 #include <cstdint>

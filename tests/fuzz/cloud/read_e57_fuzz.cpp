@@ -1,7 +1,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
-#include <telefab/scan/cloud/read_cloud.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/test/e57_file.hpp>
 
 // The input is what lies on the pages: length and checksums are put right, so that damage gets past them.

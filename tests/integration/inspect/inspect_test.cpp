@@ -3,7 +3,7 @@
 
 #include <nlohmann/json.hpp>
 #include <set>
-#include <telefab/scan/pipeline/inspect_scan.hpp>
+#include <telefab/scan/inspect/inspect_scan.hpp>
 #include <telefab/test/surface_samples.hpp>
 
 namespace telefab::test {

@@ -8,7 +8,7 @@
 
 #include <array>
 #include <cstdlib>
-#include <telefab/desk/service_notifier.hpp>
+#include <telefab/service/service_notifier.hpp>
 
 #include "two_sites.hpp"
 

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <set>
 #include <telefab/scan/cloud/clean.hpp>
-#include <telefab/scan/cloud/read_cloud.hpp>
-#include <telefab/scan/pipeline/slice_scan.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
+#include <telefab/scan/slicing/slice_scan.hpp>
 
 namespace telefab::scan {
 namespace {

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <telefab/scan/cloud/units.hpp>
-#include <telefab/scan/cloud/write_cloud.hpp>
+#include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/test/surface_samples.hpp>
 
 namespace telefab::scan {

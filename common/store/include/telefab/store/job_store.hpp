@@ -3,7 +3,7 @@
 #include <memory>
 #include <optional>
 #include <telefab/base/clock.hpp>
-#include <telefab/store/job.hpp>
+#include <telefab/job/job.hpp>
 
 namespace telefab {
 

@@ -2,7 +2,7 @@
 #include <telefab/base/digest.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/geometry/limits.hpp>
-#include <telefab/store/job.hpp>
+#include <telefab/job/job.hpp>
 #include <telefab/wire/frame.hpp>
 #include <variant>
 

@@ -5,7 +5,7 @@
 #include <span>
 #include <stop_token>
 #include <telefab/base/result.hpp>
-#include <telefab/scan/cloud/read_cloud.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
 #include <vector>
 
 namespace telefab::scan {

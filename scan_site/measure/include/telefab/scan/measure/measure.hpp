@@ -5,7 +5,7 @@
 #include <string>
 #include <telefab/base/result.hpp>
 #include <telefab/scan/cloud/point_cloud.hpp>
-#include <telefab/scan/cloud/write_cloud.hpp>
+#include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/registration/align.hpp>
 #include <vector>
 

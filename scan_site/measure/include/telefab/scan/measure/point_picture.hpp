@@ -3,7 +3,7 @@
 #include <span>
 #include <telefab/image/png.hpp>
 #include <telefab/scan/cloud/point_cloud.hpp>
-#include <telefab/scan/cloud/write_cloud.hpp>
+#include <telefab/scan/formats/write_cloud.hpp>
 
 namespace telefab::scan {
 

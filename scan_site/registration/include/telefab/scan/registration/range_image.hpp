@@ -3,7 +3,7 @@
 #include <array>
 #include <optional>
 #include <string>
-#include <telefab/scan/cloud/read_cloud.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
 #include <vector>
 
 namespace telefab::scan {

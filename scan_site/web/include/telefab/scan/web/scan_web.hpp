@@ -1,5 +1,5 @@
 #pragma once
-#include <telefab/store/job.hpp>
+#include <telefab/job/job.hpp>
 #include <telefab/web/web_routes.hpp>
 #include <telefab/web/web_server.hpp>
 #include <telefab/wire/message.hpp>

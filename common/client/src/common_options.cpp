@@ -1,0 +1,73 @@
+#include "common_options.hpp"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+
+#include "site_book.hpp"
+
+namespace telefab::client {
+namespace {
+
+constexpr const char* kLocalSite = "127.0.0.1:7410";
+
+/// The options with address and certificates of a named site filled in; what the command line says counts first.
+Result<CommonOptions> looked_up(CommonOptions common) {
+  if (common.site.find(':') != std::string::npos) return common;
+  const auto book = read_site_book(site_book_path());
+  if (!book) return tl::unexpected{book.error()};
+  const std::string name = common.site.empty() ? book->default_site : common.site;
+  if (name.empty()) {
+    common.site = kLocalSite;
+    return common;
+  }
+  const SiteEntry* site = book->find(name);
+  if (!site)
+    return fail(
+        ErrorCode::NotFound,
+        fmt::format("no site {} is known: use HOST:PORT, or `telefab sites add {} --address HOST:PORT`", name, name));
+  common.site = site->address;
+  if (common.tls_folder.empty()) {
+    common.tls_folder = site->tls_folder;
+    common.tls_name = site->tls_name;
+  }
+  return common;
+}
+
+}  // namespace
+
+void declare_common(CLI::App& options, CommonOptions& common) {
+  options
+      .add_option("--site", common.site,
+                  "scan site (or fab site, to watch and approve there): HOST:PORT or a name of `telefab sites`; "
+                  "default: that of `telefab sites`, else 127.0.0.1:7410")
+      ->envname("TELEFAB_SITE");
+  options
+      .add_option("--tls", common.tls_folder,
+                  "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as deploy/certs makes it; needed off "
+                  "loopback")
+      ->envname("TELEFAB_TLS");
+  options.add_option("--tls-name", common.tls_name, "NAME of the certificate in that folder")->capture_default_str();
+  options.add_option("--timeout-s", common.timeout_s, "longest wait for a connection, seconds")
+      ->check(CLI::Range(0.01, 3600.0))
+      ->capture_default_str();
+  options.add_flag("--json", common.json, "print JSON, one value");
+}
+
+Result<std::unique_ptr<SiteClient>> connect(const CommonOptions& given, std::stop_token stop) {
+  const auto found = looked_up(given);
+  if (!found) return tl::unexpected{found.error()};
+  const CommonOptions& common = *found;
+  auto endpoint = net::endpoint_from_text(common.site);
+  if (!endpoint) return tl::unexpected{endpoint.error()};
+  SiteAddress address{std::move(*endpoint), {}};
+  address.connect_within = Nanoseconds{static_cast<std::int64_t>(common.timeout_s * 1e9)};
+  if (!common.tls_folder.empty()) {
+    auto trust = net::Trust::load(net::tls_files_in(common.tls_folder, common.tls_name));
+    if (!trust) return tl::unexpected{trust.error()};
+    address.trust = std::move(*trust);
+  }
+  return SiteClient::connect(address, std::move(stop));
+}
+
+}  // namespace telefab::client

@@ -1,0 +1,22 @@
+#pragma once
+#include "site_client.hpp"
+
+namespace CLI {
+class App;
+}
+
+namespace telefab::client {
+
+/// What every verb takes: --site, --tls, --json.
+struct CommonOptions {
+  std::string site;  ///< HOST:PORT, or a name of the site book; empty: its default, else this machine
+  std::string tls_folder;
+  std::string tls_name = "operator";
+  double timeout_s = 10;
+  bool json = false;
+};
+void declare_common(CLI::App& options, CommonOptions& common);
+
+[[nodiscard]] Result<std::unique_ptr<SiteClient>> connect(const CommonOptions& common, std::stop_token stop);
+
+}  // namespace telefab::client

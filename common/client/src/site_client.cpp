@@ -1,0 +1,101 @@
+#include "site_client.hpp"
+
+#include <fmt/format.h>
+
+namespace telefab::client {
+namespace {
+
+constexpr auto kSlice = std::chrono::milliseconds{20};
+constexpr std::size_t kQueueAheadBytes = 4U << 20U;
+
+}  // namespace
+
+template <class Ready>
+bool SiteClient::run_until(Nanoseconds within, const Ready& ready) {
+  const SystemClock clock;
+  const Nanoseconds deadline = clock.now() + within;
+  while (!ready()) {
+    if (stop_.stop_requested() || clock.now() > deadline) return false;
+    loop_.run_for(kSlice);
+  }
+  return true;
+}
+
+Result<std::unique_ptr<SiteClient>> SiteClient::connect(const SiteAddress& address, std::stop_token stop) {
+  std::unique_ptr<SiteClient> client{new SiteClient{std::move(stop), address.answer_within}};
+  if (auto opened = client->open(address); !opened) return tl::unexpected{opened.error()};
+  return client;
+}
+
+SiteClient::~SiteClient() {
+  if (!connection_) return;
+  connection_->close({});
+  loop_.run_for(std::chrono::milliseconds{1});
+}
+
+Result<void> SiteClient::open(const SiteAddress& address) {
+  std::optional<Result<net::ConnectionPtr>> made;
+  net::ConnectOptions options{address.endpoint, address.trust, {}, {}, address.connect_within};
+  // A scan that is being sliced may keep the site's answer; its pings tell that it lives.
+  options.limits.idle_after = std::chrono::seconds{120};
+  net::connect_to(loop_, options, [&](Result<net::ConnectionPtr> outcome) {
+    made = std::move(outcome);
+    loop_.stop();
+  });
+  if (!run_until(address.connect_within * 2, [&] { return made.has_value(); }))
+    return stop_.stop_requested()
+               ? fail(ErrorCode::Cancelled, "cancelled")
+               : fail(ErrorCode::Unreachable, fmt::format("no answer from {}", net::to_text(address.endpoint)));
+  if (!*made) return tl::unexpected{made->error()};
+  connection_ = std::move(**made);
+  connection_->start({[this](Frame frame) {
+                        heard_.push_back(std::move(frame));
+                        loop_.stop();
+                      },
+                      [this] { loop_.stop(); },
+                      [this](const Error& why) {
+                        lost_ = why;
+                        loop_.stop();
+                      }});
+  auto hello = ask<Hello>(Hello{kProtocolVersion, Side::Client, "telefab 0.1.0", {}, {}});
+  if (!hello) return fail_in(net::to_text(address.endpoint), hello.error());
+  if (hello->protocol_version != kProtocolVersion)
+    return fail(ErrorCode::ProtocolBroken,
+                fmt::format("{} speaks protocol version {}, this program {}", net::to_text(address.endpoint),
+                            hello->protocol_version, kProtocolVersion));
+  connection_->set_greeted();
+  return {};
+}
+
+Result<void> SiteClient::say(const Message& message) {
+  if (!lost_) {
+    if (auto sent = connection_->send(to_frame(message)); !sent && !lost_) return sent;
+    (void)run_until(answer_within_, [&] { return lost_ || connection_->queued_bytes() < kQueueAheadBytes; });
+  }
+  if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled");
+  // A fault that explains the loss may have been heard before it; hear() tells.
+  return {};
+}
+
+Result<Message> SiteClient::hear(Nanoseconds within) {
+  auto heard = hear_within(within);
+  if (!heard) return tl::unexpected{heard.error()};
+  if (!*heard) return fail(ErrorCode::Unreachable, "the site did not answer in time");
+  return std::move(**heard);
+}
+
+Result<std::optional<Message>> SiteClient::hear_within(Nanoseconds within) {
+  if (!run_until(within, [&] { return lost_ || !heard_.empty(); })) {
+    if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled");
+    return std::optional<Message>{};
+  }
+  if (heard_.empty()) return tl::unexpected{*lost_};
+  const Frame frame = std::move(heard_.front());
+  heard_.pop_front();
+  auto message = from_frame(frame);
+  if (!message) return tl::unexpected{message.error()};
+  if (const auto* fault = std::get_if<Fault>(&*message)) return tl::unexpected{fault->error};
+  return std::optional{std::move(*message)};
+}
+
+}  // namespace telefab::client

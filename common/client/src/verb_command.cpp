@@ -1,0 +1,54 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+
+#include "common_options.hpp"
+#include "job_text.hpp"
+#include "verbs.hpp"
+
+namespace telefab::client {
+namespace {
+
+VerbBody declare_command(CLI::App& options, JobCommand command) {
+  struct Options {
+    CommonOptions common;
+    std::string job;
+    std::string who;
+    std::string as;
+  };
+  auto o = std::make_shared<Options>();
+  declare_common(options, o->common);
+  options.add_option("JOB", o->job, "id of the job")->required();
+  options.add_option("--who", o->who, "your name for the audit log; with --tls the certificate's name counts")
+      ->envname("USER");
+  if (command == JobCommand::Resume)
+    options
+        .add_option(
+            "--as", o->as,
+            "exposed | dark: what to take a layer for that was perhaps exposed when the print broke off: "
+            "exposed goes on with the next layer, dark exposes it again; `telefab watch` says when this is asked")
+        ->check(CLI::IsMember({"exposed", "dark"}));
+  return [o, command](std::stop_token stop) -> Result<ExitCode> {
+    JobCommand asked = command;
+    if (o->as == "exposed") asked = JobCommand::ResumeExposed;
+    if (o->as == "dark") asked = JobCommand::ResumeAgain;
+    if (!is_job_id(o->job))
+      return fail(ErrorCode::NotFound, fmt::format("no job \"{}\": `telefab jobs` lists them", o->job));
+    auto client = connect(o->common, std::move(stop));
+    if (!client) return tl::unexpected{client.error()};
+    const std::string who = o->who.substr(0, kMaxNameBytes);
+    auto jobs = (*client)->ask<Jobs>(Command{(*client)->next_request(), o->job, asked, who});
+    if (!jobs) return tl::unexpected{jobs.error()};
+    for (const Job& job : jobs->jobs) fmt::print("{}\n", o->common.json ? to_json(job) : to_line(job));
+    return ExitCode::Ok;
+  };
+}
+
+}  // namespace
+
+VerbBody declare_approve(CLI::App& options) { return declare_command(options, JobCommand::Approve); }
+VerbBody declare_pause(CLI::App& options) { return declare_command(options, JobCommand::Pause); }
+VerbBody declare_resume(CLI::App& options) { return declare_command(options, JobCommand::Resume); }
+VerbBody declare_cancel(CLI::App& options) { return declare_command(options, JobCommand::Cancel); }
+
+}  // namespace telefab::client

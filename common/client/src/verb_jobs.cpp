@@ -1,0 +1,127 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+#include <telefab/machine/machine_profile.hpp>
+
+#include "common_options.hpp"
+#include "job_text.hpp"
+#include "verbs.hpp"
+#include "watch_job.hpp"
+
+namespace telefab::client {
+namespace {
+
+struct JobOptions {
+  CommonOptions common;
+  std::string job;
+  std::uint32_t most = 100;
+  bool plain = false;
+};
+
+std::shared_ptr<JobOptions> declare_one(CLI::App& options) {
+  auto o = std::make_shared<JobOptions>();
+  declare_common(options, o->common);
+  options.add_option("JOB", o->job, "id of the job, as submit printed it")->required();
+  return o;
+}
+
+/// A text that is no id cannot name a job; said here, not by a site that takes it for a broken message.
+Result<void> check_id(const std::string& job) {
+  if (is_job_id(job)) return {};
+  return fail(ErrorCode::NotFound, fmt::format("no job \"{}\": `telefab jobs` lists them", job));
+}
+
+}  // namespace
+
+VerbBody declare_jobs(CLI::App& options) {
+  auto o = std::make_shared<JobOptions>();
+  declare_common(options, o->common);
+  options.add_option("--most", o->most, "how many at most")->check(CLI::Range(1U, 1000U))->capture_default_str();
+  return [o](std::stop_token stop) -> Result<ExitCode> {
+    auto client = connect(o->common, std::move(stop));
+    if (!client) return tl::unexpected{client.error()};
+    auto jobs = (*client)->ask<Jobs>(AskJobs{(*client)->next_request(), {}, o->most, false});
+    if (!jobs) return tl::unexpected{jobs.error()};
+    if (o->common.json) {
+      std::string list;
+      for (const Job& job : jobs->jobs) list += (list.empty() ? "" : ",\n ") + to_json(job);
+      fmt::print("[{}]\n", list);
+    } else {
+      for (const Job& job : jobs->jobs) fmt::print("{}\n", to_line(job));
+    }
+    return ExitCode::Ok;
+  };
+}
+
+VerbBody declare_status(CLI::App& options) {
+  auto o = declare_one(options);
+  return [o](std::stop_token stop) -> Result<ExitCode> {
+    if (auto good = check_id(o->job); !good) return tl::unexpected{good.error()};
+    auto client = connect(o->common, std::move(stop));
+    if (!client) return tl::unexpected{client.error()};
+    auto jobs = (*client)->ask<Jobs>(AskJobs{(*client)->next_request(), o->job, 1, false});
+    if (!jobs) return tl::unexpected{jobs.error()};
+    for (const Job& job : jobs->jobs) {
+      if (o->common.json)
+        fmt::print("{}\n", to_json(job));
+      else
+        fmt::print("{}\n{}", to_line(job), summary_of(job));
+    }
+    return ExitCode::Ok;
+  };
+}
+
+VerbBody declare_watch(CLI::App& options) {
+  auto o = declare_one(options);
+  options.add_flag("--plain", o->plain, "lines instead of the full screen, as where there is no terminal");
+  return [o](std::stop_token stop) -> Result<ExitCode> {
+    if (auto good = check_id(o->job); !good) return tl::unexpected{good.error()};
+    auto client = connect(o->common, std::move(stop));
+    if (!client) return tl::unexpected{client.error()};
+    auto job = watch_job(**client, o->job, watch_style(o->common.json, o->plain));
+    if (!job) return tl::unexpected{job.error()};
+    if (o->common.json)
+      fmt::print("{}\n", to_json(*job));
+    else
+      fmt::print("{}", summary_of(*job));
+    return exit_code_of(*job);
+  };
+}
+
+VerbBody declare_machines(CLI::App& options) {
+  auto o = std::make_shared<JobOptions>();
+  declare_common(options, o->common);
+  return [o](std::stop_token stop) -> Result<ExitCode> {
+    auto client = connect(o->common, std::move(stop));
+    if (!client) return tl::unexpected{client.error()};
+    auto machines = (*client)->ask<Machines>(AskMachines{(*client)->next_request()});
+    if (!machines) return tl::unexpected{machines.error()};
+    nlohmann::ordered_json list = nlohmann::ordered_json::array();
+    for (const std::string& toml : machines->machine_toml) {
+      auto machine = machine_profile_from_toml(toml, machines->origin);
+      if (!machine) return tl::unexpected{machine.error()};
+      const PixelSize size = machine->mask_size();
+      if (!o->common.json) {
+        fmt::print("{:<12} {} x {} px, layer {} mm: {}\n", machine->name, size.width_px, size.height_px,
+                   machine->layers.thickness_mm, machine->description);
+        continue;
+      }
+      list.push_back({{"name", machine->name},
+                      {"description", machine->description},
+                      {"width_px", size.width_px},
+                      {"height_px", size.height_px},
+                      {"width_mm", machine->platform.width_mm},
+                      {"depth_mm", machine->platform.depth_mm},
+                      {"z_travel_mm", machine->platform.z_travel_mm},
+                      {"pixel_pitch_mm", machine->projection.pixel_pitch_mm},
+                      {"layer_mm", machine->layers.thickness_mm},
+                      {"exposure_s", machine->layers.exposure_s},
+                      {"origin", machines->origin}});
+    }
+    if (o->common.json) fmt::print("{}\n", list.dump(2));
+    return ExitCode::Ok;
+  };
+}
+
+}  // namespace telefab::client

@@ -1,0 +1,124 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "common_options.hpp"
+#include "site_book.hpp"
+#include "verbs.hpp"
+
+namespace telefab::client {
+namespace {
+
+struct SitesOptions {
+  std::string action = "list";
+  SiteEntry site;
+  double timeout_s = 5;
+  bool json = false;
+};
+
+Result<ExitCode> list(const SiteBook& book, const std::filesystem::path& path, bool json) {
+  if (json) {
+    nlohmann::ordered_json sites = nlohmann::ordered_json::array();
+    for (const SiteEntry& site : book.sites)
+      sites.push_back({{"name", site.name},
+                       {"address", site.address},
+                       {"tls", site.tls_folder},
+                       {"tls_name", site.tls_name},
+                       {"default", site.name == book.default_site}});
+    fmt::print("{}\n", nlohmann::ordered_json{{"file", path.string()}, {"sites", sites}}.dump());
+    return ExitCode::Ok;
+  }
+  if (book.sites.empty())
+    fmt::print("no sites yet in {}; add one: telefab sites add chicago --address HOST:PORT --tls FOLDER\n",
+               path.string());
+  for (const SiteEntry& site : book.sites)
+    fmt::print("{} {:<16} {:<28} {}\n", site.name == book.default_site ? '*' : ' ', site.name, site.address,
+               site.tls_folder.empty() ? std::string{"plain TCP on this machine"}
+                                       : fmt::format("{} of {}", site.tls_name, site.tls_folder));
+  return ExitCode::Ok;
+}
+
+/// Greets every site, or the named one; the exit code is that of the first failure.
+Result<ExitCode> check(const SiteBook& book, const SitesOptions& o, std::stop_token stop) {
+  ExitCode outcome = ExitCode::Ok;
+  for (const SiteEntry& site : book.sites) {
+    if (!o.site.name.empty() && site.name != o.site.name) continue;
+    CommonOptions common;
+    common.site = site.address;
+    common.tls_folder = site.tls_folder;
+    common.tls_name = site.tls_name;
+    common.timeout_s = o.timeout_s;
+    const auto client = connect(common, stop);
+    if (client) {
+      fmt::print("  {:<16} answers at {}\n", site.name, site.address);
+      continue;
+    }
+    fmt::print("  {:<16} {}\n", site.name, client.error().what);
+    if (outcome == ExitCode::Ok) outcome = exit_code_for(client.error().code);
+  }
+  return outcome;
+}
+
+Result<void> change(SiteBook& book, const SitesOptions& o) {
+  const auto named = std::ranges::find(book.sites, o.site.name, &SiteEntry::name);
+  if (o.action == "add") {
+    if (auto valid = validate(o.site); !valid) return valid;
+    if (named != book.sites.end())
+      *named = o.site;
+    else
+      book.sites.push_back(o.site);
+    std::ranges::sort(book.sites, {}, &SiteEntry::name);
+    if (book.sites.size() == 1) book.default_site = o.site.name;
+    return {};
+  }
+  if (named == book.sites.end())
+    return fail(ErrorCode::NotFound, fmt::format("no site {} is known; `telefab sites` lists them", o.site.name));
+  if (o.action == "default") {
+    book.default_site = o.site.name;
+    return {};
+  }
+  if (book.default_site == o.site.name) book.default_site.clear();
+  book.sites.erase(named);
+  return {};
+}
+
+Result<ExitCode> run(const SitesOptions& o, std::stop_token stop) {
+  const std::filesystem::path path = site_book_path();
+  auto book = read_site_book(path);
+  if (!book) return tl::unexpected{book.error()};
+  if (o.action == "list") return list(*book, path, o.json);
+  if (!o.site.name.empty() || o.action != "check") {
+    if (o.site.name.empty())
+      return fail(ErrorCode::InvalidInput, fmt::format("telefab sites {} needs the NAME of a site", o.action));
+    if (o.action == "check" && !book->find(o.site.name))
+      return fail(ErrorCode::NotFound, fmt::format("no site {} is known; `telefab sites` lists them", o.site.name));
+  }
+  if (o.action == "check") return check(*book, o, std::move(stop));
+  if (auto changed = change(*book, o); !changed) return tl::unexpected{changed.error()};
+  if (auto written = write_site_book(path, *book); !written) return tl::unexpected{written.error()};
+  return list(*book, path, o.json);
+}
+
+}  // namespace
+
+VerbBody declare_sites(CLI::App& options) {
+  auto o = std::make_shared<SitesOptions>();
+  options.add_option("ACTION", o->action, "list, add (or change), remove, default (what --site is unless told), check")
+      ->check(CLI::IsMember({"list", "add", "remove", "default", "check"}))
+      ->capture_default_str();
+  options.add_option("NAME", o->site.name, "your name for the site: a-z, 0-9 and -");
+  options.add_option("--address", o->site.address, "add: HOST:PORT");
+  options.add_option("--tls", o->site.tls_folder,
+                     "add: folder with authority.crt, NAME.crt, NAME.key and revoked.crl; needed off loopback");
+  options.add_option("--tls-name", o->site.tls_name, "add: NAME of the certificate in that folder")
+      ->capture_default_str();
+  options.add_option("--timeout-s", o->timeout_s, "check: longest wait for each site, seconds")
+      ->check(CLI::Range(0.01, 3600.0))
+      ->capture_default_str();
+  options.add_flag("--json", o->json, "print JSON, one value");
+  return [o](std::stop_token stop) { return run(*o, std::move(stop)); };
+}
+
+}  // namespace telefab::client

@@ -1,0 +1,167 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "common_options.hpp"
+#include "job_text.hpp"
+#include "verbs.hpp"
+#include "watch_job.hpp"
+
+namespace telefab::client {
+namespace {
+
+constexpr std::size_t kBlockBytes = 256U << 10U;
+
+struct SubmitOptions {
+  CommonOptions common;
+  std::string scan;
+  std::string machine;
+  std::optional<double> height_mm;
+  std::optional<double> scale;
+  std::string units;
+  bool fit = false;
+  std::optional<double> layer_mm;
+  std::string method;
+  std::string surface;
+  std::string coding;
+  std::string up;
+  bool close_base = false;
+  std::optional<double> bridge_mm;
+  bool watch = false;
+  bool plain = false;
+};
+
+std::string parameters_of(const SubmitOptions& o) {
+  nlohmann::ordered_json object = nlohmann::ordered_json::object();
+  if (o.height_mm) object["height_mm"] = *o.height_mm;
+  if (o.scale) object["scale"] = *o.scale;
+  if (!o.units.empty()) object["units"] = o.units;
+  if (o.fit) object["fit"] = true;
+  if (o.layer_mm) object["layer_mm"] = *o.layer_mm;
+  if (!o.method.empty()) object["method"] = o.method;
+  if (!o.surface.empty()) object["surface"] = o.surface;
+  if (!o.coding.empty()) object["coding"] = o.coding;
+  if (!o.up.empty()) object["up"] = o.up;
+  if (o.close_base) object["close_base"] = true;
+  if (o.bridge_mm) object["bridge_mm"] = *o.bridge_mm;
+  return object.dump();
+}
+
+/// Reads a file block by block; `take` may fail.
+template <class Take>
+Result<void> for_each_block(const std::string& path, const Take& take) {
+  std::ifstream file{path, std::ios::binary};
+  std::vector<std::byte> block(kBlockBytes);
+  while (file) {
+    file.read(reinterpret_cast<char*>(block.data()), static_cast<std::streamsize>(block.size()));
+    const auto got = static_cast<std::size_t>(file.gcount());
+    if (got == 0) break;
+    if (auto taken = take(std::span{block}.first(got)); !taken) return taken;
+  }
+  if (!file.eof()) return fail(ErrorCode::StorageFailed, fmt::format("cannot read {}", path));
+  return {};
+}
+
+Result<Submit> announce(const SubmitOptions& o, RequestId request) {
+  const std::filesystem::path path{o.scan};
+  std::error_code error;
+  const auto status = std::filesystem::status(path, error);
+  if (!std::filesystem::exists(status)) return fail(ErrorCode::NotFound, fmt::format("{} does not exist", o.scan));
+  if (!std::filesystem::is_regular_file(status))
+    return fail(ErrorCode::InvalidInput, fmt::format("{} is no regular file; name one scan", o.scan));
+  Submit submit{request, path.filename().string(), o.machine, parameters_of(o), 0, {}};
+  submit.size_bytes = std::filesystem::file_size(path, error);
+  if (error) return fail(ErrorCode::StorageFailed, fmt::format("cannot read {}: {}", o.scan, error.message()));
+  if (submit.size_bytes == 0) return fail(ErrorCode::InvalidInput, fmt::format("{} is empty", o.scan));
+  if (submit.size_bytes > kMaxScanBytes)
+    return fail(ErrorCode::TooLarge,
+                fmt::format("{} has {} bytes; the limit is {}", o.scan, submit.size_bytes, kMaxScanBytes));
+  if (!is_file_name(submit.name))
+    return fail(ErrorCode::InvalidInput, fmt::format("{} has a name that cannot be sent; rename it", o.scan));
+  if (!std::ifstream{path}) return fail(ErrorCode::NotPermitted, fmt::format("{} may not be read by you", o.scan));
+  Hasher hasher;
+  auto read = for_each_block(o.scan, [&](std::span<const std::byte> block) -> Result<void> {
+    hasher.feed(block);
+    return {};
+  });
+  if (!read) return tl::unexpected{read.error()};
+  submit.content = hasher.digest();
+  return submit;
+}
+
+Result<Job> upload(SiteClient& client, const SubmitOptions& o, const Submit& submit) {
+  auto more = client.ask<SendMore>(submit);
+  if (!more) return tl::unexpected{more.error()};
+  std::uint64_t offset = 0;
+  auto sent = for_each_block(o.scan, [&](std::span<const std::byte> block) -> Result<void> {
+    UploadBlock message{submit.request, offset, {block.begin(), block.end()}};
+    offset += block.size();
+    return client.say(message);
+  });
+  if (!sent) return tl::unexpected{sent.error()};
+  if (offset != submit.size_bytes)
+    return fail(ErrorCode::Conflict, fmt::format("{} changed while it was sent", o.scan));
+  auto answer = client.hear(client.answer_within());
+  if (!answer) return tl::unexpected{answer.error()};
+  if (auto* jobs = std::get_if<Jobs>(&*answer); jobs && jobs->jobs.size() == 1) return std::move(jobs->jobs.front());
+  return fail(ErrorCode::ProtocolBroken, "the site answered the upload with another message");
+}
+
+Result<ExitCode> run(const SubmitOptions& o, std::stop_token stop) {
+  const auto announced = announce(o, RequestId{1});
+  if (!announced) return tl::unexpected{announced.error()};
+  auto client = connect(o.common, std::move(stop));
+  if (!client) return tl::unexpected{client.error()};
+  Submit submit = *announced;
+  submit.request = (*client)->next_request();
+  auto job = upload(**client, o, submit);
+  if (!job) return tl::unexpected{job.error()};
+  if (!o.watch) {
+    fmt::print("{}\n", o.common.json ? to_json(*job) : job->id);
+    return ExitCode::Ok;
+  }
+  if (!o.common.json) fmt::print(stderr, "job {}\n", job->id);
+  auto ended = watch_job(**client, job->id, watch_style(o.common.json, o.plain));
+  if (!ended) return tl::unexpected{ended.error()};
+  if (o.common.json)
+    fmt::print("{}\n", to_json(*ended));
+  else
+    fmt::print("{}", summary_of(*ended));
+  return exit_code_of(*ended);
+}
+
+}  // namespace
+
+VerbBody declare_submit(CLI::App& options) {
+  auto o = std::make_shared<SubmitOptions>();
+  declare_common(options, o->common);
+  options.add_option("SCAN", o->scan, "PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text; its points alone are used")
+      ->required();
+  options.add_option("--machine", o->machine, "which of `telefab machines`")->required();
+  auto* height = options.add_option("--height-mm", o->height_mm, "height of the printed object, millimetres");
+  auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file");
+  auto* fit = options.add_flag("--fit", o->fit, "as large as the machine allows");
+  height->check(CLI::PositiveNumber)->excludes(scale)->excludes(fit);
+  scale->check(CLI::PositiveNumber)->excludes(fit);
+  options.add_option("--units", o->units, "unit of the file; default: what the file states, or mm")
+      ->check(CLI::IsMember({"mm", "cm", "m", "in"}))
+      ->excludes(scale);
+  options.add_option("--up", o->up, "axis of the scan that points up; default: z")
+      ->check(CLI::IsMember({"x", "-x", "y", "-y", "z", "-z"}));
+  options.add_flag("--close-base", o->close_base, "close a scan without underside at the platform");
+  options.add_option("--bridge-mm", o->bridge_mm, "close gaps of contours up to this wide by straight lines")
+      ->check(CLI::NonNegativeNumber);
+  options.add_option("--layer-mm", o->layer_mm, "layer thickness, millimetres; default: the machine's")
+      ->check(CLI::PositiveNumber);
+  options.add_option("--method", o->method, "auto | reeb | grid; how contours are found");
+  options.add_option("--surface", o->surface, "kind of surface; see telefab-scan slice --help");
+  options.add_option("--coding", o->coding, "exact | curve; how contours are sent")
+      ->check(CLI::IsMember({"exact", "curve"}));
+  options.add_flag("--watch", o->watch, "follow the job until it ends; the exit code tells how");
+  options.add_flag("--plain", o->plain, "watch by lines instead of the full screen, as where there is no terminal");
+  return [o](std::stop_token stop) { return run(*o, std::move(stop)); };
+}
+
+}  // namespace telefab::client

@@ -1,0 +1,132 @@
+#include <fmt/format.h>
+
+#include <telefab/command_line/manual.hpp>
+
+namespace telefab {
+namespace {
+
+/// Single-quoted for a shell.
+std::string quoted(std::string_view text) {
+  std::string out = "'";
+  for (const char c : text) {
+    if (c == '\'')
+      out += "'\\''";
+    else
+      out += c == '\n' ? ' ' : c;
+  }
+  return out + "'";
+}
+
+std::string function_name(std::string_view program) {
+  std::string name = "_";
+  for (const char c : program) name += c == '-' ? '_' : c;
+  return name;
+}
+
+std::string verb_names(const ProgramManual& program) {
+  std::string names;
+  for (const VerbManual& verb : program.verbs) names += (names.empty() ? "" : " ") + verb.name;
+  return names;
+}
+
+std::string bash_script(const ProgramManual& program) {
+  std::string script = fmt::format(
+      "# bash completion for {0}\n{1}() {{\n  local word=${{COMP_WORDS[COMP_CWORD]}} "
+      "before=${{COMP_WORDS[COMP_CWORD-1]}} verb=\n"
+      "  COMPREPLY=()\n  (( COMP_CWORD > 1 )) && verb=${{COMP_WORDS[1]}}\n"
+      "  case $verb,$before in\n",
+      program.name, function_name(program.name));
+  for (const VerbManual& verb : program.verbs)
+    for (const OptionManual& option : verb.options)
+      if (!option.positional && !option.choices.empty())
+        script += fmt::format("    {},{}) mapfile -t COMPREPLY < <(compgen -W {} -- \"$word\"); return ;;\n", verb.name,
+                              option.name, quoted(fmt::format("{}", fmt::join(option.choices, " "))));
+  script +=
+      fmt::format("  esac\n  case $verb in\n    '') mapfile -t COMPREPLY < <(compgen -W {} -- \"$word\"); return ;;\n",
+                  quoted(verb_names(program) + " --help --version"));
+  for (const VerbManual& verb : program.verbs) {
+    std::string names = "--help";
+    for (const OptionManual& option : verb.options)
+      if (!option.positional) names += " " + option.name;
+    script += fmt::format(
+        "    {}) [[ $word == -* ]] && {{ mapfile -t COMPREPLY < <(compgen -W {} -- \"$word\"); return; }} ;;\n",
+        verb.name, quoted(names));
+  }
+  script += fmt::format(
+      "  esac\n  compopt -o filenames\n  mapfile -t COMPREPLY < <(compgen -f -- \"$word\")\n}}\n"
+      "complete -F {} {}\n",
+      function_name(program.name), program.name);
+  return script;
+}
+
+std::string zsh_script(const ProgramManual& program) {
+  std::string script = fmt::format("#compdef {0}\n{1}() {{\n  if (( CURRENT == 2 )); then\n    local -a verbs=(\n",
+                                   program.name, function_name(program.name));
+  const auto entry = [](std::string_view name, std::string_view description) {
+    std::string escaped;
+    for (const char c : name) escaped += c == ':' ? std::string{"\\:"} : std::string{c};
+    return quoted(fmt::format("{}:{}", escaped, description));
+  };
+  for (const VerbManual& verb : program.verbs) script += fmt::format("      {}\n", entry(verb.name, verb.summary));
+  script +=
+      "    )\n    _describe verb verbs\n    return\n  fi\n  local -a options=()\n  case $words[2],$words[CURRENT-1] "
+      "in\n";
+  for (const VerbManual& verb : program.verbs)
+    for (const OptionManual& option : verb.options)
+      if (!option.positional && !option.choices.empty())
+        script += fmt::format("    {},{}) compadd -- {}; return ;;\n", verb.name, option.name,
+                              fmt::join(option.choices, " "));
+  script += "  esac\n  case $words[2] in\n";
+  for (const VerbManual& verb : program.verbs) {
+    script += fmt::format("    {}) options=(\n", verb.name);
+    for (const OptionManual& option : verb.options)
+      if (!option.positional) script += fmt::format("      {}\n", entry(option.name, option.description));
+    script += "    ) ;;\n";
+  }
+  script += fmt::format(
+      "  esac\n  if [[ $words[CURRENT] == -* ]]; then _describe option options; else _files; fi\n}}\n{} \"$@\"\n",
+      function_name(program.name));
+  return script;
+}
+
+std::string fish_script(const ProgramManual& program) {
+  std::string script = fmt::format("# fish completion for {}\n", program.name);
+  for (const VerbManual& verb : program.verbs) {
+    script += fmt::format("complete -c {} -n __fish_use_subcommand -f -a {} -d {}\n", program.name, verb.name,
+                          quoted(verb.summary));
+    for (const OptionManual& option : verb.options) {
+      if (option.positional) continue;
+      script += fmt::format("complete -c {} -n '__fish_seen_subcommand_from {}' -l {}", program.name, verb.name,
+                            option.name.substr(option.name.find_first_not_of('-')));
+      if (!option.choices.empty())
+        script += fmt::format(" -x -a {}", quoted(fmt::format("{}", fmt::join(option.choices, " "))));
+      else if (!option.value.empty())
+        script += " -r";
+      script += fmt::format(" -d {}\n", quoted(option.description));
+    }
+  }
+  return script;
+}
+
+}  // namespace
+
+Result<Shell> shell_from_name(std::string_view name) {
+  if (name == "bash") return Shell::Bash;
+  if (name == "zsh") return Shell::Zsh;
+  if (name == "fish") return Shell::Fish;
+  return fail(ErrorCode::InvalidInput, fmt::format("{} is no shell known here; there are: bash, zsh, fish", name));
+}
+
+std::string completion_script(const ProgramManual& program, Shell shell) {
+  switch (shell) {
+    case Shell::Bash:
+      return bash_script(program);
+    case Shell::Zsh:
+      return zsh_script(program);
+    case Shell::Fish:
+      return fish_script(program);
+  }
+  return {};
+}
+
+}  // namespace telefab

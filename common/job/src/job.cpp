@@ -1,0 +1,81 @@
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <telefab/job/job.hpp>
+
+namespace telefab {
+
+std::string_view name_of(JobState state) {
+  switch (state) {
+    case JobState::Queued:
+      return "queued";
+    case JobState::Slicing:
+      return "slicing";
+    case JobState::Sending:
+      return "sending";
+    case JobState::Planning:
+      return "planning";
+    case JobState::Ready:
+      return "ready";
+    case JobState::Printing:
+      return "printing";
+    case JobState::Paused:
+      return "paused";
+    case JobState::Done:
+      return "done";
+    case JobState::Failed:
+      return "failed";
+    case JobState::Cancelled:
+      return "cancelled";
+  }
+  return "failed";
+}
+
+Result<JobState> job_state_from_name(std::string_view name) {
+  for (const JobState state : kJobStates)
+    if (name_of(state) == name) return state;
+  return fail(ErrorCode::InvalidInput, fmt::format("{} is no state of a job", name));
+}
+
+bool is_final(JobState state) {
+  return state == JobState::Done || state == JobState::Failed || state == JobState::Cancelled;
+}
+
+bool may_follow(JobState from, JobState to) {
+  if (is_final(from)) return false;
+  if (to == JobState::Failed || to == JobState::Cancelled) return true;
+  if (from == JobState::Paused && to == JobState::Printing) return true;
+  // A pause ends by resume, cancel or failure; nothing else leads out of it.
+  return from != JobState::Paused && from < to;
+}
+
+std::string to_json(const Job& job) {
+  nlohmann::ordered_json stages = nlohmann::ordered_json::object();
+  for (const StageSeconds& stage : job.stages) stages[stage.stage] = stage.seconds;
+  auto parameters = nlohmann::ordered_json::parse(job.parameters, nullptr, false);
+  if (parameters.is_discarded()) parameters = nullptr;
+  const JobCounters& c = job.counters;
+  const nlohmann::ordered_json object{
+      {"id", job.id},
+      {"name", job.name},
+      {"machine", job.machine},
+      {"state", name_of(job.state)},
+      {"message", job.message},
+      {"owner", job.owner},
+      {"layers", c.layers},
+      {"layers_sliced", c.layers_sliced},
+      {"layers_sent", c.layers_sent},
+      {"print_layers", c.print_layers},
+      {"layers_planned", c.layers_planned},
+      {"layers_printed", c.layers_printed},
+      {"scan_bytes", c.scan_bytes},
+      {"wire_bytes", c.wire_bytes},
+      {"seconds", stages},
+      {"parameters", parameters},
+      {"created_unix_ms", job.created_unix_ms},
+      {"changed_unix_ms", job.changed_unix_ms},
+  };
+  return object.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
+}  // namespace telefab

@@ -1,0 +1,51 @@
+#pragma once
+#include <map>
+#include <telefab/net/loop.hpp>
+#include <telefab/service/site_ledger.hpp>
+
+namespace telefab {
+
+/// The counters of the jobs under way: they change many times a second, and are stored a tenth of a second after the
+/// first change that is not. While nothing changes, nothing runs. Threads: the loop's only.
+class LiveCounters {
+ public:
+  /// Both must outlive the counters' last change.
+  LiveCounters(net::Loop& loop, SiteLedger& ledger) : loop_{loop}, ledger_{ledger} {}
+  ~LiveCounters() { keep(); }
+  LiveCounters(const LiveCounters&) = delete;
+  LiveCounters& operator=(const LiveCounters&) = delete;
+
+  /// Takes a job up with what the store knows of it. One that is live already stays as it is.
+  void begin(const std::string& job, const JobCounters& counters) { jobs_.try_emplace(job, Live{counters, false}); }
+  [[nodiscard]] bool contains(const std::string& job) const { return jobs_.contains(job); }
+  /// `change(JobCounters&)`; false, and nothing is called, for a job that is not live.
+  template <class Change>
+  bool change(const std::string& job, const Change& change) {
+    const auto found = jobs_.find(job);
+    if (found == jobs_.end()) return false;
+    change(found->second.counters);
+    found->second.is_dirty = true;
+    keep_soon();
+    return true;
+  }
+  /// Stores what has changed, now.
+  void keep();
+  /// After this the job is not live; what was not stored is stored.
+  void end(const std::string& job);
+  [[nodiscard]] std::vector<std::string> jobs() const;
+
+ private:
+  struct Live {
+    JobCounters counters;
+    bool is_dirty = false;
+  };
+  void keep_soon();
+
+  net::Loop& loop_;
+  SiteLedger& ledger_;
+  std::map<std::string, Live> jobs_;
+  bool is_keeping_soon_ = false;
+  std::shared_ptr<bool> alive_ = std::make_shared<bool>(true);
+};
+
+}  // namespace telefab

@@ -1,0 +1,13 @@
+#pragma once
+#include <telefab/command_line/program.hpp>
+
+// Verbs that both sites' programs have.
+namespace telefab {
+
+/// `logs JOB --data DIR`: a job's events and the audit log's lines on it, by time.
+[[nodiscard]] VerbBody declare_logs(CLI::App& options);
+
+/// `machines`: the machine profiles of a folder, or every key a profile may have.
+[[nodiscard]] VerbBody declare_machines(CLI::App& options);
+
+}  // namespace telefab

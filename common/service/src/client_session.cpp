@@ -1,0 +1,293 @@
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <map>
+#include <telefab/service/client_session.hpp>
+#include <telefab/service/file_sender.hpp>
+
+namespace telefab {
+namespace {
+
+constexpr auto kWatchEvery = std::chrono::milliseconds{50};
+
+/// A scan on its way in. The file is removed unless it was handed over.
+class Upload {
+ public:
+  static Result<std::unique_ptr<Upload>> begin(const Submit& submit, const std::filesystem::path& folder) {
+    std::string pattern = (folder / "upload-XXXXXX").string();
+    const int file = ::mkstemp(pattern.data());
+    if (file < 0) return fail(ErrorCode::StorageFailed, fmt::format("cannot make a file in {}", folder.string()));
+    return std::unique_ptr<Upload>{new Upload{submit, pattern, file}};
+  }
+  ~Upload() {
+    ::close(file_);
+    std::error_code ignored;  // handed over already
+    std::filesystem::remove(path_, ignored);
+  }
+  Upload(const Upload&) = delete;
+  Upload& operator=(const Upload&) = delete;
+
+  Result<void> take(const UploadBlock& block) {
+    if (block.offset_bytes != got_ || block.content.empty() || block.content.size() > submit_.size_bytes - got_)
+      return fail(ErrorCode::ProtocolBroken, "upload: the blocks do not follow each other within the announced size");
+    std::span<const std::byte> rest = block.content;
+    while (!rest.empty()) {
+      const ssize_t n = ::write(file_, rest.data(), rest.size());
+      if (n < 0 && errno == EINTR) continue;
+      if (n < 0)
+        return fail(ErrorCode::StorageFailed,
+                    fmt::format("cannot keep the scan in {}: {}", path_.string(), std::strerror(errno)));
+      rest = rest.subspan(static_cast<std::size_t>(n));
+    }
+    hasher_.feed(block.content);
+    got_ += block.content.size();
+    return {};
+  }
+  [[nodiscard]] bool is_whole() const { return got_ == submit_.size_bytes; }
+  /// Durable and with the digest that was announced.
+  Result<void> finish() const {
+    if (hasher_.digest() != submit_.content)
+      return fail(ErrorCode::NotTrusted, fmt::format("{} did not arrive as it was sent; send it again", submit_.name));
+    if (::fsync(file_) != 0) return fail(ErrorCode::StorageFailed, fmt::format("cannot sync {}", path_.string()));
+    return {};
+  }
+  [[nodiscard]] const Submit& submit() const { return submit_; }
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+
+ private:
+  Upload(Submit submit, std::filesystem::path path, int file)
+      : submit_{std::move(submit)}, path_{std::move(path)}, file_{file} {}
+  Submit submit_;
+  std::filesystem::path path_;
+  int file_;
+  std::uint64_t got_ = 0;
+  Hasher hasher_;
+};
+
+class ClientSession : public std::enable_shared_from_this<ClientSession> {
+ public:
+  ClientSession(net::Loop& loop, net::ConnectionPtr connection, SiteDesk& desk, const ClientLimits& limits)
+      : loop_{loop}, connection_{std::move(connection)}, desk_{desk}, limits_{limits} {}
+
+  void begin() {
+    connection_->set_events({[self = shared_from_this()](const Frame& frame) { self->on_frame(frame); },
+                             [self = shared_from_this()] { self->send_files(); },
+                             [self = shared_from_this()](const Error& why) { self->on_closed(why); }});
+  }
+
+ private:
+  void on_frame(const Frame& frame) {
+    const auto message = from_frame(frame);
+    if (!message) return end(message.error());
+    std::visit([&](const auto& question) { answer(question); }, *message);
+  }
+
+  void on_closed(const Error& why) {
+    is_open_ = false;
+    if (why.code == ErrorCode::ProtocolBroken) {
+      desk_.note(connection_->peer().address, why.what);
+      connection_->close(to_frame(Fault{{}, why, {}}));
+    }
+    uploads_.clear();
+    watches_.clear();
+    downloads_.clear();
+  }
+
+  void end(const Error& why) {
+    is_open_ = false;
+    desk_.note(connection_->peer().address, why.what);
+    connection_->close(to_frame(Fault{{}, why, {}}));
+    uploads_.clear();
+    watches_.clear();
+    downloads_.clear();
+  }
+
+  void say(const Message& message) {
+    if (!is_open_) return;
+    if (auto sent = connection_->send(to_frame(message)); !sent) end(sent.error());
+  }
+  void say_fault(RequestId request, const Error& error, const std::string& job = {}) {
+    say(Fault{request, error, job});
+  }
+
+  [[nodiscard]] bool may_change() const {
+    const auto& role = connection_->peer().role;
+    return !role || *role == net::Role::Operator;
+  }
+  [[nodiscard]] Error refuse_role(std::string_view deed) {
+    const net::Peer& peer = connection_->peer();
+    desk_.note(peer.name, fmt::format("refused: {}", deed));
+    return {ErrorCode::NotPermitted,
+            fmt::format("\"{}\" has the role {} and may not {}", peer.name, net::name_of(*peer.role), deed)};
+  }
+  [[nodiscard]] std::string who(std::string_view claimed) const {
+    const net::Peer& peer = connection_->peer();
+    if (peer.role || claimed.empty()) return peer.name;
+    return std::string{claimed};  // on loopback without certificates the name is what the caller says
+  }
+
+  void answer(const AskMachines& question) {
+    Machines machines = desk_.machines();
+    machines.request = question.request;
+    say(machines);
+  }
+
+  void answer(const Submit& submit) {
+    if (!may_change()) return say_fault(submit.request, refuse_role("submit"));
+    if (uploads_.size() >= limits_.max_uploads)
+      return say_fault(submit.request, {ErrorCode::TooLarge, "upload-limit: too many uploads at once"});
+    if (submit.size_bytes == 0)
+      return say_fault(submit.request, {ErrorCode::InvalidInput, fmt::format("{} is empty", submit.name)});
+    if (auto may = desk_.may_submit(submit); !may) return say_fault(submit.request, may.error());
+    auto upload = Upload::begin(submit, desk_.incoming());
+    if (!upload) return say_fault(submit.request, upload.error());
+    uploads_[submit.request] = std::move(*upload);
+    say(SendMore{submit.request, 0});
+  }
+
+  void answer(const UploadBlock& block) {
+    const auto found = uploads_.find(block.request);
+    // Blocks of a refused upload may still be on their way.
+    if (found == uploads_.end()) return;
+    Upload& upload = *found->second;
+    auto taken = upload.take(block);
+    if (taken && !upload.is_whole()) return;
+    if (taken) taken = upload.finish();
+    if (!taken) {
+      say_fault(block.request, taken.error());
+      uploads_.erase(found);
+      return;
+    }
+    auto job = desk_.submit(upload.submit(), upload.path(), who(""));
+    if (job)
+      say(Jobs{block.request, {std::move(*job)}});
+    else
+      say_fault(block.request, job.error());
+    uploads_.erase(block.request);
+  }
+
+  void answer(const AskJobs& question) {
+    if (question.job.empty()) {
+      auto jobs = desk_.store().list(question.most);
+      if (!jobs) return say_fault(question.request, jobs.error());
+      return say(Jobs{question.request, std::move(*jobs)});
+    }
+    auto job = desk_.store().find(question.job);
+    if (!job) return say_fault(question.request, job.error(), question.job);
+    say(Jobs{question.request, {*job}});
+    if (!question.watch || is_final(job->state)) return;
+    if (watches_.size() >= limits_.max_watches)
+      return say_fault(question.request, {ErrorCode::TooLarge, "watch-limit: too many watches"}, question.job);
+    watches_[question.request] = std::move(*job);
+    if (!is_watching_) watch_again();
+  }
+
+  void watch_again() {
+    is_watching_ = true;
+    loop_.after(kWatchEvery, [weak = weak_from_this()] {
+      if (const auto self = weak.lock()) self->look_at_watches();
+    });
+  }
+
+  void look_at_watches() {
+    is_watching_ = false;
+    if (!is_open_) return;
+    const std::uint64_t revision = desk_.store().revision();
+    if (revision != seen_revision_) {
+      seen_revision_ = revision;
+      for (auto each = watches_.begin(); each != watches_.end();) {
+        auto job = desk_.store().find(each->second.id);
+        if (job && *job != each->second) {
+          say(Jobs{each->first, {*job}});
+          if (!is_open_) return;
+          each->second = std::move(*job);
+        }
+        each = is_final(each->second.state) ? watches_.erase(each) : std::next(each);
+      }
+    }
+    if (!watches_.empty()) watch_again();
+  }
+
+  void answer(const Command& command) {
+    if (!may_change()) return say_fault(command.request, refuse_role(name_of(command.command)), command.job);
+    Command with_name = command;
+    with_name.who = who(command.who);
+    desk_.note(with_name.who, fmt::format("{} {}", name_of(command.command), command.job));
+    desk_.command(with_name, [weak = weak_from_this(), request = command.request, id = command.job](Result<Job> job) {
+      const auto self = weak.lock();
+      if (!self) return;
+      if (job)
+        self->say(Jobs{request, {std::move(*job)}});
+      else
+        self->say_fault(request, job.error(), id);
+    });
+  }
+
+  void answer(const AskFiles& question) {
+    desk_.files(question.job, [weak = weak_from_this(), question](Result<std::vector<FileEntry>> files) {
+      const auto self = weak.lock();
+      if (!self) return;
+      if (files)
+        self->say(Files{question.request, std::move(*files)});
+      else
+        self->say_fault(question.request, files.error(), question.job);
+    });
+  }
+
+  void answer(const AskFile& question) {
+    if (downloads_.size() >= limits_.max_files)
+      return say_fault(question.request, {ErrorCode::TooLarge, "file-limit: too many files at once"}, question.job);
+    desk_.file(question.job, question.name, [weak = weak_from_this(), question](Result<std::filesystem::path> path) {
+      const auto self = weak.lock();
+      if (!self) return;
+      if (!path) return self->say_fault(question.request, path.error(), question.job);
+      if (auto added = self->downloads_.add(question.request, *path); !added)
+        return self->say_fault(question.request, added.error(), question.job);
+      self->send_files();
+    });
+  }
+
+  void send_files() {
+    if (is_open_) downloads_.pump(*connection_, [this](const Message& block) { say(block); });
+  }
+
+  /// What only sites say to each other, or only a site says to a client.
+  template <class Other>
+  void answer(const Other&) {
+    end({ErrorCode::ProtocolBroken, "message-order: a client does not send this message"});
+  }
+
+  net::Loop& loop_;
+  net::ConnectionPtr connection_;
+  SiteDesk& desk_;
+  ClientLimits limits_;
+  bool is_open_ = true;
+  bool is_watching_ = false;
+  std::uint64_t seen_revision_ = 0;
+  std::map<RequestId, std::unique_ptr<Upload>> uploads_;
+  std::map<RequestId, Job> watches_;
+  FileSender downloads_;
+};
+
+}  // namespace
+
+std::vector<FileEntry> files_of(const std::filesystem::path& folder) {
+  std::vector<FileEntry> files;
+  std::error_code error;  // no folder: no files
+  for (const auto& entry : std::filesystem::directory_iterator{folder, error}) {
+    const std::string name = entry.path().filename().string();
+    if (!entry.is_regular_file(error) || !is_file_name(name)) continue;
+    const auto size = entry.file_size(error);
+    if (!error) files.push_back({name, size});
+  }
+  std::sort(files.begin(), files.end(), [](const FileEntry& a, const FileEntry& b) { return a.name < b.name; });
+  return files;
+}
+
+void serve_client(net::Loop& loop, const net::ConnectionPtr& connection, SiteDesk& desk, const ClientLimits& limits) {
+  std::make_shared<ClientSession>(loop, connection, desk, limits)->begin();
+}
+
+}  // namespace telefab

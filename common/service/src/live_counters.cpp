@@ -1,0 +1,35 @@
+#include <telefab/service/live_counters.hpp>
+
+namespace telefab {
+namespace {
+
+constexpr auto kKeepAfter = std::chrono::milliseconds{100};
+
+}  // namespace
+
+void LiveCounters::keep() {
+  for (auto& [job, live] : jobs_)
+    if (std::exchange(live.is_dirty, false)) ledger_.set_counters(job, live.counters);
+}
+
+void LiveCounters::end(const std::string& job) {
+  keep();
+  jobs_.erase(job);
+}
+
+std::vector<std::string> LiveCounters::jobs() const {
+  std::vector<std::string> names;
+  for (const auto& [job, live] : jobs_) names.push_back(job);
+  return names;
+}
+
+void LiveCounters::keep_soon() {
+  if (std::exchange(is_keeping_soon_, true)) return;
+  loop_.after(kKeepAfter, [this, alive = std::weak_ptr<bool>{alive_}] {
+    if (alive.expired()) return;
+    is_keeping_soon_ = false;
+    keep();
+  });
+}
+
+}  // namespace telefab

@@ -1,0 +1,50 @@
+#include <fmt/format.h>
+
+#include <telefab/service/daemon_log.hpp>
+#include <telefab/service/site_ledger.hpp>
+
+namespace telefab {
+namespace {
+
+/// A daemon goes on where its books cannot be written, and says so.
+void warn_of(const Result<void>& outcome, const LogFields& fields = {}) {
+  if (!outcome) log_warning(outcome.error().what, fields);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<SiteLedger>> SiteLedger::open(const std::filesystem::path& folder, const HookOptions& hooks,
+                                                     const Clock& clock) {
+  auto store = JobStore::open(folder / "jobs.sqlite", clock);
+  if (!store) return tl::unexpected{store.error()};
+  auto audit = AuditLog::open(folder / "audit.log", clock);
+  if (!audit) return tl::unexpected{audit.error()};
+  auto told = StateHooks::start(hooks);
+  if (!told) return tl::unexpected{told.error()};
+  return std::unique_ptr<SiteLedger>{new SiteLedger{std::move(*store), std::move(*audit), std::move(*told)}};
+}
+
+void SiteLedger::note(std::string_view who, std::string_view what) {
+  log_line(fmt::format("{}: {}", who, what));
+  warn_of(audit_->add(who, what));
+}
+
+void SiteLedger::move(const std::string& job, JobState state, std::string_view message) {
+  const auto now = store_->find(job);
+  if (!now || (now->state == state && now->message == message)) return;
+  if (now->state != state && !may_follow(now->state, state)) return;
+  const auto moved = store_->move(job, state, message);
+  if (!moved) return log_warning(moved.error().what, {job});
+  log_line(fmt::format("job {} {}{}{}", job, name_of(state), message.empty() ? "" : ": ", message), {job});
+  hooks_->tell(*moved);
+}
+
+void SiteLedger::set_stage_seconds(const std::string& job, std::string_view stage, double seconds) {
+  warn_of(store_->set_stage_seconds(job, stage, seconds), {job});
+}
+
+void SiteLedger::set_counters(const std::string& job, const JobCounters& counters) {
+  warn_of(store_->set_counters(job, counters), {job});
+}
+
+}  // namespace telefab

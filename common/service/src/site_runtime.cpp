@@ -1,0 +1,101 @@
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <pthread.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <cstring>
+#include <telefab/base/file.hpp>
+#include <telefab/service/site_runtime.hpp>
+
+namespace telefab {
+
+void declare_serve_options(CLI::App& app, ServeOptions& options) {
+  app.add_option("--listen", options.listen, "HOST:PORT; port 0 takes a free one; off loopback --tls is needed")
+      ->capture_default_str();
+  app.add_option("--data", options.data, "folder for jobs, made where there is none; one daemon a folder")->required();
+  app.add_option("--machines", options.machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  app.add_option("--tls", options.tls_folder,
+                 "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as deploy/certs makes it");
+  app.add_option("--tls-name", options.tls_name, "NAME of the certificate in that folder")->capture_default_str();
+  app.add_option("--web", options.web,
+                 "HOST:PORT of the web page and its API, e.g. 127.0.0.1:7480; default: none. What changes a job needs "
+                 "the token in DATA/web-token");
+  app.add_option("--hook", options.hooks.program,
+                 "program to run at every change of a job's state: TELEFAB_JOB, TELEFAB_STATE, TELEFAB_MESSAGE, "
+                 "TELEFAB_NAME and TELEFAB_MACHINE in its environment, the job as JSON on its input");
+  app.add_option("--webhook", options.hooks.url, "http:// or https:// address that gets the same JSON as a POST");
+  app.add_option("--log-level", options.log_level, "how much is logged; debug adds a line a layer")
+      ->check(CLI::IsMember({"debug", "info", "warning"}))
+      ->capture_default_str();
+}
+
+Result<std::shared_ptr<net::Trust>> trust_of(const ServeOptions& options) {
+  if (options.tls_folder.empty()) return std::shared_ptr<net::Trust>{};
+  return net::Trust::load(net::tls_files_in(options.tls_folder, options.tls_name));
+}
+
+Result<std::unique_ptr<net::Listener>> open_listener(
+    net::Loop& loop, const ServeOptions& options, std::shared_ptr<net::Trust> trust,
+    std::function<void(const net::ConnectionPtr&)> welcome,
+    std::function<void(std::string_view who, std::string_view what)> note) {
+  const auto listen = net::endpoint_from_text(options.listen);
+  if (!listen) return fail_in("--listen", listen.error());
+  return net::Listener::open(
+      loop, {*listen, std::move(trust), {}},
+      {std::move(welcome), [note = std::move(note)](const std::string& address, const Error& why) {
+         note(address, "refused: " + why.what);
+       }});
+}
+
+Result<DataFolder> DataFolder::open(const std::filesystem::path& path) {
+  std::error_code error;
+  for (const auto& folder : {path, path / "incoming", path / "jobs"}) {
+    std::filesystem::create_directories(folder, error);
+    if (error)
+      return fail(error == std::errc::permission_denied ? ErrorCode::NotPermitted : ErrorCode::StorageFailed,
+                  fmt::format("cannot make the folder {}: {}", folder.string(), error.message()));
+  }
+  const auto lock_path = path / "lock";
+  const int lock = ::open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0640);
+  if (lock < 0)
+    return fail(ErrorCode::NotPermitted, fmt::format("cannot write in {}: {}", path.string(), std::strerror(errno)));
+  if (::flock(lock, LOCK_EX | LOCK_NB) != 0) {
+    ::close(lock);
+    return fail(ErrorCode::Conflict,
+                fmt::format("another daemon works in {}; give each its own --data", path.string()));
+  }
+  // Uploads that were under way when the daemon ended last.
+  for (const auto& left : std::filesystem::directory_iterator{path / "incoming", error})
+    std::filesystem::remove(left.path(), error);
+  std::filesystem::remove(path / "port", error);
+  return DataFolder{path, lock};
+}
+
+DataFolder::DataFolder(DataFolder&& other) noexcept
+    : path_{std::move(other.path_)}, lock_{std::exchange(other.lock_, -1)} {}
+
+DataFolder::~DataFolder() {
+  if (lock_ >= 0) ::close(lock_);
+}
+
+Result<std::filesystem::path> DataFolder::job(std::string_view id) const {
+  const auto folder = path_ / "jobs" / id;
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error)
+    return fail(ErrorCode::StorageFailed,
+                fmt::format("cannot make the folder {}: {}", folder.string(), error.message()));
+  return folder;
+}
+
+Result<void> DataFolder::announce_port(std::uint16_t port) const {
+  fmt::print("{}\n", port);
+  std::fflush(stdout);
+  return write_file_atomically(path_ / "port", std::string_view{fmt::format("{}\n", port)});
+}
+
+void set_thread_name(const char* name) { pthread_setname_np(pthread_self(), name); }
+
+}  // namespace telefab

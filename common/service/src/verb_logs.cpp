@@ -1,0 +1,114 @@
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <telefab/base/file.hpp>
+#include <telefab/service/shared_verbs.hpp>
+#include <telefab/store/job_store.hpp>
+
+namespace telefab {
+namespace {
+
+constexpr std::uint64_t kMaxAuditBytes = 4ULL << 30U;
+constexpr std::size_t kMostEvents = 100'000;
+constexpr auto kLookEvery = std::chrono::milliseconds{300};
+
+struct LogsOptions {
+  std::string job;
+  std::string data;
+  bool follow = false;
+  bool json = false;
+};
+
+struct LogEntry {
+  std::int64_t unix_ms = 0;
+  std::string who;  ///< empty: the daemon itself
+  std::string text;
+};
+
+void print(const LogEntry& entry, bool json) {
+  if (json) {
+    const nlohmann::ordered_json object{{"unix_ms", entry.unix_ms}, {"who", entry.who}, {"text", entry.text}};
+    fmt::print("{}\n", object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  } else {
+    const std::chrono::sys_time<std::chrono::milliseconds> time{std::chrono::milliseconds{entry.unix_ms}};
+    fmt::print("{:%Y-%m-%d %H:%M:%S}.{:03} {}{}{}\n", fmt::gmtime(std::chrono::system_clock::to_time_t(time)),
+               entry.unix_ms % 1000, entry.who, entry.who.empty() ? "" : ": ", entry.text);
+  }
+  std::fflush(stdout);
+}
+
+/// Lines of the audit log that name the job. Its chain is checked by the daemon, not here.
+Result<std::vector<LogEntry>> audit_of(const std::filesystem::path& path, const std::string& job) {
+  std::vector<LogEntry> entries;
+  const auto bytes = read_file(path, kMaxAuditBytes);
+  if (!bytes && bytes.error().code == ErrorCode::NotFound) return entries;
+  if (!bytes) return tl::unexpected{bytes.error()};
+  std::string_view text{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+  for (std::size_t end; (end = text.find('\n')) != std::string_view::npos; text.remove_prefix(end + 1)) {
+    const std::string_view line = text.substr(0, end);
+    if (line.find(job) == std::string_view::npos) continue;
+    const auto entry = nlohmann::json::parse(line, nullptr, false);
+    if (!entry.is_object()) continue;
+    std::string what = entry.value("what", "");
+    // A longer id may begin with this one.
+    const std::size_t at = what.find(job);
+    const std::size_t after = at == std::string::npos ? at : at + job.size();
+    if (at == std::string::npos || (after < what.size() && what[after] != ' ')) continue;
+    entries.push_back({entry.value("unix_ms", std::int64_t{0}), entry.value("who", ""), std::move(what)});
+  }
+  return entries;
+}
+
+Result<ExitCode> run(const LogsOptions& o, const std::stop_token& stop) {
+  const std::filesystem::path folder{o.data};
+  std::error_code error;
+  if (!std::filesystem::exists(folder / "jobs.sqlite", error))
+    return fail(ErrorCode::NotFound, fmt::format("{} is no folder of a daemon: it holds no jobs.sqlite", o.data));
+  SystemClock clock;
+  const auto store = JobStore::open(folder / "jobs.sqlite", clock);
+  if (!store) return tl::unexpected{store.error()};
+  const auto job = (*store)->find(o.job);
+  if (!job) return tl::unexpected{job.error()};
+  auto entries = audit_of(folder / "audit.log", o.job);
+  if (!entries) return tl::unexpected{entries.error()};
+  std::uint64_t last = 0;
+  const auto take_events = [&](std::vector<LogEntry>& into) -> Result<void> {
+    const auto events = (*store)->events(o.job, last, kMostEvents);
+    if (!events) return tl::unexpected{events.error()};
+    for (const JobEvent& event : *events) {
+      into.push_back({event.unix_ms, "", event.text});
+      last = event.number;
+    }
+    return {};
+  };
+  if (auto taken = take_events(*entries); !taken) return tl::unexpected{taken.error()};
+  std::ranges::stable_sort(*entries, {}, &LogEntry::unix_ms);
+  for (const LogEntry& entry : *entries) print(entry, o.json);
+  while (o.follow && !stop.stop_requested()) {
+    const auto now = (*store)->find(o.job);
+    if (!now) return tl::unexpected{now.error()};
+    std::vector<LogEntry> more;
+    if (auto taken = take_events(more); !taken) return tl::unexpected{taken.error()};
+    for (const LogEntry& entry : more) print(entry, o.json);
+    if (is_final(now->state)) break;
+    clock.sleep_for(kLookEvery);
+  }
+  return ExitCode::Ok;
+}
+
+}  // namespace
+
+VerbBody declare_logs(CLI::App& options) {
+  auto o = std::make_shared<LogsOptions>();
+  options.add_option("JOB", o->job, "id of the job, as `telefab jobs` lists it")->required();
+  options.add_option("--data", o->data, "the daemon's folder")->required();
+  options.add_flag("--follow", o->follow, "go on until the job ends");
+  options.add_flag("--json", o->json, "one JSON object a line: unix_ms, who, text");
+  options.footer("The service's own lines on a job: journalctl JOB=...\n");
+  return [o](const std::stop_token& stop) { return run(*o, stop); };
+}
+
+}  // namespace telefab

@@ -1,0 +1,48 @@
+#pragma once
+#include <cstdint>
+#include <telefab/scan/formats/read_cloud.hpp>
+#include <vector>
+
+namespace telefab::scan {
+
+/// Where the readers put what they read. Claims of a header are checked against the bytes present before memory is
+/// taken; what a file may hold is checked in finish(), once for all formats.
+class ScanBuilder {
+ public:
+  ScanBuilder(ScanFormat format, const ReadOptions& options) : format_{format}, options_{options} {}
+
+  /// Reserves room for `count` points, each of which takes at least `bytes_each` of the `bytes_left`.
+  /// Fails: InvalidInput (the file is shorter than it claims), TooLarge.
+  [[nodiscard]] Result<void> expect(std::uint64_t count, std::uint64_t bytes_left, std::uint64_t bytes_each);
+
+  void add(const Vec3& point) { points_.push_back(point); }
+  void add_normal(const Vec3& normal) { normals_.push_back(normal.cast<float>()); }
+  void add_confidence(float value) { confidence_.push_back(value); }
+  void add_view(RangeView view) { views_.push_back(std::move(view)); }
+  /// One polygon by its corners, kept as a fan of triangles if faces are wanted.
+  void add_face(std::span<const std::uint64_t> corners);
+  [[nodiscard]] bool keeps_faces() const { return options_.keep_faces; }
+  /// Says what unit the format asks for, millimetres.
+  void state_unit(double millimetres) { unit_mm_ = millimetres; }
+  void add_empty_return() { ++empty_returns_; }
+  [[nodiscard]] std::size_t size() const { return points_.size(); }
+
+  /// Drops the normals: the file turned out to have none that can be told to belong to the points.
+  void forget_normals() { normals_.clear(); }
+
+  /// Fails: InvalidInput (no point, a point that is not finite or beyond 1e12, a face that names no point).
+  [[nodiscard]] Result<ScanFile> finish() &&;
+
+ private:
+  ScanFormat format_;
+  ReadOptions options_;
+  std::vector<Vec3> points_;
+  std::vector<Eigen::Vector3f> normals_;
+  std::vector<float> confidence_;
+  std::vector<RangeView> views_;
+  std::vector<std::array<std::uint32_t, 3>> faces_;
+  std::size_t empty_returns_ = 0;
+  std::optional<double> unit_mm_;
+};
+
+}  // namespace telefab::scan

@@ -1,0 +1,64 @@
+#pragma once
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <string_view>
+#include <telefab/base/progress.hpp>
+#include <telefab/base/result.hpp>
+#include <telefab/image/png.hpp>
+#include <telefab/machine/machine_profile.hpp>
+#include <telefab/scan/mls/mls_field.hpp>
+#include <telefab/scan/slicing/slice_scan.hpp>
+#include <telefab/scan/topology/height_topology.hpp>
+#include <vector>
+
+namespace telefab::scan {
+
+/// What to look at. With a machine the scan stands where it would be sliced; without one it is centred on x = y = 0.
+struct InspectRequest {
+  std::optional<MachineProfile> machine;
+  std::optional<double> height_mm;  ///< > 0; the scan's z extent becomes this
+  std::optional<double> scale;      ///< > 0; millimetres per unit of the file; not with height_mm
+  std::optional<double> unit_mm;    ///< > 0; millimetres in a unit of the file; none: as the file states it, or one
+  bool fit = false;                 ///< as large as the machine holds; with a machine, without height and scale
+  UpAxis up = UpAxis::PlusZ;        ///< turned before it is scaled
+  MlsOptions mls;
+};
+
+/// The surface and what the height does on it.
+struct Inspection {
+  std::string scan_name;
+  std::size_t points = 0;
+  KernelChoice kernel;
+  std::string surface;
+  Vec3 size_mm = Vec3::Zero();
+  std::optional<std::string> scale_doubt;  ///< a size that looks wrong, and what to do
+  std::string normals_json;
+  std::vector<Vec3> samples;  ///< that carry the surface, build frame
+  std::vector<Vec3> normals;  ///< one a sample, unit, outward
+  HeightTopology topology;
+  std::vector<StageTime> times;
+};
+
+/// Reads, places and analyses a scan as slice_scan does before it cuts. Fails as slice_scan does.
+[[nodiscard]] Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_view name,
+                                              const InspectRequest& request, const ProgressSink& progress,
+                                              std::stop_token stop);
+
+/// One JSON object, fixed key order: kernel, critical points, plateaus, graph, components, doubts, times.
+[[nodiscard]] std::string to_json(const Inspection& inspection);
+
+/// Two views from a little above. Upper row: the shaded cloud with critical points and the Morse-Smale complex; lower
+/// row: the enhanced Reeb graph on the surface (paper figures 5 and 18). What lies behind is drawn paler. RGB, 1600 x
+/// 1640 pixels.
+[[nodiscard]] Image draw_inspection(const Inspection& inspection);
+
+/// For a viewer: samples (grey), integral lines, arcs and critical points as coloured points; binary little-endian
+/// PLY with normals (zero on lines).
+[[nodiscard]] std::string to_ply(const Inspection& inspection);
+/// Critical points, integral lines and Reeb arcs as VTK XML PolyData, with kind, persistence and component as arrays.
+[[nodiscard]] std::string to_vtp(const Inspection& inspection);
+
+}  // namespace telefab::scan

@@ -1,0 +1,130 @@
+#include <fmt/format.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <telefab/base/clock.hpp>
+#include <telefab/geometry/limits.hpp>
+#include <telefab/scan/cloud/normals.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
+#include <telefab/scan/inspect/inspect_scan.hpp>
+#include <telefab/scan/slicing/placement.hpp>
+
+namespace telefab::scan {
+
+Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_view name, const InspectRequest& request,
+                                const ProgressSink& progress, std::stop_token stop) {
+  SliceRequest place;
+  if (request.machine) {
+    place.machine = *request.machine;
+  } else {
+    place.machine.name = "the coordinate limit";
+    place.machine.platform = {kMaxCoordinateMm, kMaxCoordinateMm, kMaxCoordinateMm};
+  }
+  place.height_mm = request.height_mm;
+  place.scale = request.scale;
+  place.unit_mm = request.unit_mm;
+  place.up = request.up;
+  place.fit = request.fit;
+  place.mls = request.mls;
+  if (auto ok = place.validate(); !ok) return tl::unexpected{ok.error()};
+
+  std::vector<StageTime> times;
+  const SystemClock clock;
+  Nanoseconds since = clock.now();
+  const auto lap = [&](std::string stage) {
+    const Nanoseconds now = clock.now();
+    times.push_back({std::move(stage), std::chrono::duration<double>(now - since).count()});
+    since = now;
+  };
+  telefab::report(progress, "reading", 0);
+  auto cloud = read_cloud(scan, name, ReadOptions{}, stop);
+  if (!cloud) return tl::unexpected{cloud.error()};
+  const std::size_t points = cloud->size();
+  lap("reading");
+  telefab::report(progress, "normals", 0);
+  auto oriented = with_normals(std::move(*cloud), NormalOptions{}, stop);
+  if (!oriented) return tl::unexpected{oriented.error()};
+  lap("normals");
+  auto placed = place_on_platform(std::move(oriented->cloud), place);
+  if (!placed) return fail_in(name, placed.error());
+  if (!request.machine) placed->cloud.origin -= Vec3{kMaxCoordinateMm / 2, kMaxCoordinateMm / 2, 0};
+  telefab::report(progress, "surface", 0);
+  auto field = MlsField::from_cloud(std::move(placed->cloud), request.mls, stop);
+  if (!field) return fail_in(name, field.error());
+  lap("surface");
+
+  telefab::report(progress, "topology", 0);
+  SurfaceSamples all;
+  const Box3 box = (*field)->bounds();
+  (*field)->samples_between(box.min.z(), box.max.z(), all);
+  TopologyOptions options;
+  options.noise_mm = (*field)->kernel().noise_mm;
+  auto topology = analyse_height(**field, all.points, all.normals, options, stop);
+  if (!topology) return fail_in(name, topology.error());
+  lap("topology");
+  return Inspection{.scan_name = std::string{name},
+                    .points = points,
+                    .kernel = (*field)->kernel(),
+                    .surface = std::string{name_of(request.mls.surface)},
+                    .size_mm = placed->size_mm,
+                    .scale_doubt = placed->scale_doubt,
+                    .normals_json = to_json(oriented->report),
+                    .samples = std::move(all.points),
+                    .normals = std::move(all.normals),
+                    .topology = std::move(*topology),
+                    .times = std::move(times)};
+}
+
+std::string to_json(const Inspection& inspection) {
+  using Json = nlohmann::ordered_json;
+  const auto place = [](const Vec3& p) { return Json::array({p.x(), p.y(), p.z()}); };
+  const HeightTopology& t = inspection.topology;
+  Json json;
+  json["scan"] = inspection.scan_name;
+  json["points"] = inspection.points;
+  json["size_mm"] = place(inspection.size_mm);
+  json["surface"] = inspection.surface;
+  const KernelChoice& k = inspection.kernel;
+  json["kernel"] = {{"kernel_mm", k.kernel_mm}, {"adaptive", k.adaptive},     {"spacing_mm", k.spacing_mm},
+                    {"noise_mm", k.noise_mm},   {"unevenness", k.unevenness}, {"dropped_samples", k.dropped_samples}};
+  json["normals"] = Json::parse(inspection.normals_json, nullptr, false);
+  json["euler"] = t.euler();
+  json["euler_is_certain"] = t.euler_is_certain();
+  json["components"] = Json::array();
+  for (const SurfaceComponent& c : t.components())
+    json["components"].push_back({{"euler", c.euler},
+                                  {"genus", c.genus ? Json(*c.genus) : Json(nullptr)},
+                                  {"nodes", c.nodes},
+                                  {"low_mm", c.low_mm},
+                                  {"high_mm", c.high_mm}});
+  json["critical_points"] = Json::array();
+  for (const CriticalPoint& c : t.critical_points()) {
+    Json row{{"kind", name_of(c.kind)}, {"place_mm", place(c.position_mm)}, {"normal_up", c.normal_up}};
+    row["bend_per_mm"] = {c.bend_per_mm[0], c.bend_per_mm[1]};
+    row["persistence_mm"] = std::isfinite(c.persistence_mm) ? Json(c.persistence_mm) : Json();
+    row["plateau"] = c.plateau ? Json(*c.plateau) : Json();
+    json["critical_points"].push_back(std::move(row));
+  }
+  json["plateaus"] = Json::array();
+  for (const Plateau& p : t.plateaus())
+    json["plateaus"].push_back({{"low_mm", p.low_mm},
+                                {"high_mm", p.high_mm},
+                                {"place_mm", place(p.place_mm)},
+                                {"critical_points", p.critical_points}});
+  json["nodes"] = Json::array();
+  for (const ReebNode& n : t.nodes())
+    json["nodes"].push_back({{"low_mm", n.low_mm},
+                             {"high_mm", n.high_mm},
+                             {"component", n.component},
+                             {"below", n.arcs_below},
+                             {"above", n.arcs_above},
+                             {"resolved", n.resolved}});
+  json["arcs"] = Json::array();
+  for (const ReebArc& a : t.arcs()) json["arcs"].push_back({{"lower", a.lower}, {"upper", a.upper}, {"hole", a.hole}});
+  json["doubts"] = t.doubts();
+  json["times_s"] = Json::object();
+  for (const StageTime& time : inspection.times) json["times_s"][time.stage] = time.seconds;
+  return json.dump();
+}
+
+}  // namespace telefab::scan

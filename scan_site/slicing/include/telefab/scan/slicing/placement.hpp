@@ -1,0 +1,20 @@
+#pragma once
+#include <telefab/geometry/layer.hpp>
+#include <telefab/scan/cloud/point_cloud.hpp>
+#include <telefab/scan/slicing/slice_scan.hpp>
+
+namespace telefab::scan {
+
+struct Placement {
+  PointCloud cloud;  ///< build frame, millimetres
+  Transform4 scan_to_build = kIdentity4;
+  Vec3 size_mm = Vec3::Zero();
+  std::optional<std::string> scale_doubt;  ///< nobody stated a size, and the one it has looks wrong
+};
+
+/// Scales and moves the scan onto the platform: centred, lowest point at z = 0. Fails: InvalidInput (no points, no
+/// extent, larger than the platform or the Z travel: the message has both sizes and the height that would fit,
+/// and the unit the file may be in).
+[[nodiscard]] Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request);
+
+}  // namespace telefab::scan

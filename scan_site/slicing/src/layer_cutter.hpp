@@ -1,0 +1,62 @@
+#pragma once
+#include <functional>
+#include <memory>
+#include <optional>
+#include <telefab/geometry/layer.hpp>
+#include <telefab/scan/contour/grid_tracer.hpp>
+#include <telefab/scan/slicing/slice_scan.hpp>
+#include <telefab/scan/topology/height_topology.hpp>
+
+namespace telefab::scan {
+
+/// What all layers of a part share. Immutable while layers are cut; outlives the cutter.
+struct CutSetting {
+  const ScalarField& field;
+  const HeightTopology* topology = nullptr;  ///< none: nothing is predicted
+  /// Samples with low <= z <= high, rising in z.
+  std::function<void(double low_mm, double high_mm, SurfaceSamples& found)> samples;
+  double band_mm = 0;           ///< samples this near to a plane must lie beside one of its contours
+  double cover_kernels = 0.75;  ///< a sample this near (in kernel widths) to a contour of like normal is covered
+  double stray_share = 0;       ///< share of the samples near a plane that no surface need pass: outliers
+  double noise_mm = 0;          ///< of the samples
+  /// So few samples for the size of the part that the field's critical heights may be far from the object's: two
+  /// methods that agree on the field then prove nothing, only the critical points do.
+  bool sparse = false;
+  double chord_mm = 0.014;
+  double bridge_mm = 0;  ///< gaps up to this wide are closed by a straight line
+  TraceMethod method = TraceMethod::Auto;
+  /// The same samples seen with other kernels. Where they show other contours, the scan does not settle the layer.
+  std::vector<const ScalarField*> other_kernels = {};
+  std::optional<TraceFault> known_fault;  ///< flags every layer: something wrong with the scan as a whole
+};
+
+struct CutLayer {
+  Layer layer;
+  std::vector<ContourGap> gaps;
+  std::uint64_t evaluations = 0;
+};
+
+/// Cuts layers one after another with one cursor; one cutter a thread. What it cut before changes no byte.
+class LayerCutter {
+ public:
+  explicit LayerCutter(const CutSetting& setting);
+  /// The rings at z and what can be vouched for. Fails: TooLarge, Cancelled.
+  [[nodiscard]] Result<CutLayer> cut(LayerIndex index, double z_mm, std::stop_token stop);
+
+ private:
+  struct Candidate;
+  [[nodiscard]] Result<Candidate> marched(double z_mm, std::span<const Vec3> seeds, std::stop_token stop);
+  [[nodiscard]] Result<Candidate> gridded(double z_mm, std::stop_token stop);
+  void judge(Candidate& candidate, double z_mm);
+  /// What another kernel finds otherwise; none where all agree.
+  [[nodiscard]] Result<std::optional<TraceFault>> disagreement(const Candidate& candidate, double z_mm,
+                                                               std::span<const Vec3> seeds, std::stop_token stop);
+
+  const CutSetting& setting_;
+  std::unique_ptr<FieldCursor> cursor_;
+  std::vector<std::unique_ptr<FieldCursor>> other_cursors_;  ///< of the other kernels
+  SurfaceSamples near_;
+  SurfaceSamples steep_;  ///< those of near_ that must lie beside a contour
+};
+
+}  // namespace telefab::scan

@@ -1,0 +1,112 @@
+#include <telefab/scan/slicing/placement.hpp>
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <telefab/geometry/limits.hpp>
+#include <telefab/scan/cloud/units.hpp>
+
+namespace telefab::scan {
+
+namespace {
+
+/// Turns the frame of the scan until the axis points up; rows are those of the rotation.
+Eigen::Matrix3f turn_of(UpAxis up) {
+  Eigen::Matrix3f turn;
+  switch (up) {
+    case UpAxis::PlusX:
+      turn << 0, 0, -1, 0, 1, 0, 1, 0, 0;
+      break;
+    case UpAxis::MinusX:
+      turn << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+      break;
+    case UpAxis::PlusY:
+      turn << 1, 0, 0, 0, 0, -1, 0, 1, 0;
+      break;
+    case UpAxis::MinusY:
+      turn << 1, 0, 0, 0, 0, 1, 0, -1, 0;
+      break;
+    case UpAxis::PlusZ:
+      turn.setIdentity();
+      break;
+    case UpAxis::MinusZ:
+      turn << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+      break;
+  }
+  return turn;
+}
+
+constexpr double kFitMargin = 0.01;  // of the room, kept free on every side
+
+}  // namespace
+
+Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request) {
+  if (scan.points.empty()) return fail(ErrorCode::InvalidInput, "the scan has no points");
+  const Eigen::Matrix3f turn = turn_of(request.up);
+  if (request.up != UpAxis::PlusZ) {
+    scan.origin = turn.cast<double>() * scan.origin;
+    for (auto& p : scan.points) p = turn * p;
+    for (auto& n : scan.normals) n = turn * n;
+  }
+  Eigen::Vector3f low = scan.points[0];
+  Eigen::Vector3f high = low;
+  for (const auto& p : scan.points) {
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
+  }
+  const Vec3 min = scan.origin + low.cast<double>();
+  const Vec3 size = high.cast<double>() - low.cast<double>();
+  if (!min.allFinite() || !size.allFinite())
+    return fail(ErrorCode::InvalidInput, "the scan has coordinates that are not finite");
+  if (!(size.z() > 0) || !(size.x() > 0) || !(size.y() > 0))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("the scan is flat: its box is {} x {} x {} units", size.x(), size.y(), size.z()));
+
+  const MachineProfile::Platform& platform = request.machine.platform;
+  const Vec3 room{platform.width_mm, platform.depth_mm, platform.z_travel_mm};
+  const double largest = room.cwiseQuotient(size).minCoeff();
+  const double unit_mm = request.unit_mm.value_or(scan.unit_mm.value_or(1));
+  double scale = unit_mm;
+  if (request.height_mm) scale = *request.height_mm / size.z();
+  if (request.scale) scale = *request.scale;
+  if (request.fit) {
+    // The surface swells beyond its samples, by a share of their spacing that is not known yet, and supports lift it.
+    const Vec3 used = (1 - 2 * kFitMargin) * room - Vec3{0, 0, request.machine.supports.lift_off_mm};
+    scale = used.cwiseMax(room / 2).cwiseQuotient(size).minCoeff();
+  }
+  const Vec3 size_mm = scale * size;
+  std::optional<std::string> doubt;
+  if (!request.height_mm && !request.scale && !request.fit) doubt = doubt_about_scale(size_mm, unit_mm);
+  const std::string hint = doubt ? "; " + *doubt : std::string{};
+  if (!size_mm.allFinite() || (size_mm - room).maxCoeff() > 1e-9 * room.maxCoeff())
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("the part is {:.4g} x {:.4g} x {:.4g} mm, larger than {}: {:.4g} x {:.4g} mm platform, "
+                            "{:.4g} mm travel; give --height-mm {:.4g} or less, or --fit{}",
+                            size_mm.x(), size_mm.y(), size_mm.z(), request.machine.name, room.x(), room.y(), room.z(),
+                            std::floor(largest * size.z() * 100) / 100, hint));
+  if (size_mm.minCoeff() < 1e-6)
+    return fail(ErrorCode::InvalidInput, fmt::format("the part is {:.3g} x {:.3g} x {:.3g} mm, too small to be cut; "
+                                                     "give --height-mm or --scale{}",
+                                                     size_mm.x(), size_mm.y(), size_mm.z(), hint));
+
+  const Vec3 middle = min + size / 2;
+  const Vec3 shift{room.x() / 2 - scale * middle.x(), room.y() / 2 - scale * middle.y(), -scale * min.z()};
+  Placement placed;
+  placed.size_mm = size_mm;
+  placed.scale_doubt = std::move(doubt);
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) placed.scan_to_build[static_cast<std::size_t>(4 * r + c)] = scale * turn(r, c);
+    placed.scan_to_build[static_cast<std::size_t>(4 * r + 3)] = shift[r];
+  }
+  placed.scan_to_build[15] = 1;
+  // Relative to the middle of the part: float keeps 10 nm there, wherever the scanner stood.
+  const Vec3 origin{room.x() / 2, room.y() / 2, size_mm.z() / 2};
+  for (auto& p : scan.points) p = (scale * (scan.origin + p.cast<double>()) + shift - origin).cast<float>();
+  placed.cloud = std::move(scan);
+  placed.cloud.origin = origin;
+  placed.cloud.unit_mm = 1;
+  return placed;
+}
+
+}  // namespace telefab::scan

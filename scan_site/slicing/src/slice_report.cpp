@@ -1,0 +1,70 @@
+#include <nlohmann/json.hpp>
+#include <telefab/scan/slicing/slice_scan.hpp>
+
+namespace telefab::scan {
+
+std::string to_json(const SliceReport& report) {
+  using nlohmann::ordered_json;
+  const StackHeader& h = report.header;
+  ordered_json rows = ordered_json::array();
+  for (std::size_t r = 0; r < 4; ++r)
+    rows.push_back(
+        {h.scan_to_build[4 * r], h.scan_to_build[4 * r + 1], h.scan_to_build[4 * r + 2], h.scan_to_build[4 * r + 3]});
+  ordered_json flagged = ordered_json::array();
+  for (const FlaggedLayer& f : report.flagged) {
+    ordered_json entry{{"layer", f.layer.count()}, {"z_mm", f.z_mm}, {"reason", f.reason}};
+    if (f.place) entry["place_mm"] = {f.place->x_mm, f.place->y_mm};
+    flagged.push_back(std::move(entry));
+  }
+  ordered_json gaps = ordered_json::array();
+  for (const LayerGap& g : report.gaps)
+    gaps.push_back({{"layer", g.layer.count()},
+                    {"z_mm", g.z_mm},
+                    {"place_mm", {g.place.x_mm, g.place.y_mm}},
+                    {"size_mm", g.size_mm},
+                    {"bridged", g.bridged}});
+  ordered_json times = ordered_json::object();
+  for (const StageTime& t : report.times) times[t.stage] = t.seconds;
+  ordered_json normals = ordered_json::parse(report.normals_json, nullptr, /*allow_exceptions=*/false);
+  if (normals.is_discarded()) normals = nullptr;
+  const ordered_json root{
+      {"scan", h.scan_name},
+      {"machine", h.machine},
+      {"points", report.points},
+      {"size_mm", report.size_mm},
+      {"scan_to_build", rows},
+      {"layer_mm", h.layer_thickness_mm},
+      {"layers", h.layer_count},
+      {"layers_cut", report.layers_cut},
+      {"surface", report.surface},
+      {"method", report.method},
+      {"kernel",
+       {{"spacing_mm", report.kernel.spacing_mm},
+        {"unevenness", report.kernel.unevenness},
+        {"noise_mm", report.kernel.noise_mm},
+        {"width_mm", report.kernel.kernel_mm},
+        {"adaptive", report.kernel.adaptive},
+        {"dropped_samples", report.kernel.dropped_samples}}},
+      {"normals", normals},
+      {"certified", report.certified},
+      {"certified_by_march", report.certified_by_march},
+      {"flagged", report.flagged.size()},
+      {"flagged_layers", flagged},
+      {"gaps", gaps},
+      {"open",
+       {{"seen_mm2", report.open.seen_mm2},
+        {"missing_mm2", {report.open.missing_mm2.x(), report.open.missing_mm2.y(), report.open.missing_mm2.z()}},
+        {"share", report.open.share()}}},
+      {"base_layers", report.base_layers},
+      {"warnings", report.warnings},
+      {"contours", report.contours},
+      {"vertices", report.vertices},
+      {"evaluations", report.evaluations},
+      {"critical_points", report.critical_points},
+      {"surface_euler", report.surface_euler ? ordered_json(*report.surface_euler) : ordered_json(nullptr)},
+      {"doubts", report.doubts},
+      {"seconds", times}};
+  return root.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
+}
+
+}  // namespace telefab::scan

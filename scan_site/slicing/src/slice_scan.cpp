@@ -1,0 +1,383 @@
+#include <fmt/format.h>
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/global_control.h>
+#include <tbb/info.h>
+#include <tbb/parallel_pipeline.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <telefab/base/clock.hpp>
+#include <telefab/geometry/limits.hpp>
+#include <telefab/scan/cloud/normals.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
+#include <telefab/scan/slicing/placement.hpp>
+#include <telefab/scan/slicing/slice_scan.hpp>
+#include <telefab/scan/topology/height_topology.hpp>
+
+#include "layer_cutter.hpp"
+#include "openness.hpp"
+
+namespace telefab::scan {
+namespace {
+
+constexpr std::array kMethods{std::pair{TraceMethod::Auto, "auto"}, std::pair{TraceMethod::Reeb, "reeb"},
+                              std::pair{TraceMethod::Grid, "grid"}};
+constexpr std::array kUpAxes{std::pair{UpAxis::PlusX, "x"}, std::pair{UpAxis::MinusX, "-x"},
+                             std::pair{UpAxis::PlusY, "y"}, std::pair{UpAxis::MinusY, "-y"},
+                             std::pair{UpAxis::PlusZ, "z"}, std::pair{UpAxis::MinusZ, "-z"}};
+/// Layers of one task: neighbours share what a cursor has gathered.
+constexpr std::uint32_t kBlock = 8;
+/// Samples this near to a plane (in median kernel widths) must lie beside its contours.
+constexpr double kBandKernels = 0.4;
+/// Steeper samples than this (65 degrees) never lie near a critical point; the search in doubt looks this widely.
+constexpr double kNearLevel = 0.42;
+/// Samples of a scan whose copies count.
+constexpr std::size_t kLargeScan = 500'000;
+/// A sample within this many kernel widths of a contour is covered by it,
+constexpr double kCoverKernels = 0.75;
+/// and all must be, unless the noise exceeds this many spacings: then this share may stray.
+constexpr double kCleanSpacings = 0.1;
+constexpr double kStrayShare = 0.02;
+
+/// A scan whose noise asks for a kernel wider than this is uncertain: its contours must be the same with kernels
+/// narrower and wider by these factors.
+constexpr double kCertainSpacings = 1;
+constexpr std::array kKernelFactors{0.8, 1.25};
+/// A scan is sparse whose spacing is more than this part of its smallest side: 33 samples across;
+constexpr double kSparseShare = 0.03;
+/// its contours must be the same with these kernels.
+constexpr std::array kSparseKernelFactors{0.65, 1.5};
+/// Gaps of a contour up to this many kernel widths are closed unasked.
+constexpr double kBridgeKernels = 2;
+/// An open base is looked for in this part of the height: the lowest quarter.
+constexpr std::uint32_t kBaseShare = 4;
+
+/// Spacing that varies by more than this leaves room for a feature, or a whole wall, that no sample shows.
+constexpr double kMostUneven = 5;
+
+std::optional<TraceFault> fault_of(const KernelChoice& kernel) {
+  if (kernel.unevenness <= kMostUneven) return std::nullopt;
+  return TraceFault{
+      fmt::format("the spacing of the scan varies {:.0f}-fold: walls may lie between its points", kernel.unevenness),
+      {}};
+}
+
+class StageClock {
+ public:
+  explicit StageClock(std::vector<StageTime>& times) : times_{times}, since_{clock_.now()} {}
+  void lap(std::string stage) {
+    const Nanoseconds now = clock_.now();
+    times_.push_back({std::move(stage), std::chrono::duration<double>(now - since_).count()});
+    since_ = now;
+  }
+
+ private:
+  SystemClock clock_;
+  std::vector<StageTime>& times_;
+  Nanoseconds since_;
+};
+
+Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) {
+  TopologyOptions options;
+  options.noise_mm = field.kernel().noise_mm;
+  const auto from = [&](double least_nz) {
+    SurfaceSamples level;
+    field.level_samples(least_nz, level);
+    return analyse_height(field, level.points, level.normals, options, stop);
+  };
+  // Only plateaus and places in doubt ask for the steeper samples. They are four times as many: of a large scan the
+  // others are tried alone first, to save memory.
+  if (field.sample_count() > kLargeScan) {
+    auto found = from(options.steep_sift_cos);
+    if (found && found->doubts().empty() && found->plateaus().empty()) return found;
+  }
+  return from(kNearLevel);
+}
+
+/// The lowest layers of an open scan: below the ragged rim of its base each repeats the first layer that closes.
+struct Base {
+  std::uint32_t layers = 0;
+  CutLayer above;  ///< the layer repeated
+
+  [[nodiscard]] CutLayer copy(LayerIndex index, double z_mm) const {
+    CutLayer cut;
+    cut.layer = above.layer;
+    cut.layer.index = index;
+    cut.layer.z_mm = z_mm;
+    LayerCertificate& certificate = cut.layer.certificate;
+    certificate.verdict = LayerCertificate::Verdict::Flagged;
+    certificate.reason =
+        fmt::format("closed at the platform as asked: repeats layer {}, the lowest that is closed", layers);
+    return cut;
+  }
+};
+
+Result<Base> find_base(const CutSetting& setting, const StackHeader& header, std::stop_token stop) {
+  const std::uint32_t highest = header.layer_count / kBaseShare;
+  LayerCutter cutter{setting};
+  for (std::uint32_t i = 0; i <= highest; ++i) {
+    const LayerIndex index{i};
+    auto cut = cutter.cut(index, cut_height_mm(index, header.layer_thickness_mm), stop);
+    if (!cut) return tl::unexpected{cut.error()};
+    if (cut->gaps.empty() && !cut->layer.contours.empty()) return Base{i, std::move(*cut)};
+  }
+  return fail(
+      ErrorCode::InvalidInput,
+      fmt::format("the base cannot be closed: none of the lowest {} layers has closed contours only; the scan is "
+                  "open at its sides too",
+                  highest + 1));
+}
+
+struct Block {
+  std::uint32_t first = 0;
+  Result<std::vector<CutLayer>> cut;
+};
+
+Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, const Base& base,
+                        std::array<std::uint32_t, 2> range, unsigned threads, const LayerSink& sink,
+                        const ProgressSink& progress, std::stop_token stop, SliceReport& report) {
+  std::stop_source halt;
+  const std::stop_callback link{stop, [&] { halt.request_stop(); }};
+  Result<void> outcome;
+  std::uint32_t next = range[0];
+  const std::uint32_t end = range[1] + 1;
+  tbb::enumerable_thread_specific<std::unique_ptr<LayerCutter>> cutters;
+  const auto source = [&](tbb::flow_control& flow) -> std::uint32_t {
+    if (next >= end || halt.stop_requested()) {
+      flow.stop();
+      return 0;
+    }
+    const std::uint32_t first = next;
+    next = std::min(end, next + kBlock);
+    return first;
+  };
+  const auto work = [&](std::uint32_t first) -> std::shared_ptr<Block> {
+    auto& cutter = cutters.local();
+    if (!cutter) cutter = std::make_unique<LayerCutter>(setting);
+    auto block = std::make_shared<Block>();
+    block->first = first;
+    std::vector<CutLayer> cut;
+    for (std::uint32_t i = first; i < std::min(end, first + kBlock); ++i) {
+      const LayerIndex index{i};
+      const double z_mm = cut_height_mm(index, header.layer_thickness_mm);
+      if (i < base.layers) {
+        cut.push_back(base.copy(index, z_mm));
+        continue;
+      }
+      auto layer = cutter->cut(index, z_mm, halt.get_token());
+      if (!layer) {
+        block->cut = fail_in(fmt::format("layer {}", i), layer.error());
+        return block;
+      }
+      cut.push_back(std::move(*layer));
+    }
+    block->cut = std::move(cut);
+    return block;
+  };
+  const auto deliver = [&](const std::shared_ptr<Block>& block) {
+    if (!outcome) return;
+    if (!block->cut) {
+      outcome = tl::unexpected{block->cut.error()};
+      halt.request_stop();
+      return;
+    }
+    for (CutLayer& cut : *block->cut) {
+      Layer& layer = cut.layer;
+      const LayerCertificate& certificate = layer.certificate;
+      ++report.layers_cut;
+      report.evaluations += cut.evaluations;
+      report.contours += layer.contours.size();
+      for (const Contour& c : layer.contours) report.vertices += c.vertices().size();
+      if (certificate.verdict == LayerCertificate::Verdict::Certified) {
+        ++report.certified;
+        if (certificate.method == LayerCertificate::Method::Reeb) ++report.certified_by_march;
+      } else {
+        report.flagged.push_back({layer.index, layer.z_mm, certificate.reason, certificate.place});
+      }
+      for (const ContourGap& gap : cut.gaps)
+        report.gaps.push_back({layer.index, layer.z_mm, gap.place, gap.size_mm, gap.bridged});
+      const std::uint32_t done = layer.index.count() + 1 - range[0];
+      auto valid = validate_layer(header, layer);
+      if (valid) valid = sink(header, std::move(layer));
+      if (!valid) {
+        outcome = tl::unexpected{valid.error()};
+        halt.request_stop();
+        return;
+      }
+      telefab::report(progress, "contours", static_cast<double>(done) / (end - range[0]));
+    }
+  };
+  tbb::parallel_pipeline(
+      4 * static_cast<std::size_t>(threads),
+      tbb::make_filter<void, std::uint32_t>(tbb::filter_mode::serial_in_order, source) &
+          tbb::make_filter<std::uint32_t, std::shared_ptr<Block>>(tbb::filter_mode::parallel, work) &
+          tbb::make_filter<std::shared_ptr<Block>, void>(tbb::filter_mode::serial_in_order, deliver));
+  if (outcome && stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while cutting layers");
+  return outcome;
+}
+
+Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name, const SliceRequest& request,
+                          unsigned threads, const LayerSink& sink, const ProgressSink& progress, std::stop_token stop) {
+  SliceReport result;
+  StageClock clock{result.times};
+  telefab::report(progress, "reading", 0);
+  auto cloud = read_cloud(scan, name, ReadOptions{}, stop);
+  if (!cloud) return tl::unexpected{cloud.error()};
+  result.points = cloud->size();
+  clock.lap("reading");
+
+  telefab::report(progress, "normals", 0);
+  auto oriented = with_normals(std::move(*cloud), NormalOptions{}, stop);
+  if (!oriented) return tl::unexpected{oriented.error()};
+  result.normals_json = to_json(oriented->report);
+  clock.lap("normals");
+
+  auto placed = place_on_platform(std::move(oriented->cloud), request);
+  if (!placed) return fail_in(name, placed.error());
+  result.size_mm = {placed->size_mm.x(), placed->size_mm.y(), placed->size_mm.z()};
+  if (placed->scale_doubt) result.warnings.push_back(*placed->scale_doubt);
+  StackHeader& header = result.header;
+  header.machine = request.machine.name;
+  header.layer_thickness_mm = request.layer_mm.value_or(request.machine.layers.thickness_mm);
+  header.pixel_pitch_mm = request.machine.projection.pixel_pitch_mm;
+  header.scan_to_build = placed->scan_to_build;
+  header.scan_name = std::string{name};
+  // Every layer whose middle lies inside the part; a part thinner than that still gets one.
+  const double count = std::max(1.0, std::ceil(placed->size_mm.z() / header.layer_thickness_mm - 0.5 - 1e-9));
+  if (count > kMaxLayers)
+    return fail(ErrorCode::TooLarge, fmt::format("{:.0f} layers of {} mm; at most {} are possible", count,
+                                                 header.layer_thickness_mm, kMaxLayers));
+  header.layer_count = static_cast<std::uint32_t>(count);
+  std::array<std::uint32_t, 2> range{0, header.layer_count - 1};
+  if (request.layers) {
+    range = *request.layers;
+    if (range[0] > range[1] || range[1] >= header.layer_count)
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("layers {}:{} are not in 0:{}", range[0], range[1], header.layer_count - 1));
+  }
+  clock.lap("placement");
+
+  telefab::report(progress, "surface", 0);
+  auto field = MlsField::from_cloud(std::move(placed->cloud), request.mls, stop);
+  if (!field) return fail_in(name, field.error());
+  result.kernel = (*field)->kernel();
+  result.surface = std::string{name_of(request.mls.surface)};
+  const Box3 box = (*field)->bounds();
+  header.bounds = {{box.min.x(), box.min.y()}, {box.max.x(), box.max.y()}};
+  if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
+  result.open = openness_of(**field);
+  if (const auto warning = warning_of(result.open)) result.warnings.push_back(*warning);
+  clock.lap("surface");
+
+  std::optional<HeightTopology> topology;
+  if (request.method != TraceMethod::Grid) {
+    telefab::report(progress, "topology", 0);
+    auto found = topology_of(**field, stop);
+    if (found) {
+      topology = std::move(*found);
+      if (topology->euler_is_certain()) result.surface_euler = topology->euler();
+      result.critical_points = topology->critical_points().size();
+      result.doubts.assign(topology->doubts().begin(), topology->doubts().end());
+    } else if (found.error().code == ErrorCode::Cancelled) {
+      return tl::unexpected{found.error()};
+    } else {
+      result.doubts.push_back(found.error().what);
+    }
+    clock.lap("topology");
+  }
+
+  const KernelChoice& kernel = result.kernel;
+  const bool sparse = kernel.spacing_mm > kSparseShare * placed->size_mm.minCoeff();
+  std::vector<std::unique_ptr<MlsField>> others;
+  const double spacings = kernel.kernel_mm / kernel.spacing_mm;
+  const bool noisy = kernel.noise_mm > kCleanSpacings * kernel.spacing_mm;
+  // A width given by hand may be far from what the noise asks for: it is tried as hard as a sparse scan's.
+  const bool widely = sparse || request.mls.kernel_mm;
+  if (sparse || (request.mls.kernel_mm ? noisy : spacings > kCertainSpacings))
+    for (const double wanted : widely ? kSparseKernelFactors : kKernelFactors)
+      // Narrower than 0.9 spacings a field has holes.
+      if (const double factor = std::max(wanted, 0.9 / spacings); std::abs(factor - 1) > 0.05)
+        others.push_back((*field)->with_wider_kernel(factor));
+  CutSetting setting{
+      .field = **field,
+      .topology = topology ? &*topology : nullptr,
+      .samples = [&](double low, double high, SurfaceSamples& found) { (*field)->samples_between(low, high, found); },
+      .band_mm = kBandKernels * kernel.kernel_mm,
+      .cover_kernels = kCoverKernels,
+      .stray_share = noisy ? kStrayShare : 0,
+      .noise_mm = kernel.noise_mm,
+      .sparse = sparse,
+      .chord_mm = request.chord_mm.value_or(request.machine.chord_tolerance_mm()),
+      .bridge_mm = request.bridge_mm.value_or(kBridgeKernels * kernel.kernel_mm),
+      .method = request.method,
+      .other_kernels = {},
+      .known_fault = fault_of(kernel)};
+  for (const auto& other : others) setting.other_kernels.push_back(other.get());
+  result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
+  Base base;
+  if (request.close_base) {
+    auto found = find_base(setting, header, stop);
+    if (!found) return fail_in(name, found.error());
+    base = std::move(*found);
+    result.base_layers = base.layers;
+  }
+  if (auto ok = cut_layers(setting, header, base, range, threads, sink, progress, stop, result); !ok)
+    return tl::unexpected{ok.error()};
+  clock.lap("contours");
+  return result;
+}
+
+}  // namespace
+
+Result<TraceMethod> trace_method_from(std::string_view name) {
+  for (const auto& [method, text] : kMethods)
+    if (name == text) return method;
+  return fail(ErrorCode::InvalidInput, fmt::format("no method named \"{}\"; there are auto, reeb, grid", name));
+}
+
+Result<UpAxis> up_axis_from(std::string_view name) {
+  for (const auto& [axis, text] : kUpAxes)
+    if (name == text) return axis;
+  return fail(ErrorCode::InvalidInput, fmt::format("no axis named \"{}\"; there are x, -x, y, -y, z, -z", name));
+}
+
+Result<void> SliceRequest::validate() const {
+  const auto positive = [](const std::optional<double>& value, double most) {
+    return !value || (std::isfinite(*value) && *value > 0 && *value <= most);
+  };
+  if ((height_mm ? 1 : 0) + (scale ? 1 : 0) + (fit ? 1 : 0) > 1)
+    return fail(ErrorCode::InvalidInput, "give one of height, scale and fit, not several");
+  if (!positive(height_mm, kMaxCoordinateMm))
+    return fail(ErrorCode::InvalidInput, fmt::format("height {} mm is not in (0, {}]", *height_mm, kMaxCoordinateMm));
+  if (!positive(scale, 1e9)) return fail(ErrorCode::InvalidInput, fmt::format("scale {} is not in (0, 1e9]", *scale));
+  if (!positive(unit_mm, 1e9))
+    return fail(ErrorCode::InvalidInput, fmt::format("a unit of {} mm is not in (0, 1e9]", *unit_mm));
+  if (scale && unit_mm)
+    return fail(ErrorCode::InvalidInput, "a scale and a unit say the same thing twice; give one of them");
+  if (!positive(layer_mm, 1))
+    return fail(ErrorCode::InvalidInput, fmt::format("layer thickness {} mm is not in (0, 1]", *layer_mm));
+  if (!positive(chord_mm, 1))
+    return fail(ErrorCode::InvalidInput, fmt::format("chord tolerance {} mm is not in (0, 1]", *chord_mm));
+  if (bridge_mm && !(*bridge_mm >= 0 && *bridge_mm <= kMaxCoordinateMm))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("a bridge of {} mm is not in [0, {}]", *bridge_mm, kMaxCoordinateMm));
+  if (threads > 1024) return fail(ErrorCode::InvalidInput, fmt::format("{} threads; at most 1024", threads));
+  return mls.validate();
+}
+
+Result<SliceReport> slice_scan(std::span<const std::byte> scan, std::string_view name, const SliceRequest& request,
+                               const LayerSink& sink, const ProgressSink& progress, std::stop_token stop) {
+  if (auto ok = request.validate(); !ok) return tl::unexpected{ok.error()};
+  const unsigned threads =
+      request.threads > 0 ? request.threads : static_cast<unsigned>(tbb::info::default_concurrency());
+  // More threads than cores are wanted only by tests of equal bytes; the control lets them exist.
+  const tbb::global_control allow{
+      tbb::global_control::max_allowed_parallelism,
+      std::max<std::size_t>(threads, tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism))};
+  tbb::task_arena arena{static_cast<int>(threads)};
+  return arena.execute([&] { return slice(scan, name, request, threads, sink, progress, stop); });
+}
+
+}  // namespace telefab::scan

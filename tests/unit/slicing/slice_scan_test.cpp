@@ -1,0 +1,491 @@
+#include <telefab/scan/slicing/slice_scan.hpp>
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <numbers>
+#include <telefab/scan/slicing/preview.hpp>
+#include <telefab/test/analytic_field.hpp>
+#include <telefab/test/las_file.hpp>
+#include <telefab/test/surface_samples.hpp>
+
+namespace telefab::scan {
+namespace {
+
+MachineProfile machine() {
+  MachineProfile m;
+  m.name = "bench";
+  m.platform = {60, 40, 50};
+  m.projection.pixel_pitch_mm = 0.1;
+  m.layers.thickness_mm = 0.5;
+  return m;
+}
+
+/// A text scan: x y z nx ny nz, one point a line.
+std::string text_of(const test::SurfaceSamples& samples) {
+  std::string text;
+  for (std::size_t i = 0; i < samples.points.size(); ++i) {
+    const Vec3& p = samples.points[i];
+    const Vec3& n = samples.normals[i];
+    text += fmt::format("{} {} {} {} {} {}\n", p.x(), p.y(), p.z(), n.x(), n.y(), n.z());
+  }
+  return text;
+}
+
+const std::string& torus_text() {
+  static const std::string text =
+      text_of(test::sample_surface(*test::torus(9, 4, 90, 1, {100, 200, -300}), {.spacing_mm = 0.7, .seed = 11}));
+  return text;
+}
+
+struct Outcome {
+  Result<SliceReport> report;
+  std::vector<Layer> layers;
+  std::string text;  ///< canonical
+};
+
+Outcome slice(const std::string& scan, const SliceRequest& request, std::stop_token stop = {}) {
+  Outcome outcome;
+  const LayerSink sink = [&](const StackHeader& header, Layer&& layer) -> Result<void> {
+    EXPECT_TRUE(validate_layer(header, layer));
+    outcome.text += canonical_text(layer);
+    outcome.layers.push_back(std::move(layer));
+    return {};
+  };
+  outcome.report = slice_scan(std::as_bytes(std::span{scan}), "torus.xyz", request, sink, {}, stop);
+  return outcome;
+}
+
+SliceRequest request_for(unsigned threads = 2) {
+  SliceRequest request;
+  request.machine = machine();
+  request.threads = threads;
+  return request;
+}
+
+TEST(SliceScan, CertifiesEveryLayerOfATorusWithTheRightRings) {
+  const Outcome outcome = slice(torus_text(), request_for());
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  EXPECT_EQ(outcome.layers.size(), 52U);
+  EXPECT_EQ(outcome.report->surface_euler, 0);
+  EXPECT_TRUE(outcome.report->flagged.empty()) << outcome.report->flagged[0].reason;
+  for (const Layer& layer : outcome.layers) {
+    EXPECT_EQ(layer.certificate.verdict, LayerCertificate::Verdict::Certified);
+    // The ring stands upright: one outline below and above the hole, two beside it.
+    const double from_middle = std::abs(layer.z_mm - 13);
+    if (from_middle < 4.8 || (from_middle > 5.2 && from_middle < 12.9)) {
+      EXPECT_EQ(layer.contours.size(), from_middle < 5 ? 2U : 1U) << layer.z_mm;
+    }
+    for (const Contour& c : layer.contours) EXPECT_FALSE(c.is_hole());
+  }
+}
+
+TEST(SliceScan, EnclosesTheVolumeOfTheTorus) {
+  const Outcome outcome = slice(torus_text(), request_for());
+  double volume = 0;
+  for (const Layer& layer : outcome.layers)
+    for (const Contour& c : layer.contours) volume += 0.5 * c.signed_area_mm2();
+  const double truth = 2 * std::numbers::pi * std::numbers::pi * 9 * 4 * 4;
+  EXPECT_NEAR(volume, truth, 0.003 * truth);
+}
+
+TEST(SliceScan, CentresThePartOnThePlatformAndSaysHow) {
+  const Outcome outcome = slice(torus_text(), request_for());
+  ASSERT_TRUE(outcome.report);
+  const Transform4& t = outcome.report->header.scan_to_build;
+  EXPECT_NEAR(t[3], 30 - 100, 0.1);
+  EXPECT_NEAR(t[7], 20 - 200, 0.1);
+  EXPECT_NEAR(t[11], 300 + 13, 0.1);
+  EXPECT_NE(to_json(*outcome.report).find("\"scan_to_build\":[[1.0,0.0,0.0,"), std::string::npos);
+}
+
+TEST(SliceScan, GivesTheSameBytesOnAnyNumberOfThreads) {
+  const std::string one = slice(torus_text(), request_for(1)).text;
+  EXPECT_FALSE(one.empty());
+  EXPECT_EQ(slice(torus_text(), request_for(2)).text, one);
+  EXPECT_EQ(slice(torus_text(), request_for(8)).text, one);
+}
+
+TEST(SliceScan, CutsARangeOfLayersToTheSameBytesAsTheWhole) {
+  const Outcome whole = slice(torus_text(), request_for());
+  SliceRequest part = request_for();
+  part.layers = {{9, 22}};
+  const Outcome range = slice(torus_text(), part);
+  ASSERT_EQ(range.layers.size(), 14U);
+  for (std::size_t i = 0; i < range.layers.size(); ++i) EXPECT_EQ(range.layers[i], whole.layers[i + 9]);
+}
+
+TEST(SliceScan, FindsTheSameRingsByGridAndByMarching) {
+  SliceRequest grid = request_for();
+  grid.method = TraceMethod::Grid;
+  const Outcome by_grid = slice(torus_text(), grid);
+  const Outcome marched = slice(torus_text(), request_for());
+  ASSERT_EQ(by_grid.layers.size(), marched.layers.size());
+  for (std::size_t i = 0; i < by_grid.layers.size(); ++i) {
+    double a = 0, b = 0;
+    for (const Contour& c : by_grid.layers[i].contours) a += c.signed_area_mm2();
+    for (const Contour& c : marched.layers[i].contours) b += c.signed_area_mm2();
+    EXPECT_NEAR(a, b, 0.002 * std::abs(b) + 0.01) << "layer " << i;
+  }
+}
+
+TEST(SliceScan, ScalesToHeightAndToFit) {
+  SliceRequest request = request_for();
+  request.height_mm = 13;
+  const Outcome small = slice(torus_text(), request);
+  ASSERT_TRUE(small.report);
+  EXPECT_NEAR(small.report->size_mm[2], 13, 1e-4);
+  EXPECT_EQ(small.layers.size(), 26U);
+  request.height_mm.reset();
+  request.fit = true;
+  request.layers = {{10, 10}};
+  const Outcome large = slice(torus_text(), request);
+  ASSERT_TRUE(large.report) << large.report.error().what;
+  EXPECT_NEAR(large.report->size_mm[1], 0.98 * 40, 0.01);  // the depth is what limits it, less a margin
+  EXPECT_LE(large.report->size_mm[0], 60);
+}
+
+TEST(SliceScan, RefusesAPartLargerThanTheMachineNamingBothSizes) {
+  SliceRequest request = request_for();
+  request.height_mm = 80;
+  const Outcome outcome = slice(torus_text(), request);
+  ASSERT_FALSE(outcome.report);
+  EXPECT_EQ(outcome.report.error().code, ErrorCode::InvalidInput);
+  EXPECT_NE(outcome.report.error().what.find("x 80 mm"), std::string::npos) << outcome.report.error().what;
+  EXPECT_NE(outcome.report.error().what.find("60 x 40 mm platform"), std::string::npos);
+  EXPECT_TRUE(outcome.layers.empty());
+}
+
+TEST(SliceScan, RefusesWhatCannotBeSliced) {
+  for (const std::string scan : {"", "1 2 3\n", "0 0 0 0 0 1\n1 0 0 0 0 1\n0 1 0 0 0 1\n1 1 0 0 0 1\n"})
+    EXPECT_FALSE(slice(scan, request_for()).report) << scan;
+  SliceRequest two = request_for();
+  two.height_mm = 10;
+  two.fit = true;
+  EXPECT_FALSE(slice(torus_text(), two).report);
+  SliceRequest thin = request_for();
+  thin.layer_mm = 0;
+  EXPECT_FALSE(slice(torus_text(), thin).report);
+  SliceRequest beyond = request_for();
+  beyond.layers = {{0, 1000}};
+  EXPECT_FALSE(slice(torus_text(), beyond).report);
+}
+
+TEST(SliceScan, EndsWithTheSinksError) {
+  int taken = 0;
+  const LayerSink full = [&](const StackHeader&, Layer&&) -> Result<void> {
+    if (++taken == 5) return fail(ErrorCode::StorageFailed, "disk full");
+    return {};
+  };
+  const auto report =
+      slice_scan(std::as_bytes(std::span{torus_text()}), "torus.xyz", request_for(), full, {}, std::stop_token{});
+  ASSERT_FALSE(report);
+  EXPECT_EQ(report.error().code, ErrorCode::StorageFailed);
+  EXPECT_EQ(taken, 5);
+}
+
+TEST(SliceScan, StopsBetweenLayersWhenAsked) {
+  std::stop_source stop;
+  int taken = 0;
+  const LayerSink sink = [&](const StackHeader&, Layer&&) -> Result<void> {
+    if (++taken == 3) stop.request_stop();
+    return {};
+  };
+  const auto report =
+      slice_scan(std::as_bytes(std::span{torus_text()}), "torus.xyz", request_for(), sink, {}, stop.get_token());
+  ASSERT_FALSE(report);
+  EXPECT_EQ(report.error().code, ErrorCode::Cancelled);
+  EXPECT_LT(taken, 52);
+}
+
+/// A ball of 20 units across, and one layer of it cut.
+Result<SliceReport> one_layer_of_a_ball(double unit, SliceRequest request) {
+  auto ball = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.9, .seed = 21});
+  for (Vec3& p : ball.points) p *= unit;
+  request.layers = {{0, 0}};
+  return slice(text_of(ball), request).report;
+}
+
+TEST(SliceScan, TakesTheUnitStatedAndDoubtsASizeHardlyMeant) {
+  SliceRequest in_metres = request_for();
+  in_metres.unit_mm = 1000;
+  const auto stated = one_layer_of_a_ball(0.001, in_metres);
+  ASSERT_TRUE(stated) << stated.error().what;
+  EXPECT_NEAR(stated->size_mm[2], 20, 0.5);
+  EXPECT_TRUE(stated->warnings.empty());
+
+  const auto unstated = one_layer_of_a_ball(0.001, request_for());
+  ASSERT_TRUE(unstated) << unstated.error().what;
+  ASSERT_FALSE(unstated->warnings.empty());
+  EXPECT_NE(unstated->warnings[0].find("say --units m"), std::string::npos) << unstated->warnings[0];
+
+  SliceRequest sized = request_for();
+  sized.height_mm = 20;
+  const auto by_height = one_layer_of_a_ball(0.001, sized);
+  ASSERT_TRUE(by_height) << by_height.error().what;
+  EXPECT_TRUE(by_height->warnings.empty());
+
+  const auto far_too_large = one_layer_of_a_ball(1, in_metres);
+  ASSERT_FALSE(far_too_large);
+  EXPECT_NE(far_too_large.error().what.find("say --units mm"), std::string::npos) << far_too_large.error().what;
+
+  in_metres.scale = 2;
+  EXPECT_FALSE(in_metres.validate());
+}
+
+TEST(SliceScan, BelievesAFormatThatStatesItsUnit) {
+  const auto ball = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.9, .seed = 21});
+  std::vector<std::array<std::int32_t, 3>> points;
+  for (const Vec3& p : ball.points) {
+    const Eigen::Vector3i whole = (p * 1000).array().round().cast<int>();
+    points.push_back({whole.x(), whole.y(), whole.z()});
+  }
+  SliceRequest request = request_for();
+  request.layers = {{0, 0}};
+  const auto report = slice(test::las_file(points, {.scale = Vec3::Constant(1e-6)}), request).report;  // LAS: metres
+  ASSERT_TRUE(report) << report.error().what;
+  EXPECT_NEAR(report->size_mm[2], 20, 0.5);
+}
+
+TEST(SliceScan, FlagsAScanWithAGapInsteadOfGuessing) {
+  const auto torn =
+      test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.7, .holes = {{{10, 0, 0}, 4}}, .seed = 12});
+  const Outcome outcome = slice(text_of(torn), request_for());
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  EXPECT_FALSE(outcome.report->flagged.empty());
+  for (const Layer& layer : outcome.layers)
+    if (std::abs(layer.z_mm - 10) < 2.5) {
+      EXPECT_EQ(layer.certificate.verdict, LayerCertificate::Verdict::Flagged) << layer.z_mm;
+      EXPECT_FALSE(layer.certificate.reason.empty());
+      EXPECT_TRUE(layer.certificate.place);
+    }
+}
+
+/// A ball standing on a ragged rim: nothing of it was scanned below a slanted plane.
+test::SurfaceSamples bust() {
+  const auto ball = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .seed = 15});
+  test::SurfaceSamples open;
+  for (std::size_t i = 0; i < ball.points.size(); ++i)
+    if (ball.points[i].z() > -6 + 0.1 * ball.points[i].x()) {
+      open.points.push_back(ball.points[i]);
+      open.normals.push_back(ball.normals[i]);
+    }
+  return open;
+}
+
+TEST(SliceScan, SaysThatAScanHasNoUndersideAndWhatToDo) {
+  auto half = bust();
+  SliceRequest request = request_for();
+  request.layers = {{20, 20}};
+  const Outcome open = slice(text_of(half), request);
+  ASSERT_TRUE(open.report) << open.report.error().what;
+  ASSERT_EQ(open.report->warnings.size(), 1U);
+  EXPECT_NE(open.report->warnings[0].find("facing down"), std::string::npos) << open.report->warnings[0];
+  EXPECT_NE(open.report->warnings[0].find("--close-base"), std::string::npos);
+  // The missing cap has a base circle of radius 8.
+  EXPECT_NEAR(open.report->open.missing_mm2.z(), -64 * std::numbers::pi, 30);
+  const Outcome closed = slice(torus_text(), request);
+  ASSERT_TRUE(closed.report);
+  EXPECT_TRUE(closed.report->warnings.empty());
+}
+
+TEST(SliceScan, ClosesTheBaseAtThePlatformOnRequestOnly) {
+  const std::string scan = text_of(bust());
+  SliceRequest request = request_for();
+  const Outcome open = slice(scan, request);
+  ASSERT_TRUE(open.report) << open.report.error().what;
+  EXPECT_TRUE(open.layers.front().contours.empty());
+  EXPECT_FALSE(open.report->gaps.empty());
+  EXPECT_FALSE(open.report->gaps[0].bridged);
+  request.close_base = true;
+  const Outcome closed = slice(scan, request);
+  ASSERT_TRUE(closed.report) << closed.report.error().what;
+  const std::uint32_t base = closed.report->base_layers;
+  ASSERT_GT(base, 0U);
+  ASSERT_LT(base, 8U);  // the rim rises by 1.6 mm
+  for (std::uint32_t i = 0; i < base; ++i) {
+    EXPECT_EQ(closed.layers[i].contours, closed.layers[base].contours);
+    EXPECT_EQ(closed.layers[i].certificate.verdict, LayerCertificate::Verdict::Flagged);
+    EXPECT_NE(closed.layers[i].certificate.reason.find("closed at the platform"), std::string::npos);
+  }
+  EXPECT_TRUE(closed.report->gaps.empty());
+  for (std::size_t i = base; i < closed.layers.size(); ++i) EXPECT_EQ(closed.layers[i], open.layers[i]);
+  request.threads = 8;
+  request.layers = {{1, 2}};
+  const Outcome part = slice(scan, request);
+  ASSERT_EQ(part.layers.size(), 2U);
+  EXPECT_EQ(part.layers[0], closed.layers[1]);
+}
+
+TEST(SliceScan, RefusesToCloseABaseUnderOpenSides) {
+  auto open = bust();
+  test::SurfaceSamples torn;
+  for (std::size_t i = 0; i < open.points.size(); ++i)
+    if (open.points[i].x() < 5) {
+      torn.points.push_back(open.points[i]);
+      torn.normals.push_back(open.normals[i]);
+    }
+  SliceRequest request = request_for();
+  request.close_base = true;
+  const Outcome outcome = slice(text_of(torn), request);
+  ASSERT_FALSE(outcome.report);
+  EXPECT_NE(outcome.report.error().what.find("open at its sides too"), std::string::npos)
+      << outcome.report.error().what;
+}
+
+TEST(SliceScan, BridgesWideGapsOnRequestAndListsEach) {
+  const auto torn =
+      test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .holes = {{{10, 0, 0}, 4}}, .seed = 12});
+  SliceRequest request = request_for();
+  request.layers = {{20, 20}};
+  const Outcome left = slice(text_of(torn), request);
+  ASSERT_TRUE(left.report) << left.report.error().what;
+  EXPECT_TRUE(left.layers[0].contours.empty());
+  ASSERT_EQ(left.report->gaps.size(), 1U);
+  EXPECT_FALSE(left.report->gaps[0].bridged);
+  request.bridge_mm = 9;
+  const Outcome bridged = slice(text_of(torn), request);
+  ASSERT_TRUE(bridged.report) << bridged.report.error().what;
+  EXPECT_EQ(bridged.layers[0].contours.size(), 1U);
+  ASSERT_EQ(bridged.report->gaps.size(), 1U);
+  EXPECT_TRUE(bridged.report->gaps[0].bridged);
+  EXPECT_NEAR(bridged.report->gaps[0].size_mm, 7.5, 1.5);
+  EXPECT_EQ(bridged.layers[0].certificate.verdict, LayerCertificate::Verdict::Flagged);
+  EXPECT_NE(to_json(*bridged.report).find("\"bridged\":true"), std::string::npos);
+}
+
+TEST(SliceScan, TurnsTheNamedAxisUpWithoutMirroring) {
+  // Longest along x, then y, then z; heavier at the positive end of each axis is not needed: the frame is checked.
+  const std::string scan = text_of(test::sample_surface(*test::ellipsoid({12, 9, 6}, 1), {.spacing_mm = 0.8}));
+  const std::array<std::pair<const char*, double>, 6> heights{
+      {{"x", 24}, {"-x", 24}, {"y", 18}, {"-y", 18}, {"z", 12}, {"-z", 12}}};
+  for (const auto& [name, height] : heights) {
+    SliceRequest request = request_for();
+    request.up = up_axis_from(name).value();
+    request.layers = {{5, 5}};
+    const Outcome outcome = slice(scan, request);
+    ASSERT_TRUE(outcome.report) << name << ": " << outcome.report.error().what;
+    EXPECT_NEAR(outcome.report->size_mm[2], height, 0.3) << name;
+    const Transform4& t = outcome.report->header.scan_to_build;
+    Eigen::Matrix3d turn;
+    turn << t[0], t[1], t[2], t[4], t[5], t[6], t[8], t[9], t[10];
+    EXPECT_NEAR(turn.determinant(), 1, 1e-12) << name;
+    const std::string axis{name};
+    const double sign = axis[0] == '-' ? -1 : 1;
+    const Vec3 named = sign * Vec3::Unit(axis.back() - 'x');
+    EXPECT_TRUE((turn * named).isApprox(Vec3::UnitZ())) << name;
+    EXPECT_EQ(outcome.layers[0].contours.size(), 1U);
+    EXPECT_FALSE(outcome.layers[0].contours[0].is_hole()) << name;
+  }
+  EXPECT_EQ(up_axis_from("up").error().code, ErrorCode::InvalidInput);
+}
+
+/// A scan whose details are near to, or below, what its samples can show.
+struct HardCase {
+  const char* name;
+  test::Shape shape;
+  test::SampleOptions sampling;
+  std::optional<double> kernel_mm = {};
+};
+
+std::vector<HardCase> hard_cases() {
+  std::vector<HardCase> cases;
+  cases.push_back({"wall of half a spacing", test::thin_wall(14, 12, 0.4, 0.4), {.spacing_mm = 0.8, .seed = 31}});
+  cases.push_back({"gap of half a spacing", test::near_touching_balls(6, 0.3, 0.3), {.spacing_mm = 0.6, .seed = 32}});
+  cases.push_back({"bored plate, few samples", test::bored_plate(3, 6, 1, 0.7), {.spacing_mm = 1.6, .seed = 33}});
+  cases.push_back({"noisy torus",
+                   test::torus(9, 4, 35, 1),
+                   {.spacing_mm = 0.6, .noise_mm = 0.3, .normal_noise_rad = 0.15, .seed = 34}});
+  cases.push_back({"noisy figure eight",
+                   test::genus_two(12, 0.4),
+                   {.spacing_mm = 0.4, .noise_mm = 0.2, .normal_noise_rad = 0.15, .seed = 35}});
+  cases.push_back({"noisy torus, kernel too narrow for the noise",
+                   test::torus(9, 4, 35, 1),
+                   {.spacing_mm = 0.4, .noise_mm = 0.2, .normal_noise_rad = 0.15, .seed = 37},
+                   0.6});
+  return cases;
+}
+
+TEST(SliceScan, CertifiesNoWrongLayerOfSparseAndNoisyScans) {
+  int certified = 0;
+  for (const HardCase& hard : hard_cases()) {
+    SliceRequest request = request_for();
+    request.machine.platform = {200, 200, 200};
+    request.mls.kernel_mm = hard.kernel_mm;
+    const Outcome outcome = slice(text_of(test::sample_surface(*hard.shape, hard.sampling)), request);
+    ASSERT_TRUE(outcome.report) << hard.name << ": " << outcome.report.error().what;
+    const double shift = outcome.report->header.scan_to_build[11];
+    const double reach = 0.1 * outcome.report->kernel.kernel_mm;
+    for (const Layer& layer : outcome.layers) {
+      if (layer.certificate.verdict != LayerCertificate::Verdict::Certified) continue;
+      ++certified;
+      test::SliceCount found;
+      for (const Contour& ring : layer.contours) ++(ring.is_hole() ? found.holes : found.outers);
+      bool right = false;
+      for (const double off : {0.0, -0.5, 0.5, -1.0, 1.0})
+        right = right || test::count_slice(*hard.shape, layer.z_mm - shift + off * reach, 0.1) == found;
+      EXPECT_TRUE(right) << hard.name << " layer " << layer.index.count() << ": " << found.outers << " outer and "
+                         << found.holes << " hole contours";
+    }
+  }
+  EXPECT_GT(certified, 50);
+}
+
+TEST(SliceScan, HoldsAKernelGivenByHandAgainstOthersWhereTheScanIsNoisy) {
+  const auto noisy = test::sample_surface(*test::torus(9, 4, 35, 1),
+                                          {.spacing_mm = 0.5, .noise_mm = 0.25, .normal_noise_rad = 0.15, .seed = 38});
+  SliceRequest request = request_for();
+  request.mls.kernel_mm = 0.6;
+  const Outcome outcome = slice(text_of(noisy), request);
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  const auto& flagged = outcome.report->flagged;
+  EXPECT_TRUE(std::any_of(flagged.begin(), flagged.end(), [](const FlaggedLayer& f) {
+    return f.reason.find("as small as the scan is uncertain") != std::string::npos && f.place;
+  }));
+}
+
+TEST(SliceScan, CertifiesANoisyScanWhoseDetailsAreLarge) {
+  const auto noisy = test::sample_surface(*test::torus(9, 4, 90, 1),
+                                          {.spacing_mm = 0.35, .noise_mm = 0.17, .normal_noise_rad = 0.15, .seed = 36});
+  const Outcome outcome = slice(text_of(noisy), request_for());
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  EXPECT_GT(outcome.report->kernel.noise_mm, 0.3 * outcome.report->kernel.spacing_mm);
+  EXPECT_LE(outcome.report->flagged.size(), outcome.layers.size() / 10);
+}
+
+TEST(SliceScan, CertifiesNothingWhereWallsMayLieBetweenThePoints) {
+  auto samples = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 1.6, .seed = 13});
+  const auto dense = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.12, .seed = 14});
+  for (std::size_t i = 0; i < dense.points.size(); ++i)
+    if (dense.points[i].x() > 9) {
+      samples.points.push_back(dense.points[i]);
+      samples.normals.push_back(dense.normals[i]);
+    }
+  const Outcome outcome = slice(text_of(samples), request_for());
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  ASSERT_GT(outcome.report->kernel.unevenness, 5);
+  EXPECT_EQ(outcome.report->certified, 0U);
+}
+
+TEST(Preview, PaintsAPicture) {
+  StackHeader header;
+  header.machine = "bench";
+  header.layer_thickness_mm = 1;
+  header.pixel_pitch_mm = 0.1;
+  header.layer_count = 3;
+  header.bounds = {{0, 0}, {10, 10}};
+  Preview preview{header, LayerIndex{0}, LayerIndex{2}};
+  for (std::uint32_t i = 0; i < 3; ++i) {
+    Layer layer;
+    layer.index = LayerIndex{i};
+    layer.z_mm = i + 0.5;
+    layer.contours.push_back(*Contour::from_vertices({{1, 1}, {9, 1}, {9, 9}, {1, 9}}));
+    preview.add(layer);
+  }
+  const auto png = preview.png();
+  ASSERT_TRUE(png);
+  EXPECT_GT(png->size(), 1000U);
+}
+
+}  // namespace
+}  // namespace telefab::scan
