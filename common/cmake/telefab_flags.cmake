@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 # One INTERFACE target carries every compiler flag of ours.
 #   -ffp-contract=off  same input, same bytes on machines with and without fused multiply-add
 #   -fno-math-errno    lets the compiler vectorise sqrt; nobody here reads errno after mathematics

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 # telefab_module(NAME SOURCES .. HEADERS .. USES .. HIDES ..)
 #   USES   what our public headers mention    HIDES   what only our .cpp files mention
 # Sources are relative to the module's folder; public headers lie below include/.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 # Every outside library, found once. deploy/packages-build.txt names the Debian package and the module of each.
 find_package(Threads REQUIRED)
 find_package(PkgConfig REQUIRED)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 # Writes a .cpp that holds a page's files. In: OUT, SITE (namespace below telefab), FILES (paths, a;b;c).
 set(code "// Made by embed.cmake.\n#include <array>\n#include <span>\n#include <telefab/web/web_message.hpp>\n\nnamespace telefab::${SITE} {\nnamespace {\n")
 set(rows "")

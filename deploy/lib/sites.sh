@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 # Both daemons on loopback, with the virtual devices of a machine sped up 2,000 times. Source steps.sh first.
 # shellcheck shell=bash
 

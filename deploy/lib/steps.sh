@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 # Shared by the commands in deploy/: steps that say what they do and fail with their name.
 # shellcheck shell=bash
 set -euo pipefail

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Feeds every file of the given folders to the fuzz target once: the corpus as a test, in every build.
 #include <algorithm>
 #include <cstdint>

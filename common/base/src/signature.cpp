@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <openssl/bio.h>
 #include <openssl/evp.h>
 #include <openssl/pem.h>

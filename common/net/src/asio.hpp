@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 // The one way to Asio, for .cpp files and private headers of common/net.
 #include <utility>  // boost/asio/awaitable.hpp of Boost 1.74 forgets it

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 #include <openssl/err.h>
 #include <openssl/x509v3.h>

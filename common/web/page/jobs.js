@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What every page of Telefab has: the list of jobs, live by server-sent events, and the operator's commands. A page's
 // own script fills `site` and calls begin(). No library, no outside request.
 "use strict";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <prometheus/metric_family.h>
 #include <prometheus/text_serializer.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <utility>  // boost/asio/awaitable.hpp of Boost 1.74 forgets it
 // Boost headers next.
 #include <fmt/format.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
 /// Keys of PrintRecord::provenance as the daemon fills it; digests are hexadecimal.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <telefab/fab/device/virtual_projector.hpp>
 #include <telefab/fab/device/virtual_z_stage.hpp>
 #include <telefab/fab/drivers/grbl_stage.hpp>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <telefab/fab/drivers/model_transport.hpp>
 
 namespace telefab::fab {

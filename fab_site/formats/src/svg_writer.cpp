@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "svg_writer.hpp"
 
 namespace telefab::fab {

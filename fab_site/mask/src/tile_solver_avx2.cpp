@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "tile_solver.hpp"
 
 // Compiled with AVX2 where the processor family has it; called only where the processor at hand has it.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The fab's page: layers, masks, preflight and doses of a job, beside what jobs.js shows of every job.
 "use strict";
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The part and its supports in 3-D, built from the layers the page can show anyway. Needs /three.js (libjs-three);
 // loaded on the first look, so that the page itself stays small.
 "use strict";

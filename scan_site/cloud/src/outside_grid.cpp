@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "outside_grid.hpp"
 
 #include <algorithm>

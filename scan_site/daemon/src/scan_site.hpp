@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <telefab/service/client_session.hpp>
 #include <telefab/service/daemon_log.hpp>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "e57_pages.hpp"
 
 #include <fmt/format.h>

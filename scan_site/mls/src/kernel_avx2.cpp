@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernel.hpp"
 #ifdef TELEFAB_KERNEL_AVX2
 #include <immintrin.h>

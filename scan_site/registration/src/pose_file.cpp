@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <telefab/scan/registration/pose_file.hpp>
 
 #include <fmt/format.h>

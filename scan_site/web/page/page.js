@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The scan site's page: the stages of a job, what cleaning and slicing found, and the line to the fab.
 "use strict";
 

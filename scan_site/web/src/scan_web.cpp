@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <map>
 #include <nlohmann/json.hpp>
 #include <telefab/scan/web/scan_web.hpp>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The size table of the codings over contour files, with the error reached on every layer, measured apart from the
 // encoder: codec_sizes --pitch-mm 0.14 --layer-mm 0.15 a.jsonl b.jsonl ... (telefab-scan slice --contours a.jsonl)
 #include <fmt/format.h>

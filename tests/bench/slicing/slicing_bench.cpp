@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What slicing costs without reading files, on seeded clouds 100 mm high: the stages of whole slices with their peak of
 // memory, the contours alone on one thread and two, one evaluation beside a straightforward one (nanoflann, double,
 // scalar exp), and the same layers cut with either. Ratios are taken within one run and stay true on a busy machine.

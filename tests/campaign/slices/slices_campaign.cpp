@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Every mesh of some folders sliced as a cloud, by its corners or by samples, and surfaces known by formula by samples;
 // judged by exact sections: layers certified, flagged and wrong, Euler number, distance to the truth. Run by hand.
 #include <fmt/format.h>

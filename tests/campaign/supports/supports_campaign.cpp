@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Every scan of a folder, for several machines and in several orientations: sliced, planned, and the final masks and
 // regions checked. Run by hand; a row of the table a plan. Slices are kept, so that a second run only plans.
 #include <fmt/format.h>

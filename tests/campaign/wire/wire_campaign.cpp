@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Campaigns on the line between two real sites, by hand; figures on standard output.
 //   campaign_wire BIN FOLDER link [CLOUD MACHINES_FOLDER WORDS OF SUBMIT...]
 //   campaign_wire BIN FOLDER cuts 1000

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <cstdint>
 #include <string_view>
 #include <telefab/fab/cure/calibration.hpp>

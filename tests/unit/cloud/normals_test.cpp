@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <telefab/scan/cloud/normals.hpp>
 
 #include <gmock/gmock.h>

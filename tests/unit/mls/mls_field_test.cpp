@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <telefab/scan/mls/mls_field.hpp>
 
 #include <gtest/gtest.h>

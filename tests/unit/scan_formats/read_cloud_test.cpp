@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <telefab/scan/formats/read_cloud.hpp>
 
 #include <gmock/gmock.h>

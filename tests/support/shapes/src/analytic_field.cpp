@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <telefab/test/analytic_field.hpp>
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <telefab/fab/drivers/dlpc900_model.hpp>
 #include <telefab/fab/drivers/line_model.hpp>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <telefab/fab/mask/mask_light.hpp>
 #include <telefab/fab/mask/pixel_runs.hpp>
