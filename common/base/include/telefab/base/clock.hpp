@@ -6,7 +6,7 @@ namespace telefab {
 
 using Nanoseconds = std::chrono::nanoseconds;
 
-/// Time as an argument (STYLE P18). Code that waits or stamps takes a Clock.
+/// Time as an argument. Code that waits or stamps takes a Clock.
 /// Threads: all methods may be called from several threads.
 class Clock {
  public:
