@@ -26,8 +26,8 @@ const std::array<Strings, 3> kOrder{
             "common/job", "common/store", "common/transfer", "common/wire", "common/net", "common/web",
             "common/service", "common/client"},
     Strings{"scan_site/cloud", "scan_site/formats", "scan_site/digitize", "scan_site/registration", "scan_site/mls",
-            "scan_site/topology", "scan_site/contour", "scan_site/measure", "scan_site/slicing", "scan_site/inspect",
-            "scan_site/web", "scan_site/daemon"},
+            "scan_site/completion", "scan_site/topology", "scan_site/contour", "scan_site/measure", "scan_site/slicing",
+            "scan_site/inspect", "scan_site/web", "scan_site/daemon"},
     Strings{"fab_site/region", "fab_site/support", "fab_site/mask", "fab_site/verify", "fab_site/cure",
             "fab_site/device", "fab_site/print", "fab_site/planning", "fab_site/formats", "fab_site/usb",
             "fab_site/drivers", "fab_site/spool", "fab_site/web", "fab_site/daemon"}};
