@@ -25,6 +25,8 @@ constexpr std::uint32_t kLeaf = 16;
 constexpr std::uint32_t kSerial = 8192;
 /// Places that share one list.
 constexpr std::size_t kBlock = 64;
+/// A wider block, in mean spacings, would find few nodes that answer for all of it.
+constexpr float kBlockWidth = 12;
 
 /// Nodes of a tree over `count` samples.
 std::uint32_t nodes_of(std::uint32_t count) {
@@ -264,16 +266,33 @@ void ask_block(const Tree& tree, std::span<const Vector3f> places, float opening
   }
 }
 
+/// Where blocks begin, and the end: at most kBlock places each, none wider than kBlockWidth.
+std::vector<std::size_t> blocks_of(std::span<const Vector3f> places, float unit) {
+  std::vector<std::size_t> begins;
+  Vector3f low = Vector3f::Zero(), high = low;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const Vector3f wider_low = low.cwiseMin(places[i]), wider_high = high.cwiseMax(places[i]);
+    if (begins.empty() || i - begins.back() == kBlock || (wider_high - wider_low).norm() > kBlockWidth * unit) {
+      begins.push_back(i);
+      low = high = places[i];
+    } else {
+      low = wider_low;
+      high = wider_high;
+    }
+  }
+  begins.push_back(places.size());
+  return begins;
+}
+
 template <class Tree, class Take>
 void ask_blocks(const Tree& tree, std::span<const Vector3f> places, float opening, bool wide, Take&& take) {
-  const std::size_t blocks = (places.size() + kBlock - 1) / kBlock;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>{0, blocks, 4}, [&](const auto& range) {
+  const std::vector<std::size_t> begins = blocks_of(places, static_cast<float>(tree.unit));
+  tbb::parallel_for(tbb::blocked_range<std::size_t>{0, begins.size() - 1, 4}, [&](const auto& range) {
     Lists lists;
     for (std::size_t b = range.begin(); b < range.end(); ++b) {
-      const std::size_t first = b * kBlock;
-      const auto block = places.subspan(first, std::min(kBlock, places.size() - first));
+      const auto block = places.subspan(begins[b], begins[b + 1] - begins[b]);
       ask_block(tree, block, opening, wide, lists,
-                [&](std::size_t i, const TreeSums& sums, std::size_t lane) { take(first + i, sums, lane); });
+                [&](std::size_t i, const TreeSums& sums, std::size_t lane) { take(begins[b] + i, sums, lane); });
     }
   });
 }

@@ -1,0 +1,286 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "follow.hpp"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <unordered_map>
+#include <unordered_set>
+
+namespace telefab::scan {
+namespace {
+
+using Eigen::Vector3f;
+
+/// Cells grow to the next level where the nearest sample is more than so many of its pitches away.
+constexpr float kPitchesAway = 3;
+/// Finest and coarsest cells: 1/4 and 1024 median spacings.
+constexpr int kFinest = -2;
+constexpr int kCoarsest = 10;
+/// What lies farther from the cloud's box than this part of its longest side is not followed.
+constexpr float kBeyondBox = 0.3F;
+/// About a gap all nodes are as far as the rim: their errors add up.
+constexpr float kOpening = 3;
+/// Crossing cells of a random plane, a pitch squared.
+constexpr float kCellsAPitch = 1.5F;
+
+/// A cell or corner: its level, and how many pitches of that level it lies from the low corner of the region.
+struct Place {
+  int level = 0;
+  std::array<std::int32_t, 3> at{};
+  friend bool operator==(const Place&, const Place&) = default;
+};
+constexpr std::int32_t kMostCells = (1 << 19) - 1;
+
+std::uint64_t key_of(const Place& p) {
+  return static_cast<std::uint64_t>(p.level - kFinest) << 57U | static_cast<std::uint64_t>(p.at[2]) << 38U |
+         static_cast<std::uint64_t>(p.at[1]) << 19U | static_cast<std::uint64_t>(p.at[0]);
+}
+/// Places near each other come near each other: by blocks of four, then inside of them.
+bool comes_before(const Place& a, const Place& b) {
+  if (a.level != b.level) return a.level < b.level;
+  for (const int axis : {2, 1, 0})
+    if (const auto i = static_cast<std::size_t>(axis); a.at[i] >> 2 != b.at[i] >> 2) return a.at[i] >> 2 < b.at[i] >> 2;
+  return key_of(a) < key_of(b);
+}
+void sort_unique(std::vector<Place>& places) {
+  std::sort(places.begin(), places.end(), comes_before);
+  places.erase(std::unique(places.begin(), places.end()), places.end());
+}
+
+/// What is known at a corner of the cells.
+struct Corner {
+  float value = 0;
+  float agreement = 0;
+};
+
+class Follower {
+ public:
+  Follower(const MeasuredSide& measured, const RimReach& reach, float most_gap, Completion& completion)
+      : measured_{measured}, reach_{reach}, most_gap_{most_gap}, completion_{completion} {
+    low_ = high_ = measured.points[0];
+    for (const Vector3f& p : measured.points) {
+      low_ = low_.cwiseMin(p);
+      high_ = high_.cwiseMax(p);
+    }
+    const float beyond = kBeyondBox * (high_ - low_).maxCoeff();
+    low_ -= Vector3f::Constant(beyond);
+    high_ += Vector3f::Constant(beyond);
+  }
+
+  void seed(const Rim& rim) { frontier_.push_back(cell_at(rim.probe, base_level(measured_.spacings[rim.sample]))); }
+
+  /// One wave: every cell of the frontier is looked at, and hands on to its neighbours. False: nothing is left.
+  bool step() {
+    sort_unique(frontier_);
+    std::erase_if(frontier_, [&](const Place& p) { return !seen_.insert(key_of(p)).second; });
+    if (frontier_.empty()) return false;
+    std::vector<Place> cells = sized_cells();
+    value_corners(cells);
+    for (const Place& cell : cells) look_at(cell);
+    return true;
+  }
+
+ private:
+  [[nodiscard]] float pitch(int level) const { return std::ldexp(measured_.spacing, level); }
+  [[nodiscard]] int base_level(float spacing) const {
+    const float finer = std::max(spacing / measured_.spacing, 1e-3F);
+    return std::clamp(static_cast<int>(std::lround(std::log2(finer))), kFinest, kCoarsest);
+  }
+  [[nodiscard]] Place cell_at(const Vector3f& p, int level) const {
+    const Eigen::Array3f at = (p - low_).array() / pitch(level);
+    Place cell{level, {}};
+    for (std::size_t i = 0; i < 3; ++i)
+      cell.at[i] =
+          std::clamp(static_cast<std::int32_t>(std::floor(at[static_cast<Eigen::Index>(i)])), 1, kMostCells - 1);
+    return cell;
+  }
+  [[nodiscard]] Vector3f position(const Place& p, float offset = 0) const {
+    return low_ + pitch(p.level) * Vector3f{static_cast<float>(p.at[0]) + offset, static_cast<float>(p.at[1]) + offset,
+                                            static_cast<float>(p.at[2]) + offset};
+  }
+  static Place corner_of(const Place& cell, unsigned corner) {
+    return {cell.level,
+            {cell.at[0] + static_cast<int>(corner & 1U), cell.at[1] + static_cast<int>(corner >> 1U & 1U),
+             cell.at[2] + static_cast<int>(corner >> 2U)}};
+  }
+  [[nodiscard]] bool in_region(const Place& cell) const {
+    const Vector3f p = position(cell, 0.5F);
+    return (p.array() > low_.array()).all() && (p.array() < high_.array()).all() &&
+           *std::min_element(cell.at.begin(), cell.at.end()) > 0 &&
+           *std::max_element(cell.at.begin(), cell.at.end()) < kMostCells;
+  }
+
+  /// The cells of the frontier that have the size their distance from the samples asks for; for the others those of
+  /// the right size go to the next frontier.
+  std::vector<Place> sized_cells() {
+    struct Fate {
+      bool kept = false;
+      int level = 0;
+    };
+    std::vector<Fate> fates(frontier_.size());
+    std::vector<std::uint8_t> wide(frontier_.size(), 0);
+    tbb::parallel_for(tbb::blocked_range<std::size_t>{0, frontier_.size(), 64}, [&](const auto& range) {
+      for (std::size_t i = range.begin(); i < range.end(); ++i) {
+        const Place& cell = frontier_[i];
+        if (!in_region(cell)) {
+          fates[i].level = cell.level;
+          continue;
+        }
+        const Neighbour nearest = measured_.near.nearest(position(cell, 0.5F));
+        const float gap = std::sqrt(nearest.squared_distance);
+        int level = base_level(measured_.spacings[nearest.index]);
+        while (level < kCoarsest && gap > kPitchesAway * pitch(level + 1)) ++level;
+        wide[i] = gap > most_gap_;
+        fates[i] = {level == cell.level && !wide[i], level};
+      }
+    });
+    std::vector<Place> cells;
+    std::vector<Place> resized;
+    for (std::size_t i = 0; i < frontier_.size(); ++i) {
+      if (wide[i]) {
+        completion_.too_wide = true;
+        continue;
+      }
+      if (fates[i].kept)
+        cells.push_back(frontier_[i]);
+      else
+        resize(frontier_[i], fates[i].level, resized);
+    }
+    frontier_ = std::move(resized);
+    return cells;
+  }
+
+  static void resize(const Place& cell, int level, std::vector<Place>& to) {
+    if (level == cell.level) return;
+    if (level > cell.level) {
+      const int up = level - cell.level;
+      to.push_back({level, {cell.at[0] >> up, cell.at[1] >> up, cell.at[2] >> up}});
+      return;
+    }
+    // One level at a time: each child asks anew.
+    for (unsigned c = 0; c < 8; ++c) {
+      const Place half{cell.level - 1, {2 * cell.at[0], 2 * cell.at[1], 2 * cell.at[2]}};
+      to.push_back(corner_of(half, c));
+    }
+  }
+
+  void value_corners(const std::vector<Place>& cells) {
+    std::vector<Place> missing;
+    for (const Place& cell : cells)
+      for (unsigned c = 0; c < 8; ++c)
+        if (const Place corner = corner_of(cell, c); !corners_.contains(key_of(corner))) missing.push_back(corner);
+    sort_unique(missing);
+    std::vector<Vector3f> places;
+    places.reserve(missing.size());
+    for (const Place& corner : missing) places.push_back(position(corner));
+    const std::vector<WideField> fields = measured_.tree.wides(places, kOpening);
+    std::vector<Corner> found(missing.size());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>{0, missing.size(), 256}, [&](const auto& range) {
+      for (std::size_t i = range.begin(); i < range.end(); ++i) {
+        // Where the samples disagree about the direction the winding number decides: it is bounded.
+        const float gap = std::sqrt(measured_.near.nearest(places[i]).squared_distance);
+        const float m = fields[i].agreement;
+        found[i] = {m * fields[i].value + (1 - m) * 2 * gap * (0.5F - fields[i].winding), m};
+      }
+    });
+    for (std::size_t i = 0; i < missing.size(); ++i) corners_.emplace(key_of(missing[i]), found[i]);
+  }
+
+  void look_at(const Place& cell) {
+    std::array<Corner, 8> corner;
+    for (unsigned c = 0; c < 8; ++c) corner[c] = corners_.at(key_of(corner_of(cell, c)));
+    Vector3f sum = Vector3f::Zero();
+    float count = 0, agreement = 0;
+    for (unsigned c = 0; c < 8; ++c) {
+      agreement += corner[c].agreement / 8;
+      for (unsigned axis = 0; axis < 3; ++axis) {
+        const unsigned other = c | 1U << axis;
+        if (other == c || (corner[c].value < 0) == (corner[other].value < 0)) continue;
+        Vector3f at{static_cast<float>(c & 1U), static_cast<float>(c >> 1U & 1U), static_cast<float>(c >> 2U)};
+        at[static_cast<Eigen::Index>(axis)] = corner[c].value / (corner[c].value - corner[other].value);
+        sum += at;
+        count += 1;
+      }
+    }
+    if (count == 0) return;
+    const Vector3f inside = sum / count;
+    const Vector3f point = position(cell) + pitch(cell.level) * inside;
+    const Vector3f normal = gradient(corner, inside);
+    const Neighbour nearest = measured_.near.nearest(point);
+    const float gap = std::sqrt(nearest.squared_distance);
+    if (gap <= reach_.covered * measured_.spacings[nearest.index] || !(normal.norm() > 0)) return;
+    VirtualSample sample;
+    sample.point = point;
+    sample.normal = normal.normalized();
+    sample.gap = gap;
+    sample.spacing = pitch(cell.level) / std::sqrt(kCellsAPitch);
+    sample.agreement = agreement;
+    completion_.samples.push_back(sample);
+    hand_on(cell, corner);
+  }
+
+  void hand_on(const Place& cell, const std::array<Corner, 8>& corner) {
+    for (unsigned axis = 0; axis < 3; ++axis)
+      for (unsigned side = 0; side < 2; ++side) {
+        bool inside = false, outside = false;
+        for (unsigned c = 0; c < 8; ++c)
+          if ((c >> axis & 1U) == side) (corner[c].value < 0 ? inside : outside) = true;
+        if (!inside || !outside) continue;
+        Place next = cell;
+        next.at[axis] += side == 1 ? 1 : -1;
+        frontier_.push_back(next);
+      }
+  }
+
+  /// Of the values between the corners, at a place in the unit cell.
+  static Vector3f gradient(const std::array<Corner, 8>& corner, const Vector3f& at) {
+    Vector3f sum = Vector3f::Zero();
+    for (unsigned c = 0; c < 8; ++c) {
+      Vector3f share;
+      Vector3f slope;
+      for (unsigned axis = 0; axis < 3; ++axis) {
+        const auto i = static_cast<Eigen::Index>(axis);
+        const bool far = (c >> axis & 1U) != 0;
+        share[i] = far ? at[i] : 1 - at[i];
+        slope[i] = far ? 1.F : -1.F;
+      }
+      sum += corner[c].value * Vector3f{slope.x() * share.y() * share.z(), share.x() * slope.y() * share.z(),
+                                        share.x() * share.y() * slope.z()};
+    }
+    return sum;
+  }
+
+  const MeasuredSide& measured_;
+  RimReach reach_;
+  float most_gap_;
+  Completion& completion_;
+  Vector3f low_, high_;
+  std::vector<Place> frontier_;
+  std::unordered_set<std::uint64_t> seen_;
+  std::unordered_map<std::uint64_t, Corner> corners_;
+};
+
+}  // namespace
+
+Result<void> follow_surface(const MeasuredSide& measured, std::span<const Rim> rims, const RimReach& reach,
+                            float most_gap, std::size_t most_samples, Completion& completion,
+                            const ProgressSink& progress, std::stop_token stop) {
+  Follower follower{measured, reach, most_gap, completion};
+  for (const Rim& rim : rims) follower.seed(rim);
+  while (follower.step()) {
+    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while closing gaps of the scan");
+    if (completion.samples.size() > most_samples) {
+      completion.samples.resize(most_samples);
+      completion.too_many = true;
+      break;
+    }
+    report(progress, "gaps", static_cast<double>(completion.samples.size()) / static_cast<double>(most_samples));
+  }
+  return {};
+}
+
+}  // namespace telefab::scan

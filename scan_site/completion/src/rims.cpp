@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "rims.hpp"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+
+namespace telefab::scan {
+namespace {
+
+using Eigen::Vector3f;
+
+constexpr std::size_t kAreaNeighbours = 10;
+constexpr std::size_t kRimNeighbours = 16;
+/// Among so many the neighbours on the same side of a thin wall are looked for.
+constexpr std::size_t kLookedAt = 28;
+/// A sample in the middle of its neighbours leans by less, one at a straight rim by .42.
+constexpr float kLeastLean = 0.12F;
+constexpr float kLeanRange = 0.30F;
+/// A sector of the tangent plane this wide without a neighbour is a gap.
+constexpr float kLeastSector = std::numbers::pi_v<float> / 2;
+
+/// The widest sector between neighbours: its middle direction and width; none where there are too few neighbours.
+struct Sector {
+  Vector3f middle = Vector3f::Zero();
+  float width = 0;
+};
+Sector widest_sector(std::span<const Vector3f> offsets, const Vector3f& normal) {
+  const Vector3f u = normal.unitOrthogonal();
+  const Vector3f v = normal.cross(u);
+  std::array<float, kRimNeighbours> angles{};
+  std::size_t count = 0;
+  for (const Vector3f& d : offsets) {
+    const float x = d.dot(u), y = d.dot(v);
+    if (x != 0 || y != 0) angles[count++] = std::atan2(y, x);
+  }
+  if (count == 0) return {};
+  std::sort(angles.begin(), angles.begin() + static_cast<std::ptrdiff_t>(count));
+  Sector widest;
+  for (std::size_t i = 0; i < count; ++i) {
+    const float next = i + 1 < count ? angles[i + 1] : angles[0] + 2 * std::numbers::pi_v<float>;
+    if (next - angles[i] <= widest.width) continue;
+    widest.width = next - angles[i];
+    const float middle = (angles[i] + next) / 2;
+    widest.middle = std::cos(middle) * u + std::sin(middle) * v;
+  }
+  return widest;
+}
+
+template <class Each>
+void each_in_leaf_order(const KdTree& near, const std::stop_token& stop, Each&& each) {
+  const auto order = near.leaf_order();
+  tbb::parallel_for(tbb::blocked_range<std::size_t>{0, order.size(), 1024}, [&](const auto& range) {
+    if (stop.stop_requested()) return;
+    for (std::size_t i = range.begin(); i < range.end(); ++i) each(order[i]);
+  });
+}
+
+}  // namespace
+
+RimReach RimReach::at_noise(double noise_spacings) {
+  const auto rough = static_cast<float>(std::clamp((noise_spacings - 0.05) / 0.1, 0.0, 1.0));
+  return {1.4F + 0.4F * rough, 1.8F + 0.4F * rough};
+}
+
+Result<Surroundings> look_around(const KdTree& near, std::span<const Vector3f> points,
+                                 std::span<const Vector3f> normals, std::stop_token stop) {
+  Surroundings around;
+  around.area.resize(points.size());
+  around.lean.resize(points.size());
+  around.spacing.resize(points.size());
+  std::vector<std::array<std::uint32_t, kAreaNeighbours + 1>> neighbours(points.size());
+  each_in_leaf_order(near, stop, [&](std::uint32_t i) {
+    std::array<Neighbour, kAreaNeighbours + 1> found;
+    const std::size_t count = near.nearest(points[i], found);
+    for (std::size_t k = 0; k < found.size(); ++k) neighbours[i][k] = found[std::min(k, count - 1)].index;
+    Vector3f offset = Vector3f::Zero();
+    for (std::size_t k = 0; k < count; ++k) offset += points[found[k].index] - points[i];
+    offset /= static_cast<float>(std::max<std::size_t>(1, count - 1));
+    offset -= offset.dot(normals[i]) * normals[i];
+    const float reach2 = found[count - 1].squared_distance;
+    const float lean = reach2 > 0 ? offset.norm() / std::sqrt(reach2) : 0;
+    around.lean[i] = lean;
+    const float missing = std::clamp((lean - kLeastLean) / kLeanRange, 0.F, 1.F) / 2;
+    around.area[i] =
+        std::numbers::pi_v<float> * reach2 / static_cast<float>(std::max<std::size_t>(1, count - 1)) * (1 - missing);
+  });
+  each_in_leaf_order(near, stop, [&](std::uint32_t i) {
+    float sum = 0;
+    for (const std::uint32_t k : neighbours[i]) sum += around.area[k];
+    around.spacing[i] = std::sqrt(sum / static_cast<float>(neighbours[i].size()));
+  });
+  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while looking for gaps of the scan");
+  return around;
+}
+
+Result<std::vector<Rim>> find_rims(const KdTree& near, std::span<const Vector3f> points,
+                                   std::span<const Vector3f> normals, const Surroundings& around, const RimReach& reach,
+                                   std::stop_token stop) {
+  std::vector<std::uint8_t> is_rim(points.size(), 0);
+  std::vector<Vector3f> probes(points.size());
+  each_in_leaf_order(near, stop, [&](std::uint32_t i) {
+    if (around.lean[i] < kLeastLean) return;
+    std::array<Neighbour, kLookedAt> found;
+    const std::size_t count = near.nearest(points[i], found);
+    std::array<Vector3f, kRimNeighbours> offsets;
+    std::size_t used = 0;
+    for (std::size_t k = 0; k < count && used < kRimNeighbours; ++k)
+      if (found[k].index != i && normals[found[k].index].dot(normals[i]) > 0)
+        offsets[used++] = points[found[k].index] - points[i];
+    const Sector sector = widest_sector({offsets.data(), used}, normals[i]);
+    if (sector.width < kLeastSector) return;
+    const float spacing = around.spacing[i];
+    const Vector3f probe = points[i] + reach.probe * spacing * sector.middle;
+    const float covered = reach.covered * spacing;
+    if (near.nearest(probe).squared_distance < covered * covered) return;
+    is_rim[i] = 1;
+    probes[i] = probe;
+  });
+  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while looking for gaps of the scan");
+  std::vector<Rim> rims;
+  for (std::uint32_t i = 0; i < points.size(); ++i)
+    if (is_rim[i]) rims.push_back({i, probes[i]});
+  return rims;
+}
+
+}  // namespace telefab::scan

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/scan/completion/complete_cloud.hpp>
+
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <cstring>
+#include <random>
+
+#include "sampled_ball.hpp"
+
+namespace telefab::scan {
+namespace {
+
+using Eigen::Vector3f;
+
+/// Even samples of a torus about z, those only that `seen` keeps.
+Sampled sampled_torus(float ring, float tube, float spacing, const std::function<bool(const Vector3f&)>& seen) {
+  Sampled s;
+  const int rows = static_cast<int>(2 * std::numbers::pi * tube / spacing);
+  for (int row = 0; row < rows; ++row) {
+    const double a = 2 * std::numbers::pi * row / rows;
+    const double around = ring + tube * std::cos(a);
+    const int columns = static_cast<int>(2 * std::numbers::pi * around / spacing);
+    for (int column = 0; column < columns; ++column) {
+      const double b = 2 * std::numbers::pi * (column + 0.5 * (row % 2)) / columns;
+      const Vector3f n =
+          Eigen::Vector3d{std::cos(a) * std::cos(b), std::cos(a) * std::sin(b), std::sin(a)}.cast<float>();
+      const Vector3f p = Eigen::Vector3d{around * std::cos(b), around * std::sin(b), tube * std::sin(a)}.cast<float>();
+      if (!seen(p)) continue;
+      s.points.push_back(p);
+      s.normals.push_back(n);
+    }
+  }
+  return s;
+}
+float off_torus(const Vector3f& p, float ring, float tube) {
+  return std::hypot(std::hypot(p.x(), p.y()) - ring, p.z()) - tube;
+}
+
+Completion completed(const Sampled& s, const CompletionOptions& options = {}) {
+  auto found = complete_cloud(s.cloud(), options, {}, {});
+  EXPECT_TRUE(found) << (found ? "" : found.error().what);
+  return found ? std::move(*found) : Completion{};
+}
+
+/// A ball of radius 10 with 8,000 samples (spacing .4), less a cap: by the cosine of its rim.
+Sampled open_ball(float rim) {
+  return sampled_ball({0, 0, 0}, 10, 8000, [rim](const Vector3f& n) { return n.z() < rim; });
+}
+
+TEST(Completion, GivesACompleteBallAndTorusNoSample) {
+  EXPECT_EQ(completed(sampled_ball({0, 0, 0}, 10, 8000)).samples.size(), 0u);
+  EXPECT_EQ(completed(sampled_torus(20, 6, 0.5F, [](const Vector3f&) { return true; })).samples.size(), 0u);
+}
+
+TEST(Completion, FillsAHoleInABallWithinItsBound) {
+  const Completion found = completed(open_ball(0.9F));
+  ASSERT_GT(found.samples.size(), 100u);
+  EXPECT_FALSE(found.too_many || found.too_wide);
+  std::size_t within = 0, within_99 = 0;
+  for (const VirtualSample& s : found.samples) {
+    const float off = std::abs(s.point.norm() - 10);
+    within += off <= s.error();
+    within_99 += off <= 0.41F * s.gap;
+    EXPECT_GT(s.normal.dot(s.point.normalized()), 0.9F);
+    EXPECT_NEAR(s.normal.norm(), 1, 1e-4);
+  }
+  EXPECT_GE(static_cast<double>(within), 0.95 * static_cast<double>(found.samples.size()));
+  EXPECT_GE(static_cast<double>(within_99), 0.99 * static_cast<double>(found.samples.size()));
+}
+
+// Every place of the cap has a sample, measured or virtual, no farther than three spacings of what lies there.
+TEST(Completion, LeavesNoPlaceOfTheHoleWithoutSamples) {
+  const Sampled open = open_ball(0.9F);
+  const Completion found = completed(open);
+  for (const Vector3f& p : sampled_ball({0, 0, 0}, 10, 3000, [](const Vector3f& n) { return n.z() > 0.9F; }).points) {
+    float nearest = 1e9F;
+    for (const VirtualSample& s : found.samples) nearest = std::min(nearest, (s.point - p).norm() - 2 * s.spacing);
+    for (const Vector3f& q : open.points) nearest = std::min(nearest, (q - p).norm() - 1);
+    EXPECT_LT(nearest, 0.2F) << p.transpose();
+  }
+}
+
+TEST(Completion, CarriesATubeAcrossACut) {
+  // A tenth of the ring is gone: the tube ends twice.
+  const Sampled open = sampled_torus(20, 6, 0.5F, [](const Vector3f& p) { return std::atan2(p.y(), p.x()) < 2.8F; });
+  const Completion found = completed(open);
+  ASSERT_GT(found.samples.size(), 50u);
+  std::size_t within = 0;
+  for (const VirtualSample& s : found.samples) within += std::abs(off_torus(s.point, 20, 6)) <= s.error();
+  EXPECT_GE(static_cast<double>(within), 0.95 * static_cast<double>(found.samples.size()));
+}
+
+TEST(Completion, GapIsTheDistanceToTheNearestMeasuredSample) {
+  const Sampled open = open_ball(0.9F);
+  const Completion found = completed(open);
+  for (const VirtualSample& s : found.samples) {
+    float nearest = 1e9F;
+    for (const Vector3f& q : open.points) nearest = std::min(nearest, (q - s.point).norm());
+    EXPECT_NEAR(s.gap, nearest, 1e-4);
+    EXPECT_LE(s.gap, found.largest_gap + 1e-6);
+  }
+}
+
+TEST(Completion, IsCoarserInTheMiddleOfALargeGap) {
+  const Completion found = completed(open_ball(0.3F));
+  float finest = 1e9F, coarsest = 0;
+  for (const VirtualSample& s : found.samples) {
+    finest = std::min(finest, s.spacing);
+    coarsest = std::max(coarsest, s.spacing);
+  }
+  EXPECT_GT(coarsest, 1.7F * finest);
+  EXPECT_LT(found.samples.size(), 2500u);
+}
+
+TEST(Completion, StopsAtTheGapItMayClose) {
+  CompletionOptions options;
+  options.most_gap = 1.5;
+  const Completion found = completed(open_ball(0.6F), options);
+  EXPECT_TRUE(found.too_wide);
+  for (const VirtualSample& s : found.samples) EXPECT_LT(s.gap, 2.2F);
+}
+
+TEST(Completion, StopsAtTheNumberItMayAdd) {
+  CompletionOptions options;
+  options.most_share = 0.02;
+  const Completion found = completed(open_ball(0.6F), options);
+  EXPECT_TRUE(found.too_many);
+  EXPECT_LE(found.samples.size(), static_cast<std::size_t>(0.02 * 8000));
+}
+
+TEST(Completion, NoiseMakesNoRims) {
+  Sampled rough = sampled_ball({0, 0, 0}, 10, 8000);
+  std::mt19937 random{5};
+  std::normal_distribution<float> bell{0, 0.5F * 0.4F};  // half a spacing
+  for (Vector3f& p : rough.points) p *= 1 + bell(random) / 10;
+  CompletionOptions options;
+  options.noise = 0.5 * 0.4;
+  EXPECT_LT(completed(rough, options).samples.size(), 80u);
+}
+
+TEST(Completion, GivesTheSameSamplesOnAnyNumberOfThreads) {
+  const Sampled open = open_ball(0.8F);
+  const auto on = [&](int threads) {
+    const tbb::global_control allow{tbb::global_control::max_allowed_parallelism, 8};
+    tbb::task_arena arena{threads};
+    return arena.execute([&] { return completed(open).samples; });
+  };
+  const auto one = on(1), eight = on(8);
+  ASSERT_EQ(one.size(), eight.size());
+  EXPECT_EQ(std::memcmp(one.data(), eight.data(), one.size() * sizeof(VirtualSample)), 0);
+}
+
+TEST(Completion, CanBeCancelled) {
+  std::stop_source source;
+  source.request_stop();
+  const auto found = complete_cloud(open_ball(0.8F).cloud(), {}, {}, source.get_token());
+  ASSERT_FALSE(found);
+  EXPECT_EQ(found.error().code, ErrorCode::Cancelled);
+}
+
+TEST(Completion, RefusesWhatItCannotUse) {
+  const auto code_of = [](const PointCloud& cloud, const CompletionOptions& options) {
+    const auto found = complete_cloud(cloud, options, {}, {});
+    return found ? ErrorCode::Internal : found.error().code;
+  };
+  PointCloud bare = open_ball(0.8F).cloud();
+  CompletionOptions options;
+  options.most_gap = 0;
+  EXPECT_EQ(code_of(bare, options), ErrorCode::InvalidInput);
+  options = {};
+  options.most_share = 0;
+  EXPECT_EQ(code_of(bare, options), ErrorCode::InvalidInput);
+  options = {};
+  options.noise = -1;
+  EXPECT_EQ(code_of(bare, options), ErrorCode::InvalidInput);
+  options = {};
+  options.rounds = 101;
+  EXPECT_EQ(code_of(bare, options), ErrorCode::InvalidInput);
+  bare.normals.clear();
+  EXPECT_EQ(code_of(bare, {}), ErrorCode::InvalidInput);
+}
+
+}  // namespace
+}  // namespace telefab::scan
