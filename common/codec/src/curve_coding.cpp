@@ -50,15 +50,15 @@ void code_signed(const Bits& bits, NumberModel<4>& model, std::int32_t& value, u
 
 template <class Bits>
 void code_residual(const Bits& bits, CurveModels& models, const ResidualContext& near, std::int32_t& residual) {
-  if (near.swings()) {
+  if (near.is_after_large()) {
     std::uint32_t rest = zigzag(residual - near.guess());
-    bits.number(models.swing, rest, near.swing());
+    bits.number(models.large, rest, near.large_size());
     const std::int64_t all = std::int64_t{near.guess()} + unzigzag(rest);
     residual = static_cast<std::int32_t>(std::clamp<std::int64_t>(all, -kMaxDistance, kMaxDistance));
     return;
   }
   bool some = residual != 0;
-  bits.bit(near.quiet_models(models), some);
+  bits.bit(near.zero_models(models), some);
   if (!some) {
     residual = 0;
     return;
@@ -102,9 +102,9 @@ class EdgeFilling {
     MovingVertex between;
     if (!make_between(a, b, node.offset, step_, most_, between))
       return broken("a vertex lies outside the stated bounds");
-    if (auto done = fill(a, between, context.below(node.offset)); !done) return done;
+    if (auto done = fill(a, between, context.child(node.offset)); !done) return done;
     made_.push_back(between);
-    return fill(between, b, context.below(node.offset));
+    return fill(between, b, context.child(node.offset));
   }
 
   const Bits& bits_;
@@ -131,14 +131,14 @@ class RingMotion {
     EdgeFilling<Bits> edges{bits_, models_.fill[0], steps_.residual, most_, budget_, plan.fills, made_};
     std::int32_t move_before = 0;
     ResidualsBefore before;
-    bool gone_before = false;
+    bool deleted_before = false;
     for (std::size_t k = 0; k < source.size(); ++k) {
       const std::size_t i = (k + plan.start) % source.size();
       VertexStep& step = plan.steps[k];
       if (k % 64 == 0 && bits_.overrun()) return broken("the chunk ends in the middle of a ring");
-      if (k > 0) bits_.bit(models_.gone[gone_before ? 1 : 0][corners[i].bend], step.gone);
-      gone_before = step.gone;
-      if (step.gone) continue;
+      if (k > 0) bits_.bit(models_.deleted[deleted_before ? 1 : 0][corners[i].bend], step.deleted);
+      deleted_before = step.deleted;
+      if (step.deleted) continue;
       code_residual(bits_, models_, ResidualContext::of(source[i], source[i + 1 == source.size() ? 0 : i + 1], before),
                     step.residual);
       MovingVertex v = source[i];
@@ -171,13 +171,13 @@ class RingMotion {
 
 GridPoint coarser(GridPoint most, std::int32_t step) { return {most.x / step, most.y / step}; }
 
-/// What lies over the edges of a ring given anew; the ring itself is coded already.
+/// What lies over the edges of an intra ring; the ring itself is coded already.
 template <class Bits>
-Result<MovingRing> code_anew(const Bits& bits, CurveModels& models, CurveSteps steps, GridPoint most, RingPlan& plan,
-                             std::uint64_t& budget) {
+Result<MovingRing> code_intra(const Bits& bits, CurveModels& models, CurveSteps steps, GridPoint most, RingPlan& plan,
+                              std::uint64_t& budget) {
   MovingRing corners;
-  corners.reserve(plan.anew.size());
-  for (const GridPoint p : plan.anew) corners.push_back({{p.x * steps.anew, p.y * steps.anew}});
+  corners.reserve(plan.intra.size());
+  for (const GridPoint p : plan.intra) corners.push_back({{p.x * steps.intra, p.y * steps.intra}});
   bits.bit(models.filled, plan.filled);
   if (!plan.filled) return corners;
   MovingRing made;
@@ -197,13 +197,13 @@ Result<MovingRing> code_motion(const Bits& bits, CurveState& state, CurveSteps s
   std::int32_t ahead = static_cast<std::int32_t>(plan.reference) - static_cast<std::int32_t>(expected);
   code_signed(bits, state.models.small, ahead, kReference);
   const std::int64_t reference = std::int64_t{expected} + ahead;
-  if (reference < 0 || reference >= static_cast<std::int64_t>(state.below.size()) ||
+  if (reference < 0 || reference >= static_cast<std::int64_t>(state.reference_layer.size()) ||
       used[static_cast<std::size_t>(reference)])
     return broken("a ring refers to a ring below that is not there or used already");
   plan.reference = static_cast<std::uint32_t>(reference);
   used[plan.reference] = true;
   expected = plan.reference + 1;
-  const MovingRing& source = state.below[plan.reference];
+  const MovingRing& source = state.reference_layer[plan.reference];
   if (source.size() > budget) return broken("more vertices than a layer or chunk may have");
   budget -= source.size();
   bits.number(state.models.small, plan.start, kStart);
@@ -228,10 +228,10 @@ FillModels::FillModels() {
 
 ResidualContext ResidualContext::of(const MovingVertex& v, const MovingVertex& next, ResidualsBefore before) {
   ResidualContext near;
-  near.fresh = v.fresh;
+  near.no_history = v.no_history;
   near.own = ResidualKind::of(v.last);
   near.next = ResidualKind::of(next.last);
-  if (next.fresh) near.next.size = 1;
+  if (next.no_history) near.next.size = 1;
   near.before = ResidualKind::of(before.first);
   near.before2 = ResidualKind::of(before.second);
   near.speed = std::min(bit_length(static_cast<std::uint32_t>(std::abs(v.velocity)) >> 6U), 11U);
@@ -243,9 +243,9 @@ void encode_curve_layer(RangeEncoder& coder, CurveState& state, CurveSteps steps
                         const LayerCertificate& certificate, const std::vector<RingPlan>& plans) {
   const Writing bits{coder};
   encode_certificate(coder, state.models.exact, certificate);
-  std::int32_t more = static_cast<std::int32_t>(plans.size()) - static_cast<std::int32_t>(state.below.size());
+  std::int32_t more = static_cast<std::int32_t>(plans.size()) - static_cast<std::int32_t>(state.reference_layer.size());
   code_signed(bits, state.models.small, more, kRings);
-  std::vector<bool> used(state.below.size());
+  std::vector<bool> used(state.reference_layer.size());
   std::uint32_t expected = 0;
   std::uint64_t no_limit = ~std::uint64_t{0};
   std::vector<MovingRing> made;
@@ -255,12 +255,12 @@ void encode_curve_layer(RangeEncoder& coder, CurveState& state, CurveSteps steps
     if (plan.moves) {
       made.push_back(code_motion(bits, state, steps, most, plan, used, expected, no_limit).value());
     } else {
-      encode_ring(coder, state.models.exact, plan.anew, first);
-      first = plan.anew[0];
-      made.push_back(code_anew(bits, state.models, steps, most, plan, no_limit).value());
+      encode_ring(coder, state.models.exact, plan.intra, first);
+      first = plan.intra[0];
+      made.push_back(code_intra(bits, state.models, steps, most, plan, no_limit).value());
     }
   }
-  state.below = std::move(made);
+  state.reference_layer = std::move(made);
 }
 
 Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& state, CurveSteps steps, GridPoint most,
@@ -270,10 +270,10 @@ Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& sta
   if (!certificate) return certificate;
   std::int32_t more = 0;
   code_signed(bits, state.models.small, more, kRings);
-  const std::int64_t rings = static_cast<std::int64_t>(state.below.size()) + more;
+  const std::int64_t rings = static_cast<std::int64_t>(state.reference_layer.size()) + more;
   if (rings < 0 || rings > kMaxRingsPerLayer)
     return broken(fmt::format("{} rings, at most {} are allowed", rings, kMaxRingsPerLayer));
-  std::vector<bool> used(state.below.size());
+  std::vector<bool> used(state.reference_layer.size());
   std::uint32_t expected = 0;
   std::vector<MovingRing> made;
   GridPoint first{};
@@ -286,11 +286,11 @@ Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& sta
       if (!ring) return tl::unexpected{ring.error()};
       made.push_back(std::move(*ring));
     } else {
-      auto corners = decode_ring(coder, state.models.exact, first, coarser(most, steps.anew), budget);
+      auto corners = decode_ring(coder, state.models.exact, first, coarser(most, steps.intra), budget);
       if (!corners) return tl::unexpected{corners.error()};
       first = corners->front();
-      plan.anew = std::move(*corners);
-      auto ring = code_anew(bits, state.models, steps, most, plan, budget);
+      plan.intra = std::move(*corners);
+      auto ring = code_intra(bits, state.models, steps, most, plan, budget);
       if (!ring) return tl::unexpected{ring.error()};
       made.push_back(std::move(*ring));
     }
@@ -298,7 +298,7 @@ Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& sta
     if (vertices > kMaxVerticesPerLayer) return broken("more vertices than a layer or chunk may have");
   }
   if (coder.overrun()) return broken("the chunk ends in the middle of a layer");
-  state.below = std::move(made);
+  state.reference_layer = std::move(made);
   return certificate;
 }
 

@@ -6,13 +6,13 @@
 #include "layer_coding.hpp"
 #include "moving_ring.hpp"
 
-// The syntax of the coding `curve`: a ring is given as a ring of the layer below that moves, or anew.
+// The syntax of the coding `curve`: a ring is given as a ring of the layer below that moves, or intra.
 namespace telefab::codec {
 
 /// Set once a chunk, in its first bytes.
 struct CurveSteps {
   std::int32_t residual = 4;  ///< lattice steps of one residual
-  std::int32_t anew = 4;      ///< lattice steps of the coarser lattice of rings given anew
+  std::int32_t intra = 4;     ///< lattice steps of the coarser lattice of intra rings
 };
 
 inline constexpr unsigned kDeepestFill = 8;
@@ -38,28 +38,28 @@ struct FillContext {
   [[nodiscard]] unsigned offset() const {
     return depth == 0 ? 0 : 1 + std::min(bit_length(static_cast<std::uint32_t>(std::abs(parent))), 10U);
   }
-  [[nodiscard]] FillContext below(std::int32_t offset) const { return {depth + 1, offset}; }
+  [[nodiscard]] FillContext child(std::int32_t offset) const { return {depth + 1, offset}; }
 };
 
 /// The adaptive state of one chunk.
 struct CurveModels {
-  ChunkModels exact;  ///< certificates, counts and rings given anew
+  ChunkModels exact;  ///< certificates, counts and intra rings
   BitModel moves;
-  BitModel gone[2][12];            ///< by the fate of the vertex before, by bend
-  BitModel quiet[4][3][3][3];      ///< residual 0: by ResidualContext own, before, next, before2
-  BitModel quiet_speed[3][3][12];  ///< the same: by before, own, speed
-  BitModel sign[3][3];             ///< by the signs of own and before
-  BitModel sign_along[3][3][3];    ///< the same: of next, before2, before
-  NumberModel<6> size;             ///< residual less 1, by freshness and the residual before
-  NumberModel<12> swing;           ///< residual less most of a large one before it, by the size of that
-  FillModels fill[2];              ///< of rings that move, and of rings given anew
+  BitModel deleted[2][12];        ///< by the fate of the vertex before, by bend
+  BitModel zero[4][3][3][3];      ///< residual 0: by ResidualContext own, before, next, before2
+  BitModel zero_speed[3][3][12];  ///< the same: by before, own, speed
+  BitModel sign[3][3];            ///< by the signs of own and before
+  BitModel sign_along[3][3][3];   ///< the same: of next, before2, before
+  NumberModel<6> size;            ///< residual less 1, by history and the residual before
+  NumberModel<12> large;          ///< residual less most of a large one before it, by the size of that
+  FillModels fill[2];             ///< of rings that move, and of intra rings
   BitModel filled;
   NumberModel<4> small;
 };
 
 /// The fate of one vertex of the ring below.
 struct VertexStep {
-  bool gone = false;
+  bool deleted = false;
   std::int32_t residual = 0;
 };
 
@@ -75,22 +75,22 @@ struct RingPlan {
   std::uint32_t start = 0;        ///< its vertex that comes first and is kept
   std::vector<VertexStep> steps;  ///< one a vertex of the reference, from `start`
   std::vector<FillNode> fills;    ///< edge after edge, the closing one last
-  std::vector<GridPoint> anew;    ///< otherwise: vertices on the coarser lattice,
+  std::vector<GridPoint> intra;   ///< otherwise: vertices on the coarser lattice,
   bool filled = false;            ///< and whether `fills` has what lies over their edges
 };
 
 /// What layers of one chunk share: the rings below and the models. Encoder's and decoder's move alike.
 struct CurveState {
   CurveModels models;
-  std::vector<MovingRing> below;
+  std::vector<MovingRing> reference_layer;
 };
 
-/// Writes a layer and makes its rings the new `below`. The plan must be one that fits (made by fit_ring).
+/// Writes a layer and makes its rings the new `reference_layer`. The plan must be one that fits (made by fit_ring).
 void encode_curve_layer(RangeEncoder& coder, CurveState& state, CurveSteps steps, GridPoint most,
                         const LayerCertificate& certificate, const std::vector<RingPlan>& plans);
 
-/// Reads a layer: its rings are the new `below`. Fails with ProtocolBroken. `budget` is drawn from for every vertex
-/// read or passed over, before memory is taken.
+/// Reads a layer: its rings are the new `reference_layer`. Fails with ProtocolBroken. `budget` is drawn from for every
+/// vertex read or passed over, before memory is taken.
 [[nodiscard]] Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& state, CurveSteps steps,
                                                           GridPoint most, std::uint64_t& budget);
 
@@ -111,25 +111,25 @@ struct ResidualKind {
 
 /// Contexts of the models, shared with the encoder's estimate of costs.
 struct ResidualContext {
-  bool fresh = false;
+  bool no_history = false;
   ResidualKind own;      ///< of the layer below
   ResidualKind next;     ///< of the next vertex in the layer below
   ResidualKind before;   ///< of the vertex before in this layer
   ResidualKind before2;  ///< of the one before that
   unsigned speed = 0;    ///< bit length of the expected move in steps of four; at most 11
   std::int32_t residual_before = 0;
-  [[nodiscard]] unsigned size() const { return (fresh ? 3 : 0) + before.size; }
+  [[nodiscard]] unsigned size() const { return (no_history ? 3 : 0) + before.size; }
   /// Where a whole stretch moves otherwise than expected, the next vertex most likely does so too.
-  [[nodiscard]] bool swings() const { return std::abs(residual_before) > 2; }
+  [[nodiscard]] bool is_after_large() const { return std::abs(residual_before) > 2; }
   [[nodiscard]] std::int32_t guess() const { return divided(residual_before * 3, 4); }
-  [[nodiscard]] unsigned swing() const {
+  [[nodiscard]] unsigned large_size() const {
     return std::min(bit_length(static_cast<std::uint32_t>(std::abs(residual_before))), 11U);
   }
   [[nodiscard]] static ResidualContext of(const MovingVertex& v, const MovingVertex& next, ResidualsBefore before);
   template <class Models>  // CurveModels, const or not
-  [[nodiscard]] auto quiet_models(Models& m) const {
-    return BitPair{m.quiet[fresh ? 3 : own.size][before.size][next.size][before2.size],
-                   m.quiet_speed[before.size][own.size][speed]};
+  [[nodiscard]] auto zero_models(Models& m) const {
+    return BitPair{m.zero[no_history ? 3 : own.size][before.size][next.size][before2.size],
+                   m.zero_speed[before.size][own.size][speed]};
   }
   template <class Models>  // CurveModels, const or not
   [[nodiscard]] auto sign_models(Models& m) const {

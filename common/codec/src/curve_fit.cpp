@@ -9,7 +9,7 @@
 namespace telefab::codec {
 namespace {
 
-constexpr int kMostGone = 4;              ///< vertices dropped in a row
+constexpr int kMostDeleted = 4;           ///< vertices dropped in a row
 constexpr int kLongestGap = 256;          ///< the same where there is no other way
 constexpr int kMostGapTrials = 300;       ///< such ways tried for one ring
 constexpr double kLargestMove = 64 * 40;  ///< lattice steps
@@ -17,7 +17,7 @@ constexpr double kTrackingWeight = 0.6;   ///< bits for an error of the whole to
 constexpr int kNear = 28;                 ///< target segments searched around the last hit
 
 struct Candidate {
-  std::int32_t level = 0;  ///< the residual; of a fresh vertex the move in steps
+  std::int32_t level = 0;  ///< the residual; of a vertex without history the move in steps
   MovingVertex vertex;     ///< after the move
   double at = 0;           ///< on the target, counted on from the start's place
   double error_square = 0;
@@ -65,16 +65,16 @@ class Motion {
     return std::clamp(aside / 8, -0.5 * rule_.tolerance, 0.5 * rule_.tolerance);
   }
   [[nodiscard]] double expectation(const MovingVertex& v) const {
-    return v.fresh ? 0.0 : v.velocity / static_cast<double>(kDistanceUnit);
+    return v.no_history ? 0.0 : v.velocity / static_cast<double>(kDistanceUnit);
   }
 
   void find_hits() {
     std::size_t last = 0;
     bool known = false;
-    double fresh_before = 0;
+    double first_move_before = 0;
     for (std::size_t i = 0; i < reference_.size(); ++i) {
       const MovingVertex& v = reference_[i];
-      const double expected = v.fresh ? fresh_before : expectation(v);
+      const double expected = v.no_history ? first_move_before : expectation(v);
       Hit hit;
       const std::size_t size = target_.size();
       if (known && size > 3 * kNear)
@@ -85,7 +85,7 @@ class Motion {
       hits_[i] = hit;
       last = static_cast<std::size_t>(hit.at);
       known = true;
-      if (v.fresh) fresh_before = hit.distance;
+      if (v.no_history) first_move_before = hit.distance;
     }
   }
 
@@ -122,12 +122,12 @@ class Motion {
       const auto nearest = static_cast<std::int32_t>(std::floor(wanted + 0.5));
       const std::int32_t toward = nearest > wanted ? nearest - 1 : nearest + 1;
       std::array<std::int32_t, 3> levels{nearest, toward, 0};
-      const std::size_t count = reference_[i].fresh || nearest == 0 || toward == 0 ? 2 : 3;
+      const std::size_t count = reference_[i].no_history || nearest == 0 || toward == 0 ? 2 : 3;
       for (std::size_t l = 0; l < (k == 0 ? 1 : count); ++l) {
         Candidate c;
         c.level = levels[l];
         c.vertex = reference_[i];
-        const std::int32_t expected = reference_[i].fresh ? 0 : reference_[i].velocity;
+        const std::int32_t expected = reference_[i].no_history ? 0 : reference_[i].velocity;
         if (!move_rule_.apply(c.vertex, corners_[i].normal, expected, c.level, rule_.most)) continue;
         c.error_square = square(c.vertex.at.x - hit.place.x) + square(c.vertex.at.y - hit.place.y);
         if (c.error_square > most_square_) continue;
@@ -146,21 +146,22 @@ class Motion {
   void settle(Candidate& c, const MovingVertex& source, std::int32_t move_before, std::int32_t) const {
     const std::int32_t unit = rule_.steps.residual * kDistanceUnit;
     const std::int32_t expected = move_rule_.expected(source, move_before);
-    c.residual = source.fresh ? c.level - expected / unit : c.level;
+    c.residual = source.no_history ? c.level - expected / unit : c.level;
     c.move = expected + c.residual * unit;
   }
 
   [[nodiscard]] double residual_cost(std::size_t k, std::int32_t residual, ResidualsBefore before) const {
     const ResidualContext near = ResidualContext::of(reference_[index(k)], reference_[index(k + 1)], before);
-    if (near.swings()) return models_.swing.cost(zigzag(residual - near.guess()), near.swing());
-    double bits = cost_of(near.quiet_models(models_).mean(), residual != 0 ? 1 : 0);
+    if (near.is_after_large()) return models_.large.cost(zigzag(residual - near.guess()), near.large_size());
+    double bits = cost_of(near.zero_models(models_).mean(), residual != 0 ? 1 : 0);
     if (residual == 0) return bits;
     bits += cost_of(near.sign_models(models_).mean(), residual < 0 ? 1 : 0);
     return bits + models_.size.cost(static_cast<std::uint32_t>(std::abs(residual)) - 1, near.size());
   }
 
-  [[nodiscard]] double gone_cost(int k, bool gone_before, bool gone) const {
-    return cost_of(models_.gone[gone_before ? 1 : 0][corners_[index(static_cast<std::size_t>(k))].bend], gone ? 1 : 0);
+  [[nodiscard]] double deletion_cost(int k, bool deleted_before, bool deleted) const {
+    return cost_of(models_.deleted[deleted_before ? 1 : 0][corners_[index(static_cast<std::size_t>(k))].bend],
+                   deleted ? 1 : 0);
   }
 
   /// Cheapest way from an earlier vertex to this one (k may be size(): the start again, a whole turn on).
@@ -170,12 +171,13 @@ class Motion {
     double dropped = 0;
     double run = 0;  // flags of the vertices j + 2 to k - 1
     for (int j = k - 1;
-         j >= 0 && (j >= k - 1 - kMostGone || (c.cost == kNever && j >= k - 1 - kLongestGap && gap_trials_ > 0)); --j) {
+         j >= 0 && (j >= k - 1 - kMostDeleted || (c.cost == kNever && j >= k - 1 - kLongestGap && gap_trials_ > 0));
+         --j) {
       // Vertices j + 1 to k - 1 are dropped; the flags behind j depend on j being kept.
-      if (j < k - 2) run += gone_cost(j + 2, true, true);
+      if (j < k - 2) run += deletion_cost(j + 2, true, true);
       dropped = run;
-      if (j < k - 1) dropped += gone_cost(j + 1, false, true);
-      if (!closing) dropped += gone_cost(k, k > j + 1, false);
+      if (j < k - 1) dropped += deletion_cost(j + 1, false, true);
+      if (!closing) dropped += deletion_cost(k, k > j + 1, false);
       for (int b = 0; b < static_cast<int>(ways_[static_cast<std::size_t>(j)].size()); ++b) {
         const Candidate& before = ways_[static_cast<std::size_t>(j)][static_cast<std::size_t>(b)];
         if (before.cost + dropped >= c.cost || before.at >= c.at) continue;
@@ -187,8 +189,9 @@ class Motion {
                   residual_cost(static_cast<std::size_t>(k), now.residual, {before.residual, before.residual_before});
         }
         if (cost >= c.cost) continue;
-        if (k - j > kMostGone + 1 && gap_trials_-- <= 0) break;
-        cost += filler_.fill({before.vertex, c.vertex, before.at, c.at}, k - j <= 2 || k - j > kMostGone + 1, nullptr);
+        if (k - j > kMostDeleted + 1 && gap_trials_-- <= 0) break;
+        cost +=
+            filler_.fill({before.vertex, c.vertex, before.at, c.at}, k - j <= 2 || k - j > kMostDeleted + 1, nullptr);
         if (cost >= c.cost) continue;
         c = now;
         c.residual_before = before.residual;
@@ -226,7 +229,7 @@ class Motion {
       fills.worst_square = std::max(fills.worst_square, c->error_square);
       fills.ring.push_back(c->vertex.at);
       const Candidate& next = p + 1 < path.size() ? *path[p + 1].second : end;
-      // fill() sees velocities that are not settled for fresh vertices; it uses positions only.
+      // fill() sees velocities that are not settled for vertices without history; it uses positions only.
       if (filler_.fill({c->vertex, next.vertex, c->at, next.at}, true, &fills) == kNever) return std::nullopt;
     }
     fit.plan.fills = std::move(fills.nodes);

@@ -26,10 +26,11 @@ struct RingFit {
 [[nodiscard]] std::optional<RingFit> fit_motion(const MovingRing& reference, std::span<const Place> target,
                                                 const CurveModels& models, const FitRule& rule);
 
-/// The target anew on the coarser lattice: by longest chords within the tolerance, or by few corners and what lies over
-/// their edges, whichever is cheaper; with `all` every vertex is kept. Nothing where no area of the same sign is left.
-[[nodiscard]] std::optional<RingFit> fit_anew(std::span<const Place> target, const CurveModels& models,
-                                              const FitRule& rule, bool all);
+/// The target as intra ring, on the coarser lattice: by longest chords within the tolerance, or by few corners and what
+/// lies over their edges, whichever is cheaper; with `all` every vertex is kept. Nothing where no area of the same sign
+/// is left.
+[[nodiscard]] std::optional<RingFit> fit_intra(std::span<const Place> target, const CurveModels& models,
+                                               const FitRule& rule, bool all);
 
 /// Twice the area, in square lattice steps; exact.
 [[nodiscard]] double twice_area(std::span<const GridPoint> ring);

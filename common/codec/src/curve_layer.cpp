@@ -28,7 +28,7 @@ struct Box {
 struct Pair {
   double gap;
   std::size_t ring;
-  std::size_t below;
+  std::size_t reference;
 };
 
 /// For each ring the one below that looks most like it, each at most once.
@@ -58,13 +58,13 @@ std::vector<std::optional<std::size_t>> references(const std::vector<std::vector
       if (outer[b] == is_outer && box.gap(boxes[b]) < size) pairs.push_back({box.gap(boxes[b]), r, b});
   }
   std::sort(pairs.begin(), pairs.end(), [](const Pair& a, const Pair& b) {
-    return a.gap != b.gap ? a.gap < b.gap : a.ring != b.ring ? a.ring < b.ring : a.below < b.below;
+    return a.gap != b.gap ? a.gap < b.gap : a.ring != b.ring ? a.ring < b.ring : a.reference < b.reference;
   });
   std::vector<bool> taken(below.size());
   for (const Pair& pair : pairs) {
-    if (of[pair.ring] || taken[pair.below]) continue;
-    of[pair.ring] = pair.below;
-    taken[pair.below] = true;
+    if (of[pair.ring] || taken[pair.reference]) continue;
+    of[pair.ring] = pair.reference;
+    taken[pair.reference] = true;
   }
   return of;
 }
@@ -79,21 +79,21 @@ LayerFit fit_layer(const Layer& layer, const Grid& grid, const CurveState& state
     for (const Point2 v : contour.vertices()) ring.push_back(grid.place(v));
     targets.push_back(std::move(ring));
   }
-  const auto reference = references(targets, state.below);
+  const auto reference = references(targets, state.reference_layer);
   // Rings that move in the order of the rings below, so that a reference is mostly "the next"; new ones behind.
   std::vector<std::size_t> order(targets.size());
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return reference[a].value_or(state.below.size()) < reference[b].value_or(state.below.size());
+    return reference[a].value_or(state.reference_layer.size()) < reference[b].value_or(state.reference_layer.size());
   });
   LayerFit layer_fit;
   for (const std::size_t r : order) {
     std::optional<RingFit> best;
-    if (reference[r] && !exact) best = fit_motion(state.below[*reference[r]], targets[r], state.models, rule);
+    if (reference[r] && !exact) best = fit_motion(state.reference_layer[*reference[r]], targets[r], state.models, rule);
     if (best) best->plan.reference = static_cast<std::uint32_t>(*reference[r]);
     if (!best || best->cost_bits > kCheapMotion * static_cast<double>(best->ring.size())) {
-      auto anew = fit_anew(targets[r], state.models, rule, exact);
-      if (anew && (!best || anew->cost_bits < best->cost_bits)) best = std::move(anew);
+      auto intra = fit_intra(targets[r], state.models, rule, exact);
+      if (intra && (!best || intra->cost_bits < best->cost_bits)) best = std::move(intra);
     }
     if (!best) {
       layer_fit.lost.push_back(r);

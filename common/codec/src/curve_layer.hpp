@@ -14,7 +14,7 @@ struct LayerFit {
   double error = 0;                           ///< lattice steps
 };
 
-/// Every contour as the ring below it moved, where that is smaller, or anew. With `exact` all anew with all vertices.
+/// Every contour as the ring below it moved, where that is smaller, or intra. With `exact` all intra with all vertices.
 [[nodiscard]] LayerFit fit_layer(const Layer& layer, const Grid& grid, const CurveState& state, const FitRule& rule,
                                  bool exact);
 

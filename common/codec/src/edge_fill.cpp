@@ -89,10 +89,10 @@ double EdgeFiller::fill(const Edge& edge, const FillContext& context, bool may_s
     out->nodes.push_back({true, offset});
     out->worst_square = std::max(out->worst_square, error);
   }
-  const double left = fill({a, between, at, meet}, context.below(offset), true, out);
+  const double left = fill({a, between, at, meet}, context.child(offset), true, out);
   if (left == kNever) return kNever;
   if (out) out->ring.push_back(between.at);
-  const double right = fill({between, b, meet, end}, context.below(offset), true, out);
+  const double right = fill({between, b, meet, end}, context.child(offset), true, out);
   return own + left + right;
 }
 

@@ -78,10 +78,10 @@ bool MoveRule::apply(MovingVertex& v, Normal normal, std::int32_t expected_move,
   if (move < -kMaxDistance || move > kMaxDistance) return false;
   v.at = moved(v.at, normal, static_cast<std::int32_t>(move));
   if (!inside(v.at, most)) return false;
-  v.change = v.fresh ? 0 : static_cast<std::int32_t>((v.change * std::int64_t{60} + extra * 8) / 64);
+  v.change = v.no_history ? 0 : static_cast<std::int32_t>((v.change * std::int64_t{60} + extra * 8) / 64);
   v.velocity = static_cast<std::int32_t>(std::clamp<std::int64_t>(move + v.change, -kMaxDistance, kMaxDistance));
-  v.last = v.fresh ? 0 : std::clamp(residual, -2, 2);
-  v.fresh = false;
+  v.last = v.no_history ? 0 : std::clamp(residual, -2, 2);
+  v.no_history = false;
   return true;
 }
 
@@ -100,7 +100,7 @@ bool make_between(const MovingVertex& a, const MovingVertex& b, std::int32_t off
   made.velocity = (a.velocity + b.velocity) / 2;
   made.change = (a.change + b.change) / 2;
   made.last = 0;
-  made.fresh = a.fresh && b.fresh;
+  made.no_history = a.no_history && b.no_history;
   return inside(made.at, most) && !(made.at == a.at) && !(made.at == b.at);
 }
 

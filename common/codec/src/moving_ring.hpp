@@ -15,7 +15,7 @@ struct MovingVertex {
   std::int32_t velocity = 0;  ///< expected move along the outward normal to the next layer
   std::int32_t change = 0;    ///< expected of that from layer to layer
   std::int32_t last = 0;      ///< the residual it had, a context for the next
-  bool fresh = true;          ///< no motion was seen yet
+  bool no_history = true;     ///< no motion was seen yet
 };
 using MovingRing = std::vector<MovingVertex>;
 
@@ -56,7 +56,7 @@ struct MoveRule {
 
   /// The move that residual 0 stands for.
   [[nodiscard]] std::int32_t expected(const MovingVertex& v, std::int32_t move_before) const {
-    return v.fresh ? divided(move_before, step * kDistanceUnit) * step * kDistanceUnit : v.velocity;
+    return v.no_history ? divided(move_before, step * kDistanceUnit) * step * kDistanceUnit : v.velocity;
   }
   /// The vertex after a move of expected + residual steps. False where a limit is broken.
   [[nodiscard]] bool apply(MovingVertex& v, Normal normal, std::int32_t expected_move, std::int32_t residual,

@@ -33,7 +33,7 @@ struct PayloadHead {
     std::vector<std::byte> made{static_cast<std::byte>(coding), static_cast<std::byte>(per_pitch)};
     if (coding == Coding::Curve) {
       made.push_back(static_cast<std::byte>(steps.residual));
-      made.push_back(static_cast<std::byte>(steps.anew));
+      made.push_back(static_cast<std::byte>(steps.intra));
     }
     return made;
   }
@@ -43,7 +43,7 @@ struct PayloadHead {
     PayloadHead head{static_cast<Coding>(at(0)), static_cast<std::uint32_t>(at(1)), {at(2), at(3)}};
     if (head.per_pitch < 4 || payload.size() < head.size()) return std::nullopt;
     if (head.coding == Coding::Exact) return head;
-    if (head.coding == Coding::Curve && head.steps.residual > 0 && head.steps.anew > 0) return head;
+    if (head.coding == Coding::Curve && head.steps.residual > 0 && head.steps.intra > 0) return head;
     return std::nullopt;
   }
   [[nodiscard]] std::size_t size() const { return coding == Coding::Curve ? 4 : 2; }
@@ -55,7 +55,7 @@ codec::FitRule fit_rule(const CodecOptions& options, const Grid& grid) {
   codec::FitRule rule;
   rule.tolerance = (options.total_error_pitch - options.chord_error_pitch) * kCurvePerPitch;
   rule.steps.residual = static_cast<std::int32_t>(std::clamp(std::floor(rule.tolerance * 0.9 + 0.5), 1.0, 64.0));
-  rule.steps.anew = rule.tolerance >= 6 ? 4 : rule.tolerance >= 3 ? 2 : 1;
+  rule.steps.intra = rule.tolerance >= 6 ? 4 : rule.tolerance >= 3 ? 2 : 1;
   rule.most = grid.most();
   return rule;
 }
@@ -106,7 +106,7 @@ Result<GridLayer> decode_curve(codec::RangeDecoder& coder, codec::CurveState& st
                                codec::GridPoint most, std::uint64_t& budget) {
   auto certificate = codec::decode_curve_layer(coder, state, steps, most, budget);
   if (!certificate) return tl::unexpected{certificate.error()};
-  return GridLayer{codec::canonical_rings(codec::positions_of(state.below)), std::move(*certificate)};
+  return GridLayer{codec::canonical_rings(codec::positions_of(state.reference_layer)), std::move(*certificate)};
 }
 
 }  // namespace
@@ -224,7 +224,7 @@ struct StackEncoder::State {
     for (const std::size_t lost : fit.lost) certificate = lose(std::move(certificate), layer.contours[lost]);
     codec::encode_curve_layer(coder, *curve, rule.steps, grid.most(), certificate, fit.plans);
     worst_error_steps = std::max(worst_error_steps, fit.error);
-    return codec::canonical_rings(codec::positions_of(curve->below));
+    return codec::canonical_rings(codec::positions_of(curve->reference_layer));
   }
 };
 

@@ -7,7 +7,7 @@
 #include <telefab/codec/stack_codec.hpp>
 #include <telefab/codec/tfc_file.hpp>
 
-// Writes the seeds of fuzz_chunk and fuzz_tfc anew: `codec_seeds tests/fuzz/corpus`, once after every change of a
+// Writes the seeds of fuzz_chunk and fuzz_tfc intra: `codec_seeds tests/fuzz/corpus`, once after every change of a
 // coding.
 namespace telefab {
 namespace {

@@ -3,7 +3,7 @@
 
 #include "edge_fill.hpp"
 
-// Rings given anew: by longest chords, or by few corners and the vertices over their edges.
+// Intra rings: by longest chords, or by few corners and the vertices over their edges.
 namespace telefab::codec {
 namespace {
 
@@ -26,10 +26,10 @@ double twice_area_of(std::span<const Point> ring) {
   return sum;
 }
 
-/// The coarser lattice of rings given anew.
+/// The coarser lattice of intra rings.
 class Coarse {
  public:
-  explicit Coarse(const FitRule& rule) : step_{rule.steps.anew}, most_{rule.most.x / step_, rule.most.y / step_} {}
+  explicit Coarse(const FitRule& rule) : step_{rule.steps.intra}, most_{rule.most.x / step_, rule.most.y / step_} {}
   [[nodiscard]] GridPoint snap(Place p) const { return {go(p.x, most_.x), go(p.y, most_.y)}; }
   [[nodiscard]] GridPoint fine(GridPoint p) const { return {p.x * step_, p.y * step_}; }
 
@@ -57,7 +57,7 @@ std::optional<RingFit> longest_chords(std::span<const Place> target, const FitRu
     const GridPoint here = coarse.snap(target[i]);
     const GridPoint from = coarse.fine(here);
     worst = std::max(worst, square(from.x - target[i].x) + square(from.y - target[i].y));
-    if (fit.plan.anew.empty() || !(fit.plan.anew.back() == here)) fit.plan.anew.push_back(here);
+    if (fit.plan.intra.empty() || !(fit.plan.intra.back() == here)) fit.plan.intra.push_back(here);
     std::size_t next = i + 1;
     if (!all) {
       double bulge = 0;
@@ -74,7 +74,7 @@ std::optional<RingFit> longest_chords(std::span<const Place> target, const FitRu
     }
     i = next;
   }
-  auto& made = fit.plan.anew;
+  auto& made = fit.plan.intra;
   while (made.size() > 1 && made.back() == made.front()) made.pop_back();
   for (const GridPoint p : made) fit.ring.push_back(coarse.fine(p));
   if (!keeps_area(fit.ring, target)) return std::nullopt;
@@ -106,7 +106,7 @@ class Corners {
       const std::size_t j = c + 1 < corners.size() ? corners[c + 1] : n;
       const GridPoint here = coarse_.snap(target_[i]);
       const GridPoint from = coarse_.fine(here);
-      fit.plan.anew.push_back(here);
+      fit.plan.intra.push_back(here);
       fills.ring.push_back(from);
       fills.worst_square = std::max(fills.worst_square, square(from.x - target_[i].x) + square(from.y - target_[i].y));
       if (filler_.fill(edge(i, j), true, &fills) == kNever) return std::nullopt;
@@ -154,8 +154,8 @@ class Corners {
 double twice_area(std::span<const GridPoint> ring) { return twice_area_of(ring); }
 double twice_area(std::span<const Place> ring) { return twice_area_of(ring); }
 
-std::optional<RingFit> fit_anew(std::span<const Place> target, const CurveModels& models, const FitRule& rule,
-                                bool all) {
+std::optional<RingFit> fit_intra(std::span<const Place> target, const CurveModels& models, const FitRule& rule,
+                                 bool all) {
   if (target.size() < 3) return std::nullopt;
   if (!all) {
     auto corners = Corners{target, models, rule}.fit();
