@@ -52,13 +52,13 @@ nlohmann::ordered_json json_of(const ThinFigures& f) {
 
 }  // namespace
 
-FeatureWatch::FeatureWatch(std::span<const Layer> part, std::uint32_t lift_layers, double pixel_pitch_mm,
+FeatureWatch::FeatureWatch(std::span<const Layer> part, std::uint32_t elevation_layers, double pixel_pitch_mm,
                            std::optional<CureModel> model)
     : part_{part},
-      lift_layers_{lift_layers},
+      elevation_layers_{elevation_layers},
       pitch_mm_{pixel_pitch_mm},
       model_{std::move(model)},
-      layers_(part.size() + lift_layers) {
+      layers_(part.size() + elevation_layers) {
   report_.dose_known = model_.has_value();
   if (!model_) return;
   kernel_.emplace(model_->spread_px);
@@ -70,9 +70,9 @@ void FeatureWatch::look(std::uint32_t until) {
   until = std::min(until, static_cast<std::uint32_t>(layers_.size()));
   if (until <= looked_) return;
   tbb::parallel_for(looked_, until, [&](std::uint32_t i) {
-    if (i < lift_layers_) return;
+    if (i < elevation_layers_) return;
     Watched& layer = layers_[i];
-    layer.places = narrow_places(part_[i - lift_layers_].contours, kNarrow_px * pitch_mm_, kStep_px * pitch_mm_);
+    layer.places = narrow_places(part_[i - elevation_layers_].contours, kNarrow_px * pitch_mm_, kStep_px * pitch_mm_);
     keep_narrowest(layer.places, kMostPlaces);
     layer.dose.assign(layer.places.size(), 0);
   });
@@ -80,7 +80,7 @@ void FeatureWatch::look(std::uint32_t until) {
 }
 
 std::uint32_t FeatureWatch::lowest_lit(std::uint32_t print_layer) const {
-  return std::max(lift_layers_, print_layer > reach_ ? print_layer - reach_ : 0);
+  return std::max(elevation_layers_, print_layer > reach_ ? print_layer - reach_ : 0);
 }
 
 double FeatureWatch::light_at(const MaskExposure& exposure, Point2 place) const {
@@ -109,7 +109,7 @@ double FeatureWatch::light_at(const MaskExposure& exposure, Point2 place) const 
 
 std::vector<float> FeatureWatch::light_of(std::uint32_t print_layer, const MaskExposure& exposure) const {
   std::vector<float> light;
-  if (!model_ || print_layer < lift_layers_) return light;
+  if (!model_ || print_layer < elevation_layers_) return light;
   for (std::uint32_t i = lowest_lit(print_layer); i <= print_layer; ++i)
     for (const NarrowPlace& place : layers_[i].places)
       light.push_back(static_cast<float>(light_at(exposure, place.middle)));
@@ -117,7 +117,7 @@ std::vector<float> FeatureWatch::light_of(std::uint32_t print_layer, const MaskE
 }
 
 void FeatureWatch::add(std::uint32_t print_layer, std::span<const float> light) {
-  if (print_layer < lift_layers_) {
+  if (print_layer < elevation_layers_) {
     judged_ = print_layer + 1;
     return;
   }

@@ -24,8 +24,8 @@ struct LayerOutcome {
 
 std::span<const Contour> part_rings(const PrintToPredict& print, LayerIndex index) {
   const std::uint32_t i = index.count();
-  if (i < print.lift_layers || i - print.lift_layers >= print.part.size()) return {};
-  return print.part[i - print.lift_layers].contours;
+  if (i < print.elevation_layers || i - print.elevation_layers >= print.part.size()) return {};
+  return print.part[i - print.elevation_layers].contours;
 }
 
 std::span<const Contour> support_rings(const PrintToPredict& print, LayerIndex index) {
@@ -43,7 +43,7 @@ LayerIndex most_contour(const PrintToPredict& print) {
     most = length;
     best = layer.index.count();
   }
-  return LayerIndex{best + print.lift_layers};
+  return LayerIndex{best + print.elevation_layers};
 }
 
 /// Keeps the points that were asked for, from the platform up.
@@ -67,10 +67,10 @@ void collect_points(std::vector<LayerOutcome>& outcomes, const CureModel& model,
 
 Result<void> check(const PrintToPredict& print, const PredictOptions& options) {
   if (auto ok = options.validate(); !ok) return ok;
-  if (!print.part.empty() && print.part.size() + print.lift_layers != print.layers)
+  if (!print.part.empty() && print.part.size() + print.elevation_layers != print.layers)
     return fail(ErrorCode::InvalidInput,
                 fmt::format("the contours have {} layers and stand on {}, the plan has {}; they are not of this plan",
-                            print.part.size(), print.lift_layers, print.layers));
+                            print.part.size(), print.elevation_layers, print.layers));
   if (!print.supports.empty() && print.supports.size() != print.layers)
     return fail(ErrorCode::InvalidInput, fmt::format("supports of {} layers in a plan of {}; plan the job again",
                                                      print.supports.size(), print.layers));
@@ -134,7 +134,7 @@ Result<Prediction> predict_print(const CureModel& model, const PrintToPredict& p
   for (std::size_t i = 0; i < outcomes.size(); ++i) {
     prediction.contour_mm3 +=
         outcomes[i].edges.target_px2 * model.pixel_pitch_mm * model.pixel_pitch_mm * model.layer_mm;
-    if (i < print.lift_layers) continue;
+    if (i < print.elevation_layers) continue;
     prediction.edges.add(outcomes[i].edges);
     prediction.layers.push_back(outcomes[i].edges);
   }

@@ -50,7 +50,7 @@ Result<PlanOptions> plan_options(const Options& o) {
 
 void print_summary(const PlanSummary& s, const Preflight& preflight, const std::string& folder) {
   fmt::print("{} layers on {} ({} of the part, {} below it), {} anchors\n", s.plan.layers.size(), s.plan.machine,
-             s.part_layers, s.lift_layers, s.anchors);
+             s.part_layers, s.elevation_layers, s.anchors);
   fmt::print("part {:.1f} mm3, supports {:.1f} mm3; {:.0f} min of print, of that {:.0f} min of light\n",
              s.figures.part_mm3, s.figures.support_mm3, s.print_s / 60, s.exposure_s / 60);
   fmt::print("supports {:.2f} s, masks {:.2f} s; written to {}\n", s.support_seconds, s.mask_seconds, folder);

@@ -33,12 +33,12 @@ struct PredictVerb {
   bool json = false;
 };
 
-Result<std::uint32_t> lift_of(const fs::path& path) {
+Result<std::uint32_t> elevation_of(const fs::path& path) {
   const auto bytes = read_file(path, kMaxTextBytes);
   if (!bytes) return tl::unexpected{bytes.error()};
   const auto supports = WrittenSupports::from_json({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
   if (!supports) return fail_in(path.string(), supports.error());
-  return supports->lift_layers();
+  return supports->elevation_layers();
 }
 
 /// From the option, or those that the planner kept; nothing where it kept none.
@@ -71,12 +71,12 @@ void tell(const Prediction& p, const CureModel& model, bool compared) {
                p.undersides.bias_px() * model.layer_mm, p.undersides.mean_px(), p.undersides.max_px());
 }
 
-Result<void> write_files(const Prediction& prediction, const CureModel& model, std::uint32_t lift_layers,
+Result<void> write_files(const Prediction& prediction, const CureModel& model, std::uint32_t elevation_layers,
                          const PredictVerb& o) {
   std::vector<SurfacePoint> points = prediction.points;
   if (o.frame == "part") {
-    const auto lift_mm = static_cast<float>(lift_layers * model.layer_mm);
-    for (SurfacePoint& point : points) point.z_mm -= lift_mm;
+    const auto elevation_mm = static_cast<float>(elevation_layers * model.layer_mm);
+    for (SurfacePoint& point : points) point.z_mm -= elevation_mm;
   }
   const auto comment = fmt::format("predicted by telefab-fab, millimetres, {} frame", o.frame);
   if (!o.out.empty())
@@ -106,12 +106,12 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   if (!stack) return tl::unexpected{stack.error()};
   const auto supports = (*job)->supports();
   if (!supports) return tl::unexpected{supports.error()};
-  const auto lift = lift_of(fs::path{o.folder} / "supports.json");
-  if (!lift) return tl::unexpected{lift.error()};
+  const auto elevation = elevation_of(fs::path{o.folder} / "supports.json");
+  if (!elevation) return tl::unexpected{elevation.error()};
 
   PrintToPredict print;
   print.layers = static_cast<std::uint32_t>(plan.layers.size());
-  print.lift_layers = *lift;
+  print.elevation_layers = *elevation;
   if (*stack) print.part = (*stack)->layers();
   print.supports = *supports;
   print.light = [&](LayerIndex index) -> Result<LitLayer> {
@@ -133,7 +133,7 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   const auto prediction = predict_print(*model, print, options, progress_line(), stop);
   clear_progress();
   if (!prediction) return tl::unexpected{prediction.error()};
-  if (auto ok = write_files(*prediction, *model, *lift, o); !ok) return tl::unexpected{ok.error()};
+  if (auto ok = write_files(*prediction, *model, *elevation, o); !ok) return tl::unexpected{ok.error()};
   if (o.json)
     fmt::print("{}", to_json(*prediction, *model));
   else

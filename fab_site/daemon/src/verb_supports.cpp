@@ -75,10 +75,11 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!plan) return tl::unexpected{plan.error()};
   const double thickness_mm = stack->header().layer_thickness_mm;
   const SupportFigures& f = plan->figures();
-  fmt::print("{} anchors on {} layers; {} pins stand on the part, {} of the pins are needles, {} braces\n",
-             plan->anchors().size(), f.layers_with_regions, f.feet_on_part, f.needles, f.braces);
+  fmt::print("{} anchors on {} layers; {} pins stand on the part, {} of the pins are thin, {} braces\n",
+             plan->anchors().size(), f.layers_with_regions, f.feet_on_part, f.thin_pins, f.braces);
   fmt::print("supports {:.1f} mm3, {:.1f} % of the part's {:.1f} mm3; lifted by {:.2f} mm\n", f.support_mm3,
-             f.part_mm3 > 0 ? 100 * f.support_mm3 / f.part_mm3 : 0.0, f.part_mm3, plan->lift_layers() * thickness_mm);
+             f.part_mm3 > 0 ? 100 * f.support_mm3 / f.part_mm3 : 0.0, f.part_mm3,
+             plan->elevation_layers() * thickness_mm);
   if (!o.out.empty()) {
     const std::string text = to_json(*plan);
     if (auto ok = write_file_atomically(o.out, text); !ok) return tl::unexpected{ok.error()};

@@ -125,7 +125,7 @@ Result<SupportReport> check_regions(const VerifyOptions& o, const MachineProfile
   if (!supports) return fail_in(path.string(), supports.error());
   PrintGeometry print;
   print.part = stack->layers();
-  print.lift_layers = supports->lift_layers();
+  print.elevation_layers = supports->elevation_layers();
   print.anchors = supports->anchors();
   const double thickness = stack->header().layer_thickness_mm;
   print.support = [&](LayerIndex k) { return supports->section(k, thickness); };

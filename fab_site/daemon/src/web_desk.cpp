@@ -258,8 +258,8 @@ Result<std::string> WebDesk::layer_json(std::string_view id, std::uint32_t layer
   const Sheets& s = **found;
   if (layer >= s.supports.size())
     return fail(ErrorCode::NotFound, fmt::format("the print has {} layers", s.supports.size()));
-  const std::size_t lift = s.supports.size() - s.part.layers().size();
-  const Layer* part = layer >= lift ? &s.part.layers()[layer - lift] : nullptr;
+  const std::size_t elevation = s.supports.size() - s.part.layers().size();
+  const Layer* part = layer >= elevation ? &s.part.layers()[layer - elevation] : nullptr;
   const double thickness_mm = s.part.header().layer_thickness_mm;
   return ordered_json{{"layer", layer},
                       {"z_mm", cut_height_mm(LayerIndex{layer}, thickness_mm)},

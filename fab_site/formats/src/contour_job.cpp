@@ -28,9 +28,9 @@ Result<ContourJob> contour_job(const LayerStack& stack, Point2 platform_mm,
     return fail(ErrorCode::InvalidInput,
                 fmt::format("{} layers of supports for a part of {}; they are of different jobs", supports.size(),
                             job.layer_count));
-  const std::size_t lift = supports.size() - job.layer_count;
+  const std::size_t elevation = supports.size() - job.layer_count;
   auto& part = job.parts.front().layers;
-  part.insert(part.begin(), lift, {});
+  part.insert(part.begin(), elevation, {});
   job.layer_count = static_cast<std::uint32_t>(supports.size());
   bool any = false;
   for (std::size_t i = 0; i < supports.size(); ++i) {

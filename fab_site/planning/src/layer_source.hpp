@@ -23,7 +23,7 @@ struct SourceLayer {
 class LayerSource {
  public:
   LayerSource(const LayerStack& stack, const SupportPlan& supports) : stack_{&stack}, supports_{&supports} {}
-  [[nodiscard]] std::uint32_t count() const { return stack_->header().layer_count + supports_->lift_layers(); }
+  [[nodiscard]] std::uint32_t count() const { return stack_->header().layer_count + supports_->elevation_layers(); }
   /// Threads: from several at once. Fails as Region::from_contours does.
   [[nodiscard]] Result<SourceLayer> layer(std::uint32_t print_layer) const;
 

@@ -173,8 +173,8 @@ class StackMaker final : public MaskMaker {
 
 Result<SourceLayer> LayerSource::layer(std::uint32_t print_layer) const {
   SourceLayer layer;
-  const std::uint32_t lift = supports_->lift_layers();
-  if (print_layer >= lift) layer.part = stack_->layers()[print_layer - lift].contours;
+  const std::uint32_t elevation = supports_->elevation_layers();
+  if (print_layer >= elevation) layer.part = stack_->layers()[print_layer - elevation].contours;
   const Region section = supports_->section_region(LayerIndex{print_layer});
   layer.section = section.to_contours();
   if (layer.part.empty()) {

@@ -14,8 +14,8 @@ using Floating = std::vector<SupportOptions::Floating>;
 bool add_islands(const PlanSummary& planned, double pitch_mm, Floating& floating) {
   const std::size_t known = floating.size();
   for (const Finding& found : planned.check.findings) {
-    if (found.kind != Finding::Kind::Island || found.layer.count() < planned.lift_layers) continue;
-    const LayerIndex layer{found.layer.count() - planned.lift_layers};
+    if (found.kind != Finding::Kind::Island || found.layer.count() < planned.elevation_layers) continue;
+    const LayerIndex layer{found.layer.count() - planned.elevation_layers};
     const bool is_known = std::any_of(floating.begin(), floating.end(), [&](const SupportOptions::Floating& f) {
       return f.layer == layer &&
              std::hypot(f.place.x_mm - found.place.x_mm, f.place.y_mm - found.place.y_mm) < pitch_mm;

@@ -159,7 +159,7 @@ Result<PlanSummary> plan_once(const LayerStack& stack, const MachineProfile& pro
 
   PlanSummary summary;
   summary.part_layers = header.layer_count;
-  summary.lift_layers = supports->lift_layers();
+  summary.elevation_layers = supports->elevation_layers();
   summary.figures = supports->figures();
   summary.anchors = supports->anchors().size();
   summary.supports_json = to_json(*supports);
@@ -170,7 +170,7 @@ Result<PlanSummary> plan_once(const LayerStack& stack, const MachineProfile& pro
   summary.white_dose_mj_per_cm2 = machine.projection.irradiance_mw_per_cm2 * machine.layers.exposure_s;
   summary.cure_depth_mm =
       machine.resin.penetration_mm * std::log(summary.white_dose_mj_per_cm2 / machine.resin.critical_dose_mj_per_cm2);
-  const std::uint32_t print_layers = summary.part_layers + summary.lift_layers;
+  const std::uint32_t print_layers = summary.part_layers + summary.elevation_layers;
   if (auto ok = fits(stack, machine, print_layers); !ok) return tl::unexpected{ok.error()};
 
   const MaskFrame frame = mask_frame(machine);
@@ -195,7 +195,7 @@ Result<PlanSummary> plan_once(const LayerStack& stack, const MachineProfile& pro
   if (!maker) return tl::unexpected{maker.error()};
   MaskWatch watch{frame.pixel_pitch_mm, kLeastIslandPx};
   auto model = cure_model(machine);
-  FeatureWatch features{stack.layers(), summary.lift_layers, frame.pixel_pitch_mm,
+  FeatureWatch features{stack.layers(), summary.elevation_layers, frame.pixel_pitch_mm,
                         model ? std::optional{std::move(*model)} : std::nullopt};
   const auto keep = [&](LayerWork& work, std::uint32_t index, const Mask& mask) -> Result<void> {
     auto png = encode_png_grey(frame.size.width_px, frame.size.height_px, mask.rows);
@@ -221,7 +221,7 @@ Result<PlanSummary> plan_once(const LayerStack& stack, const MachineProfile& pro
     return work;
   };
 
-  // A fleck that no pin's tip is as small as would cure on nothing: it gets no light of its own, and what later layers
+  // A speck that no pin's tip is as small as would cure on nothing: it gets no light of its own, and what later layers
   // cure of it hangs on them.
   const double tip_px = machine.supports.tip_radius_mm / frame.pixel_pitch_mm;
   const auto most_speck_px = options.supports.mode == SupportOptions::Mode::None

@@ -83,7 +83,7 @@ std::string to_json(const PlanSummary& s) {
                            {"mask_px", {s.plan.mask_size.width_px, s.plan.mask_size.height_px}},
                            {"layers", s.plan.layers.size()},
                            {"part_layers", s.part_layers},
-                           {"lift_layers", s.lift_layers},
+                           {"lift_layers", s.elevation_layers},
                            {"anchors", s.anchors},
                            {"anchors_under_floating", s.figures.floating},
                            {"repairs", s.repairs},

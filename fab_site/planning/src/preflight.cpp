@@ -42,7 +42,7 @@ PreflightItem certificates_of(const LayerStack& stack, const PlanSummary& summar
   PreflightItem item{"certificates", Verdict::Passed, {}, static_cast<double>(flagged), "layers", {}, {}};
   if (first) {
     item.verdict = lacking > 0 ? Verdict::Held : Verdict::Warning;
-    item.layer = LayerIndex{first->index.count() + summary.lift_layers};
+    item.layer = LayerIndex{first->index.count() + summary.elevation_layers};
     item.place = first->certificate.place;
     item.text = fmt::format("{} of {} layers are flagged by the slicer; the first, layer {}: {}", flagged,
                             stack.layers().size(), item.layer->count(), first->certificate.reason);
@@ -233,7 +233,7 @@ PreflightItem stability_of(const LayerStack& stack, const PlanSummary& summary) 
     return item;
   }
   item.verdict = Verdict::Warning;
-  item.layer = LayerIndex{summary.figures.least_stable.count() + summary.lift_layers};
+  item.layer = LayerIndex{summary.figures.least_stable.count() + summary.elevation_layers};
   item.text = fmt::format(
       "at layer {} the centre of mass lies {:.1f} mm out of what holds the print safely: it may tip over. Give it "
       "extra anchors in a hand list, or turn the part",

@@ -16,7 +16,7 @@ SelfSupportLaw self_support_law(const MachineProfile& machine) {
   law.least = Millimetres{machine.supports.self_support_mm};
   law.growth_per_mm = machine.supports.self_support_growth_per_mm;
   law.most = Millimetres{machine.supports.self_support_most_mm};
-  law.sliver = Millimetres{pixel / 4};
+  law.least_remainder = Millimetres{pixel / 4};
   law.speck_mm2 = 2 * pixel * pixel;
   law.contact = Millimetres{0.9 * pixel};
   law.neck = Millimetres{0.45 * pixel};
@@ -84,7 +84,7 @@ void add_thin_pieces(const Region& current, std::span<const Region> contacts, co
     const auto inside = [&](const Region& part) { return piece.contains(inner_point(part)); };
     if (std::any_of(contacts.begin(), contacts.end(), inside)) continue;
     if (std::any_of(islands.begin(), islands.begin() + static_cast<std::ptrdiff_t>(blobs), inside)) continue;
-    if (offset(piece, Millimetres{-law.sliver.count()}, law.arc_tolerance).empty()) continue;
+    if (offset(piece, Millimetres{-law.least_remainder.count()}, law.arc_tolerance).empty()) continue;
     islands.push_back(std::move(piece));
   }
 }
@@ -115,9 +115,10 @@ LayerRegions analyse_layer(const Region& below, const Region& current, const Sel
   const Region hanging = intersect(offset(unite(out.islands), law.neck, law.arc_tolerance), current);
   out.self_supported = subtract(intersect(reach, current), hanging);
   out.to_support = subtract(current, reach);
-  if (!out.to_support.empty() && law.sliver.count() > 0) {
-    const Region core = offset(out.to_support, Millimetres{-law.sliver.count()}, law.arc_tolerance);
-    out.to_support = intersect(offset(core, Millimetres{law.sliver.count() * 1.05}, law.arc_tolerance), out.to_support);
+  if (!out.to_support.empty() && law.least_remainder.count() > 0) {
+    const Region core = offset(out.to_support, Millimetres{-law.least_remainder.count()}, law.arc_tolerance);
+    out.to_support =
+        intersect(offset(core, Millimetres{law.least_remainder.count() * 1.05}, law.arc_tolerance), out.to_support);
   }
   out.to_support = unite(out.to_support, hanging);
   return out;

@@ -11,12 +11,12 @@
 namespace telefab::fab {
 namespace {
 
-struct Shaft {
+struct PinBody {
   Point2 place;
   double bottom_mm = 0;
   double top_mm = 0;
-  std::size_t stick = 0;  ///< index of its Pin stick
-  std::size_t foot = 0;   ///< of its Foot
+  std::size_t element = 0;  ///< index of its Pin element
+  std::size_t foot = 0;     ///< of its Foot
   bool on_platform = false;
   std::vector<double> braced_at{};
 };
@@ -25,9 +25,9 @@ constexpr std::uint32_t kSink = 3;  ///< layers a foot goes into the part it sta
 
 class Router {
  public:
-  Router(std::span<const Region> layers, std::uint32_t lift, double thickness, const MachineProfile& machine)
+  Router(std::span<const Region> layers, std::uint32_t elevation, double thickness, const MachineProfile& machine)
       : layers_{layers},
-        lift_{lift},
+        elevation_{elevation},
         t_{thickness},
         machine_{machine},
         p_{machine.supports},
@@ -39,8 +39,8 @@ class Router {
   RoutedStructure route(std::vector<Anchor>& anchors) {
     for (Anchor& anchor : anchors) place(anchor);
     brace();
-    prop();
-    thicken();
+    add_companions();
+    taper();
     lay_plates();
     return std::move(out_);
   }
@@ -55,19 +55,19 @@ class Router {
     return std::max(machine.supports.pin_radius_mm / 2, side / 300);
   }
 
-  /// The part layer at a height of the print; negative in the lift.
+  /// The part layer at a height of the print; negative in the elevation.
   [[nodiscard]] std::int64_t part_layer(double z_mm) const {
-    return static_cast<std::int64_t>(std::floor(z_mm / t_ + 1e-6)) - lift_;
+    return static_cast<std::int64_t>(std::floor(z_mm / t_ + 1e-6)) - elevation_;
   }
-  [[nodiscard]] double top_of(std::uint32_t part_layer) const { return (part_layer + lift_ + 1.0) * t_; }
+  [[nodiscard]] double top_of(std::uint32_t part_layer) const { return (part_layer + elevation_ + 1.0) * t_; }
   [[nodiscard]] bool on_platform(Point2 q) const {
     const double r = p_.pin_radius_mm;
     return q.x_mm >= r && q.y_mm >= r && q.x_mm <= machine_.platform.width_mm - r &&
            q.y_mm <= machine_.platform.depth_mm - r;
   }
 
-  void add(StickKind kind, Point3 bottom, Point3 top, double r0, double r1) {
-    if (top.z_mm - bottom.z_mm > 1e-9) out_.structure.sticks.push_back({kind, bottom, top, r0, r1});
+  void add(SupportElementKind kind, Point3 bottom, Point3 top, double r0, double r1) {
+    if (top.z_mm - bottom.z_mm > 1e-9) out_.structure.elements.push_back({kind, bottom, top, r0, r1});
   }
 
   struct Choice {
@@ -97,7 +97,7 @@ class Router {
   [[nodiscard]] double sunk_mm(Point2 q, std::uint32_t floor) const {
     std::uint32_t lowest = floor;
     while (lowest > 0 && floor - lowest + 1 < kSink && solid_at(q, lowest - 1)) --lowest;
-    return (lowest + lift_) * t_;
+    return (lowest + elevation_) * t_;
   }
 
   /// True where a foot's whole disc finds material.
@@ -128,10 +128,10 @@ class Router {
   /// True where a full pin there meets no material between two heights, by the layers themselves.
   [[nodiscard]] bool shaft_is_clear(Point2 q, double from_mm, double to_mm) const {
     const double pixel = machine_.projection.pixel_pitch_mm;
-    const Region shaft = disc(q, Millimetres{p_.pin_radius_mm}, Millimetres{pixel / 10});
+    const Region body = disc(q, Millimetres{p_.pin_radius_mm}, Millimetres{pixel / 10});
     for (std::int64_t k = std::max<std::int64_t>(0, part_layer(from_mm)); k <= part_layer(to_mm); ++k)
       if (k < static_cast<std::int64_t>(layers_.size()) &&
-          intersect(shaft, layers_[static_cast<std::size_t>(k)]).area_mm2() > pixel * pixel / 4)
+          intersect(body, layers_[static_cast<std::size_t>(k)]).area_mm2() > pixel * pixel / 4)
         return false;
     return true;
   }
@@ -159,7 +159,7 @@ class Router {
         const auto floor = floor_below(q, part_layer(joint) + 1);
         if (!floor || !foot_is_held(q, *floor)) continue;
         const double floor_mm = top_of(*floor);
-        // Room for a full pin on the part: the shaft's clearance is broken only close above its foot.
+        // Room for a full pin on the part: the pin body's clearance is broken only close above its foot.
         if (joint - floor_mm < 2 * p_.pin_radius_mm) continue;
         if (top_of(*hit) - floor_mm > 2 * p_.pin_radius_mm + p_.clearance_mm) continue;
         if (!shaft_is_clear(q, floor_mm + 2 * p_.pin_radius_mm, top_of(*hit))) continue;
@@ -171,47 +171,47 @@ class Router {
   }
 
   void place(Anchor& anchor) {
-    const double contact = (anchor.layer.count() + lift_) * t_;
+    const double contact = (anchor.layer.count() + elevation_) * t_;
     const Point2 at = anchor.place;
     const double pixel = machine_.projection.pixel_pitch_mm;
     const auto choice = choose(at, contact);
-    if (!choice) return needle(anchor, contact);
+    if (!choice) return stand_thin_pin(anchor, contact);
     const double neck = std::min(p_.tip_radius_mm, std::max(0.75 * p_.tip_radius_mm, 1.2 * pixel));
     const double neck_mm = contact - t_ - p_.tip_radius_mm;
     // The contact disc goes one layer into the part, the waist just below it is where the pin breaks off.
-    add(StickKind::Tip, {at.x_mm, at.y_mm, neck_mm}, {at.x_mm, at.y_mm, contact + t_}, neck, p_.tip_radius_mm);
-    add(StickKind::Arm, {choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm}, {at.x_mm, at.y_mm, neck_mm},
+    add(SupportElementKind::Tip, {at.x_mm, at.y_mm, neck_mm}, {at.x_mm, at.y_mm, contact + t_}, neck, p_.tip_radius_mm);
+    add(SupportElementKind::Arm, {choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm}, {at.x_mm, at.y_mm, neck_mm},
         p_.pin_radius_mm, neck);
-    Shaft shaft{choice->foot, choice->floor_mm, choice->joint_mm, 0, 0, !choice->stands_on_part};
+    PinBody body{choice->foot, choice->floor_mm, choice->joint_mm, 0, 0, !choice->stands_on_part};
     anchor.on_part = choice->stands_on_part;
     const Point3 top{choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm};
     double bottom = choice->floor_mm;
-    shaft.foot = out_.structure.sticks.size();
+    body.foot = out_.structure.elements.size();
     if (anchor.on_part) {
       ++out_.feet_on_part;
       // A small foot, sunk a few layers into the part so that it is welded on, as easy to break off as a tip.
       const double height = std::min(2 * p_.pin_radius_mm, choice->joint_mm - bottom);
-      add(StickKind::Foot, {top.x_mm, top.y_mm, choice->sunk_mm}, {top.x_mm, top.y_mm, bottom + height},
+      add(SupportElementKind::Foot, {top.x_mm, top.y_mm, choice->sunk_mm}, {top.x_mm, top.y_mm, bottom + height},
           std::min(p_.pin_radius_mm, 1.25 * p_.tip_radius_mm), p_.pin_radius_mm);
       bottom += height;
     } else {
       bottom = add_foot(choice->foot, choice->joint_mm);
     }
-    shaft.stick = out_.structure.sticks.size();
-    add(StickKind::Pin, {top.x_mm, top.y_mm, bottom}, top, p_.pin_radius_mm, p_.pin_radius_mm);
-    if (out_.structure.sticks.size() > shaft.stick) shafts_.push_back(std::move(shaft));
+    body.element = out_.structure.elements.size();
+    add(SupportElementKind::Pin, {top.x_mm, top.y_mm, bottom}, top, p_.pin_radius_mm, p_.pin_radius_mm);
+    if (out_.structure.elements.size() > body.element) pins_.push_back(std::move(body));
   }
 
   /// On the platform, below a pin of that height; where it ends.
   double add_foot(Point2 q, double pin_mm) {
     const double height = std::min(p_.base_thickness_mm + p_.foot_radius_mm, pin_mm);
-    add(StickKind::Foot, {q.x_mm, q.y_mm, 0}, {q.x_mm, q.y_mm, height}, p_.foot_radius_mm, p_.pin_radius_mm);
+    add(SupportElementKind::Foot, {q.x_mm, q.y_mm, 0}, {q.x_mm, q.y_mm, height}, p_.foot_radius_mm, p_.pin_radius_mm);
     return height;
   }
 
   /// Where nothing wider fits: straight down, as thin as a tip, to whatever lies below.
-  void needle(Anchor& anchor, double contact) {
-    ++out_.needles;
+  void stand_thin_pin(Anchor& anchor, double contact) {
+    ++out_.thin_pins;
     const Point2 at = anchor.place;
     const auto floor = floor_below(at, anchor.layer.count());
     anchor.on_part = floor.has_value();
@@ -220,9 +220,10 @@ class Router {
     out_.feet_on_part += floor.has_value();
     const double length = contact - bottom;
     const double waist = std::min(p_.pin_radius_mm, std::max(r, length / (2 * p_.slenderness)));
-    add(StickKind::Needle, {at.x_mm, at.y_mm, bottom}, {at.x_mm, at.y_mm, contact + t_}, floor ? r : waist, r);
+    add(SupportElementKind::ThinPin, {at.x_mm, at.y_mm, bottom}, {at.x_mm, at.y_mm, contact + t_}, floor ? r : waist,
+        r);
     if (!floor)
-      add(StickKind::Foot, {at.x_mm, at.y_mm, 0}, {at.x_mm, at.y_mm, std::min(contact, p_.foot_radius_mm)},
+      add(SupportElementKind::Foot, {at.x_mm, at.y_mm, 0}, {at.x_mm, at.y_mm, std::min(contact, p_.foot_radius_mm)},
           p_.foot_radius_mm, r);
   }
 
@@ -230,12 +231,12 @@ class Router {
   void brace() {
     const double far = 2 * p_.brace_pitch_mm;
     const double needs = p_.slenderness * 2 * p_.pin_radius_mm;
-    for (std::size_t i = 0; i < shafts_.size(); ++i) {
-      if (shafts_[i].top_mm - shafts_[i].bottom_mm <= needs) continue;
+    for (std::size_t i = 0; i < pins_.size(); ++i) {
+      if (pins_[i].top_mm - pins_[i].bottom_mm <= needs) continue;
       std::vector<std::pair<double, std::size_t>> near;
-      for (std::size_t j = 0; j < shafts_.size(); ++j) {
+      for (std::size_t j = 0; j < pins_.size(); ++j) {
         const double d =
-            std::hypot(shafts_[i].place.x_mm - shafts_[j].place.x_mm, shafts_[i].place.y_mm - shafts_[j].place.y_mm);
+            std::hypot(pins_[i].place.x_mm - pins_[j].place.x_mm, pins_[i].place.y_mm - pins_[j].place.y_mm);
         if (j != i && d > 2 * p_.pin_radius_mm && d <= far) near.emplace_back(d, j);
       }
       std::sort(near.begin(), near.end());
@@ -247,7 +248,7 @@ class Router {
           ++joined;
           continue;
         }
-        if (join(shafts_[i], shafts_[j], d)) {
+        if (join(pins_[i], pins_[j], d)) {
           pairs_.insert(pair);
           ++joined;
         }
@@ -255,14 +256,14 @@ class Router {
     }
   }
 
-  bool join(Shaft& a, Shaft& b, double apart) {
+  bool join(PinBody& a, PinBody& b, double apart) {
     const double low = std::max(a.bottom_mm, b.bottom_mm) + p_.foot_radius_mm + p_.base_thickness_mm;
     const double high = std::min(a.top_mm, b.top_mm);
     bool any = false;
     int turn = 0;
     for (double z = low; z + apart <= high; z += p_.brace_pitch_mm, ++turn) {
-      Shaft& from = turn % 2 ? b : a;
-      Shaft& to = turn % 2 ? a : b;
+      PinBody& from = turn % 2 ? b : a;
+      PinBody& to = turn % 2 ? a : b;
       if (!strut_is_clear(from.place, to.place, z, apart)) continue;
       add_strut(from, to, z, apart);
       any = true;
@@ -280,62 +281,63 @@ class Router {
     return true;
   }
 
-  /// The longest piece of a shaft between its ends and struts.
-  [[nodiscard]] static double free_mm(const Shaft& shaft) {
-    std::vector<double> at{shaft.bottom_mm, shaft.top_mm};
-    at.insert(at.end(), shaft.braced_at.begin(), shaft.braced_at.end());
+  /// The longest piece of a pin between its ends and struts.
+  [[nodiscard]] static double free_mm(const PinBody& body) {
+    std::vector<double> at{body.bottom_mm, body.top_mm};
+    at.insert(at.end(), body.braced_at.begin(), body.braced_at.end());
     std::sort(at.begin(), at.end());
     double free = 0;
     for (std::size_t i = 1; i < at.size(); ++i) free = std::max(free, at[i] - at[i - 1]);
     return free;
   }
 
-  /// A pin on the platform that stands free for too long and has no neighbour gets a prop: a pin beside it that holds
-  /// nothing but its struts, and ends in the last of them.
-  void prop() {
+  /// A pin on the platform that stands free for too long and has no neighbour gets a companion: a pin beside it that
+  /// holds nothing but its struts, and ends in the last of them.
+  void add_companions() {
     const double needs = p_.slenderness * 2 * p_.pin_radius_mm;
     const double apart = 0.75 * p_.brace_pitch_mm;
-    const std::size_t count = shafts_.size();
+    const std::size_t count = pins_.size();
     for (std::size_t i = 0; i < count; ++i) {
-      if (!shafts_[i].on_platform || free_mm(shafts_[i]) <= needs) continue;
-      const Point2 at = shafts_[i].place;
+      if (!pins_[i].on_platform || free_mm(pins_[i]) <= needs) continue;
+      const Point2 at = pins_[i].place;
       for (int turn = 0; turn < 16; ++turn) {
         const double angle = 2 * std::numbers::pi * turn / 16;
         const Point2 q{at.x_mm + apart * std::cos(angle), at.y_mm + apart * std::sin(angle)};
-        if (on_platform(q) && stand_prop(i, q, apart)) break;
+        if (on_platform(q) && stand_companion(i, q, apart)) break;
       }
     }
   }
 
   /// False where part or pins are in the way, or where the struts would not do.
-  bool stand_prop(std::size_t i, Point2 q, double apart) {
-    const double low = p_.foot_radius_mm + p_.base_thickness_mm, high = shafts_[i].top_mm;
-    // Struts lead to the prop and back in turn; the last one leads back.
+  bool stand_companion(std::size_t i, Point2 q, double apart) {
+    const double low = p_.foot_radius_mm + p_.base_thickness_mm, high = pins_[i].top_mm;
+    // Struts lead to the companion and back in turn; the last one leads back.
     const int pairs = static_cast<int>(std::floor((high - apart - low) / p_.brace_pitch_mm + 1)) / 2;
     if (pairs < 1) return false;
     const double top = low + (2 * pairs - 1) * p_.brace_pitch_mm;
     if (wide_.highest_below(q, part_layer(top) + 1)) return false;
-    for (const Shaft& other : shafts_)
+    for (const PinBody& other : pins_)
       if (std::hypot(other.place.x_mm - q.x_mm, other.place.y_mm - q.y_mm) < 4 * p_.pin_radius_mm) return false;
-    const Point2 at = shafts_[i].place;
+    const Point2 at = pins_[i].place;
     for (int s = 0; s < 2 * pairs; ++s) {
       const double z = low + s * p_.brace_pitch_mm;
       if (!strut_is_clear(s % 2 ? q : at, s % 2 ? at : q, z, apart)) return false;
     }
-    Shaft prop{q, 0, top + t_, 0, out_.structure.sticks.size(), true};
-    const double foot = add_foot(q, prop.top_mm);
-    prop.stick = out_.structure.sticks.size();
-    add(StickKind::Pin, {q.x_mm, q.y_mm, foot}, {q.x_mm, q.y_mm, prop.top_mm}, p_.pin_radius_mm, p_.pin_radius_mm);
+    PinBody companion{q, 0, top + t_, 0, out_.structure.elements.size(), true};
+    const double foot = add_foot(q, companion.top_mm);
+    companion.element = out_.structure.elements.size();
+    add(SupportElementKind::Pin, {q.x_mm, q.y_mm, foot}, {q.x_mm, q.y_mm, companion.top_mm}, p_.pin_radius_mm,
+        p_.pin_radius_mm);
     for (int s = 0; s < 2 * pairs; ++s)
-      add_strut(s % 2 ? prop : shafts_[i], s % 2 ? shafts_[i] : prop, low + s * p_.brace_pitch_mm, apart);
-    shafts_.push_back(std::move(prop));
+      add_strut(s % 2 ? companion : pins_[i], s % 2 ? pins_[i] : companion, low + s * p_.brace_pitch_mm, apart);
+    pins_.push_back(std::move(companion));
     return true;
   }
 
-  void add_strut(Shaft& from, Shaft& to, double z_mm, double rise_mm) {
+  void add_strut(PinBody& from, PinBody& to, double z_mm, double rise_mm) {
     const double r = std::max(p_.tip_radius_mm, 0.6 * p_.pin_radius_mm);
-    add(StickKind::Brace, {from.place.x_mm, from.place.y_mm, z_mm}, {to.place.x_mm, to.place.y_mm, z_mm + rise_mm}, r,
-        r);
+    add(SupportElementKind::Brace, {from.place.x_mm, from.place.y_mm, z_mm},
+        {to.place.x_mm, to.place.y_mm, z_mm + rise_mm}, r, r);
     from.braced_at.push_back(z_mm);
     to.braced_at.push_back(z_mm + rise_mm);
     ++out_.braces;
@@ -343,16 +345,16 @@ class Router {
 
   /// A pin that stands free for too long in spite of all struts grows towards its foot until its slenderness is legal,
   /// as far as the part leaves room; on the platform its foot grows with it.
-  void thicken() {
-    for (const Shaft& shaft : shafts_) {
-      Stick& pin = out_.structure.sticks[shaft.stick];
-      double wanted = free_mm(shaft) / (2 * p_.slenderness);
-      while (wanted > pin.bottom_radius_mm && !has_room(pin, wanted, shaft.on_platform)) wanted *= 0.8;
+  void taper() {
+    for (const PinBody& body : pins_) {
+      SupportElement& pin = out_.structure.elements[body.element];
+      double wanted = free_mm(body) / (2 * p_.slenderness);
+      while (wanted > pin.bottom_radius_mm && !has_room(pin, wanted, body.on_platform)) wanted *= 0.8;
       if (wanted <= pin.bottom_radius_mm) continue;
       // The arm's end stays as it was: the pin tapers to it.
       pin.bottom_radius_mm = wanted;
-      if (!shaft.on_platform) continue;
-      Stick& foot = out_.structure.sticks[shaft.foot];
+      if (!body.on_platform) continue;
+      SupportElement& foot = out_.structure.elements[body.foot];
       foot.top_radius_mm = wanted;
       foot.bottom_radius_mm = std::max(foot.bottom_radius_mm, wanted + p_.foot_radius_mm - p_.pin_radius_mm);
     }
@@ -360,7 +362,7 @@ class Router {
 
   /// True where a pin with that radius at its bottom keeps the part's distance; but for the lowest tenth of one that
   /// stands on the part.
-  [[nodiscard]] bool has_room(const Stick& pin, double bottom_radius_mm, bool on_platform) const {
+  [[nodiscard]] bool has_room(const SupportElement& pin, double bottom_radius_mm, bool on_platform) const {
     const double length = pin.top.z_mm - pin.bottom.z_mm;
     const int steps = std::max(2, static_cast<int>(length / t_));
     for (int i = on_platform ? 0 : steps / 10; i <= steps; ++i) {
@@ -380,9 +382,9 @@ class Router {
 
   void lay_plates() {
     if (p_.base_thickness_mm <= 0) return;
-    std::vector<const Shaft*> feet;
-    for (const Shaft& shaft : shafts_)
-      if (shaft.on_platform) feet.push_back(&shaft);
+    std::vector<const PinBody*> feet;
+    for (const PinBody& body : pins_)
+      if (body.on_platform) feet.push_back(&body);
     const double r = p_.foot_radius_mm * 1.5, near = 6 * p_.foot_radius_mm;
     for (std::size_t i = 0; i < feet.size(); ++i) {
       // Each foot is joined to its nearest earlier foot of the group; the plates of a group hang together.
@@ -398,23 +400,23 @@ class Router {
   }
 
   std::span<const Region> layers_;
-  std::uint32_t lift_;
+  std::uint32_t elevation_;
   double t_;
   const MachineProfile& machine_;
   const MachineProfile::Supports& p_;
   double cell_;
   PartColumns bare_, slim_, wide_;
   RoutedStructure out_;
-  std::vector<Shaft> shafts_;
+  std::vector<PinBody> pins_;
   std::set<std::pair<std::size_t, std::size_t>> pairs_;
 };
 
 }  // namespace
 
-RoutedStructure route_supports(std::vector<Anchor>& anchors, std::span<const Region> layers, std::uint32_t lift_layers,
-                               double thickness_mm, const MachineProfile& machine) {
+RoutedStructure route_supports(std::vector<Anchor>& anchors, std::span<const Region> layers,
+                               std::uint32_t elevation_layers, double thickness_mm, const MachineProfile& machine) {
   if (anchors.empty()) return {};
-  return Router{layers, lift_layers, thickness_mm, machine}.route(anchors);
+  return Router{layers, elevation_layers, thickness_mm, machine}.route(anchors);
 }
 
 }  // namespace telefab::fab

@@ -120,10 +120,10 @@ Stability stability_of(std::span<const Region> layers, std::span<const Anchor> a
   return worst;
 }
 
-std::vector<Anchor> steadying_anchors(std::span<const Region> layers, std::span<const Anchor> anchors,
-                                      const MachineProfile& machine) {
+std::vector<Anchor> stabilising_anchors(std::span<const Region> layers, std::span<const Anchor> anchors,
+                                        const MachineProfile& machine) {
   const double t = machine.layers.thickness_mm, tip = machine.supports.tip_radius_mm;
-  // Higher up a pin is long, and what it could steady has tipped already.
+  // Higher up a pin is long, and what it could stabilise has tipped already.
   const double most_mm =
       std::max(0.3 * t * static_cast<double>(layers.size()), 2 * machine.supports.anchor_distance_mm);
   const auto last = std::min<std::size_t>(layers.size(), static_cast<std::size_t>(most_mm / t) + 1);

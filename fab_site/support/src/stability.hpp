@@ -19,7 +19,7 @@ struct Stability {
                                      const MachineProfile& machine);
 
 /// Anchors on the part's underside that keep a lifted part over its pins; none if nothing helps.
-[[nodiscard]] std::vector<Anchor> steadying_anchors(std::span<const Region> layers, std::span<const Anchor> anchors,
-                                                    const MachineProfile& machine);
+[[nodiscard]] std::vector<Anchor> stabilising_anchors(std::span<const Region> layers, std::span<const Anchor> anchors,
+                                                      const MachineProfile& machine);
 
 }  // namespace telefab::fab

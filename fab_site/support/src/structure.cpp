@@ -26,20 +26,20 @@ Region stadium(Point2 a, Point2 b, double radius, Millimetres tolerance) {
 
 }  // namespace
 
-std::string_view name_of(StickKind kind) {
+std::string_view name_of(SupportElementKind kind) {
   switch (kind) {
-    case StickKind::Tip:
+    case SupportElementKind::Tip:
       return "tip";
-    case StickKind::Arm:
+    case SupportElementKind::Arm:
       return "arm";
-    case StickKind::Pin:
+    case SupportElementKind::Pin:
       return "pin";
-    case StickKind::Foot:
+    case SupportElementKind::Foot:
       return "foot";
-    case StickKind::Brace:
+    case SupportElementKind::Brace:
       return "brace";
-    case StickKind::Needle:
-      return "needle";
+    case SupportElementKind::ThinPin:
+      return "thin-pin";
   }
   return "pin";
 }
@@ -47,13 +47,13 @@ std::string_view name_of(StickKind kind) {
 StructureSections::StructureSections(Structure structure, double thickness_mm, std::uint32_t layers,
                                      Millimetres arc_tolerance)
     : structure_{std::move(structure)}, thickness_mm_{thickness_mm}, arc_tolerance_{arc_tolerance} {
-  sticks_at_.resize(layers);
-  for (std::uint32_t i = 0; i < structure_.sticks.size(); ++i) {
-    const Stick& stick = structure_.sticks[i];
-    // Half-open and by the same comparison at both ends: where one stick ends and the next begins no layer is lost.
-    const double start = std::max(0.0, std::floor(stick.bottom.z_mm / thickness_mm) - 1);
-    for (auto k = static_cast<std::uint32_t>(start); k < layers && (k + 0.5) * thickness_mm < stick.top.z_mm; ++k)
-      if ((k + 0.5) * thickness_mm >= stick.bottom.z_mm) sticks_at_[k].push_back(i);
+  elements_at_.resize(layers);
+  for (std::uint32_t i = 0; i < structure_.elements.size(); ++i) {
+    const SupportElement& element = structure_.elements[i];
+    // Half-open and by the same comparison at both ends: where one element ends and the next begins no layer is lost.
+    const double start = std::max(0.0, std::floor(element.bottom.z_mm / thickness_mm) - 1);
+    for (auto k = static_cast<std::uint32_t>(start); k < layers && (k + 0.5) * thickness_mm < element.top.z_mm; ++k)
+      if ((k + 0.5) * thickness_mm >= element.bottom.z_mm) elements_at_[k].push_back(i);
   }
   double height = 0;
   for (const Plate& plate : structure_.plates) height = std::max(height, plate.height_mm);
@@ -62,11 +62,11 @@ StructureSections::StructureSections(Structure structure, double thickness_mm, s
 
 Region StructureSections::section(LayerIndex print_layer) const {
   const std::uint32_t k = print_layer.count();
-  if (k >= sticks_at_.size()) return {};
+  if (k >= elements_at_.size()) return {};
   const double z = (k + 0.5) * thickness_mm_;
   std::vector<Region> found;
-  for (const std::uint32_t i : sticks_at_[k]) {
-    const Stick& s = structure_.sticks[i];
+  for (const std::uint32_t i : elements_at_[k]) {
+    const SupportElement& s = structure_.elements[i];
     const double t = (z - s.bottom.z_mm) / (s.top.z_mm - s.bottom.z_mm);
     const auto mix = [t](double a, double b) { return a + t * (b - a); };
     found.push_back(disc({mix(s.bottom.x_mm, s.top.x_mm), mix(s.bottom.y_mm, s.top.y_mm)},
@@ -83,7 +83,7 @@ Region StructureSections::section(LayerIndex print_layer) const {
 
 double volume_mm3(const Structure& structure) {
   double volume = 0;
-  for (const Stick& s : structure.sticks) {
+  for (const SupportElement& s : structure.elements) {
     const double a = s.bottom_radius_mm, b = s.top_radius_mm;
     volume += std::numbers::pi / 3 * (a * a + a * b + b * b) * (s.top.z_mm - s.bottom.z_mm);
   }

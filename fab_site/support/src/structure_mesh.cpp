@@ -92,7 +92,7 @@ void append(std::string& to, const void* from, std::size_t bytes) { to.append(st
 StructureMesh structure_mesh(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm,
                              Millimetres tolerance) {
   StructureMesh mesh;
-  for (const Stick& s : plan.structure().sticks)
+  for (const SupportElement& s : plan.structure().elements)
     add_solid(mesh.supports, level_disc(s.bottom, s.bottom_radius_mm), level_disc(s.top, s.top_radius_mm));
   for (const Plate& p : plan.structure().plates) {
     const double bevel = p.height_mm / 2;
@@ -104,7 +104,7 @@ StructureMesh structure_mesh(std::span<const Layer> part, const SupportPlan& pla
   tbb::parallel_for(std::size_t{0}, part.size(), [&](std::size_t k) {
     const auto region = Region::from_contours(part[k].contours);
     if (!region) return;
-    const double z0 = (part[k].index.count() + plan.lift_layers()) * thickness_mm;
+    const double z0 = (part[k].index.count() + plan.elevation_layers()) * thickness_mm;
     slabs[k] = slab_of(simplified(*region, tolerance), z0, z0 + thickness_mm);
   });
   for (const TriangleMesh& slab : slabs) {

@@ -70,14 +70,14 @@ struct Slab {
 class Scene {
  public:
   Scene(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm) : t_{thickness_mm} {
-    slabs_.resize(part.size() + plan.lift_layers());
+    slabs_.resize(part.size() + plan.elevation_layers());
     tbb::parallel_for(std::size_t{0}, slabs_.size(), [&](std::size_t k) {
       const auto turned = [](Point2 p) {
         return Flat2{p.x_mm * std::cos(kTurn) + p.y_mm * std::sin(kTurn),
                      -p.x_mm * std::sin(kTurn) + p.y_mm * std::cos(kTurn)};
       };
-      if (k >= plan.lift_layers())
-        for (const Contour& contour : part[k - plan.lift_layers()].contours) {
+      if (k >= plan.elevation_layers())
+        for (const Contour& contour : part[k - plan.elevation_layers()].contours) {
           Ring2 ring;
           for (const Point2& p : contour.vertices()) ring.push_back(turned(p));
           slabs_[k].part.push_back(std::move(ring));

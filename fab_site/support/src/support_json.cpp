@@ -67,18 +67,18 @@ Result<HandList> hand_list_from_json(std::string_view text) {
 std::string to_json(const SupportPlan& plan) {
   const SupportFigures& f = plan.figures();
   Json root;
-  root["lift_layers"] = plan.lift_layers();
+  root["lift_layers"] = plan.elevation_layers();
   root["figures"] = {{"anchors", plan.anchors().size()},
                      {"layers_with_regions", f.layers_with_regions},
                      {"to_support_mm2", rounded(f.to_support_mm2)},
                      {"waived_mm2", rounded(f.waived_mm2)},
                      {"feet_on_part", f.feet_on_part},
                      {"braces", f.braces},
-                     {"needles", f.needles},
+                     {"needles", f.thin_pins},
                      {"part_mm3", rounded(f.part_mm3)},
                      {"support_mm3", rounded(f.support_mm3)},
                      {"floating", f.floating},
-                     {"steadying", f.steadying},
+                     {"steadying", f.stabilising},
                      {"stability_mm", rounded(f.stability_mm)},
                      {"least_stable_layer", f.least_stable.count()}};
   Json anchors = Json::array();
@@ -89,14 +89,14 @@ std::string to_json(const SupportPlan& plan) {
                        {"by_hand", a.by_hand},
                        {"on_part", a.on_part}});
   root["anchors"] = std::move(anchors);
-  Json sticks = Json::array();
-  for (const Stick& s : plan.structure().sticks)
-    sticks.push_back({{"kind", name_of(s.kind)},
-                      {"bottom_mm", point(s.bottom)},
-                      {"top_mm", point(s.top)},
-                      {"bottom_radius_mm", rounded(s.bottom_radius_mm)},
-                      {"top_radius_mm", rounded(s.top_radius_mm)}});
-  root["sticks"] = std::move(sticks);
+  Json elements = Json::array();
+  for (const SupportElement& s : plan.structure().elements)
+    elements.push_back({{"kind", name_of(s.kind)},
+                        {"bottom_mm", point(s.bottom)},
+                        {"top_mm", point(s.top)},
+                        {"bottom_radius_mm", rounded(s.bottom_radius_mm)},
+                        {"top_radius_mm", rounded(s.top_radius_mm)}});
+  root["sticks"] = std::move(elements);
   Json plates = Json::array();
   for (const Plate& p : plan.structure().plates)
     plates.push_back({{"a_mm", {rounded(p.a.x_mm), rounded(p.a.y_mm)}},

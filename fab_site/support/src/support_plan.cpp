@@ -33,32 +33,33 @@ class Planner {
 
   Result<SupportPlan> plan(const PartRegions& found) {
     for (const Region& layer : found.layers) figures_.part_mm3 += layer.area_mm2() * t_;
-    const std::uint32_t lift = options_.mode == SupportOptions::Mode::None ? 0 : lift_layers(found.layers);
+    const std::uint32_t elevation = options_.mode == SupportOptions::Mode::None ? 0 : elevation_layers(found.layers);
     if (options_.mode == SupportOptions::Mode::Auto)
       // What stands on the platform is held by it.
-      for (std::size_t k = lift == 0 ? 1 : 0; k < found.layers.size(); ++k) {
+      for (std::size_t k = elevation == 0 ? 1 : 0; k < found.layers.size(); ++k) {
         if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "planning supports: stopped");
         if (auto ok = cover_layer(found, k); !ok) return tl::unexpected{ok.error()};
         if (k % 16 == 0)
           report(progress_, "anchors", static_cast<double>(k) / static_cast<double>(found.layers.size()));
       }
     if (options_.mode == SupportOptions::Mode::Auto) {
-      hold_floating(found, lift);
-      steady(found, lift);
+      hold_floating(found, elevation);
+      stabilise(found, elevation);
     }
     std::stable_sort(anchors_.begin(), anchors_.end(), [](const Anchor& a, const Anchor& b) {
       return std::tie(a.layer, a.place.y_mm, a.place.x_mm) < std::tie(b.layer, b.place.y_mm, b.place.x_mm);
     });
     report(progress_, "structure", 0);
-    auto routed = route_supports(anchors_, found.layers, lift, t_, machine_);
+    auto routed = route_supports(anchors_, found.layers, elevation, t_, machine_);
     figures_.feet_on_part = routed.feet_on_part;
     figures_.braces = routed.braces;
-    figures_.needles = routed.needles;
-    StructureSections sections{std::move(routed.structure), t_, lift + static_cast<std::uint32_t>(found.layers.size()),
+    figures_.thin_pins = routed.thin_pins;
+    StructureSections sections{std::move(routed.structure), t_,
+                               elevation + static_cast<std::uint32_t>(found.layers.size()),
                                Millimetres{machine_.projection.pixel_pitch_mm / 20}};
     figures_.support_mm3 = volume_mm3(sections.structure());
     report(progress_, "structure", 1);
-    return SupportPlan{lift, std::move(anchors_), std::move(sections), figures_};
+    return SupportPlan{elevation, std::move(anchors_), std::move(sections), figures_};
   }
 
   [[nodiscard]] bool is_forbidden(Point2 place, LayerIndex layer) const {
@@ -70,7 +71,7 @@ class Planner {
   }
 
   /// After the covering, which therefore stays as it was: what held before still holds.
-  void hold_floating(const PartRegions& found, std::uint32_t lift) {
+  void hold_floating(const PartRegions& found, std::uint32_t elevation) {
     const double pixel = machine_.projection.pixel_pitch_mm;
     for (const SupportOptions::Floating& floating : options_.floating) {
       std::size_t k = floating.layer.count();
@@ -84,27 +85,27 @@ class Planner {
       // Within the part's own column nothing would be built: down to its underside.
       while (k > 0 && found.layers[k - 1].contains(place)) --k;
       const LayerIndex underside{static_cast<std::uint32_t>(k)};
-      if ((k == 0 && lift == 0) || is_forbidden(place, underside)) continue;
+      if ((k == 0 && elevation == 0) || is_forbidden(place, underside)) continue;
       anchors_.push_back({place, underside, false, false});
       ++figures_.floating;
     }
   }
 
-  void steady(const PartRegions& found, std::uint32_t lift) {
-    if (lift > 0) {
-      for (Anchor& anchor : steadying_anchors(found.layers, anchors_, machine_)) {
+  void stabilise(const PartRegions& found, std::uint32_t elevation) {
+    if (elevation > 0) {
+      for (Anchor& anchor : stabilising_anchors(found.layers, anchors_, machine_)) {
         if (is_forbidden(anchor.place, anchor.layer)) continue;
         anchors_.push_back(anchor);
-        ++figures_.steadying;
+        ++figures_.stabilising;
       }
     }
-    const Stability stands = stability_of(found.layers, anchors_, lift == 0, machine_);
+    const Stability stands = stability_of(found.layers, anchors_, elevation == 0, machine_);
     figures_.stability_mm = stands.slack_mm;
     figures_.least_stable = stands.layer;
   }
 
  private:
-  [[nodiscard]] std::uint32_t lift_layers(const std::vector<Region>& layers) const {
+  [[nodiscard]] std::uint32_t elevation_layers(const std::vector<Region>& layers) const {
     double largest = 0;
     for (const Region& layer : layers) largest = std::max(largest, layer.area_mm2());
     if (largest == 0) return 0;

@@ -38,7 +38,7 @@ Result<WrittenSupports> WrittenSupports::from_json(std::string_view text) {
       if (n < 0 || n > 10'000'000) throw std::out_of_range{"a layer below 0 or beyond ten million"};
       return static_cast<std::uint32_t>(n);
     };
-    out.lift_layers_ = layer(root.at("lift_layers"));
+    out.elevation_layers_ = layer(root.at("lift_layers"));
     for (const auto& a : root.at("anchors"))
       out.anchors_.emplace_back(Point2{finite(a.at("x_mm")), finite(a.at("y_mm"))},
                                 LayerIndex{layer(a.at("part_layer"))});

@@ -19,13 +19,13 @@ struct Checker {
   std::vector<std::vector<Finding>> found{};
 
   Result<void> read() {
-    const std::size_t count = print.part.size() + print.lift_layers;
+    const std::size_t count = print.part.size() + print.elevation_layers;
     part.resize(count), support.resize(count), all.resize(count), found.resize(count);
     std::vector<std::optional<Error>> wrong(count);
     tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
       if (stop.stop_requested()) return;
-      if (k >= print.lift_layers) {
-        auto region = Region::from_contours(print.part[k - print.lift_layers].contours);
+      if (k >= print.elevation_layers) {
+        auto region = Region::from_contours(print.part[k - print.elevation_layers].contours);
         if (region)
           part[k] = std::move(*region);
         else
@@ -97,7 +97,7 @@ struct Checker {
 
   /// 2. What rule 4.1 leaves, minus a disc around every anchor that may hold it.
   void reach(std::size_t k) {
-    if (k < print.lift_layers || part[k].empty() || (k == 0)) return;
+    if (k < print.elevation_layers || part[k].empty() || (k == 0)) return;
     const auto& s = machine.supports;
     Region rest = part[k];
     if (k > 0 && !part[k - 1].empty()) {
@@ -112,7 +112,7 @@ struct Checker {
       }
     }
     if (offset(rest, Millimetres{-pixel / 2}, Millimetres{pixel / 20}).empty()) return;
-    const auto layer = static_cast<double>(k - print.lift_layers);
+    const auto layer = static_cast<double>(k - print.elevation_layers);
     const double t = machine.layers.thickness_mm;
     std::vector<Region> near;
     for (const auto& [place, at] : print.anchors) {
@@ -153,7 +153,7 @@ struct Checker {
     const PixelSize size = machine.mask_size();
     for (std::size_t k = 0; k < all.size(); ++k) {
       const std::span<const Contour> rings =
-          k < print.lift_layers ? std::span<const Contour>{} : print.part[k - print.lift_layers].contours;
+          k < print.elevation_layers ? std::span<const Contour>{} : print.part[k - print.elevation_layers].contours;
       const LayerRuns pins = LayerRuns::from_contours(support[k].to_contours(), size, pixel);
       (void)watch.add(LayerRuns::from_contours(rings, size, pixel), &pins);
     }

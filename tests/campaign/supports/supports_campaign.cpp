@@ -125,23 +125,24 @@ Result<LayerStack> sliced(const fs::path& scan, const MachineProfile& machine, i
 }
 
 struct Cuts {
-  std::size_t shafts = 0;  ///< pins and struts that cut the part where they should keep their distance
-  double most_px = 0;      ///< largest overlap of one of them with one layer
+  std::size_t cutting = 0;  ///< pins and struts that cut the part where they should keep their distance
+  double most_px = 0;       ///< largest overlap of one of them with one layer
   std::string where;
 };
 
-/// Shafts against the part: what Structure says, cut layer by layer, without the arms, tips and feet that may touch it.
+/// Pins and struts against the part: what Structure says, cut layer by layer, without the arms, tips and feet that may
+/// touch it.
 Result<Cuts> cuts_of(const LayerStack& stack, const MachineProfile& machine) {
   const auto plan = fab::plan_supports(stack.layers(), stack.header(), machine, {}, {}, {});
   if (!plan) return tl::unexpected{plan.error()};
   const double t = stack.header().layer_thickness_mm, pixel = machine.projection.pixel_pitch_mm;
   std::vector<std::optional<fab::Region>> part(stack.layers().size());
   Cuts cuts;
-  for (const fab::Stick& s : plan->structure().sticks) {
-    if (s.kind != fab::StickKind::Pin && s.kind != fab::StickKind::Brace) continue;
+  for (const fab::SupportElement& s : plan->structure().elements) {
+    if (s.kind != fab::SupportElementKind::Pin && s.kind != fab::SupportElementKind::Brace) continue;
     double worst = 0;
     for (std::size_t k = 0; k < part.size(); ++k) {
-      const double z = (static_cast<double>(k + plan->lift_layers()) + 0.5) * t;
+      const double z = (static_cast<double>(k + plan->elevation_layers()) + 0.5) * t;
       if (z < s.bottom.z_mm || z >= s.top.z_mm) continue;
       if (!part[k]) {
         auto region = fab::Region::from_contours(stack.layers()[k].contours);
@@ -162,7 +163,7 @@ Result<Cuts> cuts_of(const LayerStack& stack, const MachineProfile& machine) {
                                  mix(s.bottom.y_mm, s.top.y_mm));
       cuts.most_px = std::max(cuts.most_px, worst);
     }
-    cuts.shafts += worst >= 2;  // crumbs below two pixels are no part to the planner
+    cuts.cutting += worst >= 2;  // specks below two pixels are no part to the planner
   }
   return cuts;
 }
@@ -184,7 +185,7 @@ Result<std::size_t> row(const fs::path& scan, const MachineProfile& machine, int
     if (!supports) return tl::unexpected{supports.error()};
     fab::PrintGeometry print;
     print.part = stack->layers();
-    print.lift_layers = supports->lift_layers();
+    print.elevation_layers = supports->elevation_layers();
     print.anchors = supports->anchors();
     print.support = [&](LayerIndex k) { return supports->section(k, stack->header().layer_thickness_mm); };
     const auto checked = fab::check_supports(print, machine, {}, {});
@@ -198,15 +199,16 @@ Result<std::size_t> row(const fs::path& scan, const MachineProfile& machine, int
   wrong += plan->check.count(Kind::Island);
   fmt::print("{:24} {} {} {:5} {:5} {:4} {:4} {:4} {:6} {:>10} {:4} {:4} {:6.1f} {:6.2f} {:6.2f}\n",
              scan.stem().string(), machine.name.back(), turn, plan->part_layers, plan->anchors, f.feet_on_part,
-             f.needles, f.braces, plan->check.count(Kind::Island), regions, plan->check.count(Kind::SuctionCup),
+             f.thin_pins, f.braces, plan->check.count(Kind::Island), regions, plan->check.count(Kind::SuctionCup),
              plan->check.count(Kind::ResinTrap), 100 * f.support_mm3 / std::max(1e-9, f.part_mm3),
              plan->support_seconds, plan->mask_seconds);
   if (setup.cuts) {
     const auto cuts = cuts_of(*stack, machine);
     if (!cuts) return tl::unexpected{cuts.error()};
-    if (cuts->shafts > 0)
-      fmt::print("    {} shafts cut the part, by {:.1f} px at most: {}\n", cuts->shafts, cuts->most_px, cuts->where);
-    wrong += cuts->shafts;
+    if (cuts->cutting > 0)
+      fmt::print("    {} pins and struts cut the part, by {:.1f} px at most: {}\n", cuts->cutting, cuts->most_px,
+                 cuts->where);
+    wrong += cuts->cutting;
   }
   int shown = 0;
   for (const fab::Finding& found : findings)

@@ -100,7 +100,7 @@ TEST_P(RandomParts, FloatNowhereAndNoPinEndsInResin) {
   ASSERT_TRUE(supports);
   PrintGeometry print;
   print.part = stack.layers();
-  print.lift_layers = supports->lift_layers();
+  print.elevation_layers = supports->elevation_layers();
   print.anchors = supports->anchors();
   print.support = [&](LayerIndex k) { return supports->section(k, stack.header().layer_thickness_mm); };
   const auto checked = check_supports(print, machine, {}, {});

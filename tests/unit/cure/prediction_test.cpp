@@ -140,9 +140,9 @@ TEST_F(PredictedTable, WritesPlyThatSaysWhatItHolds) {
 }
 
 TEST_F(PredictedTable, RefusesContoursOfAnotherPlan) {
-  print.lift_layers = 3;
+  print.elevation_layers = 3;
   EXPECT_THAT(predict_print(model, print, {}, {}, {}).error().what, HasSubstr("stand on 3"));
-  print.lift_layers = 0;
+  print.elevation_layers = 0;
   PredictOptions options;
   options.picture = LayerIndex{20};
   EXPECT_THAT(predict_print(model, print, options, {}, {}).error().what, HasSubstr("no layer 20"));

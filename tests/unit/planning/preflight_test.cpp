@@ -61,7 +61,7 @@ TEST_F(PreflightTest, WarnsOfAPrintThatMayTipOverAndNamesTheLayer) {
   EXPECT_EQ(item("stability").verdict, Verdict::Passed);
   summary.figures.stability_mm = -1.25;
   summary.figures.least_stable = LayerIndex{2};
-  summary.lift_layers = 5;
+  summary.elevation_layers = 5;
   const PreflightItem stability = item("stability");
   EXPECT_EQ(stability.verdict, Verdict::Warning);
   EXPECT_EQ(stability.layer, LayerIndex{7});
@@ -155,7 +155,7 @@ TEST_F(PreflightTest, AFlaggedLayerIsAWarningWithTheSlicersReason) {
   stack = LayerStack::from_layers(stack.header(), std::move(layers)).value();
   const PreflightItem certificates = item("certificates");
   EXPECT_EQ(certificates.verdict, Verdict::Warning);
-  EXPECT_EQ(certificates.layer, LayerIndex{1 + summary.lift_layers});
+  EXPECT_EQ(certificates.layer, LayerIndex{1 + summary.elevation_layers});
   EXPECT_THAT(certificates.text, HasSubstr("a gap of 2 mm"));
 }
 
@@ -170,7 +170,7 @@ TEST_F(PreflightTest, HoldsAJobWhoseLayersLackContours) {
   stack = LayerStack::from_layers(stack.header(), std::move(layers)).value();
   const PreflightItem certificates = item("certificates");
   EXPECT_EQ(certificates.verdict, Verdict::Held);
-  EXPECT_EQ(certificates.layer, LayerIndex{2 + summary.lift_layers});
+  EXPECT_EQ(certificates.layer, LayerIndex{2 + summary.elevation_layers});
   EXPECT_THAT(certificates.text, HasSubstr("1 of"));
   EXPECT_THAT(certificates.text, HasSubstr("--bridge-mm"));
 }

@@ -125,7 +125,7 @@ inline Stack flag() {
   });
 }
 
-/// The same in a narrow shaft that leaves no room beside the pin.
+/// The same in a narrow body that leaves no room beside the pin.
 inline Stack flag_in_a_shaft() {
   return stack(90, [](double z) {
     if (z > 87) return std::vector<std::vector<Point2>>{mast_with_arm()};

@@ -17,7 +17,7 @@ Region part(const stacks::Stack& s, std::size_t k) { return Region::from_contour
 TEST(SupportPlan, GivesAPlainVaultNoAnchors) {
   const auto plan = planned(stacks::vault());
   EXPECT_EQ(plan.anchors().size(), 0U);
-  EXPECT_EQ(plan.lift_layers(), 0U);
+  EXPECT_EQ(plan.elevation_layers(), 0U);
 }
 
 TEST(SupportPlan, AnchorsMushroomTableBallHookAndTiltedCylinder) {
@@ -29,11 +29,11 @@ TEST(SupportPlan, AnchorsMushroomTableBallHookAndTiltedCylinder) {
 }
 
 TEST(SupportPlan, LiftsABallAndLetsATableStand) {
-  EXPECT_GE(planned(stacks::ball()).lift_layers() * 0.15, 2.0 - 1e-9);
-  EXPECT_EQ(planned(stacks::table()).lift_layers(), 0U);
+  EXPECT_GE(planned(stacks::ball()).elevation_layers() * 0.15, 2.0 - 1e-9);
+  EXPECT_EQ(planned(stacks::table()).elevation_layers(), 0U);
   SupportOptions never;
   never.stand = SupportOptions::Stand::Never;
-  EXPECT_GT(planned(stacks::table(), never).lift_layers(), 0U);
+  EXPECT_GT(planned(stacks::table(), never).elevation_layers(), 0U);
 }
 
 TEST(SupportPlan, StandsAPinOnThePartOnlyWhereNoneCanReachThePlatform) {
@@ -45,13 +45,13 @@ TEST(SupportPlan, StandsAPinOnThePartOnlyWhereNoneCanReachThePlatform) {
 TEST(SupportPlan, KeepsShaftsClearOfThePart) {
   for (const auto& s : {stacks::mushroom(), stacks::table(), stacks::tilted_cylinder()}) {
     const auto plan = planned(s);
-    for (const Stick& stick : plan.structure().sticks) {
-      if (stick.kind != StickKind::Pin) continue;
-      for (double z = stick.bottom.z_mm; z < stick.top.z_mm; z += 0.3) {
-        const auto k = static_cast<std::int64_t>(z / 0.15) - plan.lift_layers();
+    for (const SupportElement& element : plan.structure().elements) {
+      if (element.kind != SupportElementKind::Pin) continue;
+      for (double z = element.bottom.z_mm; z < element.top.z_mm; z += 0.3) {
+        const auto k = static_cast<std::int64_t>(z / 0.15) - plan.elevation_layers();
         if (k < 0) continue;
-        const Region shaft = disc({stick.bottom.x_mm, stick.bottom.y_mm}, Millimetres{0.6}, Millimetres{0.01});
-        EXPECT_LT(intersect(shaft, part(s, static_cast<std::size_t>(k))).area_mm2(), 1e-6);
+        const Region body = disc({element.bottom.x_mm, element.bottom.y_mm}, Millimetres{0.6}, Millimetres{0.01});
+        EXPECT_LT(intersect(body, part(s, static_cast<std::size_t>(k))).area_mm2(), 1e-6);
       }
     }
   }
@@ -60,17 +60,17 @@ TEST(SupportPlan, KeepsShaftsClearOfThePart) {
 /// The part within a distance of a plan's supports, tips, arms and feet left out.
 double near_shafts_mm3(const stacks::Stack& s, const SupportPlan& plan, double distance_mm) {
   double near = 0;
-  for (const Stick& stick : plan.structure().sticks) {
-    if (stick.kind != StickKind::Pin && stick.kind != StickKind::Brace) continue;
+  for (const SupportElement& element : plan.structure().elements) {
+    if (element.kind != SupportElementKind::Pin && element.kind != SupportElementKind::Brace) continue;
     for (std::size_t k = 0; k < s.layers.size(); ++k) {
-      const double z = (static_cast<double>(k) + plan.lift_layers() + 0.5) * 0.15;
-      if (z < stick.bottom.z_mm || z >= stick.top.z_mm) continue;
-      const double t = (z - stick.bottom.z_mm) / (stick.top.z_mm - stick.bottom.z_mm);
+      const double z = (static_cast<double>(k) + plan.elevation_layers() + 0.5) * 0.15;
+      if (z < element.bottom.z_mm || z >= element.top.z_mm) continue;
+      const double t = (z - element.bottom.z_mm) / (element.top.z_mm - element.bottom.z_mm);
       const auto mix = [t](double a, double b) { return a + t * (b - a); };
-      const Region shaft =
-          disc({mix(stick.bottom.x_mm, stick.top.x_mm), mix(stick.bottom.y_mm, stick.top.y_mm)},
-               Millimetres{distance_mm + mix(stick.bottom_radius_mm, stick.top_radius_mm)}, Millimetres{0.01});
-      near += intersect(shaft, part(s, k)).area_mm2() * 0.15;
+      const Region body =
+          disc({mix(element.bottom.x_mm, element.top.x_mm), mix(element.bottom.y_mm, element.top.y_mm)},
+               Millimetres{distance_mm + mix(element.bottom_radius_mm, element.top_radius_mm)}, Millimetres{0.01});
+      near += intersect(body, part(s, k)).area_mm2() * 0.15;
     }
   }
   return near;
@@ -86,10 +86,10 @@ TEST(SupportPlan, PropsALonePinThatWouldStandFreeForTooLong) {
   const auto plan = planned(stacks::flag());
   ASSERT_GT(plan.anchors().size(), 0U);
   std::size_t pins = 0;
-  for (const Stick& stick : plan.structure().sticks) {
-    if (stick.kind != StickKind::Pin) continue;
+  for (const SupportElement& element : plan.structure().elements) {
+    if (element.kind != SupportElementKind::Pin) continue;
     ++pins;
-    EXPECT_DOUBLE_EQ(stick.bottom_radius_mm, stacks::machine().supports.pin_radius_mm);
+    EXPECT_DOUBLE_EQ(element.bottom_radius_mm, stacks::machine().supports.pin_radius_mm);
   }
   EXPECT_GT(pins, plan.anchors().size());
   EXPECT_GT(plan.figures().braces, 4U);
@@ -108,11 +108,11 @@ TEST(SupportPlan, StandsThickPinsOnFeetNoNarrowerThanThey) {
   const auto s = stacks::flag();
   const auto plan = plan_supports(s.layers, s.header, machine, {}, {}, {}).value();
   double thickest = 0;
-  for (const Stick& pin : plan.structure().sticks) {
-    if (pin.kind != StickKind::Pin) continue;
+  for (const SupportElement& pin : plan.structure().elements) {
+    if (pin.kind != SupportElementKind::Pin) continue;
     thickest = std::max(thickest, pin.bottom_radius_mm);
-    for (const Stick& foot : plan.structure().sticks)
-      if (foot.kind == StickKind::Foot && foot.top == pin.bottom) {
+    for (const SupportElement& foot : plan.structure().elements)
+      if (foot.kind == SupportElementKind::Foot && foot.top == pin.bottom) {
         EXPECT_DOUBLE_EQ(foot.top_radius_mm, pin.bottom_radius_mm);
         EXPECT_GT(foot.bottom_radius_mm, pin.bottom_radius_mm);
       }
@@ -123,8 +123,8 @@ TEST(SupportPlan, StandsThickPinsOnFeetNoNarrowerThanThey) {
 TEST(Structure, LosesNoLayerWhereOneStickEndsAndTheNextBegins) {
   // 0.285 is the middle of a layer of 0.01 but for rounding.
   Structure structure;
-  structure.sticks.push_back({StickKind::Pin, {1, 1, 0}, {1, 1, 0.285}, 0.1, 0.1});
-  structure.sticks.push_back({StickKind::Tip, {1, 1, 0.285}, {1, 1, 0.4}, 0.1, 0.05});
+  structure.elements.push_back({SupportElementKind::Pin, {1, 1, 0}, {1, 1, 0.285}, 0.1, 0.1});
+  structure.elements.push_back({SupportElementKind::Tip, {1, 1, 0.285}, {1, 1, 0.4}, 0.1, 0.05});
   const StructureSections sections{structure, 0.01, 60, Millimetres{1e-3}};
   for (std::uint32_t k = 0; k < 40; ++k) EXPECT_GT(sections.section(LayerIndex{k}).area_mm2(), 0.007) << k;
   EXPECT_TRUE(sections.section(LayerIndex{41}).empty());
@@ -231,10 +231,12 @@ TEST(SupportPlan, BeginsNoFootInTheAirBelowAThinShelf) {
   });
   const auto plan = planned(shelves);
   ASSERT_GT(plan.figures().feet_on_part, 0U);
-  for (const Stick& stick : plan.structure().sticks) {
-    if (stick.bottom.z_mm < 1 || (stick.kind != StickKind::Foot && stick.kind != StickKind::Needle)) continue;
-    const auto k = static_cast<std::size_t>(std::lround(stick.bottom.z_mm / 0.15)) - plan.lift_layers();
-    EXPECT_TRUE(part(shelves, k).contains({stick.bottom.x_mm, stick.bottom.y_mm})) << stick.bottom.z_mm;
+  for (const SupportElement& element : plan.structure().elements) {
+    if (element.bottom.z_mm < 1 ||
+        (element.kind != SupportElementKind::Foot && element.kind != SupportElementKind::ThinPin))
+      continue;
+    const auto k = static_cast<std::size_t>(std::lround(element.bottom.z_mm / 0.15)) - plan.elevation_layers();
+    EXPECT_TRUE(part(shelves, k).contains({element.bottom.x_mm, element.bottom.y_mm})) << element.bottom.z_mm;
   }
 }
 
@@ -243,7 +245,7 @@ TEST(SupportPlan, MakesNothingWhenToldSo) {
   none.mode = SupportOptions::Mode::None;
   const auto plan = planned(stacks::ball(), none);
   EXPECT_EQ(plan.anchors().size(), 0U);
-  EXPECT_EQ(plan.lift_layers(), 0U);
+  EXPECT_EQ(plan.elevation_layers(), 0U);
   EXPECT_TRUE(plan.section(LayerIndex{0}).empty());
 }
 

@@ -13,7 +13,7 @@ namespace {
 SupportReport checked(const stacks::Stack& s, const SupportPlan& plan) {
   PrintGeometry print;
   print.part = s.layers;
-  print.lift_layers = plan.lift_layers();
+  print.elevation_layers = plan.elevation_layers();
   print.support = [&](LayerIndex k) { return plan.section(k); };
   for (const Anchor& a : plan.anchors()) print.anchors.emplace_back(a.place, a.layer);
   return check_supports(print, stacks::machine(), {}, {}).value();
@@ -36,7 +36,7 @@ TEST(WrittenSupports, CutTheSameSectionsFromTheFileAsThePlanner) {
   const auto plan = planned(s);
   const auto written = WrittenSupports::from_json(to_json(plan));
   ASSERT_TRUE(written);
-  EXPECT_EQ(written->lift_layers(), plan.lift_layers());
+  EXPECT_EQ(written->elevation_layers(), plan.elevation_layers());
   EXPECT_EQ(written->anchors().size(), plan.anchors().size());
   for (std::uint32_t k = 0; k < 60; k += 7) {
     const Region ours = Region::from_contours(written->section(LayerIndex{k}, 0.15)).value();
@@ -63,7 +63,7 @@ TEST(SupportCheck, FindsTheDropOfAHookThatNobodyHolds) {
   EXPECT_GT(report.count(Finding::Kind::OutOfReach), 0U);
 }
 
-/// A crumb beside a block, for two layers: the second lies on the first but for a strip of `beyond` pixels.
+/// A speck beside a block, for two layers: the second lies on the first but for a strip of `beyond` pixels.
 stacks::Stack crumb_that_ends(double beyond) {
   const double px = stacks::machine().projection.pixel_pitch_mm;
   return stacks::stack(3.0, [=](double z) {
@@ -88,7 +88,7 @@ TEST(SupportCheck, NoticesAnAnchorThatIsMissing) {
   const auto plan = planned(s);
   PrintGeometry print;
   print.part = s.layers;
-  print.lift_layers = plan.lift_layers();
+  print.elevation_layers = plan.elevation_layers();
   print.support = [&](LayerIndex k) { return plan.section(k); };
   for (const Anchor& a : plan.anchors().subspan(1)) print.anchors.emplace_back(a.place, a.layer);
   EXPECT_GT(check_supports(print, stacks::machine(), {}, {})->count(Finding::Kind::OutOfReach), 0U);
@@ -107,7 +107,7 @@ TEST(SupportCheck, NoticesAPinThatHoldsNothing) {
 }
 
 TEST(SupportCheck, LetsAPinEndInTheLayerWhereWhatItHoldsBeginsAndEnds) {
-  // A fleck of one layer, smaller than the pin under it.
+  // A speck of one layer, smaller than the pin under it.
   const auto s = stacks::stack(6, [](double z) {
     std::vector<std::vector<Point2>> rings{stacks::box(30, 30, 50, 50)};
     if (z > 3 && z < 3.15) rings.push_back(stacks::box(59.8, 59.8, 60.2, 60.2));

@@ -47,9 +47,9 @@ class FeatureWatch {
  public:
   static constexpr std::size_t kMostPlaces = 500;
 
-  /// `part` (bottom first) lies above `lift_layers` of supports and must outlive this. The pitch must be positive.
+  /// `part` (bottom first) lies above `elevation_layers` of supports and must outlive this. The pitch must be positive.
   /// Without a model the dose is not known.
-  FeatureWatch(std::span<const Layer> part, std::uint32_t lift_layers, double pixel_pitch_mm,
+  FeatureWatch(std::span<const Layer> part, std::uint32_t elevation_layers, double pixel_pitch_mm,
                std::optional<CureModel> model);
 
   /// Looks for what is narrow in the next print layers, up to but without `until`. On oneTBB.
@@ -73,7 +73,7 @@ class FeatureWatch {
   [[nodiscard]] bool has_neighbour(std::uint32_t print_layer, const NarrowPlace& place) const;
 
   std::span<const Layer> part_;
-  std::uint32_t lift_layers_;
+  std::uint32_t elevation_layers_;
   double pitch_mm_;
   std::optional<CureModel> model_;
   std::optional<PixelKernel> kernel_;

@@ -10,8 +10,8 @@ namespace telefab::fab {
 
 /// A print whose outcome is wanted. Views must outlive the call.
 struct PrintToPredict {
-  std::uint32_t layers = 0;       ///< of the print
-  std::uint32_t lift_layers = 0;  ///< below layer 0 of the part
+  std::uint32_t layers = 0;            ///< of the print
+  std::uint32_t elevation_layers = 0;  ///< below layer 0 of the part
   LightSource light;
   std::span<const Layer> part;                     ///< from its layer 0 up; empty: nothing is compared
   std::span<const std::vector<Contour>> supports;  ///< rings by print layer, as many as layers; or empty

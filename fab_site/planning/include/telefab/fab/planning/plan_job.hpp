@@ -73,7 +73,7 @@ struct PlanSummary {
   SupportFigures figures;
   std::size_t anchors = 0;
   std::uint32_t part_layers = 0;
-  std::uint32_t lift_layers = 0;
+  std::uint32_t elevation_layers = 0;
   std::string supports_json;  ///< to_json(SupportPlan)
   double cured_mm3 = 0;       ///< of what the masks cure, supports included
   PeelLoad peel;
@@ -87,7 +87,7 @@ struct PlanSummary {
   double white_dose_mj_per_cm2 = 0;  ///< of a normal exposure
   double cure_depth_mm = 0;          ///< of it; negative where it cures nothing
   double registration_rms_mm = 0;    ///< as the options said it
-  std::size_t specks = 0;            ///< flecks smaller than a pin's tip that would have floated and got no light
+  std::size_t specks = 0;            ///< specks smaller than a pin's tip that would have floated and got no light
   std::uint32_t repairs = 0;         ///< times the print was planned again because material floated in the masks
   double support_seconds = 0;        ///< of all times together, like the next
   double mask_seconds = 0;
@@ -106,8 +106,8 @@ using PlanSink = std::function<Result<void>(const PlannedSheet&)>;
 /// Plans a print: supports (section 4), one mask a layer with part and supports merged (section 5), exposures with
 /// longer bottom layers, and an independent check of the final masks. Where the check finds islands (masks may leave
 /// dark what joins two regions) each gets an anchor of its own and the print is planned again, four times at most;
-/// flecks smaller than a pin's tip get no light instead; what floats even then is in `check`. The stack must fit the
-/// machine: bounds on its platform, part and lift below its Z travel. Fails: InvalidInput (does not fit, thickness
+/// specks smaller than a pin's tip get no light instead; what floats even then is in `check`. The stack must fit the
+/// machine: bounds on its platform, part and elevation below its Z travel. Fails: InvalidInput (does not fit, thickness
 /// differs from the machine's; both figures are named), Cancelled, and whatever the sink fails with. Deterministic on
 /// any number of threads.
 [[nodiscard]] Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& machine,

@@ -11,11 +11,11 @@ namespace telefab::fab {
 /// How far one layer may reach beyond the material it is attached to, and hold itself. The larger the attached
 /// region, the stiffer it is: reach = min(most, least * (1 + growth * sqrt(area))).
 struct SelfSupportLaw {
-  Millimetres least{0.15};          ///< > 0; of a small attached region
-  double growth_per_mm = 0;         ///< >= 0; per square root of the attached area
-  Millimetres most{1.5};            ///< >= least; no region reaches further
-  Millimetres sliver{0.035};        ///< >= 0; remainders narrower than twice this are nothing a mask could show
-  double speck_mm2 = 0.04;          ///< >= 0; contacts and islands smaller than this do not survive the mask
+  Millimetres least{0.15};             ///< > 0; of a small attached region
+  double growth_per_mm = 0;            ///< >= 0; per square root of the attached area
+  Millimetres most{1.5};               ///< >= least; no region reaches further
+  Millimetres least_remainder{0.035};  ///< >= 0; remainders narrower than twice this are nothing a mask could show
+  double speck_mm2 = 0.04;             ///< >= 0; contacts and islands smaller than this do not survive the mask
   Millimetres contact{0.12};        ///< >= 0; a contact holds where a disc of this radius fits: it lights a pixel twice
   Millimetres neck{0.06};           ///< >= 0; material narrower than twice this does not pass support on
   Millimetres arc_tolerance{0.01};  ///< > 0; of the offset's round joins
@@ -24,14 +24,14 @@ struct SelfSupportLaw {
   friend bool operator==(const SelfSupportLaw&, const SelfSupportLaw&) = default;
 };
 
-/// The law of a machine's profile; slivers and specks follow its pixel.
+/// The law of a machine's profile; least remainders and specks follow its pixel.
 [[nodiscard]] SelfSupportLaw self_support_law(const MachineProfile& machine);
 
 /// What the paper's rule 4.1 makes of two consecutive layers.
 struct LayerRegions {
   Region attached;              ///< below AND current
   Region self_supported;        ///< attached grown by the law, AND current
-  Region to_support;            ///< current minus that, slivers left out
+  Region to_support;            ///< current minus that, narrow remainders left out
   std::vector<Region> islands;  ///< parts of `to_support` that show in a mask joined to nothing held: an anchor each
 };
 

@@ -7,7 +7,7 @@
 
 namespace telefab::fab {
 
-/// A point of the print: build frame, z upwards from the platform (the lift included).
+/// A point of the print: build frame, z upwards from the platform (the elevation included).
 struct Point3 {
   double x_mm = 0;
   double y_mm = 0;
@@ -15,18 +15,18 @@ struct Point3 {
   friend bool operator==(const Point3&, const Point3&) = default;
 };
 
-enum class StickKind : std::uint8_t { Tip = 1, Arm = 2, Pin = 3, Foot = 4, Brace = 5, Needle = 6 };
-[[nodiscard]] std::string_view name_of(StickKind kind);
+enum class SupportElementKind : std::uint8_t { Tip = 1, Arm = 2, Pin = 3, Foot = 4, Brace = 5, ThinPin = 6 };
+[[nodiscard]] std::string_view name_of(SupportElementKind kind);
 
 /// A cone, a cylinder or a slanted cylinder: every level section is a disc whose centre and radius run linearly
 /// from bottom to top. Invariant by use: bottom below top, radii not negative.
-struct Stick {
-  StickKind kind = StickKind::Pin;
+struct SupportElement {
+  SupportElementKind kind = SupportElementKind::Pin;
   Point3 bottom;
   Point3 top;
   double bottom_radius_mm = 0;
   double top_radius_mm = 0;
-  friend bool operator==(const Stick&, const Stick&) = default;
+  friend bool operator==(const SupportElement&, const SupportElement&) = default;
 };
 
 /// A piece of base plate: everything within the radius of the line from a to b, from the platform up, its edge
@@ -41,7 +41,7 @@ struct Plate {
 
 /// Everything that holds a part, as primitives whose level sections are known in closed form.
 struct Structure {
-  std::vector<Stick> sticks;
+  std::vector<SupportElement> elements;
   std::vector<Plate> plates;
   friend bool operator==(const Structure&, const Structure&) = default;
 };
@@ -63,7 +63,7 @@ class StructureSections {
   Structure structure_;
   double thickness_mm_;
   Millimetres arc_tolerance_;
-  std::vector<std::vector<std::uint32_t>> sticks_at_;
+  std::vector<std::vector<std::uint32_t>> elements_at_;
   std::uint32_t plate_layers_ = 0;
 };
 

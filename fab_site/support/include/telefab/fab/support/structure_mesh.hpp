@@ -13,7 +13,7 @@ struct TriangleMesh {
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
-/// Part and supports for a viewer: each layer of the part a closed slab, sticks and plates closed solids.
+/// Part and supports for a viewer: each layer of the part a closed slab, elements and plates closed solids.
 struct StructureMesh {
   TriangleMesh part;
   TriangleMesh supports;

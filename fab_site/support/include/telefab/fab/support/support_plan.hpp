@@ -16,7 +16,7 @@
 namespace telefab::fab {
 
 /// Places an operator wants held, or kept free of anchors. Millimetres; build frame of the part as it stands in its
-/// own stack (z = 0 at the part's first layer, the lift not included).
+/// own stack (z = 0 at the part's first layer, the elevation not included).
 struct HandList {
   struct Extra {
     Point2 place;
@@ -39,7 +39,7 @@ struct HandList {
 struct SupportOptions {
   enum class Mode : std::uint8_t { None = 1, Auto = 2 };
   /// Auto: the part stands on the platform where its first layer is at least `stand_area_share` (machine profile) of
-  /// its largest layer, and is lifted on pins otherwise. Always: lift 0. Never: always lifted.
+  /// its largest layer, and is lifted on pins otherwise. Always: elevation 0. Never: always lifted.
   enum class Stand : std::uint8_t { Auto = 1, Always = 2, Never = 3 };
 
   /// Where material floats in masks although regions are held: what a check of the masks found.
@@ -73,26 +73,29 @@ struct SupportFigures {
   double waived_mm2 = 0;                  ///< of that, in places forbidden by hand
   std::uint32_t feet_on_part = 0;
   std::uint32_t braces = 0;
-  std::uint32_t needles = 0;  ///< pins in places too tight for a full one
+  std::uint32_t thin_pins = 0;  ///< pins in places too tight for a full one
   double part_mm3 = 0;
   double support_mm3 = 0;
-  std::uint32_t floating = 0;   ///< anchors under what floated in the masks
-  std::uint32_t steadying = 0;  ///< anchors that only keep a lifted part over its pins
-  double stability_mm = 0;      ///< least slack of the centre of mass inside the hull of what holds the print, counted
-                                ///< from a twentieth of its height; negative: it may tip over
-  LayerIndex least_stable;      ///< of the part: the moment of that
+  std::uint32_t floating = 0;     ///< anchors under what floated in the masks
+  std::uint32_t stabilising = 0;  ///< anchors that only keep a lifted part over its pins
+  double stability_mm = 0;  ///< least slack of the centre of mass inside the hull of what holds the print, counted
+                            ///< from a twentieth of its height; negative: it may tip over
+  LayerIndex least_stable;  ///< of the part: the moment of that
   friend bool operator==(const SupportFigures&, const SupportFigures&) = default;
 };
 
-/// Supports of one part. Print layers count from the platform; part layer k is print layer k + lift_layers().
+/// Supports of one part. Print layers count from the platform; part layer k is print layer k + elevation_layers().
 class SupportPlan {
  public:
-  SupportPlan(std::uint32_t lift_layers, std::vector<Anchor> anchors, StructureSections sections,
+  SupportPlan(std::uint32_t elevation_layers, std::vector<Anchor> anchors, StructureSections sections,
               SupportFigures figures)
-      : lift_layers_{lift_layers}, anchors_{std::move(anchors)}, sections_{std::move(sections)}, figures_{figures} {}
+      : elevation_layers_{elevation_layers},
+        anchors_{std::move(anchors)},
+        sections_{std::move(sections)},
+        figures_{figures} {}
 
   /// Layers inserted below the part; 0 when it stands on the platform.
-  [[nodiscard]] std::uint32_t lift_layers() const { return lift_layers_; }
+  [[nodiscard]] std::uint32_t elevation_layers() const { return elevation_layers_; }
   /// Sorted by layer, then y, then x.
   [[nodiscard]] std::span<const Anchor> anchors() const { return anchors_; }
   [[nodiscard]] const Structure& structure() const { return sections_.structure(); }
@@ -103,7 +106,7 @@ class SupportPlan {
   [[nodiscard]] Region section_region(LayerIndex print_layer) const { return sections_.section(print_layer); }
 
  private:
-  std::uint32_t lift_layers_;
+  std::uint32_t elevation_layers_;
   std::vector<Anchor> anchors_;
   StructureSections sections_;
   SupportFigures figures_;
@@ -126,7 +129,8 @@ class SupportPlan {
 [[nodiscard]] Result<LayerRegions> regions_of_layer(std::span<const Layer> layers, LayerIndex layer,
                                                     const MachineProfile& machine);
 
-/// supports.json: lift, figures, anchors, sticks and plates; numbers rounded to nanometres; same plan, same text.
+/// supports.json: elevation, figures, anchors, elements and plates; numbers rounded to nanometres; same plan, same
+/// text.
 [[nodiscard]] std::string to_json(const SupportPlan& plan);
 
 }  // namespace telefab::fab

@@ -10,7 +10,7 @@ class WrittenSupports {
  public:
   /// Fails with InvalidInput and names what is missing or not a number.
   [[nodiscard]] static Result<WrittenSupports> from_json(std::string_view text);
-  [[nodiscard]] std::uint32_t lift_layers() const { return lift_layers_; }
+  [[nodiscard]] std::uint32_t elevation_layers() const { return elevation_layers_; }
   [[nodiscard]] const std::vector<std::pair<Point2, LayerIndex>>& anchors() const { return anchors_; }
   /// Rings at the middle of a print layer; they overlap where primitives do.
   [[nodiscard]] std::vector<Contour> section(LayerIndex print_layer, double thickness_mm) const;
@@ -23,7 +23,7 @@ class WrittenSupports {
     Point2 a, b;
     double radius, height;
   };
-  std::uint32_t lift_layers_ = 0;
+  std::uint32_t elevation_layers_ = 0;
   std::vector<std::pair<Point2, LayerIndex>> anchors_;
   std::vector<Cone> cones_;
   std::vector<Slab> slabs_;

@@ -87,7 +87,7 @@ class MaskWatch {
 /// What the check knows of a print. Nothing here comes from the generator's inner workings.
 struct PrintGeometry {
   std::span<const Layer> part;                              ///< bottom first
-  std::uint32_t lift_layers = 0;                            ///< print layers below part layer 0
+  std::uint32_t elevation_layers = 0;                       ///< print layers below part layer 0
   std::function<std::vector<Contour>(LayerIndex)> support;  ///< rings of the support in a print layer
   std::vector<std::pair<Point2, LayerIndex>> anchors;       ///< place, part layer
 };
