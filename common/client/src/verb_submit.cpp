@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <telefab/base/text.hpp>
 
 #include "common_options.hpp"
 #include "job_text.hpp"
@@ -80,7 +81,10 @@ Result<Submit> announce(const SubmitOptions& o, RequestId request) {
     return fail(ErrorCode::TooLarge,
                 fmt::format("{} has {} bytes; the limit is {}", o.scan, submit.size_bytes, kMaxScanBytes));
   if (!is_file_name(submit.name))
-    return fail(ErrorCode::InvalidInput, fmt::format("{} has a name that cannot be sent; rename it", o.scan));
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("{}: a name that begins with a dot, or has a backslash or characters that do not show, "
+                            "cannot be sent; rename the file",
+                            to_printable(o.scan)));
   if (!std::ifstream{path}) return fail(ErrorCode::NotPermitted, fmt::format("{} may not be read by you", o.scan));
   Hasher hasher;
   auto read = for_each_block(o.scan, [&](std::span<const std::byte> block) -> Result<void> {

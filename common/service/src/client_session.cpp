@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <map>
+#include <telefab/base/text.hpp>
 #include <telefab/service/client_session.hpp>
 #include <telefab/service/file_sender.hpp>
 

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <telefab/base/text.hpp>
 
 namespace telefab::wire {
 namespace {
@@ -17,6 +18,17 @@ void expect(Reading& reading, bool holds, std::string_view field, std::string_vi
 std::string text(Reading& reading, const std::string& from, std::size_t most, std::string_view field) {
   expect(reading, from.size() <= most, field, fmt::format("is longer than {} bytes", most));
   return reading.fault ? std::string{} : from;
+}
+
+/// A name: what the other side says of itself, its people and its machines. It stands in logs and on terminals.
+std::string name(Reading& reading, const std::string& from, std::string_view field) {
+  expect(reading, is_printable(from), field, "has characters that cannot be shown");
+  return text(reading, from, kMaxNameBytes, field);
+}
+
+/// Words for people; what could steer a terminal or forge a line of a log is taken out of them.
+std::string words(Reading& reading, const std::string& from, std::string_view field) {
+  return to_printable(text(reading, from, kMaxTextBytes, field));
 }
 
 std::string job_id(Reading& reading, const std::string& from) {
@@ -60,11 +72,11 @@ std::vector<std::string> machines(Reading& reading, const Proto& proto) {
 Job read_job(Reading& reading, const v1::Job& proto) {
   Job job;
   job.id = job_id(reading, proto.id());
-  job.name = text(reading, proto.name(), kMaxNameBytes, "name");
-  job.machine = text(reading, proto.machine(), kMaxNameBytes, "machine");
+  job.name = name(reading, proto.name(), "name");
+  job.machine = name(reading, proto.machine(), "machine");
   job.parameters = text(reading, proto.parameters(), kMaxParametersBytes, "parameters");
-  job.owner = text(reading, proto.owner(), kMaxNameBytes, "owner");
-  job.message = text(reading, proto.message(), kMaxTextBytes, "message");
+  job.owner = name(reading, proto.owner(), "owner");
+  job.message = words(reading, proto.message(), "message");
   const bool known = std::any_of(kJobStates.begin(), kJobStates.end(),
                                  [&](JobState state) { return static_cast<std::uint32_t>(state) == proto.state(); });
   expect(reading, known, "state", "is no state of a job");
@@ -75,7 +87,7 @@ Job read_job(Reading& reading, const v1::Job& proto) {
   if (!reading.fault)
     for (const v1::StageSeconds& row : proto.stages()) {
       expect(reading, std::isfinite(row.seconds()) && row.seconds() >= 0, "seconds", "is no duration");
-      job.stages.push_back({text(reading, row.stage(), kMaxNameBytes, "stage"), row.seconds()});
+      job.stages.push_back({name(reading, row.stage(), "stage"), row.seconds()});
     }
   job.created_unix_ms = proto.created_unix_ms();
   job.changed_unix_ms = proto.changed_unix_ms();
@@ -84,12 +96,12 @@ Job read_job(Reading& reading, const v1::Job& proto) {
 
 StackHeader read_header(Reading& reading, const v1::StackHeader& proto) {
   StackHeader header;
-  header.machine = text(reading, proto.machine(), kMaxNameBytes, "machine");
+  header.machine = name(reading, proto.machine(), "machine");
   header.layer_thickness_mm = proto.layer_thickness_mm();
   header.pixel_pitch_mm = proto.pixel_pitch_mm();
   header.layer_count = proto.layer_count();
   header.bounds = {{proto.min().x_mm(), proto.min().y_mm()}, {proto.max().x_mm(), proto.max().y_mm()}};
-  header.scan_name = text(reading, proto.scan_name(), kMaxNameBytes, "scan_name");
+  header.scan_name = name(reading, proto.scan_name(), "scan_name");
   expect(reading, proto.scan_to_build_size() == 16, "scan_to_build", "has not 16 entries");
   if (reading.fault) return header;
   std::copy(proto.scan_to_build().begin(), proto.scan_to_build().end(), header.scan_to_build.begin());
@@ -103,16 +115,16 @@ void read(Reading& reading, const v1::Hello& proto, Hello& value) {
   value.protocol_version = proto.protocol_version();
   expect(reading, proto.side() >= 1 && proto.side() <= 3, "side", "is neither client nor scan site nor fab site");
   value.side = static_cast<Side>(proto.side());
-  value.program = text(reading, proto.program(), kMaxNameBytes, "program");
+  value.program = name(reading, proto.program(), "program");
   value.machine_toml = machines(reading, proto);
-  value.start_policy = text(reading, proto.start_policy(), kMaxNameBytes, "start_policy");
+  value.start_policy = name(reading, proto.start_policy(), "start_policy");
 }
 void read(Reading& reading, const v1::Fault& proto, Fault& value) {
   value.request = request(proto.request());
   expect(reading, proto.code() >= 1 && proto.code() <= static_cast<std::uint32_t>(ErrorCode::Internal), "code",
          "is no error code of this version");
   if (reading.fault) return;
-  value.error = {static_cast<ErrorCode>(proto.code()), text(reading, proto.what(), kMaxTextBytes, "what")};
+  value.error = {static_cast<ErrorCode>(proto.code()), words(reading, proto.what(), "what")};
   if (!proto.job().empty()) value.job = job_id(reading, proto.job());
 }
 void read(Reading&, const v1::Ping&, Ping&) {}
@@ -121,12 +133,12 @@ void read(Reading&, const v1::AskMachines& proto, AskMachines& value) { value.re
 void read(Reading& reading, const v1::Machines& proto, Machines& value) {
   value.request = request(proto.request());
   value.machine_toml = machines(reading, proto);
-  value.origin = text(reading, proto.origin(), kMaxNameBytes, "origin");
+  value.origin = name(reading, proto.origin(), "origin");
 }
 void read(Reading& reading, const v1::Submit& proto, Submit& value) {
   value.request = request(proto.request());
   value.name = plain_name(reading, proto.name(), "name");
-  value.machine = text(reading, proto.machine(), kMaxNameBytes, "machine");
+  value.machine = name(reading, proto.machine(), "machine");
   value.parameters = text(reading, proto.parameters(), kMaxParametersBytes, "parameters");
   expect(reading, proto.size_bytes() <= kMaxScanBytes, "size_bytes", "is above the limit for scans");
   value.size_bytes = proto.size_bytes();
@@ -160,7 +172,7 @@ void read(Reading& reading, const v1::Command& proto, Command& value) {
   value.job = job_id(reading, proto.job());
   expect(reading, proto.action() >= 1 && proto.action() <= 6, "action", "is none of this version");
   value.command = static_cast<JobCommand>(proto.action());
-  value.who = text(reading, proto.who(), kMaxNameBytes, "who");
+  value.who = name(reading, proto.who(), "who");
 }
 void read(Reading& reading, const v1::AskFiles& proto, AskFiles& value) {
   value.request = request(proto.request());
@@ -191,13 +203,13 @@ void read(Reading& reading, const v1::FileBlock& proto, FileBlock& value) {
 void read(Reading& reading, const v1::Offer& proto, Offer& value) {
   value.job = job_id(reading, proto.job());
   value.name = plain_name(reading, proto.name(), "name");
-  value.machine = text(reading, proto.machine(), kMaxNameBytes, "machine");
+  value.machine = name(reading, proto.machine(), "machine");
   value.parameters = text(reading, proto.parameters(), kMaxParametersBytes, "parameters");
   value.profile = digest(reading, proto.profile_sha256(), "profile_sha256");
   value.header = read_header(reading, proto.header());
   expect(reading, proto.coding() == 5 || proto.coding() == 6, "coding", "is none of this version");
   value.coding = proto.coding();
-  value.owner = text(reading, proto.owner(), kMaxNameBytes, "owner");
+  value.owner = name(reading, proto.owner(), "owner");
   expect(reading, proto.public_key().empty() || proto.public_key().size() == 32, "public_key", "is no Ed25519 key");
   expect(reading, proto.signature().empty() || proto.signature().size() == 64, "signature", "is no Ed25519 signature");
   value.public_key = content(reading, proto.public_key(), 32, "public_key");

@@ -13,7 +13,7 @@ namespace {
 
 template <class Value, class Proto>
 Result<Message> read_as(const Frame& frame) {
-  // Protobuf would print a line about every damaged message: a stranger could fill our log with it.
+  // Protobuf would print a line about every damaged message: anybody could fill our log with it.
   [[maybe_unused]] static const auto silenced = google::protobuf::SetLogHandler(nullptr);
   Proto proto;
   if (!proto.ParseFromArray(frame.body.data(), static_cast<int>(frame.body.size())))
@@ -59,11 +59,6 @@ bool is_job_id(std::string_view text) {
   return !text.empty() && text.size() <= 64 && std::all_of(text.begin(), text.end(), [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';
   });
-}
-
-bool is_file_name(std::string_view text) {
-  return !text.empty() && text.size() <= kMaxNameBytes && text.front() != '.' &&
-         std::all_of(text.begin(), text.end(), [](char c) { return c != '/' && c != '\\' && c >= ' '; });
 }
 
 Frame to_frame(const Message& message) {

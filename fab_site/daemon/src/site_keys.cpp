@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <telefab/base/file.hpp>
+#include <telefab/base/text.hpp>
 #include <telefab/wire/job_signature.hpp>
 
 namespace telefab::fab {

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <nlohmann/json.hpp>
+#include <telefab/base/text.hpp>
 #include <telefab/web/form_data.hpp>
 #include <telefab/web/web_routes.hpp>
 
@@ -187,6 +188,7 @@ WebResponse octoprint_upload(const WebRequest& request, JobDesk& desk) {
   });
   if (file == fields->end()) return octoprint_problem(400, "the form has no field \"file\" with a file in it");
   const std::string name{base_name(file->file_name)};
+  if (!is_file_name(name)) return octoprint_problem(400, "the file's name cannot be kept; rename it");
   if (!ends_with(name, ".tfc")) return octoprint_problem(415, not_taken(name));
   const bool is_to_print = is_yes(value_of(*fields, "print"));
   const auto job = desk.take_file(name, file->content, is_to_print);

@@ -7,6 +7,7 @@
 #include <bit>
 #include <cctype>
 #include <string>
+#include <telefab/base/text.hpp>
 
 #include "readers.hpp"
 #include "text_cursor.hpp"
@@ -79,13 +80,6 @@ std::uint64_t hash_of(const std::array<std::uint32_t, 3>& key) {
   return h ^ (h >> 31U);
 }
 
-/// What messages quote of a file may be anything: nothing that steers a terminal or is no UTF-8 gets through.
-std::string printable(std::string text) {
-  std::replace_if(
-      text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
-  return text;
-}
-
 /// Leaves out the points without a normal while they are few; drops all normals when they are not.
 void settle_normals(PointCloud& cloud) {
   if (!cloud.has_normals()) return;
@@ -151,7 +145,8 @@ PointCloud without_duplicates(PointCloud cloud) {
 Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_view file_name,
                                 const ReadOptions& options, std::stop_token stop) {
   const auto within = [&](const Error& cause) {
-    return fail_in(file_name.substr(0, 200), Error{cause.code, printable(cause.what)});
+    // What a file and its name quote may be anything.
+    return fail_in(to_printable(file_name.substr(0, 200)), Error{cause.code, to_printable(cause.what)});
   };
   if (bytes.empty()) return within(Error{ErrorCode::InvalidInput, "the file is empty"});
   constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";

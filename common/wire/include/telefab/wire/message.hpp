@@ -167,8 +167,6 @@ using Message = std::variant<Hello, Fault, Ping, Pong, AskMachines, Machines, Su
 
 /// A job's name on the wire and in the file system: 1 to 64 of a-z, 0-9 and '-', so it is safe as a folder.
 [[nodiscard]] bool is_job_id(std::string_view text);
-/// A plain file name: no folder, no leading dot, 1 to 255 bytes.
-[[nodiscard]] bool is_file_name(std::string_view text);
 
 /// Never fails for values within the limits above.
 [[nodiscard]] Frame to_frame(const Message& message);
