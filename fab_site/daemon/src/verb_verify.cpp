@@ -2,13 +2,11 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
-#include <cmath>
 #include <filesystem>
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
-#include <telefab/fab/cure/dose_field.hpp>
+#include <telefab/fab/planning/cured_runs.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/print/print_record.hpp>
 #include <telefab/fab/verify/print_files.hpp>
@@ -25,92 +23,21 @@ struct VerifyOptions {
   std::string machines = "deploy/config/machines";
   std::string machine;
   std::optional<std::string> stack, out, as_built, key;
-  std::uint32_t least_pixels = 4;
+  std::uint32_t least_pixels = kLeastIslandPixels;
   std::optional<std::uint32_t> grey;
+  std::optional<std::string> masks;
   std::string override_by;
 };
 
-/// Whether the masks were solved for the light of all layers together.
-bool is_for_whole_stack(const std::string& folder) {
-  const auto bytes = read_file(std::filesystem::path{folder} / "report.json", 1U << 28U);
-  if (!bytes) return false;
-  const std::string_view text{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
-  return text.find("\"method\": \"blend-stack\"") != std::string_view::npos;
-}
-
-/// What all light together cures of one layer: down to its middle, and at its top at least.
-struct CuredRuns {
-  LayerRuns solid;
-  LayerLight light;
-};
-
-/// Bottom layer first.
-Result<std::vector<CuredRuns>> cured_runs(PlannedJob& job, const MachineProfile& machine, const ProgressSink& progress,
-                                          const std::stop_token& stop) {
-  constexpr double kJoined = 0.125;  // of a layer's thickness: solid so deep, neighbours hang together
-  constexpr std::uint8_t kSolidPixel = 255, kJoinedPixel = 128;
-  const auto model = cure_model(machine);
-  if (!model) return tl::unexpected{model.error()};
-  DoseStream light{*model};
-  const double least = model->to_middle(), joined = std::exp(kJoined * model->layer_mm / model->penetration_mm);
-  const std::size_t count = job.plan().layers.size();
-  std::vector<CuredRuns> runs(count);
-  for (std::size_t k = count; k-- > 0;) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "verify: stopped");
-    auto mask = job.mask(LayerIndex{static_cast<std::uint32_t>(k)});
-    if (!mask) return tl::unexpected{mask.error()};
-    const MaskExposure exposure{mask->view(), job.plan().layers[k].exposure};
-    const auto dose = light.descend({&exposure, 1});
-    if (!dose) return tl::unexpected{dose.error()};
-    const std::chrono::duration<double> seconds = job.plan().layers[k].exposure;
-    runs[k].light.lit = LayerRuns::from_mask(mask->view(), gel_level(machine, seconds.count()));
-    const PixelBox& box = dose->box();
-    std::fill(mask->rows.begin(), mask->rows.end(), std::uint8_t{0});
-    const int width = static_cast<int>(mask->size.width_px), height = static_cast<int>(mask->size.height_px);
-    const auto level_of = [&](double d) {
-      return d >= least ? kSolidPixel : d >= joined ? kJoinedPixel : std::uint8_t{0};
-    };
-    // The blur is a mean of what is around: only where neighbours differ does it decide.
-    const auto cured = [&](int x, int y) {
-      const std::uint8_t level = level_of(static_cast<double>(dose->pixel(x, y)));
-      for (int i = -1; i <= 1; ++i)
-        for (int j = -1; j <= 1; ++j)
-          if (level_of(static_cast<double>(dose->pixel(x + j, y + i))) != level || level == kJoinedPixel)
-            return level_of(dose->sample({x + 0.5, y + 0.5}).dose);
-      return level;
-    };
-    for (int y = std::max(0, box.y); y < std::min(height, box.y + box.height); ++y) {
-      std::uint8_t* row = mask->rows.data() + static_cast<std::ptrdiff_t>(height - 1 - y) * width;
-      for (int x = std::max(0, box.x); x < std::min(width, box.x + box.width); ++x) row[x] = cured(x, y);
-    }
-    runs[k].solid = LayerRuns::from_mask(mask->view(), kSolidPixel);
-    runs[k].light.joined = LayerRuns::from_mask(mask->view(), kJoinedPixel);
-    report(progress, "light", static_cast<double>(count - k) / static_cast<double>(count));
+Result<MaskCheckOptions> check_options(const VerifyOptions& o) {
+  MaskCheckOptions options{.least_pixels = o.least_pixels, .grey = {}, .masks = {}};
+  if (o.grey) options.grey = static_cast<std::uint8_t>(*o.grey);
+  if (o.masks) {
+    const auto method = mask_method_from_name(*o.masks);
+    if (!method) return tl::unexpected{method.error()};
+    options.masks = *method;
   }
-  return runs;
-}
-
-/// The final masks, by flood fill.
-Result<SupportReport> check_masks(PlannedJob& job, const MachineProfile& machine, const VerifyOptions& o,
-                                  const ProgressSink& progress, const std::stop_token& stop) {
-  MaskWatch watch{machine.projection.pixel_pitch_mm, o.least_pixels};
-  const auto level = static_cast<std::uint8_t>(o.grey.value_or(cure_level(machine)));
-  if (!o.grey && is_for_whole_stack(o.folder)) {
-    auto runs = cured_runs(job, machine, progress, stop);
-    if (!runs) return tl::unexpected{runs.error()};
-    for (CuredRuns& layer : *runs)
-      if (auto ok = watch.add(std::move(layer.solid), nullptr, &layer.light); !ok) return tl::unexpected{ok.error()};
-    return watch.finish();
-  }
-  const std::size_t count = job.plan().layers.size();
-  for (std::size_t k = 0; k < count; ++k) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "verify: stopped");
-    const auto mask = job.mask(LayerIndex{static_cast<std::uint32_t>(k)});
-    if (!mask) return tl::unexpected{mask.error()};
-    if (auto ok = watch.add(LayerRuns::from_mask(mask->view(), level)); !ok) return tl::unexpected{ok.error()};
-    report(progress, "masks", static_cast<double>(k + 1) / static_cast<double>(count));
-  }
-  return watch.finish();
+  return options;
 }
 
 /// The regions, from the layers it was planned of and supports.json.
@@ -194,7 +121,9 @@ Result<ExitCode> verify(const VerifyOptions& o, std::stop_token stop) {
   const auto machine = find_machine(*machines, o.machine.empty() ? (*job)->plan().machine : o.machine);
   if (!machine) return tl::unexpected{machine.error()};
   const ProgressSink progress = progress_line();
-  const auto masks = check_masks(**job, *machine, o, progress, stop);
+  const auto options = check_options(o);
+  if (!options) return tl::unexpected{options.error()};
+  const auto masks = check_masks((*job)->plan(), **job, *machine, *options, progress, stop);
   clear_progress();
   if (!masks) return tl::unexpected{masks.error()};
   tell("masks", *masks);
@@ -243,6 +172,11 @@ VerbBody declare_verify(CLI::App& options) {
           "a pixel is solid from this grey level; where left out: from the light of all layers for masks made by "
           "blend-stack, from the cure level of one exposure for others")
       ->check(CLI::Range(1U, 255U));
+  options
+      .add_option("--masks", o->masks,
+                  "how the masks were made, for plans of older versions that do not say it: cover, blend or "
+                  "blend-stack")
+      ->check(CLI::IsMember({"cover", "blend", "blend-stack"}));
   options.add_option("--out", o->out, "write the findings as JSON here");
   options.add_option("--override", o->override_by, "name of the operator who lets the job pass all the same");
   return [o](std::stop_token stop) { return verify(*o, std::move(stop)); };

@@ -20,7 +20,6 @@ namespace {
 constexpr std::uint32_t kPreviewTiles = 24;
 constexpr std::uint32_t kPreviewColumns = 6;
 constexpr std::uint32_t kTilePx = 260;
-constexpr std::uint32_t kLeastIslandPx = 4;
 constexpr std::uint32_t kBlocksPerRound = 2;  // for every thread
 constexpr std::uint64_t kMaskBudgetBytes = 320U << 20U;
 constexpr std::uint64_t kCopiesPerMask = 3;  // the mask, the PNG before and after it is deflated
@@ -188,12 +187,13 @@ Result<PlanSummary> plan_once(const LayerStack& stack, const MachineProfile& pro
   plan.machine = machine.name;
   plan.mask_size = frame.size;
   plan.motion = machine.motion;
+  plan.masks = options.masks;
   plan.z_travel_mm = machine.platform.z_travel_mm;
 
   const LayerSource source{stack, *supports};
   const auto maker = make_mask_maker(source, machine, options, clock);
   if (!maker) return tl::unexpected{maker.error()};
-  MaskWatch watch{frame.pixel_pitch_mm, kLeastIslandPx};
+  MaskWatch watch{frame.pixel_pitch_mm, kLeastIslandPixels};
   auto model = cure_model(machine);
   FeatureWatch features{stack.layers(), summary.elevation_layers, frame.pixel_pitch_mm,
                         model ? std::optional{std::move(*model)} : std::nullopt};

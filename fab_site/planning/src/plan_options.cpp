@@ -7,25 +7,6 @@
 
 namespace telefab::fab {
 
-std::string_view name_of(MaskMethod method) {
-  switch (method) {
-    case MaskMethod::Cover:
-      return "cover";
-    case MaskMethod::Blend:
-      return "blend";
-    case MaskMethod::BlendStack:
-      return "blend-stack";
-  }
-  return "cover";
-}
-
-Result<MaskMethod> mask_method_from_name(std::string_view name) {
-  for (const MaskMethod method : {MaskMethod::Cover, MaskMethod::Blend, MaskMethod::BlendStack})
-    if (name == name_of(method)) return method;
-  return fail(ErrorCode::InvalidInput,
-              fmt::format("{} is no way to make masks; there are: cover, blend, blend-stack", name));
-}
-
 Result<void> PlanOptions::validate() const {
   if (threads < 0 || threads > 1024)
     return fail(ErrorCode::InvalidInput, fmt::format("{} threads; 0 (all cores) to 1024 are possible", threads));

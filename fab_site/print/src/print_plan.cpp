@@ -52,17 +52,16 @@ std::string to_json(const PrintPlan& plan) {
                           {"z_mm", l.z_mm},
                           {"exposure_us", l.exposure.count()},
                           {"mask_sha256", to_hex(l.mask)}});
-  const Json j{{"format", "telefab-print-plan-1"},
-               {"job", plan.job},
-               {"machine", plan.machine},
-               {"mask_width_px", plan.mask_size.width_px},
+  Json j{{"format", "telefab-print-plan-1"}, {"job", plan.job}, {"machine", plan.machine}};
+  if (plan.masks) j["masks"] = name_of(*plan.masks);
+  j.update({{"mask_width_px", plan.mask_size.width_px},
                {"mask_height_px", plan.mask_size.height_px},
                {"z_travel_mm", plan.z_travel_mm},
                {"lift_mm", plan.motion.lift_mm},
                {"lift_speed_mm_per_s", plan.motion.lift_speed_mm_per_s},
                {"lower_speed_mm_per_s", plan.motion.lower_speed_mm_per_s},
                {"settle_s", plan.motion.settle_s},
-               {"layers", std::move(layers)}};
+               {"layers", std::move(layers)}});
   return j.dump(1) + "\n";
 }
 
@@ -74,6 +73,11 @@ Result<PrintPlan> print_plan_from_json(std::string_view text) {
     PrintPlan plan;
     plan.job = j.at("job").get<std::string>();
     plan.machine = j.at("machine").get<std::string>();
+    if (j.contains("masks")) {
+      const auto masks = mask_method_from_name(j.at("masks").get<std::string>());
+      if (!masks) return fail_in("print plan, masks", masks.error());
+      plan.masks = *masks;
+    }
     plan.mask_size = {j.at("mask_width_px").get<std::uint32_t>(), j.at("mask_height_px").get<std::uint32_t>()};
     plan.z_travel_mm = j.at("z_travel_mm").get<double>();
     plan.motion = {j.at("lift_mm").get<double>(), j.at("lift_speed_mm_per_s").get<double>(),

@@ -55,6 +55,25 @@ TEST(PrintPlanJson, GivesThePlanBack) {
   EXPECT_FALSE(print_plan_from_json("[]"));
 }
 
+TEST(PrintPlanJson, StatesHowTheMasksWereMadeAndRefusesAWayItDoesNotKnow) {
+  PrintPlan plan = two_layers();
+  const std::string unstated = to_json(plan);
+  EXPECT_EQ(unstated.find("masks"), std::string::npos);  // digests of older plans in journals and records still hold
+  EXPECT_EQ(print_plan_from_json(unstated)->masks, std::nullopt);
+  for (const MaskMethod method : kMaskMethods) {
+    plan.masks = method;
+    EXPECT_EQ(print_plan_from_json(to_json(plan)).value(), plan);
+    EXPECT_NE(plan_digest(plan), plan_digest(two_layers()));
+  }
+  std::string unknown = to_json(plan);
+  unknown.replace(unknown.find("blend-stack"), 11, "blend-waves");
+  const auto refused = print_plan_from_json(unknown);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::InvalidInput);
+  EXPECT_THAT(refused.error().what, testing::HasSubstr("blend-waves"));
+  EXPECT_FALSE(print_plan_from_json(std::string{unknown}.replace(unknown.find("\"blend-waves\""), 13, "3")));
+}
+
 TEST(PrintPlan, NamesTheLayerThatIsWrong) {
   const auto wrong = [](auto change) {
     PrintPlan plan = two_layers();

@@ -16,15 +16,6 @@
 
 namespace telefab::fab {
 
-/// How grey levels are found.
-enum class MaskMethod : std::uint8_t {
-  Cover = 1,       ///< the share of each pixel that the region covers
-  Blend = 2,       ///< greys solved so that each layer's own light cures to its contour
-  BlendStack = 3,  ///< the same for the light of all layers together, from the top down
-};
-[[nodiscard]] std::string_view name_of(MaskMethod method);
-[[nodiscard]] Result<MaskMethod> mask_method_from_name(std::string_view name);
-
 struct PlanOptions {
   std::string job = "job";  ///< name of the job in the plan
   MaskMethod masks = MaskMethod::BlendStack;

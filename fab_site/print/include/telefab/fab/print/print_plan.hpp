@@ -2,9 +2,11 @@
 #pragma once
 #include <chrono>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <telefab/base/digest.hpp>
 #include <telefab/base/quantity.hpp>
+#include <telefab/fab/mask/mask_method.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <vector>
 
@@ -23,6 +25,8 @@ struct PlannedLayer {
 struct PrintPlan {
   std::string job;
   std::string machine;
+  /// How the masks were made; none: planned by a version that did not say.
+  std::optional<MaskMethod> masks;
   PixelSize mask_size;
   MachineProfile::Motion motion;
   double z_travel_mm = 0;
@@ -32,9 +36,10 @@ struct PrintPlan {
   [[nodiscard]] Result<void> validate() const;
 };
 
-/// Canonical JSON: same plan, same bytes.
+/// Canonical JSON: same plan, same bytes; those of a plan that does not state its masks are as they ever were.
 [[nodiscard]] std::string to_json(const PrintPlan& plan);
-/// from_json(to_json(p)) == p. InvalidInput names the key; the plan is validated.
+/// from_json(to_json(p)) == p. InvalidInput names the key, or a way to make masks that is
+/// not known here; the plan is validated.
 [[nodiscard]] Result<PrintPlan> print_plan_from_json(std::string_view text);
 /// SHA-256 of to_json().
 [[nodiscard]] Digest plan_digest(const PrintPlan& plan);

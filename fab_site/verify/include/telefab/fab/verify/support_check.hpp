@@ -59,6 +59,9 @@ struct LayerLight {
   LayerRuns lit;     ///< pixels that the layer's own exposure begins to cure
 };
 
+/// Islands of fewer solid pixels are let pass, by the planner and by those who judge its plans.
+constexpr std::uint32_t kLeastIslandPixels = 4;
+
 /// Watches the masks of a print go by, bottom first. Finds islands of at least `least_pixels` solid pixels
 /// (8-connected) that share no pixel with held material below; a smaller floating speck holds nothing above it. Nor
 /// does what fewer pixels than that of its own exposure light: it cures together with the layers above, and hangs on
