@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <telefab/command_line/output.hpp>
 
 #include "common_options.hpp"
 #include "job_text.hpp"
@@ -40,7 +41,7 @@ VerbBody declare_command(CLI::App& options, JobCommand command) {
     const std::string who = o->who.substr(0, kMaxNameBytes);
     auto jobs = (*client)->ask<Jobs>(Command{(*client)->next_request(), o->job, asked, who});
     if (!jobs) return tl::unexpected{jobs.error()};
-    for (const Job& job : jobs->jobs) fmt::print("{}\n", o->common.json ? to_json(job) : to_line(job));
+    for (const Job& job : jobs->jobs) write_output(fmt::format("{}\n", o->common.json ? to_json(job) : to_line(job)));
     return ExitCode::Ok;
   };
 }

@@ -3,6 +3,7 @@
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/machine/machine_profile.hpp>
 
 #include "common_options.hpp"
@@ -47,9 +48,9 @@ VerbBody declare_jobs(CLI::App& options) {
     if (o->common.json) {
       std::string list;
       for (const Job& job : jobs->jobs) list += (list.empty() ? "" : ",\n ") + to_json(job);
-      fmt::print("[{}]\n", list);
+      write_output(fmt::format("[{}]\n", list));
     } else {
-      for (const Job& job : jobs->jobs) fmt::print("{}\n", to_line(job));
+      for (const Job& job : jobs->jobs) write_output(fmt::format("{}\n", to_line(job)));
     }
     return ExitCode::Ok;
   };
@@ -65,9 +66,9 @@ VerbBody declare_status(CLI::App& options) {
     if (!jobs) return tl::unexpected{jobs.error()};
     for (const Job& job : jobs->jobs) {
       if (o->common.json)
-        fmt::print("{}\n", to_json(job));
+        write_output(fmt::format("{}\n", to_json(job)));
       else
-        fmt::print("{}\n{}", to_line(job), summary_of(job));
+        write_output(fmt::format("{}\n{}", to_line(job), summary_of(job)));
     }
     return ExitCode::Ok;
   };
@@ -83,9 +84,9 @@ VerbBody declare_watch(CLI::App& options) {
     auto job = watch_job(**client, o->job, watch_style(o->common.json, o->plain));
     if (!job) return tl::unexpected{job.error()};
     if (o->common.json)
-      fmt::print("{}\n", to_json(*job));
+      write_output(fmt::format("{}\n", to_json(*job)));
     else
-      fmt::print("{}", summary_of(*job));
+      write_output(summary_of(*job));
     return exit_code_of(*job);
   };
 }
@@ -120,7 +121,7 @@ VerbBody declare_machines(CLI::App& options) {
                       {"exposure_s", machine->layers.exposure_s},
                       {"origin", machines->origin}});
     }
-    if (o->common.json) fmt::print("{}\n", list.dump(2));
+    if (o->common.json) write_output(fmt::format("{}\n", list.dump(2)));
     return ExitCode::Ok;
   };
 }

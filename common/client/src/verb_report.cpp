@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/output.hpp>
 
 #include "common_options.hpp"
 #include "job_text.hpp"
@@ -61,7 +62,7 @@ VerbBody declare_report(CLI::App& options) {
     const auto keep = [&](const std::string& name, const auto& content) -> Result<void> {
       const auto path = folder / name;
       if (auto done = write_file_atomically(path, content); !done) return done;
-      if (!o->common.json) fmt::print("{}\n", path.string());
+      if (!o->common.json) write_output(fmt::format("{}\n", path.string()));
       written.push_back(path.string());
       return {};
     };
@@ -73,7 +74,7 @@ VerbBody declare_report(CLI::App& options) {
       if (!content) return tl::unexpected{content.error()};
       if (auto done = keep(file.name, std::span<const std::byte>{*content}); !done) return tl::unexpected{done.error()};
     }
-    if (o->common.json) fmt::print("{}\n", written.dump(2));
+    if (o->common.json) write_output(fmt::format("{}\n", written.dump(2)));
     return ExitCode::Ok;
   };
 }

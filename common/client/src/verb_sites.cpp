@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <telefab/command_line/output.hpp>
 
 #include "common_options.hpp"
 #include "site_book.hpp"
@@ -28,12 +29,12 @@ Result<ExitCode> list(const SiteBook& book, const std::filesystem::path& path, b
                        {"tls", site.tls_folder},
                        {"tls_name", site.tls_name},
                        {"default", site.name == book.default_site}});
-    fmt::print("{}\n", nlohmann::ordered_json{{"file", path.string()}, {"sites", sites}}.dump());
+    write_output(fmt::format("{}\n", nlohmann::ordered_json{{"file", path.string()}, {"sites", sites}}.dump()));
     return ExitCode::Ok;
   }
   if (book.sites.empty())
-    fmt::print("no sites yet in {}; add one: telefab sites add chicago --address HOST:PORT --tls FOLDER\n",
-               path.string());
+    write_output(fmt::format(
+        "no sites yet in {}; add one: telefab sites add chicago --address HOST:PORT --tls FOLDER\n", path.string()));
   for (const SiteEntry& site : book.sites)
     fmt::print("{} {:<16} {:<28} {}\n", site.name == book.default_site ? '*' : ' ', site.name, site.address,
                site.tls_folder.empty() ? std::string{"plain TCP on this machine"}
@@ -53,10 +54,10 @@ Result<ExitCode> check(const SiteBook& book, const SitesOptions& o, std::stop_to
     common.timeout_s = o.timeout_s;
     const auto client = connect(common, stop);
     if (client) {
-      fmt::print("  {:<16} answers at {}\n", site.name, site.address);
+      write_output(fmt::format("  {:<16} answers at {}\n", site.name, site.address));
       continue;
     }
-    fmt::print("  {:<16} {}\n", site.name, client.error().what);
+    write_output(fmt::format("  {:<16} {}\n", site.name, client.error().what));
     if (outcome == ExitCode::Ok) outcome = exit_code_for(client.error().code);
   }
   return outcome;

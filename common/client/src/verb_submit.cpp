@@ -5,6 +5,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <telefab/base/text.hpp>
+#include <telefab/command_line/output.hpp>
 
 #include "common_options.hpp"
 #include "job_text.hpp"
@@ -124,16 +125,16 @@ Result<ExitCode> run(const SubmitOptions& o, std::stop_token stop) {
   auto job = upload(**client, o, submit);
   if (!job) return tl::unexpected{job.error()};
   if (!o.watch) {
-    fmt::print("{}\n", o.common.json ? to_json(*job) : job->id);
+    write_output(fmt::format("{}\n", o.common.json ? to_json(*job) : job->id));
     return ExitCode::Ok;
   }
-  if (!o.common.json) fmt::print(stderr, "job {}\n", job->id);
+  if (!o.common.json) write_note(fmt::format("job {}\n", job->id));
   auto ended = watch_job(**client, job->id, watch_style(o.common.json, o.plain));
   if (!ended) return tl::unexpected{ended.error()};
   if (o.common.json)
-    fmt::print("{}\n", to_json(*ended));
+    write_output(fmt::format("{}\n", to_json(*ended)));
   else
-    fmt::print("{}", summary_of(*ended));
+    write_output(summary_of(*ended));
   return exit_code_of(*ended);
 }
 

@@ -3,6 +3,7 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <telefab/command_line/output.hpp>
 
 #include "full_screen.hpp"
 #include "job_text.hpp"
@@ -31,7 +32,7 @@ class LineView {
     const std::string key = fmt::format("{}/{}/{}", static_cast<int>(job.state), job.message, tenth);
     if (key == last_) return;
     last_ = key;
-    fmt::print(stderr, "{}{}{}\n", progress_text(job), job.message.empty() ? "" : ": ", job.message);
+    write_note(fmt::format("{}{}{}\n", progress_text(job), job.message.empty() ? "" : ": ", job.message));
   }
 
  private:

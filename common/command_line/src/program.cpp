@@ -5,9 +5,11 @@
 
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
-#include <cstdio>
+#include <cstdlib>
 #include <exception>
+#include <sstream>
 #include <telefab/command_line/manual.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/command_line/program.hpp>
 #include <thread>
 
@@ -23,8 +25,6 @@ class SignalStop {
     sigaddset(&signals_, SIGINT);
     sigaddset(&signals_, SIGTERM);
     pthread_sigmask(SIG_BLOCK, &signals_, nullptr);
-    // A peer that goes away is an error code of write(), not the end of the process.
-    ::signal(SIGPIPE, SIG_IGN);
     waiter_ = std::jthread{[this](std::stop_token ended) {
       pthread_setname_np(pthread_self(), "signals");
       while (!ended.stop_requested()) {
@@ -50,10 +50,22 @@ class SignalStop {
   std::jthread waiter_;
 };
 
+/// The verb's own failure counts for more than that nobody could be told of it.
 int finish(std::string_view program, const Result<ExitCode>& outcome) {
-  if (outcome) return static_cast<int>(*outcome);
-  fmt::print(stderr, "{}: {}\n", program, outcome.error().what);
-  return static_cast<int>(exit_code_for(outcome.error().code));
+  const Result<void> written = flush_output();
+  if (outcome && written) return static_cast<int>(*outcome);
+  const Error& error = outcome ? written.error() : outcome.error();
+  write_note(fmt::format("{}: {}\n", program, error.what));
+  return static_cast<int>(exit_code_for(error.code));
+}
+
+/// --help and --version, or what is wrong with the command line.
+int answer(std::string_view program, const CLI::App& app, const CLI::ParseError& error) {
+  std::ostringstream out, notes;
+  const int code = app.exit(error, out, notes);
+  write_output(out.str());
+  write_note(notes.str());
+  return finish(program, code == 0 ? ExitCode::Ok : ExitCode::Usage);
 }
 
 constexpr std::string_view kVersion = "0.1.0";
@@ -120,7 +132,7 @@ void declare_about_itself(const ProgramText& text, CLI::App& app, VerbBody& chos
   CLI::App* manual = app.add_subcommand("manual", "print the manual page; read it with `man -l -`");
   manual->callback([&text, &app, &chosen] {
     chosen = [&text, &app](std::stop_token) -> Result<ExitCode> {
-      fmt::print("{}", man_page(describe(text, app)));
+      write_output(man_page(describe(text, app)));
       return ExitCode::Ok;
     };
   });
@@ -133,7 +145,7 @@ void declare_about_itself(const ProgramText& text, CLI::App& app, VerbBody& chos
     chosen = [&text, &app, shell](std::stop_token) -> Result<ExitCode> {
       const auto known = shell_from_name(*shell);
       if (!known) return tl::unexpected{known.error()};
-      fmt::print("{}", completion_script(describe(text, app), *known));
+      write_output(completion_script(describe(text, app), *known));
       return ExitCode::Ok;
     };
   });
@@ -142,6 +154,7 @@ void declare_about_itself(const ProgramText& text, CLI::App& app, VerbBody& chos
 }  // namespace
 
 int run_program(const ProgramText& text, std::span<const Verb> verbs, int argc, char** argv) {
+  secure_standard_streams();
   try {
     CLI::App app{std::string{text.summary}, std::string{text.name}};
     app.require_subcommand(1);
@@ -157,20 +170,14 @@ int run_program(const ProgramText& text, std::span<const Verb> verbs, int argc, 
     try {
       app.parse(argc, argv);
     } catch (const CLI::ParseError& error) {
-      const int code = app.exit(error);
-      return code == 0 ? 0 : static_cast<int>(ExitCode::Usage);
+      return answer(text.name, app, error);
     }
     const SignalStop signals;
-    const int code = finish(text.name, chosen(signals.token()));
-    if (std::fflush(stdout) != 0) {
-      fmt::print(stderr, "{}: cannot write the output; is the disk full?\n", text.name);
-      return static_cast<int>(ExitCode::Storage);
-    }
-    return code;
+    return finish(text.name, chosen(signals.token()));
   } catch (const std::bad_alloc&) {
-    fmt::print(stderr, "{}: out of memory\n", text.name);
+    write_note(fmt::format("{}: out of memory\n", text.name));
   } catch (const std::exception& error) {
-    fmt::print(stderr, "{}: a fault of Telefab: {}\n", text.name, error.what());
+    write_note(fmt::format("{}: a fault of Telefab: {}\n", text.name, error.what()));
   }
   return static_cast<int>(ExitCode::Internal);
 }

@@ -92,8 +92,8 @@ Result<std::filesystem::path> DataFolder::job(std::string_view id) const {
 }
 
 Result<void> DataFolder::announce_port(std::uint16_t port) const {
-  fmt::print("{}\n", port);
-  std::fflush(stdout);
+  write_output(fmt::format("{}\n", port));
+  (void)flush_output();  // told again when the program ends; the file beside says the port too
   return write_file_atomically(path_ / "port", std::string_view{fmt::format("{}\n", port)});
 }
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/service/shared_verbs.hpp>
 #include <telefab/store/job_store.hpp>
 
@@ -32,13 +33,13 @@ struct LogEntry {
 void print(const LogEntry& entry, bool json) {
   if (json) {
     const nlohmann::ordered_json object{{"unix_ms", entry.unix_ms}, {"who", entry.who}, {"text", entry.text}};
-    fmt::print("{}\n", object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    write_output(fmt::format("{}\n", object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)));
   } else {
     const std::chrono::sys_time<std::chrono::milliseconds> time{std::chrono::milliseconds{entry.unix_ms}};
-    fmt::print("{:%Y-%m-%d %H:%M:%S}.{:03} {}{}{}\n", fmt::gmtime(std::chrono::system_clock::to_time_t(time)),
-               entry.unix_ms % 1000, entry.who, entry.who.empty() ? "" : ": ", entry.text);
+    write_output(fmt::format("{:%Y-%m-%d %H:%M:%S}.{:03} {}{}{}\n",
+                             fmt::gmtime(std::chrono::system_clock::to_time_t(time)), entry.unix_ms % 1000, entry.who,
+                             entry.who.empty() ? "" : ": ", entry.text));
   }
-  std::fflush(stdout);
 }
 
 /// Lines of the audit log that name the job. Its chain is checked by the daemon, not here.
@@ -88,7 +89,8 @@ Result<ExitCode> run(const LogsOptions& o, const std::stop_token& stop) {
   if (auto taken = take_events(*entries); !taken) return tl::unexpected{taken.error()};
   std::ranges::stable_sort(*entries, {}, &LogEntry::unix_ms);
   for (const LogEntry& entry : *entries) print(entry, o.json);
-  while (o.follow && !stop.stop_requested()) {
+  // Whoever follows reads as it comes; where nobody reads any more there is nothing to wait for.
+  while (o.follow && flush_output() && is_output_read() && !stop.stop_requested()) {
     const auto now = (*store)->find(o.job);
     if (!now) return tl::unexpected{now.error()};
     std::vector<LogEntry> more;

@@ -18,7 +18,7 @@ VerbBody declare_machines(CLI::App& options) {
   options.add_flag("--keys", o->keys, "list every key a profile may have, with range and reason");
   return [o](std::stop_token) -> Result<ExitCode> {
     if (o->keys) {
-      fmt::print("{}", describe_keys());
+      write_output(describe_keys());
       return ExitCode::Ok;
     }
     const auto machines = load_machine_profiles(o->folder);

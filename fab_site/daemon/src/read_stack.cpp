@@ -6,6 +6,7 @@
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/codec/tfc_file.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/command_line/program.hpp>
 
 namespace telefab::fab {
@@ -41,12 +42,12 @@ ProgressSink progress_line() {
     const int percent = static_cast<int>(100 * p.fraction);
     if (percent == *shown) return;
     *shown = percent;
-    fmt::print(stderr, "\r{:<22} {:3} %", p.stage, percent);
+    write_note(fmt::format("\r{:<22} {:3} %", p.stage, percent));
   };
 }
 
 void clear_progress() {
-  if (on_terminal()) fmt::print(stderr, "\r{:30}\r", "");
+  if (on_terminal()) write_note(fmt::format("\r{:30}\r", ""));
 }
 
 }  // namespace telefab::fab

@@ -54,7 +54,7 @@ Result<ExitCode> write_masks(const CalibrateVerb& o, std::stop_token stop) {
   if (auto ok = write_file_atomically(folder / "README.md", tests->readme); !ok) return tl::unexpected{ok.error()};
   if (auto ok = write_file_atomically(folder / "measured.csv", tests->measured_csv); !ok)
     return tl::unexpected{ok.error()};
-  fmt::print("{} masks in {}; read its README.md for what to measure\n", tests->masks.size(), o.out);
+  write_output(fmt::format("{} masks in {}; read its README.md for what to measure\n", tests->masks.size(), o.out));
   return ExitCode::Ok;
 }
 
@@ -73,7 +73,7 @@ Result<ExitCode> fit(const CalibrateVerb& o) {
   const auto calibration = fit_calibration(*rows, irradiance);
   if (!calibration) return fail_in(o.measured, calibration.error());
   const std::string fragment = to_toml_fragment(*calibration);
-  fmt::print("{}", fragment);
+  write_output(fragment);
   if (!o.out.empty())
     if (auto ok = write_file_atomically(o.out, fragment); !ok) return tl::unexpected{ok.error()};
   return ExitCode::Ok;

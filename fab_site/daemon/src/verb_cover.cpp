@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/fab/support/pictures.hpp>
 
 #include "verbs.hpp"
@@ -38,8 +39,8 @@ VerbBody declare_cover(CLI::App& options) {
     if (!covering) return tl::unexpected{covering.error()};
     const auto grid = grid_covering(*region, covering_options.anchor_distance).size();
     const double bound = covering_lower_bound(*region, covering_options.anchor_distance);
-    fmt::print("{} anchors for {:.3f} mm2 (grid {}, lower bound {:.0f}), farthest point {:.4f} mm\n",
-               covering->anchors.size(), region->area_mm2(), grid, bound, covering->worst_mm);
+    write_output(fmt::format("{} anchors for {:.3f} mm2 (grid {}, lower bound {:.0f}), farthest point {:.4f} mm\n",
+                             covering->anchors.size(), region->area_mm2(), grid, bound, covering->worst_mm));
     if (o->out) {
       std::string text = fmt::format(
           "{{\n \"anchor_mm\": {},\n \"area_mm2\": {:.6f},\n \"grid\": {},\n \"lower_bound\": {:.0f},\n"

@@ -129,10 +129,10 @@ Result<std::uint32_t> export_archive(MaskFormat format, Source& source, const Ma
   const auto done = export_masks(format, source.plan->plan(), *source.plan, machine, o.out, progress_line(), stop);
   if (!done) return tl::unexpected{done.error()};
   if (done->other_exposures != 0)
-    fmt::print(stderr,
-               "telefab-fab: {} layers have an exposure of their own, which this format cannot say; they get the "
-               "normal one\n",
-               done->other_exposures);
+    write_note(
+        fmt::format("telefab-fab: {} layers have an exposure of their own, which this format cannot say; they get the "
+                    "normal one\n",
+                    done->other_exposures));
   return done->layers;
 }
 
@@ -180,7 +180,7 @@ VerbBody declare_export(CLI::App& options) {
     const auto layers = export_as_asked(*o, stop);
     clear_progress();
     if (!layers) return tl::unexpected{layers.error()};
-    fmt::print("{} layers written to {}\n", *layers, o->out);
+    write_output(fmt::format("{} layers written to {}\n", *layers, o->out));
     return ExitCode::Ok;
   };
 }

@@ -58,13 +58,16 @@ Result<std::uint32_t> copy_tfc(std::span<const std::byte> bytes, const MachinePr
 }
 
 void print_report(const ImportReport& r) {
-  fmt::print("{}: {} rings with {} vertices\n", name_of(r.format), r.rings, r.vertices);
+  write_output(fmt::format("{}: {} rings with {} vertices\n", name_of(r.format), r.rings, r.vertices));
   if (std::abs(r.lowered_mm) > 1e-3)
-    fmt::print("the lowest layer began at {:.3f} mm and lies on the platform now\n", r.lowered_mm);
-  if (r.turned_rings != 0) fmt::print("{} rings ran against their nesting and were turned\n", r.turned_rings);
-  if (r.dropped_rings != 0) fmt::print("{} rings of fewer than three places were left out\n", r.dropped_rings);
-  if (r.rebuilt_layers != 0) fmt::print("in {} layers rings or parts touched and were united\n", r.rebuilt_layers);
-  if (r.skipped_hatches != 0) fmt::print("{} hatch lines were left out\n", r.skipped_hatches);
+    write_output(fmt::format("the lowest layer began at {:.3f} mm and lies on the platform now\n", r.lowered_mm));
+  if (r.turned_rings != 0)
+    write_output(fmt::format("{} rings ran against their nesting and were turned\n", r.turned_rings));
+  if (r.dropped_rings != 0)
+    write_output(fmt::format("{} rings of fewer than three places were left out\n", r.dropped_rings));
+  if (r.rebuilt_layers != 0)
+    write_output(fmt::format("in {} layers rings or parts touched and were united\n", r.rebuilt_layers));
+  if (r.skipped_hatches != 0) write_output(fmt::format("{} hatch lines were left out\n", r.skipped_hatches));
 }
 
 Result<ExitCode> run(const Options& o, const std::stop_token& stop) {
@@ -89,8 +92,8 @@ Result<ExitCode> run(const Options& o, const std::stop_token& stop) {
   if (!tfc) return fail_in(o.from, tfc.error());
   if (auto ok = write_file_atomically(o.out, *tfc); !ok) return tl::unexpected{ok.error()};
   print_report(import->report);
-  fmt::print("{} layers written to {}; plan them with: telefab-fab plan {} --out DIR\n",
-             import->stack.header().layer_count, o.out, o.out);
+  write_output(fmt::format("{} layers written to {}; plan them with: telefab-fab plan {} --out DIR\n",
+                           import->stack.header().layer_count, o.out, o.out));
   return ExitCode::Ok;
 }
 

@@ -71,7 +71,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!summary) return tl::unexpected{summary.error()};
   const Preflight preflight = preflight_of(file->stack, *machine, *summary);
   if (o.json)
-    fmt::print("{}", to_json(*summary));
+    write_output(to_json(*summary));
   else
     print_summary(*summary, preflight, o.out);
   return preflight.holds() ? ExitCode::NotCertified : ExitCode::Ok;

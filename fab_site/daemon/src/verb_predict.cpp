@@ -50,25 +50,28 @@ Result<std::optional<LayerStack>> contours_of(const PlannedJob& job, const Predi
 }
 
 void tell(const Prediction& p, const CureModel& model, bool compared) {
-  fmt::print("cured {:.1f} mm3, {} surface points{}\n", p.solid.volume_mm3, p.points.size(),
-             p.support_points ? fmt::format(", {} of supports", p.support_points) : "");
+  write_output(fmt::format("cured {:.1f} mm3, {} surface points{}\n", p.solid.volume_mm3, p.points.size(),
+                           p.support_points ? fmt::format(", {} of supports", p.support_points) : ""));
   if (!compared) {
-    fmt::print("no contours to compare with: name them with --contours\n");
+    write_output("no contours to compare with: name them with --contours\n");
     return;
   }
   const double pitch_um = model.pixel_pitch_mm * 1000;
-  fmt::print("contours enclose {:.1f} mm3: {:+.2f} %\n", p.contour_mm3,
-             p.contour_mm3 > 0 ? 100 * (p.solid.volume_mm3 / p.contour_mm3 - 1) : 0.0);
+  write_output(fmt::format("contours enclose {:.1f} mm3: {:+.2f} %\n", p.contour_mm3,
+                           p.contour_mm3 > 0 ? 100 * (p.solid.volume_mm3 / p.contour_mm3 - 1) : 0.0));
   const EdgeFigures& e = p.edges;
-  fmt::print("edges at mid-layer: mean {:.3f} px ({:.1f} um), bias {:+.3f}, 95 % within {:.3f}, most {:.2f} px\n",
-             e.edges.mean_px(), e.edges.mean_px() * pitch_um, e.edges.bias_px(), e.edges.percentile_px(0.95),
-             e.edges.max_px());
-  fmt::print("  away from corners {:.3f} px; lost {:.2f} %; one per cent of dose moves them by {:.4f} px\n",
-             e.smooth.mean_px(), 100 * e.lost_share(), e.latitude_px());
-  fmt::print("  cured or missing farther than 1 px from every contour: {:.1f} px2\n", e.far_px2);
+  write_output(
+      fmt::format("edges at mid-layer: mean {:.3f} px ({:.1f} um), bias {:+.3f}, 95 % within {:.3f}, most {:.2f} px\n",
+                  e.edges.mean_px(), e.edges.mean_px() * pitch_um, e.edges.bias_px(), e.edges.percentile_px(0.95),
+                  e.edges.max_px()));
+  write_output(
+      fmt::format("  away from corners {:.3f} px; lost {:.2f} %; one per cent of dose moves them by {:.4f} px\n",
+                  e.smooth.mean_px(), 100 * e.lost_share(), e.latitude_px()));
+  write_output(fmt::format("  cured or missing farther than 1 px from every contour: {:.1f} px2\n", e.far_px2));
   if (p.undersides.count() > 0)
-    fmt::print("undersides: {:+.2f} layers ({:+.3f} mm), mean size {:.2f}, most {:.1f}\n", p.undersides.bias_px(),
-               p.undersides.bias_px() * model.layer_mm, p.undersides.mean_px(), p.undersides.max_px());
+    write_output(fmt::format("undersides: {:+.2f} layers ({:+.3f} mm), mean size {:.2f}, most {:.1f}\n",
+                             p.undersides.bias_px(), p.undersides.bias_px() * model.layer_mm, p.undersides.mean_px(),
+                             p.undersides.max_px()));
 }
 
 Result<void> write_files(const Prediction& prediction, const CureModel& model, std::uint32_t elevation_layers,
@@ -135,14 +138,13 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   if (!prediction) return tl::unexpected{prediction.error()};
   if (auto ok = write_files(*prediction, *model, *elevation, o); !ok) return tl::unexpected{ok.error()};
   if (o.json)
-    fmt::print("{}", to_json(*prediction, *model));
+    write_output(to_json(*prediction, *model));
   else
     tell(*prediction, *model, stack->has_value());
   const double leaked = model->leaked_dose(plan.layers.back().exposure);
   if (leaked >= 0.5)
-    fmt::print(stderr,
-               "telefab-fab: black pixels leak {:.2f} of the critical dose in a tall print; all resin sets at 1\n",
-               leaked);
+    write_note(fmt::format(
+        "telefab-fab: black pixels leak {:.2f} of the critical dose in a tall print; all resin sets at 1\n", leaked));
   return ExitCode::Ok;
 }
 

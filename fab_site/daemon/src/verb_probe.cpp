@@ -12,13 +12,15 @@ namespace {
 
 void print_projector(const Dlpc900Projector& projector) {
   const Dlpc900Identity& id = projector.identity();
-  fmt::print("projector: {}\n{}", projector.facts().name, projector.describe());
-  fmt::print("  mirrors {} x {}{}, shortest exposure {} us\n", id.dmd.size.width_px, id.dmd.size.height_px,
-             id.dmd.two_controllers ? " behind two controllers" : "", id.dmd.shortest_exposure_us);
-  fmt::print("  hardware status {:#04x}, system status {:#04x}, main status {:#04x}: self-test passed\n",
-             id.hardware_status, id.system_status, id.main_status);
-  fmt::print("  firmware rule: {}\n", dlpc900::firmware_facts(id.major, id.minor).note);
-  fmt::print("  upload {:.1f} kB/s, measured with the LEDs hard off\n", projector.facts().upload_bytes_per_s / 1000);
+  write_output(fmt::format("projector: {}\n{}", projector.facts().name, projector.describe()));
+  write_output(fmt::format("  mirrors {} x {}{}, shortest exposure {} us\n", id.dmd.size.width_px,
+                           id.dmd.size.height_px, id.dmd.two_controllers ? " behind two controllers" : "",
+                           id.dmd.shortest_exposure_us));
+  write_output(fmt::format("  hardware status {:#04x}, system status {:#04x}, main status {:#04x}: self-test passed\n",
+                           id.hardware_status, id.system_status, id.main_status));
+  write_output(fmt::format("  firmware rule: {}\n", dlpc900::firmware_facts(id.major, id.minor).note));
+  write_output(fmt::format("  upload {:.1f} kB/s, measured with the LEDs hard off\n",
+                           projector.facts().upload_bytes_per_s / 1000));
 }
 
 }  // namespace
@@ -41,18 +43,18 @@ VerbBody declare_probe(CLI::App& options) {
     const auto clock = make_clock(*machine);
     int silent = 0;
     if (machine->devices.projector == "virtual") {
-      fmt::print("projector: virtual\n");
+      write_output("projector: virtual\n");
     } else if (const auto projector = open_projector(*machine, *clock)) {
       print_projector(**projector);
     } else {
-      fmt::print("projector: {}\n", projector.error().what);
+      write_output(fmt::format("projector: {}\n", projector.error().what));
       ++silent;
     }
     if (machine->devices.stage == "virtual") {
-      fmt::print("stage: virtual\n");
+      write_output("stage: virtual\n");
     } else if (auto stage = open_stage(*machine, *clock)) {
-      fmt::print("stage: {}, travel {} to {} mm\n", (*stage)->facts().name, (*stage)->facts().lowest_mm,
-                 (*stage)->facts().highest_mm);
+      write_output(fmt::format("stage: {}, travel {} to {} mm\n", (*stage)->facts().name, (*stage)->facts().lowest_mm,
+                               (*stage)->facts().highest_mm));
       if (o->home) {
         if (const auto ok = (*stage)->home(); !ok) return tl::unexpected{ok.error()};
         while (true) {
@@ -65,10 +67,10 @@ VerbBody declare_probe(CLI::App& options) {
           }
           clock->sleep_for(std::chrono::milliseconds{20});
         }
-        fmt::print("  homed\n");
+        write_output("  homed\n");
       }
     } else {
-      fmt::print("stage: {}\n", stage.error().what);
+      write_output(fmt::format("stage: {}\n", stage.error().what));
       ++silent;
     }
     return silent == 0 ? ExitCode::Ok : ExitCode::Device;

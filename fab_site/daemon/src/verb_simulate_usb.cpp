@@ -15,6 +15,7 @@
 #include <list>
 #include <memory>
 #include <telefab/base/clock.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/fab/drivers/grbl_model.hpp>
 #include <telefab/fab/drivers/usbip_session.hpp>
 
@@ -51,7 +52,7 @@ struct Client {
     if (n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR)) gone = true;
     if (n <= 0) return;
     if (const auto ok = session.feed({bytes.data(), static_cast<std::size_t>(n)}); !ok) {
-      fmt::print(stderr, "client refused: {}\n", ok.error().what);
+      write_note(fmt::format("client refused: {}\n", ok.error().what));
       gone = true;
     }
   }
@@ -122,10 +123,12 @@ VerbBody declare_simulate_usb(CLI::App& options) {
     GrblModel stage{o->top_mm, clock, &log};
     const auto projector_peer = make_projector_peer(projector, "SIM-PROJECTOR");
     const auto stage_peer = make_stage_peer(stage, "SIM-STAGE");
-    fmt::print("simulated DLPC900 (1-1) and GRBL stage (1-2) on {}:{}\n", o->address, port_of(*listener));
-    fmt::print("attach as root: modprobe vhci-hcd; usbip attach -r {} -b 1-1; usbip attach -r {} -b 1-2\n", o->address,
-               o->address);
-    (void)std::fflush(stdout);
+    write_output(
+        fmt::format("simulated DLPC900 (1-1) and GRBL stage (1-2) on {}:{}\n", o->address, port_of(*listener)));
+    write_output(
+        fmt::format("attach as root: modprobe vhci-hcd; usbip attach -r {} -b 1-1; usbip attach -r {} -b 1-2\n",
+                    o->address, o->address));
+    (void)flush_output();  // whoever waits for these lines; run_program tells of a failure
     std::list<Client> clients;
     while (!stop.stop_requested()) {
       std::vector<pollfd> watched{{listener->fd(), POLLIN, 0}};
@@ -148,8 +151,8 @@ VerbBody declare_simulate_usb(CLI::App& options) {
       }
       std::erase_if(clients, [](const Client& c) { return c.gone; });
     }
-    fmt::print("light while the platform moved: {:.3f} s; exposures: {}\n",
-               double(log.light_while_moving().count()) * 1e-9, log.light().size());
+    write_output(fmt::format("light while the platform moved: {:.3f} s; exposures: {}\n",
+                             double(log.light_while_moving().count()) * 1e-9, log.light().size()));
     return ExitCode::Ok;
   };
 }

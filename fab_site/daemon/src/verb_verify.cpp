@@ -60,16 +60,17 @@ Result<SupportReport> check_regions(const VerifyOptions& o, const MachineProfile
 }
 
 void tell(std::string_view what, const SupportReport& report) {
-  fmt::print("{}: {} layers, {}\n", what, report.layers, report.passes() ? "nothing floats" : "NOT SOUND");
+  write_output(
+      fmt::format("{}: {} layers, {}\n", what, report.layers, report.passes() ? "nothing floats" : "NOT SOUND"));
   for (int kind = 1; kind <= 6; ++kind)
     if (const auto k = static_cast<Finding::Kind>(kind); report.count(k) > 0)
-      fmt::print("  {:<16} {}{}\n", name_of(k), report.count(k), holds_the_job(k) ? "" : " (warning)");
+      write_output(fmt::format("  {:<16} {}{}\n", name_of(k), report.count(k), holds_the_job(k) ? "" : " (warning)"));
   int shown = 0;
   for (const Finding& f : report.findings) {
     if (!holds_the_job(f.kind)) continue;
     if (++shown > 10) break;
-    fmt::print("  {} in layer {} at ({:.3f}, {:.3f}) mm, {:.4f} mm2\n", name_of(f.kind), f.layer.count(), f.place.x_mm,
-               f.place.y_mm, f.size_mm2);
+    write_output(fmt::format("  {} in layer {} at ({:.3f}, {:.3f}) mm, {:.4f} mm2\n", name_of(f.kind), f.layer.count(),
+                             f.place.x_mm, f.place.y_mm, f.size_mm2));
   }
 }
 
@@ -105,11 +106,11 @@ Result<bool> check_as_built(const PlannedJob& job, const VerifyOptions& o) {
   if (!record) return tl::unexpected{record.error()};
   auto findings = compare(*record, job.plan());
   for (std::string& finding : check_provenance(*record, o.folder)) findings.push_back(std::move(finding));
-  fmt::print("as built: {} layers in {} runs, {}\n", record->layers.size(), record->runs,
-             findings.empty() ? "made as planned" : "NOT AS PLANNED");
+  write_output(fmt::format("as built: {} layers in {} runs, {}\n", record->layers.size(), record->runs,
+                           findings.empty() ? "made as planned" : "NOT AS PLANNED"));
   for (const auto& [name, value] : record->provenance)
-    if (name != provenance::kParameters) fmt::print("  {:<16} {}\n", name, value);
-  for (const std::string& finding : findings) fmt::print("  {}\n", finding);
+    if (name != provenance::kParameters) write_output(fmt::format("  {:<16} {}\n", name, value));
+  for (const std::string& finding : findings) write_output(fmt::format("  {}\n", finding));
   return findings.empty();
 }
 
@@ -146,7 +147,7 @@ Result<ExitCode> verify(const VerifyOptions& o, std::stop_token stop) {
     if (auto ok = write_file_atomically(*o.out, text + "}\n"); !ok) return tl::unexpected{ok.error()};
   if (passes) return ExitCode::Ok;
   if (!o.override_by.empty()) {
-    fmt::print("held back, but let through by {}\n", o.override_by);
+    write_output(fmt::format("held back, but let through by {}\n", o.override_by));
     return ExitCode::Ok;
   }
   return ExitCode::NotCertified;

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <filesystem>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/scan/cloud/units.hpp>
 
 namespace telefab::scan {
@@ -24,7 +25,7 @@ Result<PointCloud> load_cloud(const std::string& path, const std::string& unit, 
   const double unit_mm = *cloud->unit_mm;
   PointCloud in_mm = scaled(std::move(*cloud), unit_mm);
   if (const auto doubt = doubt_about_scale(in_mm, unit_mm))
-    fmt::print(stderr, "note: {}: {}\n", name_of_file(path), *doubt);
+    write_note(fmt::format("note: {}: {}\n", name_of_file(path), *doubt));
   return in_mm;
 }
 
@@ -35,10 +36,12 @@ Result<PointCloud> load_oriented(const std::string& path, const std::string& uni
   if (!oriented) return fail_in(name_of_file(path), oriented.error());
   const NormalReport& r = oriented->report;
   if (r.flipped_points > 0)
-    fmt::print(stderr, "note: {}: {} normals pointed inward and were turned\n", name_of_file(path), r.flipped_points);
+    write_note(
+        fmt::format("note: {}: {} normals pointed inward and were turned\n", name_of_file(path), r.flipped_points));
   if (r.neighbour_agreement < 0.98)
-    fmt::print(stderr, "note: {}: only {:.1f} % of neighbouring normals agree; the orientation is doubtful in places\n",
-               name_of_file(path), 100 * r.neighbour_agreement);
+    write_note(
+        fmt::format("note: {}: only {:.1f} % of neighbouring normals agree; the orientation is doubtful in places\n",
+                    name_of_file(path), 100 * r.neighbour_agreement));
   return std::move(oriented->cloud);
 }
 

@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/scan/cloud/clean.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/measure/point_picture.hpp>
@@ -54,10 +55,12 @@ Result<ExitCode> clean(const Options& o, std::stop_token stop) {
     if (!png) return tl::unexpected{png.error()};
     if (auto ok = write_file_atomically(o.picture, *png); !ok) return tl::unexpected{ok.error()};
   }
-  fmt::print("{} of {} points kept: {} duplicates, {} outliers, {} in {} small clusters removed\n",
-             cleaned->cloud.size(), r.points_in, r.duplicates, r.outliers, r.cluster_points, r.clusters_removed);
-  fmt::print("spacing {:.4g}, unevenness {:.3g}, noise {:.3g} -> {:.3g}, moved {:.3g} rms, {:.3g} at most\n", r.spacing,
-             r.unevenness, r.noise, r.noise_after, r.moved_rms, r.moved_max);
+  write_output(fmt::format("{} of {} points kept: {} duplicates, {} outliers, {} in {} small clusters removed\n",
+                           cleaned->cloud.size(), r.points_in, r.duplicates, r.outliers, r.cluster_points,
+                           r.clusters_removed));
+  write_output(
+      fmt::format("spacing {:.4g}, unevenness {:.3g}, noise {:.3g} -> {:.3g}, moved {:.3g} rms, {:.3g} at most\n",
+                  r.spacing, r.unevenness, r.noise, r.noise_after, r.moved_rms, r.moved_max));
   return ExitCode::Ok;
 }
 

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <memory>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/digitize/digitize.hpp>
 #include <telefab/scan/digitize/models.hpp>
@@ -76,7 +77,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     if (auto ok = write_file_atomically(o.reference, write_ply(truth, {}, "points of the model itself, mm")); !ok)
       return tl::unexpected{ok.error()};
   }
-  fmt::print("{} range images, {} points, and their true poses in {}\n", poses.size(), points, o.folder);
+  write_output(fmt::format("{} range images, {} points, and their true poses in {}\n", poses.size(), points, o.folder));
   return ExitCode::Ok;
 }
 

@@ -33,13 +33,13 @@ struct Options {
 void print_table(const Inspection& inspection, double noise_mm) {
   const HeightTopology& t = inspection.topology;
   const KernelChoice& k = inspection.kernel;
-  fmt::print("{}: {} points, {:.2f} x {:.2f} x {:.2f} mm\n", inspection.scan_name, inspection.points,
-             inspection.size_mm.x(), inspection.size_mm.y(), inspection.size_mm.z());
-  fmt::print("kernel {:.3f} mm{}, spacing {:.3f} mm, noise {:.3f} mm, {} samples dropped, surface {}\n", k.kernel_mm,
-             k.adaptive ? " (median, by local spacing)" : "", k.spacing_mm, k.noise_mm, k.dropped_samples,
-             inspection.surface);
+  write_output(fmt::format("{}: {} points, {:.2f} x {:.2f} x {:.2f} mm\n", inspection.scan_name, inspection.points,
+                           inspection.size_mm.x(), inspection.size_mm.y(), inspection.size_mm.z()));
+  write_output(fmt::format("kernel {:.3f} mm{}, spacing {:.3f} mm, noise {:.3f} mm, {} samples dropped, surface {}\n",
+                           k.kernel_mm, k.adaptive ? " (median, by local spacing)" : "", k.spacing_mm, k.noise_mm,
+                           k.dropped_samples, inspection.surface));
 
-  if (inspection.scale_doubt) fmt::print("warning: {}\n", *inspection.scale_doubt);
+  if (inspection.scale_doubt) write_output(fmt::format("warning: {}\n", *inspection.scale_doubt));
 
   constexpr std::array kKinds{CriticalKind::Minimum, CriticalKind::BottomSaddle, CriticalKind::TopSaddle,
                               CriticalKind::Maximum};
@@ -49,29 +49,30 @@ void print_table(const Inspection& inspection, double noise_mm) {
                           std::count_if(t.critical_points().begin(), t.critical_points().end(),
                                         [&](const auto& c) { return c.kind == kind && !c.plateau; }),
                           name_of(kind));
-  fmt::print("critical points: {}; {} plateaus\n\n", counts, t.plateaus().size());
-  fmt::print("{:>10} {:>10} {:>10}  {:<14} {:<6} {:>11} {:>12}\n", "z mm", "x mm", "y mm", "kind", "normal", "lives mm",
-             "Euler above");
+  write_output(fmt::format("critical points: {}; {} plateaus\n\n", counts, t.plateaus().size()));
+  write_output(fmt::format("{:>10} {:>10} {:>10}  {:<14} {:<6} {:>11} {:>12}\n", "z mm", "x mm", "y mm", "kind",
+                           "normal", "lives mm", "Euler above"));
   for (const CriticalPoint& c : t.critical_points()) {
     if (c.plateau) continue;
     const double above = c.position_mm.z() + 1e-9 * (1 + std::abs(c.position_mm.z()));
     const auto euler = t.predicted_euler(above);
-    fmt::print("{:>10.4f} {:>10.4f} {:>10.4f}  {:<14} {:<6} {:>11} {:>12}{}\n", c.position_mm.z(), c.position_mm.x(),
-               c.position_mm.y(), name_of(c.kind), c.normal_up ? "up" : "down",
-               std::isfinite(c.persistence_mm) ? fmt::format("{:.4f}", c.persistence_mm) : "for good",
-               euler ? fmt::format("{}", *euler) : "?", c.persistence_mm < noise_mm ? "  (noise)" : "");
+    write_output(fmt::format("{:>10.4f} {:>10.4f} {:>10.4f}  {:<14} {:<6} {:>11} {:>12}{}\n", c.position_mm.z(),
+                             c.position_mm.x(), c.position_mm.y(), name_of(c.kind), c.normal_up ? "up" : "down",
+                             std::isfinite(c.persistence_mm) ? fmt::format("{:.4f}", c.persistence_mm) : "for good",
+                             euler ? fmt::format("{}", *euler) : "?", c.persistence_mm < noise_mm ? "  (noise)" : ""));
   }
   for (const Plateau& p : t.plateaus())
-    fmt::print("plateau from {:.4f} to {:.4f} mm near ({:.3f}, {:.3f}), {} critical points\n", p.low_mm, p.high_mm,
-               p.place_mm.x(), p.place_mm.y(), p.critical_points);
-  fmt::print("\nEuler number {}{}, {} contour arcs between {} nodes\n", t.euler(),
-             t.euler_is_certain() ? "" : " (not certain: see the doubts)", t.arcs().size(), t.nodes().size());
+    write_output(fmt::format("plateau from {:.4f} to {:.4f} mm near ({:.3f}, {:.3f}), {} critical points\n", p.low_mm,
+                             p.high_mm, p.place_mm.x(), p.place_mm.y(), p.critical_points));
+  write_output(fmt::format("\nEuler number {}{}, {} contour arcs between {} nodes\n", t.euler(),
+                           t.euler_is_certain() ? "" : " (not certain: see the doubts)", t.arcs().size(),
+                           t.nodes().size()));
   for (std::size_t i = 0; i < t.components().size(); ++i) {
     const SurfaceComponent& c = t.components()[i];
-    fmt::print("piece {}: {:.3f} to {:.3f} mm, Euler number {}, {}\n", i, c.low_mm, c.high_mm, c.euler,
-               c.genus ? fmt::format("genus {}", *c.genus) : "not certain: genus unknown");
+    write_output(fmt::format("piece {}: {:.3f} to {:.3f} mm, Euler number {}, {}\n", i, c.low_mm, c.high_mm, c.euler,
+                             c.genus ? fmt::format("genus {}", *c.genus) : "not certain: genus unknown"));
   }
-  for (const std::string& doubt : t.doubts()) fmt::print("in doubt: {}\n", doubt);
+  for (const std::string& doubt : t.doubts()) write_output(fmt::format("in doubt: {}\n", doubt));
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
@@ -108,7 +109,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!inspection) return tl::unexpected{inspection.error()};
 
   if (o.json)
-    fmt::print("{}\n", to_json(*inspection));
+    write_output(fmt::format("{}\n", to_json(*inspection)));
   else
     print_table(*inspection, inspection->kernel.noise_mm);
   if (o.out_prefix.empty()) return ExitCode::Ok;

@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/measure/measure.hpp>
 #include <telefab/scan/measure/point_picture.hpp>
@@ -49,20 +50,21 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!o.report.empty())
     if (auto ok = write_file_atomically(o.report, json); !ok) return tl::unexpected{ok.error()};
   if (o.json) {
-    fmt::print("{}", json);
+    write_output(json);
     return ExitCode::Ok;
   }
   const double percent = 100 / measured->height;
   const auto row = [&](std::string_view name, double low, double high) {
-    fmt::print("{:<8} [{:+.4f}, {:+.4f}]   [{:+.3f}, {:+.3f}] % of height\n", name, low, high, low * percent,
-               high * percent);
+    write_output(fmt::format("{:<8} [{:+.4f}, {:+.4f}]   [{:+.3f}, {:+.3f}] % of height\n", name, low, high,
+                             low * percent, high * percent));
   };
-  fmt::print("{} points compared, {} without a counterpart; height {:.4g}; pictures are full colour at +-{:.4g}\n",
-             measured->compared, measured->unmatched, measured->height, range);
+  write_output(
+      fmt::format("{} points compared, {} without a counterpart; height {:.4g}; pictures are full colour at +-{:.4g}\n",
+                  measured->compared, measured->unmatched, measured->height, range));
   row("all", d.min, d.max);
   row("1-99 %", d.p1, d.p99);
-  fmt::print("rms      {:.4f} ({:.3f} %)   bias {:+.4f} ({:+.3f} %)\n", d.rms, d.rms * percent, d.bias,
-             d.bias * percent);
+  write_output(fmt::format("rms      {:.4f} ({:.3f} %)   bias {:+.4f} ({:+.3f} %)\n", d.rms, d.rms * percent, d.bias,
+                           d.bias * percent));
   return ExitCode::Ok;
 }
 

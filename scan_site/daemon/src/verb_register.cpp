@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/formats/registration_note.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
@@ -175,7 +176,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   std::vector<RangeImage>* const views = &loaded->images;
   const auto options = options_from(o, *views);
   if (!options) return tl::unexpected{options.error()};
-  const ProgressSink progress = [](const Progress& p) { fmt::print(stderr, "{}\n", p.stage); };
+  const ProgressSink progress = [](const Progress& p) { write_note(fmt::format("{}\n", p.stage)); };
   const auto registered = register_views(*views, *options, on_terminal() ? progress : ProgressSink{}, stop);
   if (!registered) return tl::unexpected{registered.error()};
   auto merged =
@@ -187,7 +188,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const double unit_mm = loaded->unit_mm.value_or(1);
   if (loaded->unit_mm) {
     cloud = scaled(std::move(cloud), unit_mm);
-    if (const auto doubt = doubt_about_scale(cloud, unit_mm)) fmt::print(stderr, "note: {}\n", *doubt);
+    if (const auto doubt = doubt_about_scale(cloud, unit_mm)) write_note(fmt::format("note: {}\n", *doubt));
   }
   if (auto ok = write_file_atomically(
           o.out, write_ply(cloud, {}, registration_note(views->size(), registered->rms * unit_mm)));
@@ -208,18 +209,18 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     if (auto ok = write_file_atomically(o.picture, *png); !ok) return tl::unexpected{ok.error()};
   }
   if (o.json) {
-    fmt::print("{}", report);
+    write_output(report);
     return ExitCode::Ok;
   }
-  fmt::print("{:<28} {:<28} overlap   pair rms     rms\n", "view", "against");
+  write_output(fmt::format("{:<28} {:<28} overlap   pair rms     rms\n", "view", "against"));
   for (const LinkReport& l : registered->links)
-    fmt::print("{:<28} {:<28} {:5.1f} %   {:.3e}   {:.3e}\n", (*views)[l.from].name, (*views)[l.to].name,
-               100 * l.overlap, l.pair_rms, l.rms);
-  fmt::print(
+    write_output(fmt::format("{:<28} {:<28} {:5.1f} %   {:.3e}   {:.3e}\n", (*views)[l.from].name, (*views)[l.to].name,
+                             100 * l.overlap, l.pair_rms, l.rms));
+  write_output(fmt::format(
       "{} views, rms {:.4g} (budget {:.4g}), median {:.4g}, closure {:.3f} degrees and {:.4g}, conflicts {:.2f} %\n{} "
       "points written\n",
       views->size(), registered->rms, options->max_rms, registered->median_offset, registered->closure.degrees,
-      registered->closure.shift, 100 * registered->conflict, cloud.size());
+      registered->closure.shift, 100 * registered->conflict, cloud.size()));
   return ExitCode::Ok;
 }
 

@@ -204,10 +204,11 @@ void print_gaps(const std::vector<LayerGap>& gaps) {
       if (!widest || g.size_mm > widest->size_mm) widest = &g;
     }
     if (!widest) continue;
-    fmt::print("{} gaps of contours {}; widest {:.3g} mm in layer {} at ({:.2f}, {:.2f}){}\n", count,
-               bridged ? "closed by straight lines" : "left open, and their contours out", widest->size_mm,
-               widest->layer.count(), widest->place.x_mm, widest->place.y_mm,
-               bridged ? "" : fmt::format("; --bridge-mm {:.3g} closes them", std::ceil(10 * widest->size_mm) / 10));
+    write_output(fmt::format(
+        "{} gaps of contours {}; widest {:.3g} mm in layer {} at ({:.2f}, {:.2f}){}\n", count,
+        bridged ? "closed by straight lines" : "left open, and their contours out", widest->size_mm,
+        widest->layer.count(), widest->place.x_mm, widest->place.y_mm,
+        bridged ? "" : fmt::format("; --bridge-mm {:.3g} closes them", std::ceil(10 * widest->size_mm) / 10)));
   }
 }
 
@@ -226,19 +227,20 @@ void print_summary(const SliceReport& report) {
              report.vertices, seconds, stages);
   for (const std::string& warning : report.warnings) fmt::print("warning: {}\n", warning);
   if (report.base_layers > 0)
-    fmt::print("base: the lowest {} layers repeat layer {}, closed at the platform\n", report.base_layers,
-               report.base_layers);
+    write_output(fmt::format("base: the lowest {} layers repeat layer {}, closed at the platform\n", report.base_layers,
+                             report.base_layers));
   print_gaps(report.gaps);
-  fmt::print("{} layers certified ({} marched), {} flagged\n", report.certified, report.certified_by_march,
-             report.flagged.size());
+  write_output(fmt::format("{} layers certified ({} marched), {} flagged\n", report.certified,
+                           report.certified_by_march, report.flagged.size()));
   constexpr std::size_t kShown = 5;
   for (std::size_t i = 0; i < report.flagged.size() && i < kShown; ++i) {
     const FlaggedLayer& f = report.flagged[i];
-    fmt::print("  layer {} at {:.3f} mm: {}", f.layer.count(), f.z_mm, f.reason);
-    if (f.place) fmt::print(" at ({:.2f}, {:.2f})", f.place->x_mm, f.place->y_mm);
-    fmt::print("\n");
+    write_output(fmt::format("  layer {} at {:.3f} mm: {}", f.layer.count(), f.z_mm, f.reason));
+    if (f.place) write_output(fmt::format(" at ({:.2f}, {:.2f})", f.place->x_mm, f.place->y_mm));
+    write_output("\n");
   }
-  if (report.flagged.size() > kShown) fmt::print("  and {} more; see --report\n", report.flagged.size() - kShown);
+  if (report.flagged.size() > kShown)
+    write_output(fmt::format("  and {} more; see --report\n", report.flagged.size() - kShown));
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
@@ -254,17 +256,17 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     const int percent = static_cast<int>(100 * p.fraction);
     if (!bar || percent == shown) return;
     shown = percent;
-    fmt::print(stderr, "\r{:<10} {:3} %", p.stage, percent);
+    write_note(fmt::format("\r{:<10} {:3} %", p.stage, percent));
   };
   const std::string name = std::filesystem::path{o.cloud}.filename().string();
   const auto report = slice_scan(*scan, name, *request, sink, progress, stop);
-  if (shown >= 0) fmt::print(stderr, "\r{:20}\r", "");
+  if (shown >= 0) write_note(fmt::format("\r{:20}\r", ""));
   if (!report) return tl::unexpected{report.error()};
 
   const std::string json = to_json(*report);
   if (auto ok = outputs.write(json); !ok) return tl::unexpected{ok.error()};
   if (o.json)
-    fmt::print("{}\n", json);
+    write_output(fmt::format("{}\n", json));
   else
     print_summary(*report);
   return o.require_certified && !report->flagged.empty() ? ExitCode::NotCertified : ExitCode::Ok;

@@ -185,6 +185,17 @@ TEST(Layering, TimeIsAnArgument) {
     }
 }
 
+TEST(Layering, WhatAProgramSaysGoesThroughOnePlace) {
+  // What throws or ends the process where a pipe is closed or a disk is full; a file of one's own is another matter.
+  static const std::regex pattern{R"(fmt::print|std::(cout|cerr|clog)\b|\bf?printf\s*\(|\bputs\s*\(|\bstd(out|err)\b)"};
+  for (const Line& line : all_lines())
+    if (std::regex_search(line.text, pattern) && !line.text.starts_with("#include")) {
+      EXPECT_TRUE(line.path == "common/command_line/src/output.cpp" ||
+                  line.text.find("stderr_sink") != std::string::npos)
+          << place(line) << "takes write_output or write_note";
+    }
+}
+
 TEST(Layering, PublicHeadersDoNotChangeWithFlags) {
   static const std::regex pattern{R"(\s*#\s*(if|ifdef|ifndef|elif)\b.*)"};
   for (const Line& line : all_lines())

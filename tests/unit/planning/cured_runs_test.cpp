@@ -51,8 +51,7 @@ SupportReport checked(const Planned& job, MaskCheckOptions options = {}) {
 /// A block with a piece of `size_mm` that floats beside it for some layers.
 LayerStack with_a_floating_piece(double size_mm, std::size_t layers) {
   std::vector<std::vector<Contour>> rings(20, {test::rectangle(5, 5, 15, 15)});
-  for (std::size_t i = 6; i < 6 + layers; ++i)
-    rings[i].push_back(test::rectangle(20, 20, 20 + size_mm, 20 + size_mm));
+  for (std::size_t i = 6; i < 6 + layers; ++i) rings[i].push_back(test::rectangle(20, 20, 20 + size_mm, 20 + size_mm));
   return test::stack_of(rings);
 }
 
