@@ -105,8 +105,8 @@ VerbBody declare_machines(CLI::App& options) {
       if (!machine) return tl::unexpected{machine.error()};
       const PixelSize size = machine->mask_size();
       if (!o->common.json) {
-        fmt::print("{:<12} {} x {} px, layer {} mm: {}\n", machine->name, size.width_px, size.height_px,
-                   machine->layers.thickness_mm, machine->description);
+        write_output(fmt::format("{:<12} {} x {} px, layer {} mm: {}\n", machine->name, size.width_px, size.height_px,
+                                 machine->layers.thickness_mm, machine->description));
         continue;
       }
       list.push_back({{"name", machine->name},

@@ -36,9 +36,10 @@ Result<ExitCode> list(const SiteBook& book, const std::filesystem::path& path, b
     write_output(fmt::format(
         "no sites yet in {}; add one: telefab sites add chicago --address HOST:PORT --tls FOLDER\n", path.string()));
   for (const SiteEntry& site : book.sites)
-    fmt::print("{} {:<16} {:<28} {}\n", site.name == book.default_site ? '*' : ' ', site.name, site.address,
-               site.tls_folder.empty() ? std::string{"plain TCP on this machine"}
-                                       : fmt::format("{} of {}", site.tls_name, site.tls_folder));
+    write_output(fmt::format("{} {:<16} {:<28} {}\n", site.name == book.default_site ? '*' : ' ', site.name,
+                             site.address,
+                             site.tls_folder.empty() ? std::string{"plain TCP on this machine"}
+                                                     : fmt::format("{} of {}", site.tls_name, site.tls_folder)));
   return ExitCode::Ok;
 }
 

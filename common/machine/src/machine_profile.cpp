@@ -11,6 +11,8 @@
 #include <telefab/machine/machine_profile.hpp>
 #include <variant>
 
+#include "builtin_profiles.hpp"
+
 namespace telefab {
 namespace {
 
@@ -386,10 +388,21 @@ Result<std::vector<MachineProfile>> load_machine_profiles(const std::string& fol
   return machines;
 }
 
-std::string default_machine_folder() {
-  std::error_code ignored;  // an unreadable folder is as good as none; loading the other one will say what is wrong
-  constexpr const char* checkout = "deploy/config/machines";
-  return std::filesystem::is_directory(checkout, ignored) ? checkout : "/etc/telefab/machines";
+bool holds_machine_profiles(const std::filesystem::path& folder) {
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator{folder, error})
+    if (entry.path().extension() == ".toml") return true;
+  return error && error != std::errc::no_such_file_or_directory && error != std::errc::not_a_directory;
+}
+
+Result<std::vector<MachineProfile>> builtin_machine_profiles() {
+  std::vector<MachineProfile> machines;
+  for (const auto& [name, text] : builtin_profile_texts()) {
+    auto profile = machine_profile_from_toml(text, fmt::format("built-in {}", name));
+    if (!profile) return tl::unexpected{profile.error()};
+    machines.push_back(std::move(*profile));
+  }
+  return machines;
 }
 
 Result<MachineProfile> find_machine(const std::vector<MachineProfile>& machines, std::string_view name) {

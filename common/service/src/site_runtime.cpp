@@ -8,6 +8,8 @@
 #include <CLI/CLI.hpp>
 #include <cstring>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/service/site_runtime.hpp>
 
 namespace telefab {
@@ -16,7 +18,7 @@ void declare_serve_options(CLI::App& app, ServeOptions& options) {
   app.add_option("--listen", options.listen, "HOST:PORT; port 0 takes a free one; off loopback --tls is needed")
       ->capture_default_str();
   app.add_option("--data", options.data, "folder for jobs, made where there is none; one daemon a folder")->required();
-  app.add_option("--machines", options.machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  declare_machine_folder(app, options.machines);
   app.add_option("--tls", options.tls_folder,
                  "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as deploy/certs makes it");
   app.add_option("--tls-name", options.tls_name, "NAME of the certificate in that folder")->capture_default_str();

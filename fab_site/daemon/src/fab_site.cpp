@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/machine_choice.hpp>
 
 #include "accuracy.hpp"
 #include "plan_print.hpp"
@@ -26,11 +27,11 @@ bool is_device_trouble(ErrorCode code) {
 }  // namespace
 
 Result<std::unique_ptr<FabSite>> FabSite::open(const FabSiteConfig& config, const Clock& clock) {
-  auto machines = load_machine_profiles(config.serve.machines);
+  auto machines = machine_profiles(config.serve.machines);
   if (!machines) return tl::unexpected{machines.error()};
   auto folder = DataFolder::open(config.serve.data);
   if (!folder) return tl::unexpected{folder.error()};
-  std::unique_ptr<FabSite> site{new FabSite{std::move(*folder), clock, std::move(*machines), config}};
+  std::unique_ptr<FabSite> site{new FabSite{std::move(*folder), clock, std::move(machines->machines), config}};
   if (auto started = site->start(); !started) return tl::unexpected{started.error()};
   return site;
 }

@@ -30,12 +30,6 @@ Result<LayerStack> read_stack(const std::string& path) {
   return std::move(file->stack);
 }
 
-Result<MachineProfile> machine_for(const LayerStack& stack, const std::string& name, const std::string& folder) {
-  const auto machines = load_machine_profiles(folder);
-  if (!machines) return tl::unexpected{machines.error()};
-  return find_machine(*machines, name.empty() ? stack.header().machine : name);
-}
-
 ProgressSink progress_line() {
   if (!on_terminal()) return {};
   return [shown = std::make_shared<int>(-1)](const Progress& p) {

@@ -15,9 +15,6 @@ struct StackFile {
 /// Reads a .tfc file. Fails as read_file and read_tfc do, with the path in the message.
 [[nodiscard]] Result<StackFile> read_stack_file(const std::string& path);
 [[nodiscard]] Result<LayerStack> read_stack(const std::string& path);
-/// The named profile, or the one the stack was sliced for where `name` is empty.
-[[nodiscard]] Result<MachineProfile> machine_for(const LayerStack& stack, const std::string& name,
-                                                 const std::string& folder);
 /// "making masks  42 %" on a terminal, nothing elsewhere; clear_progress() wipes the line.
 [[nodiscard]] ProgressSink progress_line();
 void clear_progress();

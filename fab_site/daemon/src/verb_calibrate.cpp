@@ -5,6 +5,8 @@
 #include <filesystem>
 #include <memory>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/fab/cure/calibration.hpp>
 #include <telefab/image/png.hpp>
 
@@ -18,21 +20,14 @@ namespace fs = std::filesystem;
 constexpr std::uint64_t kMaxMeasuredBytes = 64U << 20U;
 
 struct CalibrateVerb {
-  std::string what, measured, machine, out;
-  std::string machines = default_machine_folder();
+  std::string what, measured, out;
+  MachineChoice machine;
   double irradiance_mw_per_cm2 = 0;
 };
 
-Result<MachineProfile> chosen_machine(const CalibrateVerb& o) {
-  if (o.machine.empty()) return fail(ErrorCode::InvalidInput, "name the machine with --machine");
-  const auto machines = load_machine_profiles(o.machines);
-  if (!machines) return tl::unexpected{machines.error()};
-  return find_machine(*machines, o.machine);
-}
-
 Result<ExitCode> write_masks(const CalibrateVerb& o, std::stop_token stop) {
   if (o.out.empty()) return fail(ErrorCode::InvalidInput, "name a folder for the masks with --out");
-  const auto machine = chosen_machine(o);
+  const auto machine = chosen_machine(o.machine);
   if (!machine) return tl::unexpected{machine.error()};
   const auto tests = calibration_masks(*machine);
   if (!tests) return tl::unexpected{tests.error()};
@@ -65,8 +60,8 @@ Result<ExitCode> fit(const CalibrateVerb& o) {
   const auto rows = measured_from_csv({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
   if (!rows) return fail_in(o.measured, rows.error());
   double irradiance = o.irradiance_mw_per_cm2;
-  if (irradiance == 0 && !o.machine.empty()) {
-    const auto machine = chosen_machine(o);
+  if (irradiance == 0 && !o.machine.name.empty()) {
+    const auto machine = chosen_machine(o.machine);
     if (!machine) return tl::unexpected{machine.error()};
     irradiance = machine->projection.irradiance_mw_per_cm2;
   }
@@ -87,10 +82,10 @@ VerbBody declare_calibrate(CLI::App& options) {
       ->required()
       ->check(CLI::IsMember({"masks", "fit"}));
   options.add_option("MEASURED", o->measured, "fit: the filled-in measured.csv");
-  options.add_option(
-      "--machine", o->machine,
-      "machine profile; masks: for its pixels and exposure; fit: its irradiance, where none was measured");
-  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  declare_machine_choice(
+      options, o->machine,
+      "machine profile; masks: for its pixels and exposure; fit: its irradiance, where none was measured",
+      MachineIs::Optional);
   options.add_option("--irradiance", o->irradiance_mw_per_cm2, "fit: mW/cm2 of a white area, where none was measured")
       ->check(CLI::Range(0.01, 1000.0));
   options.add_option("--out", o->out, "masks: folder; fit: file for the sections of the profile (TOML)");

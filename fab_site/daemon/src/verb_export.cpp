@@ -6,6 +6,8 @@
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/fab/formats/contour_export.hpp>
 #include <telefab/fab/formats/mask_export.hpp>
 #include <telefab/fab/mask/raster.hpp>
@@ -25,8 +27,7 @@ struct Options {
   std::string from;
   std::string format;
   std::string out;
-  std::string machine;
-  std::string machines = default_machine_folder();
+  MachineChoice machine;
   bool no_supports = false;
 };
 
@@ -58,10 +59,7 @@ Result<Source> open_source(const Options& o, bool contours) {
 }
 
 Result<MachineProfile> machine_of(const Source& source, const Options& o) {
-  if (!source.plan) return machine_for(*source.stack, o.machine, o.machines);
-  const auto machines = load_machine_profiles(o.machines);
-  if (!machines) return tl::unexpected{machines.error()};
-  return find_machine(*machines, o.machine.empty() ? source.plan->plan().machine : o.machine);
+  return chosen_machine(o.machine, source.plan ? source.plan->plan().machine : source.stack->header().machine);
 }
 
 Result<ContourJob> job_of(const Source& source, const MachineProfile& machine, const Options& o) {
@@ -167,9 +165,9 @@ VerbBody declare_export(CLI::App& options) {
       ->check(CLI::IsMember({"sl1", "nanodlp", "3mf", "cli", "cli-binary", "svg", "jsonl", "png"}));
   options.add_option("--out", o->out, "file, or folder for png")->required();
   options.add_flag("--no-supports", o->no_supports, "contours of a plan: the part alone, at its height above the base");
-  options.add_option("--machine", o->machine,
-                     "machine whose pixels and platform are used; default: the one it was planned or sliced for");
-  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  declare_machine_choice(options, o->machine,
+                         "machine whose pixels and platform are used; default: the one it was planned or sliced for",
+                         MachineIs::Optional);
   options.footer(
       "Contours of a plan are the part and its supports, as two parts of the file (united in jsonl); of a .tfc file "
       "the\n"

@@ -7,6 +7,8 @@
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/codec/tfc_file.hpp>
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/fab/formats/contour_import.hpp>
 
 #include "read_stack.hpp"
@@ -20,17 +22,10 @@ constexpr std::uint64_t kMostBytes = 2ULL << 30U;
 struct Options {
   std::string from;
   std::string out;
-  std::string machine;
-  std::string machines = default_machine_folder();
+  MachineChoice machine;
   std::string units;
   std::string place = "keep";
 };
-
-Result<MachineProfile> machine_of(const Options& o) {
-  const auto machines = load_machine_profiles(o.machines);
-  if (!machines) return tl::unexpected{machines.error()};
-  return find_machine(*machines, o.machine);
-}
 
 bool is_tfc(std::span<const std::byte> bytes) {
   return bytes.size() >= 4 && std::string_view{reinterpret_cast<const char*>(bytes.data()), 4} == "TFC1";
@@ -71,14 +66,14 @@ void print_report(const ImportReport& r) {
 }
 
 Result<ExitCode> run(const Options& o, const std::stop_token& stop) {
-  const auto machine = machine_of(o);
+  const auto machine = chosen_machine(o.machine);
   if (!machine) return tl::unexpected{machine.error()};
   const auto bytes = read_file(o.from, kMostBytes);
   if (!bytes) return tl::unexpected{bytes.error()};
   if (is_tfc(*bytes)) {
     const auto layers = copy_tfc(*bytes, *machine, o);
     if (!layers) return tl::unexpected{layers.error()};
-    fmt::print("{} layers, whole and fit for {}; copied to {}\n", *layers, machine->name, o.out);
+    write_output(fmt::format("{} layers, whole and fit for {}; copied to {}\n", *layers, machine->name, o.out));
     return ExitCode::Ok;
   }
   ImportOptions options;
@@ -108,9 +103,8 @@ VerbBody declare_import(CLI::App& options) {
           ".tfc; told apart by their first bytes")
       ->required();
   options.add_option("--out", o->out, "contour file to write (.tfc)")->required();
-  options.add_option("--machine", o->machine, "machine the layers were cut for: their thickness must be its own")
-      ->required();
-  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  declare_machine_choice(options, o->machine, "machine the layers were cut for: their thickness must be its own",
+                         MachineIs::Required);
   options.add_option("--units", o->units, "unit of the coordinates where the file does not say it: mm, um, cm or inch")
       ->check(CLI::IsMember({"mm", "um", "cm", "inch"}));
   options

@@ -4,6 +4,8 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/planning/preflight.hpp>
 
@@ -18,8 +20,7 @@ constexpr std::uint64_t kMaxHandListBytes = 16U << 20U;
 
 struct Options {
   std::string stack;
-  std::string machine;
-  std::string machines = default_machine_folder();
+  MachineChoice machine;
   std::string out;
   MaskOptions masks;
   std::string supports = "auto";
@@ -49,12 +50,14 @@ Result<PlanOptions> plan_options(const Options& o) {
 }
 
 void print_summary(const PlanSummary& s, const Preflight& preflight, const std::string& folder) {
-  fmt::print("{} layers on {} ({} of the part, {} below it), {} anchors\n", s.plan.layers.size(), s.plan.machine,
-             s.part_layers, s.elevation_layers, s.anchors);
-  fmt::print("part {:.1f} mm3, supports {:.1f} mm3; {:.0f} min of print, of that {:.0f} min of light\n",
-             s.figures.part_mm3, s.figures.support_mm3, s.print_s / 60, s.exposure_s / 60);
-  fmt::print("supports {:.2f} s, masks {:.2f} s; written to {}\n", s.support_seconds, s.mask_seconds, folder);
-  fmt::print("before printing:{}\n{}", preflight.holds() ? " the job would be held" : "", to_text(preflight));
+  write_output(fmt::format("{} layers on {} ({} of the part, {} below it), {} anchors\n", s.plan.layers.size(),
+                           s.plan.machine, s.part_layers, s.elevation_layers, s.anchors));
+  write_output(fmt::format("part {:.1f} mm3, supports {:.1f} mm3; {:.0f} min of print, of that {:.0f} min of light\n",
+                           s.figures.part_mm3, s.figures.support_mm3, s.print_s / 60, s.exposure_s / 60));
+  write_output(
+      fmt::format("supports {:.2f} s, masks {:.2f} s; written to {}\n", s.support_seconds, s.mask_seconds, folder));
+  write_output(
+      fmt::format("before printing:{}\n{}", preflight.holds() ? " the job would be held" : "", to_text(preflight)));
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
@@ -62,7 +65,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!options) return tl::unexpected{options.error()};
   const auto file = read_stack_file(o.stack);
   if (!file) return tl::unexpected{file.error()};
-  const auto machine = machine_for(file->stack, o.machine, o.machines);
+  const auto machine = chosen_machine(o.machine, file->stack.header().machine);
   if (!machine) return tl::unexpected{machine.error()};
   const SystemClock clock;
   const auto summary =
@@ -82,8 +85,8 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 VerbBody declare_plan(CLI::App& options) {
   auto o = std::make_shared<Options>();
   options.add_option("FILE", o->stack, "contour file (.tfc) of telefab-scan slice")->required();
-  options.add_option("--machine", o->machine, "machine profile; default: the one it was sliced for");
-  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  declare_machine_choice(options, o->machine, "machine profile; default: the one it was sliced for",
+                         MachineIs::Optional);
   options
       .add_option("--out", o->out,
                   "folder for masks, plan.json, supports.json, preview.png, report.json, preflight.json")

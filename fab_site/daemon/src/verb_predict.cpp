@@ -6,6 +6,8 @@
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/fab/cure/prediction.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/verify/print_files.hpp>
@@ -21,8 +23,8 @@ namespace fs = std::filesystem;
 constexpr std::uint64_t kMaxTextBytes = 4ULL << 30U;
 
 struct PredictVerb {
-  std::string folder, contours, machine, out;
-  std::string machines = default_machine_folder();
+  std::string folder, contours, out;
+  MachineChoice machine;
   std::string frame = "part";
   std::optional<std::string> report, preview;
   std::optional<std::uint32_t> layer;
@@ -98,9 +100,7 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   auto job = PlannedJob::open(o.folder);
   if (!job) return tl::unexpected{job.error()};
   const PrintPlan& plan = (*job)->plan();
-  const auto machines = load_machine_profiles(o.machines);
-  if (!machines) return tl::unexpected{machines.error()};
-  const auto machine = find_machine(*machines, o.machine.empty() ? plan.machine : o.machine);
+  const auto machine = chosen_machine(o.machine, plan.machine);
   if (!machine) return tl::unexpected{machine.error()};
   auto model = cure_model(*machine);
   if (!model) return tl::unexpected{model.error()};
@@ -158,8 +158,8 @@ VerbBody declare_predict(CLI::App& options) {
   options.add_option("--preview", o->preview, "write a picture here (PNG)");
   options.add_option("--contours", o->contours,
                      "the .tfc file it was planned of; default: the one in the folder, where there is one");
-  options.add_option("--machine", o->machine, "profile whose optics and resin are taken; default: the plan's");
-  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  declare_machine_choice(options, o->machine, "profile whose optics and resin are taken; default: the plan's",
+                         MachineIs::Optional);
   options.add_option("--frame", o->frame, "part: z from the part's first layer; print: z from the platform")
       ->check(CLI::IsMember({"part", "print"}))
       ->capture_default_str();

@@ -2,6 +2,8 @@
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
 #include <memory>
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/fab/drivers/make_devices.hpp>
 
 #include "verbs.hpp"
@@ -27,18 +29,14 @@ void print_projector(const Dlpc900Projector& projector) {
 
 VerbBody declare_probe(CLI::App& options) {
   struct Options {
-    std::string folder = default_machine_folder();
-    std::string machine;
+    MachineChoice machine;
     bool home = false;
   };
   auto o = std::make_shared<Options>();
-  options.add_option("--machine", o->machine, "profile that names the devices")->required();
-  options.add_option("--machines", o->folder, "folder of machine profiles (*.toml)")->capture_default_str();
+  declare_machine_choice(options, o->machine, "profile that names the devices", MachineIs::Required);
   options.add_flag("--home", o->home, "also home the stage: it MOVES, upwards");
   return [o](std::stop_token stop) -> Result<ExitCode> {
-    const auto machines = load_machine_profiles(o->folder);
-    if (!machines) return tl::unexpected{machines.error()};
-    const auto machine = find_machine(*machines, o->machine);
+    const auto machine = chosen_machine(o->machine);
     if (!machine) return tl::unexpected{machine.error()};
     const auto clock = make_clock(*machine);
     int silent = 0;

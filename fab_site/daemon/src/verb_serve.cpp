@@ -17,7 +17,7 @@ VerbBody declare_serve(CLI::App& options) {
     MaskOptions masks;
   };
   auto o = std::make_shared<Options>();
-  o->config.serve = {"127.0.0.1:7420", "", default_machine_folder(), "", "fab-site"};
+  o->config.serve = {"127.0.0.1:7420", "", "", "", "fab-site"};
   declare_serve_options(options, o->config.serve);
   options.add_option("--site-keys", o->config.site_keys,
                      "folder with SITE.sign.pub of every scan site whose jobs are taken; jobs not signed with one of "

@@ -6,6 +6,8 @@
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/fab/formats/mesh_export.hpp>
 #include <telefab/fab/support/pictures.hpp>
 #include <telefab/fab/support/structure_mesh.hpp>
@@ -20,8 +22,7 @@ constexpr std::uint64_t kMaxHandListBytes = 16U << 20U;
 
 struct Options {
   std::string stack;
-  std::string machine;
-  std::string machines = default_machine_folder();
+  MachineChoice machine;
   std::string stand = "auto";
   std::string hand_list, out, preview, structure, model;
   std::optional<std::uint32_t> layer;
@@ -68,7 +69,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!options) return tl::unexpected{options.error()};
   const auto stack = read_stack(o.stack);
   if (!stack) return tl::unexpected{stack.error()};
-  const auto machine = machine_for(*stack, o.machine, o.machines);
+  const auto machine = chosen_machine(o.machine, stack->header().machine);
   if (!machine) return tl::unexpected{machine.error()};
   const auto plan = plan_supports(stack->layers(), stack->header(), *machine, *options, progress_line(), stop);
   clear_progress();
@@ -117,8 +118,8 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 VerbBody declare_supports(CLI::App& options) {
   auto o = std::make_shared<Options>();
   options.add_option("FILE", o->stack, "contour file (.tfc) of telefab-scan slice")->required();
-  options.add_option("--machine", o->machine, "machine profile; default: the one it was sliced for");
-  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  declare_machine_choice(options, o->machine, "machine profile; default: the one it was sliced for",
+                         MachineIs::Optional);
   options
       .add_option("--stand", o->stand,
                   "stand on the platform: auto (where the first layer is large enough), always, never")

@@ -6,6 +6,8 @@
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/fab/planning/cured_runs.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/print/print_record.hpp>
@@ -20,8 +22,7 @@ namespace {
 
 struct VerifyOptions {
   std::string folder;
-  std::string machines = "deploy/config/machines";
-  std::string machine;
+  MachineChoice machine;
   std::optional<std::string> stack, out, as_built, key;
   std::uint32_t least_pixels = kLeastIslandPixels;
   std::optional<std::uint32_t> grey;
@@ -117,9 +118,7 @@ Result<bool> check_as_built(const PlannedJob& job, const VerifyOptions& o) {
 Result<ExitCode> verify(const VerifyOptions& o, std::stop_token stop) {
   auto job = PlannedJob::open(o.folder);
   if (!job) return tl::unexpected{job.error()};
-  const auto machines = load_machine_profiles(o.machines);
-  if (!machines) return tl::unexpected{machines.error()};
-  const auto machine = find_machine(*machines, o.machine.empty() ? (*job)->plan().machine : o.machine);
+  const auto machine = chosen_machine(o.machine, (*job)->plan().machine);
   if (!machine) return tl::unexpected{machine.error()};
   const ProgressSink progress = progress_line();
   const auto options = check_options(o);
@@ -162,8 +161,7 @@ VerbBody declare_verify(CLI::App& options) {
   options.add_option("--as-built", o->as_built, "the sealed record of the print, report/as-built.json of the job");
   options.add_option("--key", o->key,
                      "public key (PEM) the record must be signed with; without it the hash alone is checked");
-  options.add_option("--machine", o->machine, "profile to judge by; the plan's own where left out");
-  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  declare_machine_choice(options, o->machine, "profile to judge by; default: the plan's own", MachineIs::Optional);
   options.add_option("--least-pixels", o->least_pixels, "islands of fewer pixels are let pass")
       ->capture_default_str()
       ->check(CLI::Range(1U, 1'000'000U));

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <fstream>
+#include <telefab/command_line/machine_choice.hpp>
 
 #include "site_key.hpp"
 #include "slice_parameters.hpp"
@@ -18,11 +19,11 @@ constexpr const char* kCancelMark = "tell-cancelled";
 }  // namespace
 
 Result<std::unique_ptr<ScanSite>> ScanSite::open(const ScanSiteConfig& config, const Clock& clock) {
-  auto machines = load_machine_profiles(config.serve.machines);
+  auto machines = machine_profiles(config.serve.machines);
   if (!machines) return tl::unexpected{machines.error()};
   auto folder = DataFolder::open(config.serve.data);
   if (!folder) return tl::unexpected{folder.error()};
-  std::unique_ptr<ScanSite> site{new ScanSite{std::move(*folder), clock, std::move(*machines)}};
+  std::unique_ptr<ScanSite> site{new ScanSite{std::move(*folder), clock, std::move(machines->machines)}};
   if (auto started = site->start(config); !started) return tl::unexpected{started.error()};
   return site;
 }

@@ -6,7 +6,8 @@
 #include <cmath>
 #include <memory>
 #include <telefab/base/file.hpp>
-#include <telefab/machine/machine_profile.hpp>
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/inspect/inspect_scan.hpp>
 
@@ -19,8 +20,7 @@ constexpr std::uint64_t kMaxScanBytes = 64ULL << 30U;
 
 struct Options {
   std::string cloud;
-  std::string machine;
-  std::string machines = default_machine_folder();
+  MachineChoice machine;
   std::optional<double> height_mm, scale, kernel_mm;
   std::string surface = std::string{name_of(SurfaceKind::Unbiased)};
   std::string out_prefix, units;
@@ -77,10 +77,8 @@ void print_table(const Inspection& inspection, double noise_mm) {
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
   InspectRequest request;
-  if (!o.machine.empty()) {
-    const auto machines = load_machine_profiles(o.machines);
-    if (!machines) return tl::unexpected{machines.error()};
-    auto machine = find_machine(*machines, o.machine);
+  if (!o.machine.name.empty()) {
+    auto machine = chosen_machine(o.machine);
     if (!machine) return tl::unexpected{machine.error()};
     request.machine = std::move(*machine);
   }
@@ -129,8 +127,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 VerbBody declare_inspect(CLI::App& options) {
   auto o = std::make_shared<Options>();
   options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text")->required();
-  options.add_option("--machine", o->machine, "place it as it would be sliced for this machine");
-  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  declare_machine_choice(options, o->machine, "place it as it would be sliced for this machine", MachineIs::Optional);
   auto* height = options.add_option("--height-mm", o->height_mm, "scale the part to this height");
   auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file")->excludes(height);
   options.add_option("--units", o->units, "unit of the file: mm, cm, m or in; default: what the file states, or mm")

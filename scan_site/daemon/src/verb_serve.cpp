@@ -9,7 +9,7 @@ namespace telefab::scan {
 
 VerbBody declare_serve(CLI::App& options) {
   auto o = std::make_shared<ScanSiteConfig>();
-  o->serve = {"127.0.0.1:7410", "", default_machine_folder(), "", "scan-site"};
+  o->serve = {"127.0.0.1:7410", "", "", "", "scan-site"};
   declare_serve_options(options, o->serve);
   options.add_option("--fab", o->fab, "HOST:PORT of the fab site")->required();
   return [o](std::stop_token stop) -> Result<ExitCode> {

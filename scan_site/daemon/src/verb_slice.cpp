@@ -8,8 +8,9 @@
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/codec/tfc_file.hpp>
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/command_line/output.hpp>
 #include <telefab/geometry/contour_lines.hpp>
-#include <telefab/machine/machine_profile.hpp>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/slicing/preview.hpp>
@@ -24,8 +25,7 @@ constexpr std::uint64_t kMaxScanBytes = 64ULL << 30U;
 
 struct Options {
   std::string cloud;
-  std::string machine;
-  std::string machines = default_machine_folder();
+  MachineChoice machine;
   std::string out, contours, report, preview, points;
   std::optional<double> height_mm, scale, layer_mm, kernel_mm, chord_mm, bridge_mm;
   std::string units;
@@ -57,9 +57,7 @@ Result<std::array<std::uint32_t, 2>> range_from(const std::string& text) {
 
 Result<SliceRequest> request_from(const Options& o) {
   SliceRequest request;
-  const auto machines = load_machine_profiles(o.machines);
-  if (!machines) return tl::unexpected{machines.error()};
-  auto machine = find_machine(*machines, o.machine);
+  auto machine = chosen_machine(o.machine);
   if (!machine) return tl::unexpected{machine.error()};
   request.machine = std::move(*machine);
   request.height_mm = o.height_mm;
@@ -219,13 +217,14 @@ void print_summary(const SliceReport& report) {
     seconds += t.seconds;
     stages += fmt::format("{}{} {:.2f} s", stages.empty() ? "" : ", ", t.stage, t.seconds);
   }
-  fmt::print("{}: {} points, {:.2f} x {:.2f} x {:.2f} mm on {}\n", report.header.scan_name, report.points,
-             report.size_mm[0], report.size_mm[1], report.size_mm[2], report.header.machine);
-  fmt::print("kernel {:.3f} mm{} at a spacing of {:.3f} mm, surface {}\n", report.kernel.kernel_mm,
-             report.kernel.adaptive ? " (median, by local spacing)" : "", report.kernel.spacing_mm, report.surface);
-  fmt::print("{} layers, {} contours, {} vertices in {:.2f} s ({})\n", report.layers_cut, report.contours,
-             report.vertices, seconds, stages);
-  for (const std::string& warning : report.warnings) fmt::print("warning: {}\n", warning);
+  write_output(fmt::format("{}: {} points, {:.2f} x {:.2f} x {:.2f} mm on {}\n", report.header.scan_name, report.points,
+                           report.size_mm[0], report.size_mm[1], report.size_mm[2], report.header.machine));
+  write_output(fmt::format("kernel {:.3f} mm{} at a spacing of {:.3f} mm, surface {}\n", report.kernel.kernel_mm,
+                           report.kernel.adaptive ? " (median, by local spacing)" : "", report.kernel.spacing_mm,
+                           report.surface));
+  write_output(fmt::format("{} layers, {} contours, {} vertices in {:.2f} s ({})\n", report.layers_cut, report.contours,
+                           report.vertices, seconds, stages));
+  for (const std::string& warning : report.warnings) write_output(fmt::format("warning: {}\n", warning));
   if (report.base_layers > 0)
     write_output(fmt::format("base: the lowest {} layers repeat layer {}, closed at the platform\n", report.base_layers,
                              report.base_layers));
@@ -277,8 +276,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 VerbBody declare_slice(CLI::App& options) {
   auto o = std::make_shared<Options>();
   options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text")->required();
-  options.add_option("--machine", o->machine, "machine profile to slice for")->required();
-  options.add_option("--machines", o->machines, "folder of machine profiles (*.toml)")->capture_default_str();
+  declare_machine_choice(options, o->machine, "machine profile to slice for", MachineIs::Required);
   options.add_option("--out", o->out, "write the stack here (.tfc)");
   options.add_option("--preview", o->preview, "write a picture here (PNG)");
   options.add_option("--contours", o->contours, "write contours here, one JSON line a layer");

@@ -26,6 +26,12 @@ TEST(MachineProfile, ComesBackFromItsOwnText) {
     EXPECT_EQ(machine_profile_from_toml(to_toml(machine), "text").value(), machine);
 }
 
+TEST(MachineProfile, BuiltInOnesAreThoseOfTheFolder) {
+  const auto builtin = builtin_machine_profiles();
+  ASSERT_TRUE(builtin) << builtin.error().what;
+  EXPECT_EQ(*builtin, shipped());
+}
+
 TEST(MachineProfile, KeepsAMeasuredCurveAndField) {
   MachineProfile machine = shipped().front();
   machine.projection.curve = {0, 0.125, 0.125, 1};

@@ -2,6 +2,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <filesystem>
 #include <string>
 #include <string_view>
 #include <telefab/base/digest.hpp>
@@ -141,9 +142,11 @@ struct MachineProfile {
 /// where there is none.
 [[nodiscard]] Result<std::vector<MachineProfile>> load_machine_profiles(const std::string& folder);
 
-/// Where programs look for profiles unless told otherwise: deploy/config/machines below the working folder where there
-/// is one (a checkout), else /etc/telefab/machines (an installed package).
-[[nodiscard]] std::string default_machine_folder();
+/// Whether load_machine_profiles has something to read there, or to complain of: a folder one may not look into.
+[[nodiscard]] bool holds_machine_profiles(const std::filesystem::path& folder);
+
+/// The profiles of deploy/config/machines, as they were when the program was built, sorted by file name.
+[[nodiscard]] Result<std::vector<MachineProfile>> builtin_machine_profiles();
 
 /// The profile of that name; NotFound lists the names there are.
 [[nodiscard]] Result<MachineProfile> find_machine(const std::vector<MachineProfile>& machines, std::string_view name);

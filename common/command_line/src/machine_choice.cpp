@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <telefab/command_line/machine_choice.hpp>
+
+namespace telefab {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string variable(const char* name) {
+  const char* value = std::getenv(name);
+  return value ? value : "";
+}
+
+}  // namespace
+
+void declare_machine_folder(CLI::App& options, std::string& folder) {
+  options.add_option("--machines", folder,
+                     "folder of machine profiles (*.toml); default: the first of ~/.config/telefab/machines, "
+                     "/etc/telefab/machines, share/telefab/machines of the installation, machines beside the program, "
+                     "deploy/config/machines; without any the profiles that are built in");
+}
+
+void declare_machine_choice(CLI::App& options, MachineChoice& choice, std::string_view help, MachineIs is) {
+  options.add_option("--machine", choice.name, std::string{help})->required(is == MachineIs::Required);
+  declare_machine_folder(options, choice.folder);
+}
+
+Surroundings surroundings() {
+  std::error_code unknown;  // where the program lies is not always told; the other places are looked at all the same
+  return {variable("XDG_CONFIG_HOME"), variable("HOME"), fs::read_symlink("/proc/self/exe", unknown)};
+}
+
+std::vector<fs::path> machine_folders(const Surroundings& where) {
+  std::vector<fs::path> folders;
+  if (!where.config_home.empty())
+    folders.push_back(fs::path{where.config_home} / "telefab/machines");
+  else if (!where.home.empty())
+    folders.push_back(fs::path{where.home} / ".config/telefab/machines");
+  folders.push_back(where.etc / "telefab/machines");
+  if (!where.program.empty()) {
+    const fs::path beside = where.program.parent_path();
+    folders.push_back(beside.parent_path() / "share/telefab/machines");
+    folders.push_back(beside / "machines");
+  }
+  folders.emplace_back("deploy/config/machines");
+  return folders;
+}
+
+Result<MachineProfiles> machine_profiles(const std::string& folder) {
+  if (!folder.empty()) {
+    auto machines = load_machine_profiles(folder);
+    if (!machines) return tl::unexpected{machines.error()};
+    return MachineProfiles{std::move(*machines), folder};
+  }
+  for (const fs::path& place : machine_folders(surroundings())) {
+    if (!holds_machine_profiles(place)) continue;
+    auto machines = load_machine_profiles(place.string());
+    if (!machines) return tl::unexpected{machines.error()};
+    return MachineProfiles{std::move(*machines), place.string()};
+  }
+  auto machines = builtin_machine_profiles();
+  if (!machines) return tl::unexpected{machines.error()};
+  return MachineProfiles{std::move(*machines), "built in"};
+}
+
+Result<MachineProfile> chosen_machine(const MachineChoice& choice, std::string_view otherwise) {
+  const std::string_view name = choice.name.empty() ? otherwise : std::string_view{choice.name};
+  if (name.empty()) return fail(ErrorCode::InvalidInput, "name the machine with --machine");
+  const auto known = machine_profiles(choice.folder);
+  if (!known) return tl::unexpected{known.error()};
+  auto machine = find_machine(known->machines, name);
+  if (!machine) return fail_in("machine profiles, " + known->origin, machine.error());
+  return machine;
+}
+
+}  // namespace telefab

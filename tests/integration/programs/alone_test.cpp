@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <fstream>
+#include <numbers>
+
+#include "two_sites.hpp"
+
+// A program that was copied to another computer, run by somebody who has nothing else of Telefab.
+namespace telefab::test {
+namespace {
+
+namespace fs = std::filesystem;
+using Words = std::vector<std::string>;
+
+class Alone : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string pattern = (fs::temp_directory_path() / "telefab-alone-XXXXXX").string();
+    ASSERT_NE(::mkdtemp(pattern.data()), nullptr);
+    root_ = pattern;
+    before_ = fs::current_path();
+    fs::create_directories(root_ / "bin");
+    fs::create_directories(root_ / "work");
+    for (const char* program : {"telefab-scan", "telefab-fab"})
+      fs::copy_file(fs::path{::getenv("TELEFAB_BIN")} / program, root_ / "bin" / program);
+    fs::current_path(root_ / "work");
+    std::ofstream cloud{"ball.xyz"};
+    constexpr int kPoints = 6000;
+    for (int i = 0; i < kPoints; ++i) {
+      const double z = 1 - 2 * (i + 0.5) / kPoints, r = std::sqrt(1 - z * z),
+                   turn = i * std::numbers::pi * (3 - std::sqrt(5.0));
+      const double x = r * std::cos(turn), y = r * std::sin(turn);
+      cloud << fmt::format("{:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}\n", 5 * x, 5 * y, 5 * z, x, y, z);
+    }
+  }
+  void TearDown() override {
+    fs::current_path(before_);
+    fs::remove_all(root_);
+  }
+  /// In an empty environment.
+  [[nodiscard]] Outcome ran(const std::string& program, Words words) const {
+    words.insert(words.begin(), {"/usr/bin/env", "-i", (root_ / "bin" / program).string()});
+    return run(words);
+  }
+  fs::path root_, before_;
+};
+
+TEST_F(Alone, SlicesPlansAndVerifiesByBuiltInProfiles) {
+  const Outcome sliced = ran("telefab-scan", {"slice", "ball.xyz", "--machine", "machine-b", "--height-mm", "3",
+                                              "--out", "ball.tfc", "--preview", "ball.png"});
+  EXPECT_EQ(sliced.code, 0) << sliced.errors;
+  const Outcome planned = ran("telefab-fab", {"plan", "ball.tfc", "--out", "ball-plan"});
+  EXPECT_EQ(planned.code, 0) << planned.errors;
+  const Outcome verified = ran("telefab-fab", {"verify", "ball-plan"});
+  EXPECT_EQ(verified.code, 0) << verified.errors << verified.output;
+}
+
+TEST_F(Alone, TakesTheProfilesThatLieBesideTheProgram) {
+  fs::create_directories(root_ / "bin/machines");
+  const Outcome keys = ran("telefab-fab", {"machines"});
+  ASSERT_EQ(keys.code, 0) << keys.errors;
+  EXPECT_THAT(keys.output, testing::HasSubstr("machine-a"));
+  std::ofstream{root_ / "bin/machines/own.toml"} << R"(name = "own"
+[platform]
+width_mm = 20.0
+depth_mm = 20.0
+z_travel_mm = 30.0
+[projection]
+pixel_pitch_mm = 0.1
+irradiance_mw_per_cm2 = 3.0
+[layers]
+thickness_mm = 0.2
+exposure_s = 4.0
+bottom_count = 2
+bottom_exposure_s = 8.0
+)";
+  const Outcome own = ran("telefab-fab", {"machines"});
+  ASSERT_EQ(own.code, 0) << own.errors;
+  EXPECT_TRUE(own.output.starts_with("own")) << own.output;
+  EXPECT_THAT(own.output, testing::Not(testing::HasSubstr("machine-a")));
+}
+
+}  // namespace
+}  // namespace telefab::test

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <gmock/gmock.h>
+#include <stdlib.h>
+
+#include <fstream>
+#include <telefab/command_line/machine_choice.hpp>
+
+namespace telefab {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+TEST(MachineFolders, AreLookedAtFromTheUsersOwnToTheCheckout) {
+  EXPECT_THAT(machine_folders({"/cfg", "/home/ada", "/usr/bin/telefab-scan", "/etc"}),
+              ElementsAre("/cfg/telefab/machines", "/etc/telefab/machines", "/usr/share/telefab/machines",
+                          "/usr/bin/machines", "deploy/config/machines"));
+  EXPECT_THAT(machine_folders({"", "/home/ada", "", "/etc"}),
+              ElementsAre("/home/ada/.config/telefab/machines", "/etc/telefab/machines", "deploy/config/machines"));
+  EXPECT_THAT(machine_folders({"", "", "", "/etc"}), ElementsAre("/etc/telefab/machines", "deploy/config/machines"));
+}
+
+class MachineChoiceTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "telefab-choice-XXXXXX").string();
+    ASSERT_NE(mkdtemp(name.data()), nullptr);
+    root_ = name;
+    setenv("XDG_CONFIG_HOME", name.c_str(), 1);
+  }
+  void TearDown() override {
+    unsetenv("XDG_CONFIG_HOME");
+    fs::remove_all(root_);
+  }
+  /// A profile of that name in the folder.
+  static void keep(const fs::path& folder, const std::string& name) {
+    fs::create_directories(folder);
+    MachineProfile machine = builtin_machine_profiles()->front();
+    machine.name = name;
+    std::ofstream{folder / (name + ".toml")} << to_toml(machine);
+  }
+  fs::path root_;
+};
+
+TEST_F(MachineChoiceTest, TakesTheUsersOwnProfilesAndNoOthersBesideThem) {
+  keep(root_ / "telefab/machines", "mine");
+  const auto known = machine_profiles("");
+  ASSERT_TRUE(known) << known.error().what;
+  EXPECT_EQ(known->origin, (root_ / "telefab/machines").string());
+  ASSERT_EQ(known->machines.size(), 1U);
+  EXPECT_EQ(chosen_machine({"mine", ""})->name, "mine");
+  EXPECT_THAT(chosen_machine({"machine-a", ""}).error().what, HasSubstr(known->origin));
+}
+
+TEST_F(MachineChoiceTest, PassesOverAFolderWithoutProfilesButNotOverABadOne) {
+  fs::create_directories(root_ / "telefab/machines");
+  const auto passed = machine_profiles("");
+  ASSERT_TRUE(passed) << passed.error().what;
+  EXPECT_NE(passed->origin, (root_ / "telefab/machines").string());
+  std::ofstream{root_ / "telefab/machines/bad.toml"} << "name = 3\n";
+  EXPECT_FALSE(machine_profiles(""));
+}
+
+TEST_F(MachineChoiceTest, AFolderThatIsNamedIsTheOnlyOneThereIs) {
+  keep(root_ / "telefab/machines", "mine");
+  keep(root_ / "given", "theirs");
+  EXPECT_EQ(machine_profiles((root_ / "given").string())->machines.front().name, "theirs");
+  EXPECT_EQ(machine_profiles((root_ / "nowhere").string()).error().code, ErrorCode::NotFound);
+}
+
+TEST_F(MachineChoiceTest, TheNameOfTheCommandLineGoesBeforeThatOfTheInput) {
+  keep(root_ / "given", "one");
+  keep(root_ / "given", "two");
+  const std::string folder = (root_ / "given").string();
+  EXPECT_EQ(chosen_machine({"", folder}, "one")->name, "one");
+  EXPECT_EQ(chosen_machine({"two", folder}, "one")->name, "two");
+  EXPECT_EQ(chosen_machine({"", folder}).error().code, ErrorCode::InvalidInput);
+}
+
+}  // namespace
+}  // namespace telefab
