@@ -2,6 +2,7 @@
 #include "site_client.hpp"
 
 #include <fmt/format.h>
+#include <telefab/base/version.hpp>
 
 namespace telefab::client {
 namespace {
@@ -58,7 +59,7 @@ Result<void> SiteClient::open(const SiteAddress& address) {
                         lost_ = why;
                         loop_.stop();
                       }});
-  auto hello = ask<Hello>(Hello{kProtocolVersion, Side::Client, "telefab 0.1.0", {}, {}});
+  auto hello = ask<Hello>(Hello{kProtocolVersion, Side::Client, fmt::format("telefab {}", kVersion), {}, {}});
   if (!hello) return fail_in(net::to_text(address.endpoint), hello.error());
   if (hello->protocol_version != kProtocolVersion)
     return fail(ErrorCode::ProtocolBroken,

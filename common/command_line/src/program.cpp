@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <exception>
 #include <sstream>
+#include <telefab/base/version.hpp>
 #include <telefab/command_line/manual.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/command_line/program.hpp>
@@ -67,8 +68,6 @@ int answer(std::string_view program, const CLI::App& app, const CLI::ParseError&
   write_note(notes.str());
   return finish(program, code == 0 ? ExitCode::Ok : ExitCode::Usage);
 }
-
-constexpr std::string_view kVersion = "0.1.0";
 
 /// The values of "{a,b}" in a type name as CLI11 composes it, e.g. "TEXT:{exact,curve}".
 std::vector<std::string> choices_in(const std::string& type) {

@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include <telefab/base/file.hpp>
+#include <telefab/base/version.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 
 #include "accuracy.hpp"
@@ -82,8 +83,9 @@ Result<void> FabSite::start_web() {
   std::string three_js;
   if (const auto library = read_file(kThreeJs, kMaxThreeJsBytes))
     three_js.assign(reinterpret_cast<const char*>(library->data()), library->size());
-  web_site_ = std::make_unique<FabWeb>(*web_desk_, WebOptions{std::move(*token), "0.1.0", std::move(three_js)});
-  auto server = open_page(config_.serve, folder_, *web_site_, "telefab-fab/0.1.0");
+  web_site_ =
+      std::make_unique<FabWeb>(*web_desk_, WebOptions{std::move(*token), std::string{kVersion}, std::move(three_js)});
+  auto server = open_page(config_.serve, folder_, *web_site_, fmt::format("telefab-fab/{}", kVersion));
   if (!server) return tl::unexpected{server.error()};
   web_ = std::move(*server);
   return {};
@@ -125,7 +127,7 @@ Result<void> FabSite::run(std::stop_token stop) {
 }
 
 void FabSite::welcome(const net::ConnectionPtr& connection) {
-  Hello own{kProtocolVersion, Side::FabSite, "telefab-fab 0.1.0", machines().machine_toml,
+  Hello own{kProtocolVersion, Side::FabSite, fmt::format("telefab-fab {}", kVersion), machines().machine_toml,
             config_.start_on_approval ? "on-approval" : "automatic"};
   const std::weak_ptr<net::Connection> weak = connection;
   greet(

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <telefab/base/file.hpp>
+#include <telefab/base/version.hpp>
 #include <telefab/fab/drivers/make_devices.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/planning/preflight.hpp>
@@ -49,7 +50,7 @@ constexpr std::uint64_t kLargestPlanFile = 1U << 30U;
 
 /// Where the part comes from: what the scan site said and signed, what was received, what was planned.
 std::map<std::string, std::string> provenance_of(const std::filesystem::path& folder) {
-  std::map<std::string, std::string> known{{provenance::kSoftware, "telefab-fab 0.1.0"}};
+  std::map<std::string, std::string> known{{provenance::kSoftware, fmt::format("telefab-fab {}", kVersion)}};
   if (const auto offer = saved_offer(folder)) {
     known[provenance::kScanName] = offer->header.scan_name;
     if (offer->scan != Digest{}) known[provenance::kScan] = to_hex(offer->scan);

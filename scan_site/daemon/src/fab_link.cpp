@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <telefab/base/version.hpp>
 #include <telefab/wire/job_signature.hpp>
 
 namespace telefab::scan {
@@ -50,7 +51,7 @@ void FabLink::on_connected(Result<net::ConnectionPtr> made) {
                       [this, alive = alive_](const Error& why) {
                         if (*alive) on_closed(why);
                       }});
-  (void)say(Hello{kProtocolVersion, Side::ScanSite, "telefab-scan 0.1.0", {}, {}}, nullptr);
+  (void)say(Hello{kProtocolVersion, Side::ScanSite, fmt::format("telefab-scan {}", kVersion), {}, {}}, nullptr);
 }
 
 void FabLink::on_closed(const Error& why) {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <fstream>
+#include <telefab/base/version.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 
 #include "site_key.hpp"
@@ -69,8 +70,8 @@ Result<void> ScanSite::start_web(const ServeOptions& options) {
                                             command(asked, done);
                                           });
                                         });
-  web_site_ = std::make_unique<ScanWeb>(*web_desk_, std::move(*token), "0.1.0");
-  auto server = open_page(options, folder_, *web_site_, "telefab-scan/0.1.0");
+  web_site_ = std::make_unique<ScanWeb>(*web_desk_, std::move(*token), std::string{kVersion});
+  auto server = open_page(options, folder_, *web_site_, fmt::format("telefab-scan/{}", kVersion));
   if (!server) return tl::unexpected{server.error()};
   web_ = std::move(*server);
   return {};
@@ -98,7 +99,7 @@ Result<void> ScanSite::run(std::stop_token stop) {
 }
 
 void ScanSite::welcome(const net::ConnectionPtr& connection) {
-  const Hello own{kProtocolVersion, Side::ScanSite, "telefab-scan 0.1.0", {}, {}};
+  const Hello own{kProtocolVersion, Side::ScanSite, fmt::format("telefab-scan {}", kVersion), {}, {}};
   const std::weak_ptr<net::Connection> weak = connection;
   greet(
       loop_, connection, own,

@@ -185,6 +185,15 @@ TEST(Layering, TimeIsAnArgument) {
     }
 }
 
+TEST(Layering, TheVersionStandsInOnePlace) {
+  std::ifstream project{fs::path{std::getenv("TELEFAB_SOURCE")} / "CMakeLists.txt"};
+  const std::string text{std::istreambuf_iterator<char>{project}, {}};
+  std::smatch version;
+  ASSERT_TRUE(std::regex_search(text, version, std::regex{R"(project\(telefab VERSION (\d+\.\d+\.\d+))"}));
+  for (const Line& line : all_lines())
+    EXPECT_EQ(line.text.find(version[1]), std::string::npos) << place(line) << "takes kVersion of base";
+}
+
 TEST(Layering, WhatAProgramSaysGoesThroughOnePlace) {
   // What throws or ends the process where a pipe is closed or a disk is full; a file of one's own is another matter.
   static const std::regex pattern{R"(fmt::print|std::(cout|cerr|clog)\b|\bf?printf\s*\(|\bputs\s*\(|\bstd(out|err)\b)"};

@@ -30,7 +30,7 @@ class WebSite {
 /// 64 KiB of body unless the site takes more, 30 s for a request, 64 connections, of which 56 may be streams.
 class WebServer {
  public:
-  /// Listens at once; port 0 takes a free one. `product`: "telefab-fab/0.1.0". Fails with Conflict where the port is
+  /// Listens at once; port 0 takes a free one. `product`: "telefab-fab/VERSION". Fails with Conflict where the port is
   /// taken, InvalidInput for a bad address.
   [[nodiscard]] static Result<std::unique_ptr<WebServer>> listen(const std::string& host, std::uint16_t port,
                                                                  WebSite& site, const std::string& product);
