@@ -3,9 +3,9 @@
 
 #include <CLI/CLI.hpp>
 #include <fstream>
-#include <nlohmann/json.hpp>
 #include <telefab/base/text.hpp>
 #include <telefab/command_line/output.hpp>
+#include <telefab/command_line/slice_options.hpp>
 
 #include "common_options.hpp"
 #include "job_text.hpp"
@@ -21,36 +21,10 @@ struct SubmitOptions {
   CommonOptions common;
   std::string scan;
   std::string machine;
-  std::optional<double> height_mm;
-  std::optional<double> scale;
-  std::string units;
-  bool fit = false;
-  std::optional<double> layer_mm;
-  std::string method;
-  std::string surface;
-  std::string coding;
-  std::string up;
-  bool close_base = false;
-  std::optional<double> bridge_mm;
+  SliceParameters asked;
   bool watch = false;
   bool plain = false;
 };
-
-std::string parameters_of(const SubmitOptions& o) {
-  nlohmann::ordered_json object = nlohmann::ordered_json::object();
-  if (o.height_mm) object["height_mm"] = *o.height_mm;
-  if (o.scale) object["scale"] = *o.scale;
-  if (!o.units.empty()) object["units"] = o.units;
-  if (o.fit) object["fit"] = true;
-  if (o.layer_mm) object["layer_mm"] = *o.layer_mm;
-  if (!o.method.empty()) object["method"] = o.method;
-  if (!o.surface.empty()) object["surface"] = o.surface;
-  if (!o.coding.empty()) object["coding"] = o.coding;
-  if (!o.up.empty()) object["up"] = o.up;
-  if (o.close_base) object["close_base"] = true;
-  if (o.bridge_mm) object["bridge_mm"] = *o.bridge_mm;
-  return object.dump();
-}
 
 /// Reads a file block by block; `take` may fail.
 template <class Take>
@@ -74,7 +48,7 @@ Result<Submit> announce(const SubmitOptions& o, RequestId request) {
   if (!std::filesystem::exists(status)) return fail(ErrorCode::NotFound, fmt::format("{} does not exist", o.scan));
   if (!std::filesystem::is_regular_file(status))
     return fail(ErrorCode::InvalidInput, fmt::format("{} is no regular file; name one scan", o.scan));
-  Submit submit{request, path.filename().string(), o.machine, parameters_of(o), 0, {}};
+  Submit submit{request, path.filename().string(), o.machine, to_json(o.asked), 0, {}};
   submit.size_bytes = std::filesystem::file_size(path, error);
   if (error) return fail(ErrorCode::StorageFailed, fmt::format("cannot read {}: {}", o.scan, error.message()));
   if (submit.size_bytes == 0) return fail(ErrorCode::InvalidInput, fmt::format("{} is empty", o.scan));
@@ -146,25 +120,7 @@ VerbBody declare_submit(CLI::App& options) {
   options.add_option("SCAN", o->scan, "PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text; its points alone are used")
       ->required();
   options.add_option("--machine", o->machine, "which of `telefab machines`")->required();
-  auto* height = options.add_option("--height-mm", o->height_mm, "height of the printed object, millimetres");
-  auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file");
-  auto* fit = options.add_flag("--fit", o->fit, "as large as the machine allows");
-  height->check(CLI::PositiveNumber)->excludes(scale)->excludes(fit);
-  scale->check(CLI::PositiveNumber)->excludes(fit);
-  options.add_option("--units", o->units, "unit of the file; default: what the file states, or mm")
-      ->check(CLI::IsMember({"mm", "cm", "m", "in"}))
-      ->excludes(scale);
-  options.add_option("--up", o->up, "axis of the scan that points up; default: z")
-      ->check(CLI::IsMember({"x", "-x", "y", "-y", "z", "-z"}));
-  options.add_flag("--close-base", o->close_base, "close a scan without underside at the platform");
-  options.add_option("--bridge-mm", o->bridge_mm, "close gaps of contours up to this wide by straight lines")
-      ->check(CLI::NonNegativeNumber);
-  options.add_option("--layer-mm", o->layer_mm, "layer thickness, millimetres; default: the machine's")
-      ->check(CLI::PositiveNumber);
-  options.add_option("--method", o->method, "auto | reeb | grid; how contours are found");
-  options.add_option("--surface", o->surface, "kind of surface; see telefab-scan slice --help");
-  options.add_option("--coding", o->coding, "exact | curve; how contours are sent")
-      ->check(CLI::IsMember({"exact", "curve"}));
+  declare_slice_parameters(options, o->asked);
   options.add_flag("--watch", o->watch, "follow the job until it ends; the exit code tells how");
   options.add_flag("--plain", o->plain, "watch by lines instead of the full screen, as where there is no terminal");
   return [o](std::stop_token stop) { return run(*o, std::move(stop)); };

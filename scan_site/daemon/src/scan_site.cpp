@@ -7,9 +7,9 @@
 #include <fstream>
 #include <telefab/base/version.hpp>
 #include <telefab/command_line/machine_choice.hpp>
+#include <telefab/scan/slicing/job_parameters.hpp>
 
 #include "site_key.hpp"
-#include "slice_parameters.hpp"
 
 namespace telefab::scan {
 namespace {

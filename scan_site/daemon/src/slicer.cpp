@@ -6,10 +6,9 @@
 #include <cmath>
 #include <telefab/base/file.hpp>
 #include <telefab/scan/formats/registration_note.hpp>
+#include <telefab/scan/slicing/job_parameters.hpp>
 #include <telefab/service/site_runtime.hpp>
 #include <telefab/wire/job_signature.hpp>
-
-#include "slice_parameters.hpp"
 
 namespace telefab::scan {
 namespace {

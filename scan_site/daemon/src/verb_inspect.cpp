@@ -8,8 +8,9 @@
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
-#include <telefab/scan/cloud/units.hpp>
+#include <telefab/command_line/slice_options.hpp>
 #include <telefab/scan/inspect/inspect_scan.hpp>
+#include <telefab/scan/slicing/job_parameters.hpp>
 
 #include "verbs.hpp"
 
@@ -18,15 +19,15 @@ namespace {
 
 constexpr std::uint64_t kMaxScanBytes = 64ULL << 30U;
 
+/// What decides where the scan stands and what its surface is; nothing is cut here.
+constexpr std::array<std::string_view, 8> kPlacing{"height_mm", "scale",   "fit",       "units",
+                                                   "up",        "surface", "kernel_mm", "keep_outliers"};
+
 struct Options {
   std::string cloud;
   MachineChoice machine;
-  std::optional<double> height_mm, scale, kernel_mm;
-  std::string surface = std::string{name_of(SurfaceKind::Unbiased)};
-  std::string out_prefix, units;
-  std::string up = "z";
-  bool fit = false;
-  bool keep_outliers = false;
+  SliceParameters asked;
+  std::string out_prefix;
   bool json = false;
 };
 
@@ -76,29 +77,18 @@ void print_table(const Inspection& inspection, double noise_mm) {
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
-  InspectRequest request;
+  if (o.asked.fit && o.machine.name.empty())
+    return fail(ErrorCode::InvalidInput, "--fit needs a --machine to fit into");
+  std::optional<MachineProfile> machine;
   if (!o.machine.name.empty()) {
-    auto machine = chosen_machine(o.machine);
-    if (!machine) return tl::unexpected{machine.error()};
-    request.machine = std::move(*machine);
+    auto chosen = chosen_machine(o.machine);
+    if (!chosen) return tl::unexpected{chosen.error()};
+    machine = std::move(*chosen);
   }
-  request.height_mm = o.height_mm;
-  request.scale = o.scale;
-  if (o.fit && !request.machine) return fail(ErrorCode::InvalidInput, "--fit needs a --machine to fit into");
-  request.fit = o.fit;
-  const auto up = up_axis_from(o.up);
-  if (!up) return tl::unexpected{up.error()};
-  request.up = *up;
-  if (!o.units.empty()) {
-    const auto unit = millimetres_per(o.units);
-    if (!unit) return tl::unexpected{unit.error()};
-    request.unit_mm = *unit;
-  }
-  request.mls.kernel_mm = o.kernel_mm;
-  request.mls.drop_outliers = !o.keep_outliers;
-  const auto surface = surface_kind_from(o.surface);
-  if (!surface) return tl::unexpected{surface.error()};
-  request.mls.surface = *surface;
+  const auto asked = job_parameters_of(o.asked, machine.value_or(MachineProfile{}), Contours::Plain);
+  if (!asked) return tl::unexpected{asked.error()};
+  const SliceRequest& slice = asked->slice;
+  const InspectRequest request{machine, slice.height_mm, slice.scale, slice.unit_mm, slice.fit, slice.up, slice.mls};
 
   const auto scan = read_file(o.cloud, kMaxScanBytes);
   if (!scan) return tl::unexpected{scan.error()};
@@ -128,19 +118,7 @@ VerbBody declare_inspect(CLI::App& options) {
   auto o = std::make_shared<Options>();
   options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text")->required();
   declare_machine_choice(options, o->machine, "place it as it would be sliced for this machine", MachineIs::Optional);
-  auto* height = options.add_option("--height-mm", o->height_mm, "scale the part to this height");
-  auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file")->excludes(height);
-  options.add_option("--units", o->units, "unit of the file: mm, cm, m or in; default: what the file states, or mm")
-      ->excludes(scale);
-  options
-      .add_flag("--fit", o->fit,
-                "scale the part to the largest the machine holds with supports and a margin of 1 % on every side")
-      ->excludes(height)
-      ->excludes(scale);
-  options.add_option("--up", o->up, "axis of the scan that points up: x, -x, y, -y, z or -z")->capture_default_str();
-  options.add_option("--surface", o->surface, "unbiased | paper | paper-literal | imls")->capture_default_str();
-  options.add_option("--kernel-mm", o->kernel_mm, "kernel width; default: from spacing and noise, point by point");
-  options.add_flag("--keep-outliers", o->keep_outliers, "use every point of the scan");
+  declare_slice_parameters(options, o->asked, kPlacing);
   options.add_option("--out-prefix", o->out_prefix,
                      "write a picture PREFIX.png and PREFIX.ply, PREFIX.vtp for a viewer");
   options.add_flag("--json", o->json, "print everything as JSON");

@@ -10,9 +10,10 @@
 #include <telefab/codec/tfc_file.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
+#include <telefab/command_line/slice_options.hpp>
 #include <telefab/geometry/contour_lines.hpp>
-#include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
+#include <telefab/scan/slicing/job_parameters.hpp>
 #include <telefab/scan/slicing/preview.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 
@@ -27,17 +28,10 @@ struct Options {
   std::string cloud;
   MachineChoice machine;
   std::string out, contours, report, preview, points;
-  std::optional<double> height_mm, scale, layer_mm, kernel_mm, chord_mm, bridge_mm;
-  std::string units;
-  std::string up = "z";
-  bool fit = false;
-  bool close_base = false;
-  bool keep_outliers = false;
+  SliceParameters asked;
   bool require_certified = false;
   bool json = false;
   unsigned threads = 0;
-  std::string method = "auto";
-  std::string surface = std::string{name_of(SurfaceKind::Unbiased)};
   std::string layers;
 };
 
@@ -55,47 +49,21 @@ Result<std::array<std::uint32_t, 2>> range_from(const std::string& text) {
   return range;
 }
 
-Result<SliceRequest> request_from(const Options& o) {
-  SliceRequest request;
-  auto machine = chosen_machine(o.machine);
+Result<JobParameters> parameters_from(const Options& o) {
+  const auto machine = chosen_machine(o.machine);
   if (!machine) return tl::unexpected{machine.error()};
-  request.machine = std::move(*machine);
-  request.height_mm = o.height_mm;
-  request.scale = o.scale;
-  request.fit = o.fit;
-  if (!o.units.empty()) {
-    const auto unit = millimetres_per(o.units);
-    if (!unit) return tl::unexpected{unit.error()};
-    request.unit_mm = *unit;
-  }
-  const auto up = up_axis_from(o.up);
-  if (!up) return tl::unexpected{up.error()};
-  request.up = *up;
-  request.bridge_mm = o.bridge_mm;
-  request.close_base = o.close_base;
-  request.layer_mm = o.layer_mm;
-  request.chord_mm = o.chord_mm;
-  // A curve is coded within what the chords leave of the whole error, so the chords of a .tfc file are short.
-  if (!o.chord_mm && !o.out.empty())
-    request.chord_mm = CodecOptions{}.chord_error_pitch * request.machine.projection.pixel_pitch_mm;
-  request.threads = o.threads;
-  request.mls.kernel_mm = o.kernel_mm;
-  request.mls.drop_outliers = !o.keep_outliers;
-  const auto method = trace_method_from(o.method);
-  if (!method) return tl::unexpected{method.error()};
-  request.method = *method;
-  const auto surface = surface_kind_from(o.surface);
-  if (!surface) return tl::unexpected{surface.error()};
-  request.mls.surface = *surface;
+  auto parameters = job_parameters_of(o.asked, *machine, o.out.empty() ? Contours::Plain : Contours::Coded);
+  if (!parameters) return parameters;
+  parameters->slice.threads = o.threads;
   if (!o.layers.empty()) {
     if (!o.out.empty())
       return fail(ErrorCode::InvalidInput, "a .tfc file holds a whole stack: use --contours with --layers");
     const auto range = range_from(o.layers);
     if (!range) return tl::unexpected{range.error()};
-    request.layers = *range;
+    parameters->slice.layers = *range;
   }
-  if (auto ok = request.validate(); !ok) return tl::unexpected{ok.error()};
-  return request;
+  if (auto ok = parameters->slice.validate(); !ok) return tl::unexpected{ok.error()};
+  return parameters;
 }
 
 /// Vertices and chord middles of contours, taken back to where the scan stood.
@@ -126,14 +94,14 @@ class ContourPoints {
 /// The files asked for; all of them are written after the last layer, each whole or not at all.
 class Outputs {
  public:
-  Outputs(const Options& options, const SliceRequest& request) : options_{options}, request_{request} {}
+  Outputs(const Options& options, const JobParameters& parameters) : options_{options}, parameters_{parameters} {}
 
   Result<void> take(const StackHeader& header, const Layer& layer) {
     if (!started_) {
       started_ = true;
       if (!options_.out.empty()) {
         auto writer =
-            TfcWriter::start(header, codec_options(header), [this](std::span<const std::byte> bytes) -> Result<void> {
+            TfcWriter::start(header, parameters_.codec, [this](std::span<const std::byte> bytes) -> Result<void> {
               tfc_.insert(tfc_.end(), bytes.begin(), bytes.end());
               return {};
             });
@@ -141,7 +109,7 @@ class Outputs {
         writer_ = std::move(*writer);
       }
       if (!options_.preview.empty()) {
-        const LayerIndex last{request_.layers ? (*request_.layers)[1] : header.layer_count - 1};
+        const LayerIndex last{parameters_.slice.layers ? (*parameters_.slice.layers)[1] : header.layer_count - 1};
         preview_.emplace(header, layer.index, last);
       }
     }
@@ -174,16 +142,8 @@ class Outputs {
   }
 
  private:
-  [[nodiscard]] CodecOptions codec_options(const StackHeader& header) const {
-    CodecOptions options;
-    constexpr double least_room_pitch = 0.044;
-    if (request_.chord_mm) options.chord_error_pitch = *request_.chord_mm / header.pixel_pitch_mm;
-    options.total_error_pitch = std::max(options.total_error_pitch, options.chord_error_pitch + least_room_pitch);
-    return options;
-  }
-
   const Options& options_;
-  const SliceRequest& request_;
+  const JobParameters& parameters_;
   bool started_ = false;
   std::string lines_;
   std::vector<std::byte> tfc_;
@@ -243,12 +203,12 @@ void print_summary(const SliceReport& report) {
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
-  const auto request = request_from(o);
-  if (!request) return tl::unexpected{request.error()};
+  const auto parameters = parameters_from(o);
+  if (!parameters) return tl::unexpected{parameters.error()};
   const auto scan = read_file(o.cloud, kMaxScanBytes);
   if (!scan) return tl::unexpected{scan.error()};
 
-  Outputs outputs{o, *request};
+  Outputs outputs{o, *parameters};
   const LayerSink sink = [&](const StackHeader& header, Layer&& layer) { return outputs.take(header, layer); };
   int shown = -1;
   const ProgressSink progress = [&, bar = on_terminal()](const Progress& p) {
@@ -258,7 +218,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     write_note(fmt::format("\r{:<10} {:3} %", p.stage, percent));
   };
   const std::string name = std::filesystem::path{o.cloud}.filename().string();
-  const auto report = slice_scan(*scan, name, *request, sink, progress, stop);
+  const auto report = slice_scan(*scan, name, parameters->slice, sink, progress, stop);
   if (shown >= 0) write_note(fmt::format("\r{:20}\r", ""));
   if (!report) return tl::unexpected{report.error()};
 
@@ -283,29 +243,9 @@ VerbBody declare_slice(CLI::App& options) {
   options.add_option("--points", o->points,
                      "write the contours' vertices and chord middles here, in the frame of the scan (PLY, to measure)");
   options.add_option("--report", o->report, "write the report here (JSON)");
-  auto* height = options.add_option("--height-mm", o->height_mm, "scale the part to this height");
-  auto* scale = options.add_option("--scale", o->scale, "millimetres per unit of the file");
-  auto* fit = options.add_flag(
-      "--fit", o->fit,
-      "scale the part to the largest the machine holds with supports and a margin of 1 % on every side");
-  height->excludes(scale)->excludes(fit);
-  scale->excludes(fit);
-  options.add_option("--units", o->units, "unit of the file: mm, cm, m or in; default: what the file states, or mm")
-      ->excludes(scale);
-  options.add_option("--up", o->up, "axis of the scan that points up: x, -x, y, -y, z or -z")->capture_default_str();
-  options.add_flag("--close-base", o->close_base,
-                   "close a scan without underside at the platform: layers below its rim repeat the lowest closed one");
-  options.add_option("--bridge-mm", o->bridge_mm,
-                     "close gaps of contours up to this wide by straight lines; default: two kernel widths");
-  options.add_option("--layer-mm", o->layer_mm, "layer thickness; default: the machine's");
-  options.add_option("--chord-mm", o->chord_mm,
-                     "chord tolerance; default: a tenth of the machine's pixel, with --out a fortieth");
+  declare_slice_parameters(options, o->asked);
   options.add_option("--threads", o->threads, "worker threads; 0: one a core")->capture_default_str();
   options.add_option("--layers", o->layers, "cut these layers only, FIRST:LAST, counted from 0");
-  options.add_option("--method", o->method, "auto | reeb | grid")->capture_default_str();
-  options.add_option("--surface", o->surface, "unbiased | paper | paper-literal | imls")->capture_default_str();
-  options.add_option("--kernel-mm", o->kernel_mm, "kernel width; default: from spacing and noise, point by point");
-  options.add_flag("--keep-outliers", o->keep_outliers, "use every point of the scan");
   options.add_flag("--require-certified", o->require_certified, "exit with code 8 if a layer is flagged");
   options.add_flag("--json", o->json, "print the report as JSON");
   return [o](std::stop_token stop) { return run(*o, stop); };

@@ -41,7 +41,25 @@ site.showJob = (job) => {
   byId("job-line").textContent = `${job.state}, for ${job.machine}, job ${job.id}, from ${job.owner}; ` +
     `${bytes(job.wire_bytes)} sent for a scan of ${bytes(job.scan_bytes)}`;
   showStages(job);
+  showAsked(job);
 };
+
+// What was asked for, in the order and the words of the site's own table.
+let parameters = [];
+get("/v1/parameters").then((table) => {
+  parameters = table;
+}, () => {});  // without it a job's parameters are not shown; the rest of the page is
+
+function showAsked(job) {
+  const asked = job.parameters || {};
+  const rows = parameters.filter((p) => asked[p.key] !== undefined).flatMap((p) => {
+    const name = element("dt", p.key.replaceAll("_", " ").replace(/ mm$/, ""));
+    name.title = p.help;
+    return [name, element("dd", `${asked[p.key]}${p.unit ? ` ${p.unit}` : ""}`)];
+  });
+  byId("asked").replaceChildren(...rows);
+  byId("asked-box").hidden = rows.length === 0;
+}
 
 site.chosen = () => {
   byId("figures-box").hidden = byId("flags-box").hidden = true;

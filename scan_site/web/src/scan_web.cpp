@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <map>
 #include <nlohmann/json.hpp>
+#include <telefab/job/slice_parameters.hpp>
 #include <telefab/scan/web/scan_web.hpp>
 #include <telefab/web/gauges.hpp>
 
@@ -105,6 +106,10 @@ const std::vector<Row>& rows() {
        }},
       {{"GET", "/v1/health", "whether the daemon answers and its store can be read"}, health},
       {{"GET", "/v1/link", "the line to the fab"}, [](const Call& c) { return as_text(link_json(c.desk.link())); }},
+      {{"GET", "/v1/parameters", "what may be asked of a scan's slicing: names, kinds, units, ranges"},
+       [](const Call&) -> WebResponse {
+         return {200, "application/json", slice_parameter_list_json()};
+       }},
       {{"GET", "/v1/jobs", "all jobs, newest first, and the line to the fab"}, list_jobs},
       {{"GET", "/v1/jobs/{id}", "one job"}, show_job},
       {{"GET", "/v1/jobs/{id}/events", "the job's log"}, show_events},
@@ -124,6 +129,15 @@ const std::vector<Row>& rows() {
   return table;
 }
 
+/// The description of the API with the parameters as the one table of them has them.
+WebResponse described(WebResponse page) {
+  auto api = ordered_json::parse(page.body, nullptr, false);
+  if (!api.is_object()) return page;
+  api["components"]["schemas"]["SliceParameters"] = ordered_json::parse(slice_parameter_schema_json());
+  page.body = api.dump(1);
+  return page;
+}
+
 }  // namespace
 
 const std::vector<WebRoute>& web_routes() {
@@ -138,8 +152,10 @@ const std::vector<WebRoute>& web_routes() {
 WebResponse ScanWeb::answer(const WebRequest& request) {
   const auto routed = find_route(web_routes(), request, token_);
   if (routed) return rows()[routed->row].run(Call{routed->arguments, desk_, version_});
-  if (routed.error().status == 404 && (request.method == "GET" || request.method == "HEAD"))
-    return web_asset(page_assets(), request.target);
+  if (routed.error().status == 404 && (request.method == "GET" || request.method == "HEAD")) {
+    WebResponse page = web_asset(page_assets(), request.target);
+    return request.target == "/openapi.json" ? described(std::move(page)) : page;
+  }
   return routed.error();
 }
 

@@ -22,8 +22,8 @@ using Strings = std::vector<std::string>;
 /// The order of the tree is the order of dependence: a module may include those above it in its own site, and all of
 /// common may be included by both sites.
 const std::array<Strings, 3> kOrder{
-    Strings{"common/base", "common/geometry", "common/machine", "common/image", "common/codec", "common/command_line",
-            "common/job", "common/store", "common/transfer", "common/wire", "common/net", "common/web",
+    Strings{"common/base", "common/geometry", "common/machine", "common/image", "common/codec", "common/job",
+            "common/command_line", "common/store", "common/transfer", "common/wire", "common/net", "common/web",
             "common/service", "common/client"},
     Strings{"scan_site/cloud", "scan_site/formats", "scan_site/digitize", "scan_site/registration", "scan_site/mls",
             "scan_site/completion", "scan_site/topology", "scan_site/contour", "scan_site/measure", "scan_site/slicing",
@@ -35,13 +35,14 @@ const std::array<Strings, 3> kOrder{
 /// Nothing depends on these.
 const Strings kLeaves{"common/client", "scan_site/daemon", "fab_site/daemon"};
 
-/// What may see sockets, jobs on disk, the wire, the program frame: the daemons and the outer half of common.
-const Strings kOuter{"common/command_line", "common/job", "common/store", "common/transfer",
-                     "common/wire",         "common/net", "common/web",   "common/service"};
-const Strings kMayUseOuter{"common/command_line", "common/job",    "common/store",     "common/transfer",
-                           "common/wire",         "common/net",    "common/web",       "common/service",
-                           "common/client",       "scan_site/web", "scan_site/daemon", "fab_site/daemon",
-                           "fab_site/spool",      "fab_site/web"};
+/// What may see sockets, jobs on disk, the wire, the program frame: the daemons and the outer half of common. What a
+/// job is and what may be asked of it are values that anybody may see.
+const Strings kOuter{"common/command_line", "common/store", "common/transfer", "common/wire",
+                     "common/net",          "common/web",   "common/service"};
+const Strings kMayUseOuter{"common/command_line", "common/store",     "common/transfer", "common/wire",
+                           "common/net",          "common/web",       "common/service",  "common/client",
+                           "scan_site/web",       "scan_site/daemon", "fab_site/daemon", "fab_site/spool",
+                           "fab_site/web"};
 
 struct Heavy {
   std::string prefix;  ///< of the include path

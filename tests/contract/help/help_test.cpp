@@ -7,6 +7,8 @@
 #include <set>
 #include <sstream>
 
+#include <telefab/job/slice_parameters.hpp>
+
 #include "process.hpp"
 
 // Examples rot when options change. Each is held against the --help of its verb: words, values of choices, what is
@@ -129,6 +131,22 @@ TEST_P(HelpOf, EveryVerbGivesExamplesThatItsOptionsAllow) {
       hold_against(example, other);
     }
   }
+}
+
+// Knobs were once listed by hand for each program, and some could not be submitted.
+TEST(SliceParameterOptions, AreTheSameForSliceAndSubmitAndMostOfThemForInspect) {
+  const Help slice = read_help(help_text("telefab-scan", "slice")), submit = read_help(help_text("telefab", "submit"));
+  const Help inspect = read_help(help_text("telefab-scan", "inspect"));
+  for (const SliceParameter& row : slice_parameter_table()) {
+    for (const Help* help : {&slice, &submit}) {
+      const auto option = help->options.find(option_name(row));
+      ASSERT_NE(option, help->options.end()) << row.key;
+      EXPECT_EQ(option->second.takes_value, !std::holds_alternative<SliceParameter::Flag>(row.field)) << row.key;
+      EXPECT_EQ(option->second.choices, (std::set<std::string>{row.choices.begin(), row.choices.end()})) << row.key;
+    }
+  }
+  for (const char* placing : {"--height-mm", "--scale", "--fit", "--units", "--up", "--surface", "--kernel-mm"})
+    EXPECT_TRUE(inspect.options.contains(placing)) << placing;
 }
 
 TEST_P(HelpOf, ManualPageShowsTheExamplesToo) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
+#include <telefab/job/slice_parameters.hpp>
 #include <telefab/test/scan_desk.hpp>
 
 namespace telefab::scan {
@@ -31,6 +32,19 @@ TEST_F(ScanWebTest, AnswersEveryRouteOfItsTable) {
     const WebResponse response = ask(std::string{route.method}, concrete(route.path), "Bearer secret");
     EXPECT_THAT(response.status, testing::AnyOf(200U, 409U)) << route.path;
     EXPECT_FALSE(response.body.empty()) << route.path;
+  }
+}
+
+TEST_F(ScanWebTest, DescribesEveryParameterOfTheTable) {
+  const json list = json::parse(ask("GET", "/v1/parameters").body);
+  const json schema = json::parse(ask("GET", "/openapi.json").body)["components"]["schemas"]["SliceParameters"];
+  const auto table = slice_parameter_table();
+  ASSERT_EQ(list.size(), table.size());
+  EXPECT_EQ(schema["properties"].size(), table.size());
+  for (std::size_t i = 0; i < table.size(); ++i) {
+    EXPECT_EQ(list[i]["key"], table[i].key);
+    EXPECT_EQ(schema["properties"][std::string{table[i].key}]["description"], table[i].help);
+    EXPECT_EQ(schema["properties"][std::string{table[i].key}]["type"], list[i]["type"]);
   }
 }
 

@@ -1,0 +1,238 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <telefab/geometry/limits.hpp>
+#include <telefab/job/slice_parameters.hpp>
+
+namespace telefab {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using P = SliceParameters;
+using Range = SliceParameter::Range;
+
+constexpr std::array<std::string_view, 4> kUnits{"mm", "cm", "m", "in"};
+constexpr std::array<std::string_view, 6> kAxes{"x", "-x", "y", "-y", "z", "-z"};
+constexpr std::array<std::string_view, 3> kMethods{"auto", "reeb", "grid"};
+constexpr std::array<std::string_view, 4> kSurfaces{"unbiased", "paper", "paper-literal", "imls"};
+constexpr std::array<std::string_view, 2> kCodings{"exact", "curve"};
+
+constexpr Range kLength{.least = 0, .is_least_in = false, .most = kMaxCoordinateMm};
+constexpr Range kScale{.least = 0, .is_least_in = false, .most = 1e9};
+constexpr Range kKernel{.least = 0, .is_least_in = false, .most = 1000};
+constexpr Range kUpToOne{.least = 0, .is_least_in = false, .most = 1};
+
+const std::array kTable{
+    SliceParameter{.key = "height_mm",
+                   .field = &P::height_mm,
+                   .help = "scale the part to this height; default: the scan's own size",
+                   .unit = "mm",
+                   .range = kLength},
+    SliceParameter{.key = "scale",
+                   .field = &P::scale,
+                   .help = "millimetres per unit of the file",
+                   .range = kScale,
+                   .not_with = {"height_mm"}},
+    SliceParameter{
+        .key = "fit",
+        .field = &P::fit,
+        .help = "scale the part to the largest the machine holds with supports and a margin of 1 % on every side",
+        .not_with = {"height_mm", "scale"}},
+    SliceParameter{.key = "units",
+                   .field = &P::units,
+                   .help = "unit of the file; default: what the file states, or mm",
+                   .choices = kUnits,
+                   .not_with = {"scale"}},
+    SliceParameter{
+        .key = "up", .field = &P::up, .help = "axis of the scan that points up", .choices = kAxes, .fallback = "z"},
+    SliceParameter{.key = "close_base",
+                   .field = &P::close_base,
+                   .help = "close a scan without underside at the platform: layers below its rim repeat the lowest "
+                           "closed one"},
+    SliceParameter{.key = "bridge_mm",
+                   .field = &P::bridge_mm,
+                   .help = "close gaps of contours up to this wide by straight lines; default: two kernel widths",
+                   .unit = "mm",
+                   .range = {.most = kMaxCoordinateMm}},
+    SliceParameter{.key = "layer_mm",
+                   .field = &P::layer_mm,
+                   .help = "layer thickness; default: the machine's",
+                   .unit = "mm",
+                   .range = kUpToOne},
+    SliceParameter{.key = "chord_mm",
+                   .field = &P::chord_mm,
+                   .help = "chord tolerance; default: a tenth of the machine's pixel, a fortieth where contours are "
+                           "coded as curves",
+                   .unit = "mm",
+                   .range = kUpToOne},
+    SliceParameter{.key = "method",
+                   .field = &P::method,
+                   .help = "how contours are found: marched from the Reeb graph, by marching squares, or marched where "
+                           "that can be certified",
+                   .choices = kMethods,
+                   .fallback = "auto"},
+    SliceParameter{.key = "surface",
+                   .field = &P::surface,
+                   .help = "how the surface is made of the points",
+                   .choices = kSurfaces,
+                   .fallback = "unbiased"},
+    SliceParameter{.key = "kernel_mm",
+                   .field = &P::kernel_mm,
+                   .help = "kernel width; default: from spacing and noise, point by point",
+                   .unit = "mm",
+                   .range = kKernel},
+    SliceParameter{.key = "keep_outliers", .field = &P::keep_outliers, .help = "use every point of the scan"},
+    SliceParameter{.key = "coding",
+                   .field = &P::coding,
+                   .help = "how contours are coded: to the last digit, or as curves within 0.144 pixels",
+                   .choices = kCodings,
+                   .fallback = "curve"},
+};
+
+template <class... F>
+struct Overloaded : F... {
+  using F::operator()...;
+};
+template <class... F>
+Overloaded(F...) -> Overloaded<F...>;
+
+tl::unexpected<Error> bad(std::string_view key, std::string_view claim) {
+  return fail(ErrorCode::InvalidInput, fmt::format("parameter {}: {}", key, claim));
+}
+
+bool is_set(const SliceParameters& parameters, const SliceParameter& row) {
+  return std::visit(Overloaded{[&](SliceParameter::Flag flag) { return parameters.*flag; },
+                               [&](auto field) { return (parameters.*field).has_value(); }},
+                    row.field);
+}
+
+Result<void> validate_value(const SliceParameters& parameters, const SliceParameter& row) {
+  if (const auto* number = std::get_if<SliceParameter::Number>(&row.field)) {
+    const double value = *(parameters.**number);
+    if (!contains(row.range, value)) return bad(row.key, fmt::format("{} is not {}", value, text_of(row.range)));
+  }
+  if (const auto* choice = std::get_if<SliceParameter::Choice>(&row.field)) {
+    const std::string& value = *(parameters.**choice);
+    if (std::ranges::find(row.choices, value) == row.choices.end())
+      return bad(row.key, fmt::format("\"{}\" is not known; there are: {}", value, fmt::join(row.choices, ", ")));
+  }
+  return {};
+}
+
+Result<void> read_value(const nlohmann::json& value, const SliceParameter& row, SliceParameters& into) {
+  return std::visit(Overloaded{[&](SliceParameter::Number field) -> Result<void> {
+                                 if (!value.is_number()) return bad(row.key, "must be a number");
+                                 into.*field = value.get<double>();
+                                 return {};
+                               },
+                               [&](SliceParameter::Flag field) -> Result<void> {
+                                 if (!value.is_boolean()) return bad(row.key, "must be true or false");
+                                 into.*field = value.get<bool>();
+                                 return {};
+                               },
+                               [&](SliceParameter::Choice field) -> Result<void> {
+                                 if (!value.is_string()) return bad(row.key, "must be a text");
+                                 into.*field = value.get<std::string>();
+                                 return {};
+                               }},
+                    row.field);
+}
+
+std::string_view type_of(const SliceParameter& row) {
+  constexpr std::array<std::string_view, 3> kTypes{"number", "boolean", "string"};
+  return kTypes[row.field.index()];
+}
+
+}  // namespace
+
+std::span<const SliceParameter> slice_parameter_table() { return kTable; }
+
+const SliceParameter* slice_parameter(std::string_view key) {
+  const auto row = std::ranges::find(kTable, key, &SliceParameter::key);
+  return row == kTable.end() ? nullptr : &*row;
+}
+
+std::string option_name(const SliceParameter& parameter) {
+  std::string name = "--" + std::string{parameter.key};
+  std::ranges::replace(name, '_', '-');
+  return name;
+}
+
+std::string text_of(const SliceParameter::Range& range) {
+  if (std::isinf(range.most)) return fmt::format("{} {}", range.is_least_in ? "at least" : "above", range.least);
+  return range.is_least_in ? fmt::format("{} to {}", range.least, range.most)
+                           : fmt::format("above {} and up to {}", range.least, range.most);
+}
+
+bool contains(const SliceParameter::Range& range, double value) {
+  return std::isfinite(value) && (range.is_least_in ? value >= range.least : value > range.least) &&
+         value <= range.most;
+}
+
+Result<void> validate(const SliceParameters& parameters) {
+  for (const SliceParameter& row : kTable) {
+    if (!is_set(parameters, row)) continue;
+    if (auto ok = validate_value(parameters, row); !ok) return ok;
+    for (const std::string_view other : row.not_with)
+      if (!other.empty() && is_set(parameters, *slice_parameter(other)))
+        return bad(row.key, fmt::format("cannot be stated together with {}", other));
+  }
+  return {};
+}
+
+std::string to_json(const SliceParameters& parameters) {
+  Json object = Json::object();
+  for (const SliceParameter& row : kTable)
+    if (is_set(parameters, row))
+      std::visit(Overloaded{[&](SliceParameter::Flag field) { object[row.key] = parameters.*field; },
+                            [&](auto field) { object[row.key] = *(parameters.*field); }},
+                 row.field);
+  return object.dump();
+}
+
+Result<SliceParameters> slice_parameters_from_json(std::string_view text) {
+  const auto object = nlohmann::json::parse(text, nullptr, false);
+  if (!object.is_object()) return fail(ErrorCode::InvalidInput, "the parameters of the job are not a JSON object");
+  SliceParameters parameters;
+  for (const auto& [key, value] : object.items()) {
+    const SliceParameter* row = slice_parameter(key);
+    if (!row) return bad(key, "is not known to this site");
+    if (auto ok = read_value(value, *row, parameters); !ok) return tl::unexpected{ok.error()};
+  }
+  if (auto ok = validate(parameters); !ok) return tl::unexpected{ok.error()};
+  return parameters;
+}
+
+std::string slice_parameter_list_json() {
+  Json list = Json::array();
+  for (const SliceParameter& row : kTable) {
+    Json entry{{"key", row.key}, {"type", type_of(row)}, {"help", row.help}};
+    if (!row.unit.empty()) entry["unit"] = row.unit;
+    if (std::holds_alternative<SliceParameter::Number>(row.field)) entry["range"] = text_of(row.range);
+    if (!row.choices.empty()) entry["choices"] = row.choices;
+    if (!row.fallback.empty()) entry["default"] = row.fallback;
+    list.push_back(std::move(entry));
+  }
+  return list.dump();
+}
+
+std::string slice_parameter_schema_json() {
+  Json properties = Json::object();
+  for (const SliceParameter& row : kTable) {
+    Json& schema = properties[row.key] = {{"type", type_of(row)}, {"description", row.help}};
+    if (std::holds_alternative<SliceParameter::Number>(row.field)) {
+      schema["minimum"] = row.range.least;
+      if (!row.range.is_least_in) schema["exclusiveMinimum"] = true;
+      if (!std::isinf(row.range.most)) schema["maximum"] = row.range.most;
+    }
+    if (!row.choices.empty()) schema["enum"] = row.choices;
+    if (!row.fallback.empty()) schema["default"] = row.fallback;
+  }
+  return Json{{"type", "object"}, {"additionalProperties", false}, {"properties", properties}}.dump();
+}
+
+}  // namespace telefab

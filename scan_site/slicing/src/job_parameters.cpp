@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
+#include <telefab/scan/cloud/units.hpp>
+#include <telefab/scan/slicing/job_parameters.hpp>
+
+namespace telefab::scan {
+namespace {
+
+/// What the coding of curves needs beyond the chords, in pixels.
+constexpr double kLeastRoom_px = 0.044;
+
+/// Reads a word that may be left out by one of the parsers that own the words.
+template <class Value, class Parse>
+Result<void> take(const std::optional<std::string>& word, const Parse& parse, Value& into) {
+  if (!word) return {};
+  const auto value = parse(*word);
+  if (!value) return tl::unexpected{value.error()};
+  into = *value;
+  return {};
+}
+
+Result<Coding> coding_from(std::string_view name) {
+  if (name == "exact") return Coding::Exact;
+  if (name == "curve") return Coding::Curve;
+  return fail(ErrorCode::InvalidInput, "coding: exact and curve are known");
+}
+
+Result<void> take_words(const SliceParameters& asked, SliceRequest& slice) {
+  if (auto ok = take(asked.units, millimetres_per, slice.unit_mm); !ok) return ok;
+  if (auto ok = take(asked.up, up_axis_from, slice.up); !ok) return ok;
+  if (auto ok = take(asked.method, trace_method_from, slice.method); !ok) return ok;
+  return take(asked.surface, surface_kind_from, slice.mls.surface);
+}
+
+/// Chords and coding share one bound of the error.
+void share_error(const MachineProfile& machine, JobParameters& parameters) {
+  auto& [slice, codec] = parameters;
+  const double pitch_mm = machine.projection.pixel_pitch_mm;
+  if (!slice.chord_mm) slice.chord_mm = codec.chord_error_pitch * pitch_mm;
+  codec.chord_error_pitch = *slice.chord_mm / pitch_mm;
+  codec.total_error_pitch = std::max(codec.total_error_pitch, codec.chord_error_pitch + kLeastRoom_px);
+}
+
+}  // namespace
+
+Result<JobParameters> job_parameters_of(const SliceParameters& asked, const MachineProfile& machine,
+                                        Contours contours) {
+  if (auto ok = validate(asked); !ok) return tl::unexpected{ok.error()};
+  JobParameters parameters;
+  SliceRequest& slice = parameters.slice;
+  slice.machine = machine;
+  slice.height_mm = asked.height_mm;
+  slice.scale = asked.scale;
+  slice.fit = asked.fit;
+  slice.close_base = asked.close_base;
+  slice.bridge_mm = asked.bridge_mm;
+  slice.layer_mm = asked.layer_mm;
+  slice.chord_mm = asked.chord_mm;
+  slice.mls.kernel_mm = asked.kernel_mm;
+  slice.mls.drop_outliers = !asked.keep_outliers;
+  if (auto ok = take_words(asked, slice); !ok) return tl::unexpected{ok.error()};
+  if (auto ok = take(asked.coding, coding_from, parameters.codec.coding); !ok) return tl::unexpected{ok.error()};
+  if (contours == Contours::Coded && parameters.codec.coding == Coding::Curve) share_error(machine, parameters);
+  if (auto ok = slice.validate(); !ok) return tl::unexpected{ok.error()};
+  if (auto ok = parameters.codec.validate(); !ok) return tl::unexpected{ok.error()};
+  return parameters;
+}
+
+Result<JobParameters> job_parameters_from(std::string_view json, const MachineProfile& machine) {
+  const auto asked = slice_parameters_from_json(json);
+  if (!asked) return tl::unexpected{asked.error()};
+  return job_parameters_of(*asked, machine);
+}
+
+}  // namespace telefab::scan

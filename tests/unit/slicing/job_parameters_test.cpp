@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <telefab/scan/slicing/job_parameters.hpp>
+
+namespace telefab::scan {
+namespace {
+
+using testing::HasSubstr;
+
+MachineProfile machine() { return builtin_machine_profiles()->front(); }
+
+/// A legal value that is not what is taken where nothing is said.
+void set_unusual(SliceParameters& parameters, const SliceParameter& row, std::string_view choice = {}) {
+  if (const auto* number = std::get_if<SliceParameter::Number>(&row.field)) parameters.** number = 0.4375;
+  if (const auto* flag = std::get_if<SliceParameter::Flag>(&row.field)) parameters.** flag = true;
+  if (const auto* text = std::get_if<SliceParameter::Choice>(&row.field)) parameters.** text = std::string{choice};
+}
+
+/// Everything that a parameter may decide, as one text.
+std::string fingerprint(const JobParameters& p) {
+  const SliceRequest& s = p.slice;
+  const auto number = [](const std::optional<double>& v) { return v ? std::to_string(*v) + ' ' : std::string{"- "}; };
+  return number(s.height_mm) + number(s.scale) + number(s.unit_mm) + number(s.layer_mm) + number(s.chord_mm) +
+         number(s.bridge_mm) + number(s.mls.kernel_mm) + std::to_string(s.fit) + std::to_string(s.close_base) +
+         std::to_string(s.mls.drop_outliers) + std::to_string(static_cast<int>(s.up)) +
+         std::to_string(static_cast<int>(s.method)) + std::to_string(static_cast<int>(s.mls.surface)) +
+         std::to_string(static_cast<int>(p.codec.coding));
+}
+
+// A knob that is in the table and reaches nothing could be submitted and would be ignored.
+TEST(SliceParameters, EveryRowChangesWhatIsSliced) {
+  const std::string usual = fingerprint(job_parameters_of({}, machine()).value());
+  for (const SliceParameter& row : slice_parameter_table()) {
+    std::vector<std::string_view> values{row.choices.begin(), row.choices.end()};
+    if (values.empty()) values.emplace_back();
+    int changed = 0;
+    for (const std::string_view value : values) {
+      SliceParameters parameters;
+      set_unusual(parameters, row, value);
+      const auto made = job_parameters_of(parameters, machine());
+      ASSERT_TRUE(made) << row.key << ' ' << value << ": " << made.error().what;
+      const bool is_fallback = !value.empty() && value == row.fallback;
+      changed += fingerprint(*made) != usual;
+      if (is_fallback) {
+        EXPECT_EQ(fingerprint(*made), usual) << row.key << " is said to be " << value << " where it is left out";
+      }
+    }
+    EXPECT_GE(changed, static_cast<int>(values.size()) - (row.choices.empty() ? 0 : 1)) << row.key;
+  }
+}
+
+TEST(SliceParameters, OfAJobAndOfACommandLineAreReadAlike) {
+  SliceParameters all;
+  for (const SliceParameter& row : slice_parameter_table())
+    if (row.key != "scale" && row.key != "fit")
+      set_unusual(all, row, row.choices.empty() ? std::string_view{} : row.choices.front());
+  const auto read = slice_parameters_from_json(to_json(all));
+  ASSERT_TRUE(read) << read.error().what;
+  EXPECT_EQ(*read, all);
+  EXPECT_EQ(fingerprint(job_parameters_from(to_json(all), machine()).value()),
+            fingerprint(job_parameters_of(all, machine()).value()));
+}
+
+TEST(SliceParameters, WhatOnceCouldNotBeSubmittedIsTaken) {
+  const auto made = job_parameters_from(R"({"chord_mm":0.01,"kernel_mm":0.5,"keep_outliers":true})", machine());
+  ASSERT_TRUE(made) << made.error().what;
+  EXPECT_EQ(made->slice.chord_mm, 0.01);
+  EXPECT_EQ(made->slice.mls.kernel_mm, 0.5);
+  EXPECT_FALSE(made->slice.mls.drop_outliers);
+  // The coding is told how much of the error the chords have taken.
+  EXPECT_NEAR(made->codec.chord_error_pitch, 0.01 / machine().projection.pixel_pitch_mm, 1e-12);
+  EXPECT_GT(made->codec.total_error_pitch, made->codec.chord_error_pitch);
+}
+
+TEST(SliceParameters, WrongOnesAreRefusedByName) {
+  const auto why = [](std::string_view json) { return slice_parameters_from_json(json).error().what; };
+  EXPECT_THAT(why(R"({"hight_mm":3})"), HasSubstr("hight_mm"));
+  EXPECT_THAT(why(R"({"height_mm":"3"})"), HasSubstr("height_mm: must be a number"));
+  EXPECT_THAT(why(R"({"height_mm":0})"), HasSubstr("height_mm: 0 is not above 0"));
+  EXPECT_THAT(why(R"({"layer_mm":1.5})"), HasSubstr("layer_mm"));
+  EXPECT_THAT(why(R"({"fit":1})"), HasSubstr("fit: must be true or false"));
+  EXPECT_THAT(why(R"({"up":"w"})"), HasSubstr("x, -x, y, -y, z, -z"));
+  EXPECT_THAT(why(R"({"fit":true,"height_mm":3})"), HasSubstr("cannot be stated together with height_mm"));
+  EXPECT_THAT(why(R"({"scale":2,"units":"mm"})"), HasSubstr("cannot be stated together with scale"));
+  EXPECT_THAT(why("[]"), HasSubstr("not a JSON object"));
+}
+
+}  // namespace
+}  // namespace telefab::scan
