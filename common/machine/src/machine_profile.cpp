@@ -7,6 +7,7 @@
 #include <functional>
 #include <optional>
 #include <set>
+#include <span>
 #include <telefab/base/file.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <variant>
@@ -28,7 +29,11 @@ struct CountKey {
 };
 struct TextKey {
   std::function<std::string&(MachineProfile&)> field;
-  std::vector<std::string_view> choices;  ///< empty: any text
+};
+struct WordKey {
+  std::function<std::string_view(const MachineProfile&)> name;
+  std::function<bool(MachineProfile&, std::string_view)> take;  ///< false: not one of them
+  std::span<const std::string_view> all;
 };
 /// Numbers from 0 to 1 that never fall, or none.
 struct CurveKey {
@@ -48,7 +53,7 @@ struct Key {
   std::string_view name;
   bool required;
   std::string_view reason;
-  std::variant<NumberKey, CountKey, TextKey, CurveKey, GridKey> kind;
+  std::variant<NumberKey, CountKey, TextKey, WordKey, CurveKey, GridKey> kind;
 };
 
 using P = MachineProfile;
@@ -56,6 +61,17 @@ using P = MachineProfile;
 template <class Section, class Value>
 std::function<Value&(P&)> at(Section P::*section, Value Section::*value) {
   return [=](P& profile) -> Value& { return profile.*section.*value; };
+}
+
+template <class Section, MachineWord Word>
+WordKey words(Section P::*section, Word Section::*value) {
+  return {[=](const P& profile) { return name_of(profile.*section.*value); },
+          [=](P& profile, std::string_view name) {
+            const auto word = machine_word_from<Word>(name);
+            if (word) profile.*section.*value = *word;
+            return word.has_value();
+          },
+          kMachineWords<Word>};
 }
 
 const std::vector<Key>& keys() {
@@ -72,9 +88,9 @@ const std::vector<Key>& keys() {
       {"projection", "pixel_pitch_mm", true, "one pixel on the vat",
        NumberKey{at(&P::projection, &P::Projection::pixel_pitch_mm), 0.001, 1}},
       {"projection", "orientation", false, "what the optics do to a mask",
-       TextKey{at(&P::projection, &P::Projection::orientation), {"normal", "mirror-x", "mirror-y", "rotate-180"}}},
+       words(&P::projection, &P::Projection::orientation)},
       {"projection", "controllers", false, "who drives which half of the mirrors",
-       TextKey{at(&P::projection, &P::Projection::controllers), {"auto", "one", "left-right", "right-left"}}},
+       words(&P::projection, &P::Projection::controllers)},
       {"projection", "spread_px", false, "sigma of one pixel's Gaussian light spot",
        NumberKey{at(&P::projection, &P::Projection::spread_px), 0.05, 5}},
       {"projection", "gamma", false, "relative irradiance = (grey/255)^gamma, unless there is a curve",
@@ -96,7 +112,7 @@ const std::vector<Key>& keys() {
        CountKey{at(&P::layers, &P::Layers::bottom_count), 0, 100}},
       {"layers", "bottom_exposure_s", true, "of a bottom layer",
        NumberKey{at(&P::layers, &P::Layers::bottom_exposure_s), 0.001, 600}},
-      {"resin", "name", false, "for people", TextKey{at(&P::resin, &P::Resin::name), {}}},
+      {"resin", "name", false, "for people", TextKey{at(&P::resin, &P::Resin::name)}},
       {"resin", "critical_dose_mj_per_cm2", false, "Ec",
        NumberKey{at(&P::resin, &P::Resin::critical_dose_mj_per_cm2), 0.01, 10000}},
       {"resin", "penetration_mm", false, "Dp", NumberKey{at(&P::resin, &P::Resin::penetration_mm), 0.001, 10}},
@@ -138,30 +154,27 @@ const std::vector<Key>& keys() {
       {"motion", "lower_speed_mm_per_s", false, "back to the vat",
        NumberKey{at(&P::motion, &P::Motion::lower_speed_mm_per_s), 0.01, 100}},
       {"motion", "settle_s", false, "resin comes to rest", NumberKey{at(&P::motion, &P::Motion::settle_s), 0, 120}},
-      {"devices", "projector", false, "light engine",
-       TextKey{at(&P::devices, &P::Devices::projector), {"virtual", "dlpc900"}}},
-      {"devices", "stage", false, "Z stage",
-       TextKey{at(&P::devices, &P::Devices::stage), {"virtual", "grbl", "marlin"}}},
+      {"devices", "projector", false, "light engine", words(&P::devices, &P::Devices::projector)},
+      {"devices", "stage", false, "Z stage", words(&P::devices, &P::Devices::stage)},
       {"devices", "speed_up", false, "virtual devices: simulated seconds per real second",
        NumberKey{at(&P::devices, &P::Devices::speed_up), 1, 1e6}},
       {"devices", "allowed_slowdown", false, "a job whose uploads stretch it beyond this is refused",
        NumberKey{at(&P::devices, &P::Devices::allowed_slowdown), 1, 100}},
       {"devices", "led_current", false, "dlpc900: never sent above",
        CountKey{at(&P::devices, &P::Devices::led_current), 0, 255}},
-      {"devices", "led_colour", false, "dlpc900",
-       TextKey{at(&P::devices, &P::Devices::led_colour), {"red", "green", "blue"}}},
+      {"devices", "led_colour", false, "dlpc900", words(&P::devices, &P::Devices::led_colour)},
       {"devices", "led_polarity", false, "dlpc900: PWM polarity under which more current is more light on this board",
-       TextKey{at(&P::devices, &P::Devices::led_polarity), {"unstated", "normal", "inverted"}}},
+       words(&P::devices, &P::Devices::led_polarity)},
       {"devices", "led_off", false, "dlpc900: what darkens the LEDs of this board",
-       TextKey{at(&P::devices, &P::Devices::led_off), {"enable", "enable-and-current"}}},
+       words(&P::devices, &P::Devices::led_off)},
       {"devices", "thermometer", false, "marlin: the sensor that is in the resin",
-       TextKey{at(&P::devices, &P::Devices::thermometer), {"none", "hotend", "bed", "chamber"}}},
+       words(&P::devices, &P::Devices::thermometer)},
       {"devices", "hottest_celsius", false, "resin above this stops the print, dark; 0: no limit",
        NumberKey{at(&P::devices, &P::Devices::hottest_celsius), 0, 150}},
       {"devices", "coldest_celsius", false, "resin below this stops the print, dark; 0: no limit",
        NumberKey{at(&P::devices, &P::Devices::coldest_celsius), 0, 150}},
       {"devices", "stage_serial", false, "USB serial number of the stage's tty",
-       TextKey{at(&P::devices, &P::Devices::stage_serial), {}}},
+       TextKey{at(&P::devices, &P::Devices::stage_serial)}},
   };
   return table;
 }
@@ -174,8 +187,8 @@ std::string range_of(const Key& key) {
   if (const auto* g = std::get_if<GridKey>(&key.kind))
     return fmt::format("up to {0} rows of equal length up to {0}, numbers {1} to {2}; or none", kMostGridSide, g->least,
                        g->most);
-  const auto& choices = std::get<TextKey>(key.kind).choices;
-  return choices.empty() ? std::string{"text"} : fmt::format("{}", fmt::join(choices, " | "));
+  if (const auto* w = std::get_if<WordKey>(&key.kind)) return fmt::format("{}", fmt::join(w->all, " | "));
+  return "text";
 }
 
 tl::unexpected<Error> refuse(std::string_view origin, const toml::source_region& at, std::string what) {
@@ -238,12 +251,13 @@ Result<void> read_value(const Key& key, const toml::node& node, MachineProfile& 
     if (!rows) return out_of_range();
     grid->field(profile) = std::move(*rows);
   } else {
-    const auto& text = std::get<TextKey>(key.kind);
     const auto value = node.value_exact<std::string>();
     if (!value || value->size() > 256) return out_of_range();
-    if (!text.choices.empty() && std::find(text.choices.begin(), text.choices.end(), *value) == text.choices.end())
-      return out_of_range();
-    text.field(profile) = *value;
+    if (const auto* word = std::get_if<WordKey>(&key.kind)) {
+      if (!word->take(profile, *value)) return out_of_range();
+    } else {
+      std::get<TextKey>(key.kind).field(profile) = *value;
+    }
   }
   return {};
 }
@@ -338,6 +352,8 @@ std::string to_toml(const MachineProfile& profile) {
     if (const auto* c = std::get_if<CountKey>(&key.kind)) text += fmt::format("{} = {}\n", key.name, c->field(copy));
     if (const auto* t = std::get_if<TextKey>(&key.kind))
       text += fmt::format("{} = {}\n", key.name, quoted(t->field(copy)));
+    if (const auto* w = std::get_if<WordKey>(&key.kind))
+      text += fmt::format("{} = {}\n", key.name, quoted(std::string{w->name(copy)}));
     if (const auto* c = std::get_if<CurveKey>(&key.kind))
       text += fmt::format("{} = {}\n", key.name, list(c->field(copy)));
     if (const auto* g = std::get_if<GridKey>(&key.kind)) {

@@ -40,7 +40,7 @@ VerbBody declare_probe(CLI::App& options) {
     if (!machine) return tl::unexpected{machine.error()};
     const auto clock = make_clock(*machine);
     int silent = 0;
-    if (machine->devices.projector == "virtual") {
+    if (machine->devices.projector == ProjectorKind::Virtual) {
       write_output("projector: virtual\n");
     } else if (const auto projector = open_projector(*machine, *clock)) {
       print_projector(**projector);
@@ -48,7 +48,7 @@ VerbBody declare_probe(CLI::App& options) {
       write_output(fmt::format("projector: {}\n", projector.error().what));
       ++silent;
     }
-    if (machine->devices.stage == "virtual") {
+    if (machine->devices.stage == StageKind::Virtual) {
       write_output("stage: virtual\n");
     } else if (auto stage = open_stage(*machine, *clock)) {
       write_output(fmt::format("stage: {}, travel {} to {} mm\n", (*stage)->facts().name, (*stage)->facts().lowest_mm,

@@ -312,9 +312,10 @@ Result<std::string> WebDesk::take_file(std::string_view name, std::string_view t
 std::string WebDesk::devices_json() {
   ordered_json value;
   for (const MachineProfile& machine : machines_)
-    value[machine.name] = fmt::format("projector {}, stage {}, {} x {} pixels, layers of {} mm",
-                                      machine.devices.projector, machine.devices.stage, machine.mask_size().width_px,
-                                      machine.mask_size().height_px, machine.layers.thickness_mm);
+    value[machine.name] =
+        fmt::format("projector {}, stage {}, {} x {} pixels, layers of {} mm", name_of(machine.devices.projector),
+                    name_of(machine.devices.stage), machine.mask_size().width_px, machine.mask_size().height_px,
+                    machine.layers.thickness_mm);
   return value.dump();
 }
 

@@ -55,9 +55,8 @@ std::size_t total_bytes(const std::vector<std::vector<std::byte>>& frames) {
 
 }  // namespace
 
-Mask place_on_mirrors(const MaskView& mask, PixelSize mirrors, std::string_view orientation) {
-  // The profile's table lets no other word through.
-  const Mask turned = turned_for_optics(mask, orientation_from_name(orientation).value_or(Orientation{}));
+Mask place_on_mirrors(const MaskView& mask, PixelSize mirrors, OpticsTurn orientation) {
+  const Mask turned = turned_for_optics(mask, orientation_of(orientation));
   Mask out{mirrors, std::vector<std::uint8_t>(std::size_t{mirrors.width_px} * mirrors.height_px)};
   const std::uint32_t left = (mirrors.width_px - mask.size.width_px) / 2;
   const std::uint32_t top = (mirrors.height_px - mask.size.height_px) / 2;
@@ -132,11 +131,11 @@ Result<void> Dlpc900Projector::identify() {
         ErrorCode::InvalidInput,
         fmt::format("the machine's masks have {} x {} pixels, the {} has {} x {} mirrors", options_.mask.width_px,
                     options_.mask.height_px, dmd->name, dmd->size.width_px, dmd->size.height_px));
-  const std::string& stated = options_.controllers;
-  if (stated != "auto" && (stated == "one") == dmd->two_controllers)
+  const MirrorControllers stated = options_.controllers;
+  if (stated != MirrorControllers::Auto && (stated == MirrorControllers::One) == dmd->two_controllers)
     return fail(ErrorCode::InvalidInput,
                 fmt::format("the profile says projection.controllers = \"{}\"; {} controller drives the {}. Correct it",
-                            stated, dmd->two_controllers ? "more than one" : "one", dmd->name));
+                            name_of(stated), dmd->two_controllers ? "more than one" : "one", dmd->name));
   facts_.name =
       fmt::format("DLPC900 {} firmware {}.{}.{}", dmd->name, identity_.major, identity_.minor, identity_.patch);
   facts_.size = options_.mask;
@@ -197,7 +196,7 @@ std::vector<std::vector<std::byte>> Dlpc900Projector::frames_of(const Mask& mirr
   frames.push_back(frame(kWrite, 0, Command::PatternConfiguration, one_pattern_once()));
   if (identity_.dmd.two_controllers) {
     const std::array<Mask, 2> halves = halves_of(mirrors.view());
-    const std::size_t first = options_.controllers == "right-left" ? 1 : 0;
+    const std::size_t first = options_.controllers == MirrorControllers::RightLeft ? 1 : 0;
     append_upload(frames, Command::ImageBegin, Command::ImageBlock, halves[first].view());
     append_upload(frames, Command::SecondImageBegin, Command::SecondImageBlock, halves[1 - first].view());
   } else {

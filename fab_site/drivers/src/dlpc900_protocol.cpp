@@ -116,11 +116,16 @@ Result<Reply> parse_reply(std::span<const std::byte> report) {
                {report.begin() + kHeaderBytes, report.begin() + static_cast<std::ptrdiff_t>(kHeaderBytes + length)}};
 }
 
-std::optional<Led> led_of(std::string_view colour) {
-  if (colour == "red") return Led::Red;
-  if (colour == "green") return Led::Green;
-  if (colour == "blue") return Led::Blue;
-  return std::nullopt;
+Led led_of(LedColour colour) {
+  switch (colour) {
+    case LedColour::Red:
+      return Led::Red;
+    case LedColour::Green:
+      return Led::Green;
+    case LedColour::Blue:
+      return Led::Blue;
+  }
+  return Led::Blue;
 }
 
 std::array<std::byte, 12> pattern_definition(std::uint32_t exposure_us, Led led) {

@@ -70,12 +70,6 @@ int lines_in(std::string_view text) {
 
 }  // namespace
 
-Thermometer thermometer_of(std::string_view name) {
-  if (name == "hotend") return Thermometer::Hotend;
-  if (name == "bed") return Thermometer::Bed;
-  return name == "chamber" ? Thermometer::Chamber : Thermometer::None;
-}
-
 std::optional<double> celsius_in(std::string_view report, Thermometer thermometer) {
   constexpr std::string_view marks[] = {"", "T:", "B:", "C:"};
   const std::string_view mark = marks[static_cast<std::size_t>(thermometer)];

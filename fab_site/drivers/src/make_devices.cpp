@@ -32,14 +32,14 @@ Result<void> check_statements(const MachineProfile& machine) {
     return fail(ErrorCode::InvalidInput, "machine " + machine.name + ": " + std::string{what});
   };
   const auto& d = machine.devices;
-  if (d.projector == "dlpc900" && d.led_polarity == "unstated")
+  if (d.projector == ProjectorKind::Dlpc900 && d.led_polarity == LedPolarity::Unstated)
     return wrong(
         "state devices.led_polarity, normal or inverted, as the board's maker says (fab_site/drivers/first-light.md)");
-  if (d.projector == "dlpc900" && d.led_current == 0)
+  if (d.projector == ProjectorKind::Dlpc900 && d.led_current == 0)
     return wrong("devices.led_current is 0, nothing would cure; raise it as fab_site/drivers/first-light.md says");
-  if (d.thermometer != "none" && d.stage != "marlin")
+  if (d.thermometer != Thermometer::None && d.stage != StageKind::Marlin)
     return wrong("devices.thermometer needs stage = \"marlin\"; GRBL boards and virtual stages have none");
-  if ((d.hottest_celsius > 0 || d.coldest_celsius > 0) && d.thermometer == "none")
+  if ((d.hottest_celsius > 0 || d.coldest_celsius > 0) && d.thermometer == Thermometer::None)
     return wrong("temperature limits need devices.thermometer");
   if (d.hottest_celsius > 0 && d.hottest_celsius <= d.coldest_celsius)
     return wrong("devices.hottest_celsius is not above devices.coldest_celsius");
@@ -49,7 +49,7 @@ Result<void> check_statements(const MachineProfile& machine) {
 }  // namespace
 
 bool is_simulated(const MachineProfile& machine) {
-  return machine.devices.projector == "virtual" && machine.devices.stage == "virtual";
+  return machine.devices.projector == ProjectorKind::Virtual && machine.devices.stage == StageKind::Virtual;
 }
 
 std::unique_ptr<Clock> make_clock(const MachineProfile& machine) {
@@ -61,9 +61,6 @@ std::unique_ptr<Clock> make_clock(const MachineProfile& machine) {
 double stage_top_mm(const MachineProfile& machine) { return machine.platform.z_travel_mm + machine.motion.lift_mm; }
 
 Result<std::unique_ptr<Dlpc900Projector>> open_projector(const MachineProfile& machine, Clock& clock) {
-  const auto led = dlpc900::led_of(machine.devices.led_colour);
-  if (!led)
-    return fail(ErrorCode::InvalidInput, "machine " + machine.name + ": devices.led_colour is red, green or blue");
   if (machine.devices.led_current > 255)
     return fail(ErrorCode::InvalidInput, "machine " + machine.name + ": devices.led_current is above 255");
   auto usb = open_libusb({kTexasInstruments, kDlpc900, {}});
@@ -72,9 +69,9 @@ Result<std::unique_ptr<Dlpc900Projector>> open_projector(const MachineProfile& m
   options.mask = machine.mask_size();
   options.orientation = machine.projection.orientation;
   options.controllers = machine.projection.controllers;
-  options.led = *led;
-  options.inverted_led_polarity = machine.devices.led_polarity == "inverted";
-  options.off_needs_zero_current = machine.devices.led_off == "enable-and-current";
+  options.led = dlpc900::led_of(machine.devices.led_colour);
+  options.inverted_led_polarity = machine.devices.led_polarity == LedPolarity::Inverted;
+  options.off_needs_zero_current = machine.devices.led_off == LedOff::EnableAndCurrent;
   options.led_current = static_cast<std::uint8_t>(machine.devices.led_current);
   return Dlpc900Projector::open(std::move(*usb), options, clock);
 }
@@ -83,9 +80,9 @@ Result<std::unique_ptr<SerialStage>> open_stage(const MachineProfile& machine, C
   auto line = open_tty(machine.devices.stage_serial);
   if (!line) return tl::unexpected{line.error()};
   SerialStageOptions options;
-  options.dialect = machine.devices.stage == "marlin" ? StageDialect::Marlin : StageDialect::Grbl;
+  options.dialect = machine.devices.stage == StageKind::Marlin ? StageDialect::Marlin : StageDialect::Grbl;
   options.top_mm = stage_top_mm(machine);
-  options.thermometer = thermometer_of(machine.devices.thermometer);
+  options.thermometer = machine.devices.thermometer;
   return SerialStage::open(std::move(*line), options, clock);
 }
 
@@ -96,19 +93,19 @@ Result<Devices> make_devices(const MachineProfile& machine, Clock& clock) {
   Devices devices;
   devices.log = std::make_unique<MachineLog>();
   // The projector first: it goes dark before anything else happens.
-  if (machine.devices.projector == "virtual") {
+  if (machine.devices.projector == ProjectorKind::Virtual) {
     devices.projector = std::make_unique<VirtualProjector>(machine.mask_size(), 0, clock, *devices.log);
   } else {
     auto projector = open_projector(machine, clock);
     if (!projector) return tl::unexpected{projector.error()};
     devices.projector = std::move(*projector);
   }
-  if (machine.devices.stage == "virtual") {
+  if (machine.devices.stage == StageKind::Virtual) {
     devices.stage = std::make_unique<VirtualZStage>(stage_top_mm(machine), clock, *devices.log);
   } else {
     auto stage = open_stage(machine, clock);
     if (!stage) return tl::unexpected{stage.error()};
-    if (machine.devices.thermometer != "none") devices.sensors = thermometer_of(**stage);
+    if (machine.devices.thermometer != Thermometer::None) devices.sensors = thermometer_of(**stage);
     devices.stage = std::move(*stage);
   }
   return devices;

@@ -116,14 +116,13 @@ Result<MaskExportReport> export_masks(MaskFormat format, const PrintPlan& plan, 
                                       const MachineProfile& machine, const std::filesystem::path& path,
                                       const ProgressSink& progress, std::stop_token stop) {
   if (auto ok = check(plan, machine); !ok) return tl::unexpected{ok.error()};
-  const auto optics = orientation_from_name(machine.projection.orientation);
-  if (!optics) return tl::unexpected{optics.error()};
+  const Orientation optics = orientation_of(machine.projection.orientation);
   MaskExportReport report;
   report.layers = static_cast<std::uint32_t>(plan.layers.size());
   ArchiveFacts facts;
   facts.job = safe_name(plan.job);
   facts.size = plan.mask_size;
-  facts.optics = *optics;
+  facts.optics = optics;
   facts.machine = &machine;
   facts.layers = report.layers;
   read_exposures(plan, facts, report);
@@ -133,7 +132,7 @@ Result<MaskExportReport> export_masks(MaskFormat format, const PrintPlan& plan, 
 
   auto zip = ZipWriter::create(path);
   if (!zip) return tl::unexpected{zip.error()};
-  MaskStream stream{masks, *optics, facts.layers};
+  MaskStream stream{masks, optics, facts.layers};
   std::vector<ViewFromAbove> views;
   const auto add = [&](const std::string& name, EntryMaker maker) { return zip->add(name, std::move(maker)); };
   const auto add_layers = [&](const auto& name_of_layer) -> Result<void> {

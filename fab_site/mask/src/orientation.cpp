@@ -1,17 +1,21 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
-#include <string>
 #include <telefab/fab/mask/orientation.hpp>
 
 namespace telefab::fab {
 
-Result<Orientation> orientation_from_name(std::string_view name) {
-  if (name == "normal") return Orientation{};
-  if (name == "mirror-x") return Orientation{true, false};
-  if (name == "mirror-y") return Orientation{false, true};
-  if (name == "rotate-180") return Orientation{true, true};
-  return fail(ErrorCode::InvalidInput, "orientation \"" + std::string{name} +
-                                           "\" is unknown; there are normal, mirror-x, mirror-y and rotate-180");
+Orientation orientation_of(OpticsTurn turn) {
+  switch (turn) {
+    case OpticsTurn::Normal:
+      return {};
+    case OpticsTurn::MirrorX:
+      return {true, false};
+    case OpticsTurn::MirrorY:
+      return {false, true};
+    case OpticsTurn::Rotate180:
+      return {true, true};
+  }
+  return {};
 }
 
 Mask turned_for_optics(const MaskView& mask, Orientation optics) {

@@ -23,7 +23,7 @@ TEST(ModelPrint, GivesFiftyLayersTheirDoseAndNothingElse) {
   const PixelSize mirrors = rig.projector_model.mirrors();
   std::vector<double> ordered(std::size_t{mirrors.width_px} * mirrors.height_px);
   for (const PlannedLayer& layer : rig.plan.layers) {
-    const Mask mask = place_on_mirrors(rig.masks.mask(layer.index)->view(), mirrors, "normal");
+    const Mask mask = place_on_mirrors(rig.masks.mask(layer.index)->view(), mirrors, OpticsTurn::Normal);
     for (std::size_t i = 0; i < ordered.size(); ++i) ordered[i] += 0.7 * mask.rows[i] / 255;
   }
   const auto dose = rig.projector_model.dose_s();

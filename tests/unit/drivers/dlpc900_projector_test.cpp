@@ -63,7 +63,8 @@ struct OneLayer {
 TEST(Dlpc900Projector, GivesEveryMirrorItsDoseAndNoneBeside) {
   OneLayer bench;
   ASSERT_TRUE(bench.show(bench.usb));
-  const Mask want = place_on_mirrors(bench.masks.mask(LayerIndex{0})->view(), bench.model.mirrors(), "normal");
+  const Mask want =
+      place_on_mirrors(bench.masks.mask(LayerIndex{0})->view(), bench.model.mirrors(), OpticsTurn::Normal);
   const auto dose = bench.model.dose_s();
   ASSERT_EQ(dose.size(), want.rows.size());
   for (std::size_t i = 0; i < dose.size(); ++i) ASSERT_NEAR(dose[i], 0.2 * want.rows[i] / 255, 0.002) << "mirror " << i;
@@ -76,7 +77,8 @@ TEST(Dlpc900Projector, DrivesBothHalvesOfATwoControllerArray) {
   Dlpc900Model model{2, 6, bench.clock, &bench.log};
   ModelUsb usb{model, bench.clock};
   ASSERT_TRUE(bench.show(usb));
-  EXPECT_EQ(model.image(), place_on_mirrors(bench.masks.mask(LayerIndex{0})->view(), model.mirrors(), "normal"));
+  EXPECT_EQ(model.image(),
+            place_on_mirrors(bench.masks.mask(LayerIndex{0})->view(), model.mirrors(), OpticsTurn::Normal));
 }
 
 /// A part without any symmetry, an L that leans to one corner.
@@ -94,9 +96,9 @@ Mask leaning_l(PixelSize size) {
 /// controller's half on its side, seen through the optics.
 TEST(Dlpc900Projector, LaysAnAsymmetricPartOnTheVatWhateverOpticsAndWiring) {
   for (const std::uint8_t type : {std::uint8_t{1}, std::uint8_t{2}})
-    for (const char* optics : {"normal", "mirror-x", "mirror-y", "rotate-180"})
-      for (const char* wiring : {"auto", "left-right", "right-left"}) {
-        if (type == 1 && std::string_view{wiring} != "auto") continue;
+    for (const auto optics : {OpticsTurn::Normal, OpticsTurn::MirrorX, OpticsTurn::MirrorY, OpticsTurn::Rotate180})
+      for (const auto wiring : {MirrorControllers::Auto, MirrorControllers::LeftRight, MirrorControllers::RightLeft}) {
+        if (type == 1 && wiring != MirrorControllers::Auto) continue;
         OneLayer bench;
         Dlpc900Model model{type, 6, bench.clock, &bench.log};
         ModelUsb usb{model, bench.clock};
@@ -113,7 +115,7 @@ TEST(Dlpc900Projector, LaysAnAsymmetricPartOnTheVatWhateverOpticsAndWiring) {
         ASSERT_TRUE((*projector)->expose());
         // The model puts the first controller's half on the left; this machine may have it on the right.
         Mask mirrors = model.image();
-        if (std::string_view{wiring} == "right-left") {
+        if (wiring == MirrorControllers::RightLeft) {
           const auto halves = halves_of(mirrors.view());
           const std::uint32_t half = mirrors.size.width_px / 2;
           for (std::uint32_t y = 0; y < mirrors.size.height_px; ++y)
@@ -123,18 +125,18 @@ TEST(Dlpc900Projector, LaysAnAsymmetricPartOnTheVatWhateverOpticsAndWiring) {
               mirrors.rows[row + x] = halves[1].rows[std::size_t{y} * half + x];
             }
         }
-        EXPECT_TRUE(turned_for_optics(mirrors.view(), orientation_from_name(optics).value()) == part)
-            << int{type} << ' ' << optics << ' ' << wiring;
+        EXPECT_TRUE(turned_for_optics(mirrors.view(), orientation_of(optics)) == part)
+            << int{type} << ' ' << name_of(optics) << ' ' << name_of(wiring);
       }
 }
 
 TEST(Dlpc900Projector, RefusesAProfileThatStatesOtherControllersThanItHas) {
   OneLayer bench;
-  bench.options.controllers = "left-right";
+  bench.options.controllers = MirrorControllers::LeftRight;
   EXPECT_THAT(bench.show(bench.usb).error().what, testing::HasSubstr("projection.controllers"));
   Dlpc900Model model{2, 6, bench.clock, &bench.log};
   ModelUsb usb{model, bench.clock};
-  bench.options.controllers = "one";
+  bench.options.controllers = MirrorControllers::One;
   EXPECT_EQ(bench.show(usb).error().code, ErrorCode::InvalidInput);
 }
 
@@ -232,10 +234,10 @@ TEST(Dlpc900Projector, RefusesAMaskWiderThanItsMirrors) {
 
 TEST(PlaceOnMirrors, TurnsTheMaskAsTheOpticsDemand) {
   const Mask m{{2, 2}, {1, 2, 3, 4}};
-  EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, "normal").rows, (std::vector<std::uint8_t>{1, 2, 3, 4}));
-  EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, "mirror-x").rows, (std::vector<std::uint8_t>{2, 1, 4, 3}));
-  EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, "mirror-y").rows, (std::vector<std::uint8_t>{3, 4, 1, 2}));
-  EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, "rotate-180").rows, (std::vector<std::uint8_t>{4, 3, 2, 1}));
+  EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, OpticsTurn::Normal).rows, (std::vector<std::uint8_t>{1, 2, 3, 4}));
+  EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, OpticsTurn::MirrorX).rows, (std::vector<std::uint8_t>{2, 1, 4, 3}));
+  EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, OpticsTurn::MirrorY).rows, (std::vector<std::uint8_t>{3, 4, 1, 2}));
+  EXPECT_EQ(place_on_mirrors(m.view(), {2, 2}, OpticsTurn::Rotate180).rows, (std::vector<std::uint8_t>{4, 3, 2, 1}));
 }
 
 /// Calls the projector as a print does and looks at the board's LEDs after every call.

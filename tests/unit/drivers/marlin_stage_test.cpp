@@ -129,10 +129,11 @@ TEST(MarlinStage, FeelsTheResinAtRestAndInMotionWhetherTheBoardReportsByItselfOr
 }
 
 TEST(MarlinStage, ReadsTheSensorThatHangsInTheResin) {
-  for (const auto& [name, celsius] : {std::pair{"hotend", 21.0}, std::pair{"bed", 25.0}, std::pair{"chamber", 23.0}}) {
-    MarlinBench b{{}, thermometer_of(name)};
+  for (const auto& [thermometer, celsius] : {std::pair{Thermometer::Hotend, 21.0}, std::pair{Thermometer::Bed, 25.0},
+                                             std::pair{Thermometer::Chamber, 23.0}}) {
+    MarlinBench b{{}, thermometer};
     b.open();
-    EXPECT_EQ(b.felt_after(3s).value_or(std::nullopt), celsius) << name;
+    EXPECT_EQ(b.felt_after(3s).value_or(std::nullopt), celsius) << name_of(thermometer);
   }
   MarlinBench none{{}, Thermometer::None};
   none.open();
@@ -227,17 +228,17 @@ TEST(RealDevices, AreRefusedUntilTheProfileStatesWhatNobodyMayGuess) {
     const auto made = make_devices(machine, clock);
     return made ? std::string{} : made.error().what;
   };
-  EXPECT_THAT(refusal([](auto& d) { d.projector = "dlpc900"; }), HasSubstr("led_polarity"));
+  EXPECT_THAT(refusal([](auto& d) { d.projector = ProjectorKind::Dlpc900; }), HasSubstr("led_polarity"));
   EXPECT_THAT(refusal([](auto& d) {
-                d.projector = "dlpc900";
-                d.led_polarity = "normal";
+                d.projector = ProjectorKind::Dlpc900;
+                d.led_polarity = LedPolarity::Normal;
               }),
               HasSubstr("led_current is 0"));
-  EXPECT_THAT(refusal([](auto& d) { d.thermometer = "bed"; }), HasSubstr("thermometer"));
+  EXPECT_THAT(refusal([](auto& d) { d.thermometer = Thermometer::Bed; }), HasSubstr("thermometer"));
   EXPECT_THAT(refusal([](auto& d) { d.hottest_celsius = 40; }), HasSubstr("limits"));
   EXPECT_THAT(refusal([](auto& d) {
-                d.stage = "marlin";
-                d.thermometer = "bed";
+                d.stage = StageKind::Marlin;
+                d.thermometer = Thermometer::Bed;
                 d.hottest_celsius = 20;
                 d.coldest_celsius = 30;
               }),

@@ -157,10 +157,12 @@ TEST_F(MaskExport, GivesTheSameBytesTwice) {
 }
 
 TEST_F(MaskExport, TurnsTheMasksAsTheOpticsNeedAndStatesIt) {
-  const std::pair<const char*, Orientation> all[] = {
-      {"mirror-x", {true, false}}, {"mirror-y", {false, true}}, {"rotate-180", {true, true}}};
-  for (const auto& [name, optics] : all) {
-    machine.projection.orientation = name;
+  const std::pair<OpticsTurn, Orientation> all[] = {{OpticsTurn::MirrorX, {true, false}},
+                                                    {OpticsTurn::MirrorY, {false, true}},
+                                                    {OpticsTurn::Rotate180, {true, true}}};
+  for (const auto& [turn, optics] : all) {
+    const std::string_view name = name_of(turn);
+    machine.projection.orientation = turn;
     ASSERT_TRUE(write(MaskFormat::Sl1));
     const auto entries = test::zip_entries(folder / "x");
     const Mask shown = decoded(entries.at("job00003.png"));

@@ -32,6 +32,47 @@ TEST(MachineProfile, BuiltInOnesAreThoseOfTheFolder) {
   EXPECT_EQ(*builtin, shipped());
 }
 
+/// The profile with one line of a section put in or changed.
+std::string with(std::string toml, std::string_view section, std::string_view key, std::string_view word) {
+  const std::string line = "\n" + std::string{key} + " = ";
+  const auto from = toml.find("[" + std::string{section} + "]");
+  const auto at = toml.find(line, from);
+  const auto end = toml.find('\n', at + 1);
+  return toml.replace(at, end - at, line + "\"" + std::string{word} + "\"");
+}
+
+template <MachineWord Word, class Section>
+void takes_its_words_and_no_others(std::string_view section, std::string_view key, Section MachineProfile::*part,
+                                   Word Section::*field) {
+  const std::string toml = to_toml(shipped().front());
+  for (std::size_t i = 0; i < kMachineWords<Word>.size(); ++i) {
+    const auto read = machine_profile_from_toml(with(toml, section, key, kMachineWords<Word>[i]), "text");
+    ASSERT_TRUE(read) << read.error().what;
+    EXPECT_EQ(static_cast<std::size_t>((*read).*part.*field), i) << key;
+    EXPECT_EQ(machine_profile_from_toml(to_toml(*read), "text").value(), *read) << key;
+  }
+  // Once a text that nobody knew went all the way to the driver, which took it for "normal".
+  for (const char* unknown : {"", "upside-down", "Normal", "normal "}) {
+    const auto refused = machine_profile_from_toml(with(toml, section, key, unknown), "text");
+    ASSERT_FALSE(refused) << key << ' ' << unknown;
+    EXPECT_THAT(refused.error().what, HasSubstr(std::string{section} + "." + std::string{key}));
+    EXPECT_THAT(refused.error().what, HasSubstr(std::string{kMachineWords<Word>.back()}));
+  }
+  EXPECT_FALSE(machine_word_from<Word>("upside-down"));
+}
+
+TEST(MachineProfile, TakesTheWordsOfEachEnumerationAndNoOthers) {
+  using P = MachineProfile;
+  takes_its_words_and_no_others("projection", "orientation", &P::projection, &P::Projection::orientation);
+  takes_its_words_and_no_others("projection", "controllers", &P::projection, &P::Projection::controllers);
+  takes_its_words_and_no_others("devices", "projector", &P::devices, &P::Devices::projector);
+  takes_its_words_and_no_others("devices", "stage", &P::devices, &P::Devices::stage);
+  takes_its_words_and_no_others("devices", "led_colour", &P::devices, &P::Devices::led_colour);
+  takes_its_words_and_no_others("devices", "led_polarity", &P::devices, &P::Devices::led_polarity);
+  takes_its_words_and_no_others("devices", "led_off", &P::devices, &P::Devices::led_off);
+  takes_its_words_and_no_others("devices", "thermometer", &P::devices, &P::Devices::thermometer);
+}
+
 TEST(MachineProfile, KeepsAMeasuredCurveAndField) {
   MachineProfile machine = shipped().front();
   machine.projection.curve = {0, 0.125, 0.125, 1};

@@ -7,6 +7,7 @@
 #include <string_view>
 #include <telefab/base/digest.hpp>
 #include <telefab/base/result.hpp>
+#include <telefab/machine/machine_words.hpp>
 #include <vector>
 
 namespace telefab {
@@ -32,11 +33,9 @@ struct MachineProfile {
   } platform;
 
   struct Projection {
-    double pixel_pitch_mm = 0;           ///< on the vat; pixels = floor(platform / pitch)
-    std::string orientation = "normal";  ///< normal | mirror-x | mirror-y | rotate-180: what the optics do to a mask
-    /// auto | one | left-right | right-left: who drives the mirrors. Of two controllers each shows one half of the
-    /// columns of the turned mask; the first one's is named first. auto: what the device says, the first one left.
-    std::string controllers = "auto";
+    double pixel_pitch_mm = 0;  ///< on the vat; pixels = floor(platform / pitch)
+    OpticsTurn orientation = OpticsTurn::Normal;
+    MirrorControllers controllers = MirrorControllers::Auto;
     double spread_px = 0.5;  ///< sigma of one pixel's Gaussian light spot
     double gamma = 1.0;      ///< H(grey) = (grey / 255)^gamma, unless there is a curve
     /// H at equally spaced greys from 0 to 255, straight between them: 2 to 256 numbers that never fall, the first 0,
@@ -94,21 +93,18 @@ struct MachineProfile {
   } motion;
 
   struct Devices {
-    std::string projector = "virtual";  ///< virtual | dlpc900
-    std::string stage = "virtual";      ///< virtual | grbl | marlin
-    double speed_up = 1.0;              ///< virtual devices only: simulated seconds per real second
-    std::uint32_t led_current = 0;      ///< dlpc900: 0..255, never sent above
-    std::string led_colour = "blue";    ///< dlpc900: red | green | blue
-    /// dlpc900: the PWM polarity under which more current is more light on this board, as its maker says. A projector
-    /// is not lit before it is stated.
-    std::string led_polarity = "unstated";  ///< unstated | normal | inverted
-    /// dlpc900: what darkens the board's LEDs: their enable lines, or only these and a current of zero.
-    std::string led_off = "enable";    ///< enable | enable-and-current
-    std::string thermometer = "none";  ///< marlin: which of its sensors is in the resin: none | hotend | bed | chamber
-    double hottest_celsius = 0;        ///< resin above this stops the print; 0: no limit
-    double coldest_celsius = 0;        ///< resin below this stops the print; 0: no limit
-    double allowed_slowdown = 1.1;     ///< real projectors: a job whose uploads stretch it beyond this is refused
-    std::string stage_serial;          ///< USB serial number of the stage's tty; empty: the only one found
+    ProjectorKind projector = ProjectorKind::Virtual;
+    StageKind stage = StageKind::Virtual;
+    double speed_up = 1.0;                             ///< virtual devices only: simulated seconds per real second
+    std::uint32_t led_current = 0;                     ///< dlpc900: 0..255, never sent above
+    LedColour led_colour = LedColour::Blue;            ///< dlpc900
+    LedPolarity led_polarity = LedPolarity::Unstated;  ///< dlpc900: it is not lit before this is stated
+    LedOff led_off = LedOff::Enable;                   ///< dlpc900
+    Thermometer thermometer = Thermometer::None;       ///< marlin
+    double hottest_celsius = 0;                        ///< resin above this stops the print; 0: no limit
+    double coldest_celsius = 0;                        ///< resin below this stops the print; 0: no limit
+    double allowed_slowdown = 1.1;  ///< real projectors: a job whose uploads stretch it beyond this is refused
+    std::string stage_serial;       ///< USB serial number of the stage's tty; empty: the only one found
     friend bool operator==(const Devices&, const Devices&) = default;
   } devices;
 

@@ -79,7 +79,8 @@ struct PrintRig {
     static std::map<std::uint32_t, Digest> kept;
     const auto [at, fresh] = kept.try_emplace(layer.count());
     if (fresh) {
-      const fab::Mask mirrors = fab::place_on_mirrors(masks.mask(layer)->view(), projector_model.mirrors(), "normal");
+      const fab::Mask mirrors =
+          fab::place_on_mirrors(masks.mask(layer)->view(), projector_model.mirrors(), OpticsTurn::Normal);
       at->second = digest_of(std::as_bytes(std::span{mirrors.rows}));
     }
     return at->second;

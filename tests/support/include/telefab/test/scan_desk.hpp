@@ -41,7 +41,7 @@ class RecordingScanDesk : public ScanDesk {
     job.owner = "operator";
     job.state = JobState::Printing;
     job.counters = {500, 500, 500, 520, 520, 77, 1'234'567, 44'200};
-    job.stages = {{"slice", 0.9}, {"send", 1.4}};
+    job.stages = {{JobStage::Slice, 0.9}, {JobStage::Send, 1.4}};
     return job;
   }
 };

@@ -48,9 +48,9 @@ struct Dlpc900Identity {
 };
 
 struct Dlpc900Options {
-  PixelSize mask;                      ///< centred on the mirrors, dark around; at most their number
-  std::string orientation = "normal";  ///< what the optics do: normal | mirror-x | mirror-y | rotate-180
-  std::string controllers = "auto";    ///< as MachineProfile: auto | one | left-right | right-left
+  PixelSize mask;  ///< centred on the mirrors, dark around; at most their number
+  OpticsTurn orientation = OpticsTurn::Normal;
+  MirrorControllers controllers = MirrorControllers::Auto;
   dlpc900::Led led = dlpc900::Led::Blue;
   std::uint8_t led_current = 0;        ///< 0..255; nothing above it is ever sent
   bool inverted_led_polarity = false;  ///< of the board, stated by its maker; never guessed
@@ -59,7 +59,7 @@ struct Dlpc900Options {
 };
 
 /// The mask as the mirrors must show it: turned for the optics, centred, dark around. The mask fits.
-[[nodiscard]] Mask place_on_mirrors(const MaskView& mask, PixelSize mirrors, std::string_view orientation);
+[[nodiscard]] Mask place_on_mirrors(const MaskView& mask, PixelSize mirrors, OpticsTurn orientation);
 
 /// A projector with a DLPC900 in on-the-fly pattern mode: each mask is uploaded while dark and shown once, for a time
 /// the controller itself counts. LEDs are hard off except between expose() and its end.

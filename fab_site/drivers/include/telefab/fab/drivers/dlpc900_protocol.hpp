@@ -66,7 +66,7 @@ struct Reply {
 
 /// LED bits of a pattern and of LedEnable.
 enum class Led : std::uint8_t { Red = 1, Green = 2, Blue = 4 };
-[[nodiscard]] std::optional<Led> led_of(std::string_view colour);
+[[nodiscard]] Led led_of(LedColour colour);
 
 /// The 12 bytes of a pattern definition: image 0, bit 0, eight bits deep, no triggers, no dark time.
 [[nodiscard]] std::array<std::byte, 12> pattern_definition(std::uint32_t exposure_us, Led led);

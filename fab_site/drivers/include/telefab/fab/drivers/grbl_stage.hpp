@@ -4,15 +4,12 @@
 #include <optional>
 #include <telefab/fab/device/z_stage.hpp>
 #include <telefab/fab/usb/line_transport.hpp>
+#include <telefab/machine/machine_words.hpp>
 
 namespace telefab::fab {
 
 enum class StageDialect : std::uint8_t { Grbl, Marlin };
 
-/// Which of a Marlin board's sensors hangs in the resin.
-enum class Thermometer : std::uint8_t { None, Hotend, Bed, Chamber };
-/// "none", "hotend", "bed", "chamber"; anything else is none.
-[[nodiscard]] Thermometer thermometer_of(std::string_view name);
 /// The value of a sensor in a Marlin temperature report, as M105 and M155 give it; empty where it is not in it.
 [[nodiscard]] std::optional<double> celsius_in(std::string_view report, Thermometer thermometer);
 

@@ -1,21 +1,18 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <array>
-#include <string_view>
-#include <telefab/base/result.hpp>
 #include <telefab/fab/mask/mask.hpp>
 
 namespace telefab::fab {
 
-/// What stands between a mask and the vat, as MachineProfile names it (projection.orientation). Each one undoes itself.
+/// What stands between a mask and the vat, as OpticsTurn names it. Each one undoes itself.
 struct Orientation {
   bool mirrors_x = false;  ///< left becomes right
   bool mirrors_y = false;  ///< front becomes back; with mirrors_x: turned by half a circle
   friend bool operator==(const Orientation&, const Orientation&) = default;
 };
 
-/// normal | mirror-x | mirror-y | rotate-180. Fails with InvalidInput for any other word.
-[[nodiscard]] Result<Orientation> orientation_from_name(std::string_view name);
+[[nodiscard]] Orientation orientation_of(OpticsTurn turn);
 
 /// The picture that the light engine must show, so that the optics lay the mask itself on the vat.
 [[nodiscard]] Mask turned_for_optics(const MaskView& mask, Orientation optics);

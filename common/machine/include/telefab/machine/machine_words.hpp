@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <telefab/base/result.hpp>
+#include <type_traits>
+
+namespace telefab {
+
+// What a machine profile says by a word: an enumeration, and its words in the same order below.
+
+/// What the optics do to a mask.
+enum class OpticsTurn : std::uint8_t { Normal, MirrorX, MirrorY, Rotate180 };
+/// Who drives the mirrors. Of two controllers each shows one half of the columns of the turned mask; the first one's
+/// is named first. Auto: what the device says, the first one left.
+enum class MirrorControllers : std::uint8_t { Auto, One, LeftRight, RightLeft };
+enum class ProjectorKind : std::uint8_t { Virtual, Dlpc900 };
+enum class StageKind : std::uint8_t { Virtual, Grbl, Marlin };
+enum class LedColour : std::uint8_t { Red, Green, Blue };
+/// The PWM polarity under which more current is more light on a board, as its maker says.
+enum class LedPolarity : std::uint8_t { Unstated, Normal, Inverted };
+/// What darkens a board's LEDs: their enable lines, or only these and a current of zero.
+enum class LedOff : std::uint8_t { Enable, EnableAndCurrent };
+/// Which of a board's sensors hangs in the resin.
+enum class Thermometer : std::uint8_t { None, Hotend, Bed, Chamber };
+
+template <class Word>
+inline constexpr std::nullptr_t kMachineWords = nullptr;
+template <>
+inline constexpr std::array<std::string_view, 4> kMachineWords<OpticsTurn>{"normal", "mirror-x", "mirror-y",
+                                                                           "rotate-180"};
+template <>
+inline constexpr std::array<std::string_view, 4> kMachineWords<MirrorControllers>{"auto", "one", "left-right",
+                                                                                  "right-left"};
+template <>
+inline constexpr std::array<std::string_view, 2> kMachineWords<ProjectorKind>{"virtual", "dlpc900"};
+template <>
+inline constexpr std::array<std::string_view, 3> kMachineWords<StageKind>{"virtual", "grbl", "marlin"};
+template <>
+inline constexpr std::array<std::string_view, 3> kMachineWords<LedColour>{"red", "green", "blue"};
+template <>
+inline constexpr std::array<std::string_view, 3> kMachineWords<LedPolarity>{"unstated", "normal", "inverted"};
+template <>
+inline constexpr std::array<std::string_view, 2> kMachineWords<LedOff>{"enable", "enable-and-current"};
+template <>
+inline constexpr std::array<std::string_view, 4> kMachineWords<Thermometer>{"none", "hotend", "bed", "chamber"};
+
+template <class T>
+concept MachineWord = !std::is_null_pointer_v<std::remove_cv_t<decltype(kMachineWords<T>)>>;
+
+/// "mirror-x", ...
+template <MachineWord Word>
+[[nodiscard]] constexpr std::string_view name_of(Word word) {
+  return kMachineWords<Word>.at(static_cast<std::size_t>(word));
+}
+
+/// Its place among the words. Fails with InvalidInput and lists them.
+[[nodiscard]] Result<std::size_t> place_among(std::string_view name, std::span<const std::string_view> words);
+
+/// Fails with InvalidInput and lists the words there are.
+template <MachineWord Word>
+[[nodiscard]] Result<Word> machine_word_from(std::string_view name) {
+  return place_among(name, kMachineWords<Word>).map([](std::size_t place) { return static_cast<Word>(place); });
+}
+
+}  // namespace telefab
