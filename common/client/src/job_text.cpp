@@ -60,7 +60,8 @@ std::string summary_of(const Job& job) {
   if (!job.message.empty()) text += fmt::format(": {}", job.message);
   text += fmt::format("\n  layers printed  {} of {} ({} of the part)\n  bytes sent      {} for {} bytes of scan\n",
                       c.layers_printed, c.print_layers, c.layers, c.wire_bytes, c.scan_bytes);
-  for (const StageSeconds& stage : job.stages) text += fmt::format("  {:<15} {:.2f} s\n", stage.stage, stage.seconds);
+  for (const StageSeconds& stage : job.stages)
+    text += fmt::format("  {:<15} {:.2f} s\n", name_of(stage.stage), stage.seconds);
   return text;
 }
 

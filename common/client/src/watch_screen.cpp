@@ -99,14 +99,14 @@ std::vector<std::string> watch_screen(const WatchHistory& history, int columns, 
     add("");
     struct Stage {
       const char* name;
-      const char* seconds;
+      JobStage seconds;
       std::uint32_t done;
       std::uint32_t all;
     };
-    for (const Stage& stage : std::array{Stage{"cut", "slice", c.layers_sliced, c.layers},
-                                         Stage{"kept by the fab", "send", c.layers_sent, c.layers},
-                                         Stage{"planned", "plan", c.layers_planned, c.print_layers},
-                                         Stage{"printed", "print", c.layers_printed, c.print_layers}}) {
+    for (const Stage& stage : std::array{Stage{"cut", JobStage::Slice, c.layers_sliced, c.layers},
+                                         Stage{"kept by the fab", JobStage::Send, c.layers_sent, c.layers},
+                                         Stage{"planned", JobStage::Plan, c.layers_planned, c.print_layers},
+                                         Stage{"printed", JobStage::Print, c.layers_printed, c.print_layers}}) {
       std::string after;
       for (const StageSeconds& known : job.stages)
         if (known.stage == stage.seconds) after = fmt::format(", {}", duration(known.seconds));

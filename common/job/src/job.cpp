@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <telefab/job/job.hpp>
 
@@ -16,6 +17,8 @@ std::string_view name_of(JobState state) {
       return "sending";
     case JobState::Planning:
       return "planning";
+    case JobState::AwaitingApproval:
+      return "awaiting-approval";
     case JobState::Ready:
       return "ready";
     case JobState::Printing:
@@ -38,6 +41,46 @@ Result<JobState> job_state_from_name(std::string_view name) {
   return fail(ErrorCode::InvalidInput, fmt::format("{} is no state of a job", name));
 }
 
+std::string_view name_of(JobCommand command) {
+  switch (command) {
+    case JobCommand::Approve:
+      return "approve";
+    case JobCommand::Pause:
+      return "pause";
+    case JobCommand::Resume:
+      return "resume";
+    case JobCommand::Cancel:
+      return "cancel";
+    case JobCommand::ResumeExposed:
+      return "resume as exposed";
+    case JobCommand::ResumeAgain:
+      return "resume as dark";
+  }
+  return "cancel";
+}
+
+std::string_view name_of(JobStage stage) {
+  switch (stage) {
+    case JobStage::Slice:
+      return "slice";
+    case JobStage::Send:
+      return "send";
+    case JobStage::Plan:
+      return "plan";
+    case JobStage::Print:
+      return "print";
+  }
+  return "print";
+}
+
+Result<JobStage> job_stage_from_name(std::string_view name) {
+  for (const JobStage stage : kJobStages)
+    if (name_of(stage) == name) return stage;
+  return fail(ErrorCode::InvalidInput, fmt::format("{} is no stage of a job", name));
+}
+
+bool is_before(JobState a, JobState b) { return std::ranges::find(kJobStates, a) < std::ranges::find(kJobStates, b); }
+
 bool is_final(JobState state) {
   return state == JobState::Done || state == JobState::Failed || state == JobState::Cancelled;
 }
@@ -47,12 +90,12 @@ bool may_follow(JobState from, JobState to) {
   if (to == JobState::Failed || to == JobState::Cancelled) return true;
   if (from == JobState::Paused && to == JobState::Printing) return true;
   // A pause ends by resume, cancel or failure; nothing else leads out of it.
-  return from != JobState::Paused && from < to;
+  return from != JobState::Paused && is_before(from, to);
 }
 
 std::string to_json(const Job& job) {
   nlohmann::ordered_json stages = nlohmann::ordered_json::object();
-  for (const StageSeconds& stage : job.stages) stages[stage.stage] = stage.seconds;
+  for (const StageSeconds& stage : job.stages) stages[name_of(stage.stage)] = stage.seconds;
   auto parameters = nlohmann::ordered_json::parse(job.parameters, nullptr, false);
   if (parameters.is_discarded()) parameters = nullptr;
   const JobCounters& c = job.counters;

@@ -40,7 +40,7 @@ void SiteLedger::move(const std::string& job, JobState state, std::string_view m
   hooks_->tell(*moved);
 }
 
-void SiteLedger::set_stage_seconds(const std::string& job, std::string_view stage, double seconds) {
+void SiteLedger::set_stage_seconds(const std::string& job, JobStage stage, double seconds) {
   warn_of(store_->set_stage_seconds(job, stage, seconds), {job});
 }
 

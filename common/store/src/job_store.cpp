@@ -9,7 +9,7 @@
 namespace telefab {
 namespace {
 
-constexpr int kSchemaVersion = 1;
+constexpr int kSchemaVersion = 2;
 constexpr int kApplicationId = 0x54464142;  // "TFAB"
 
 constexpr const char* kSchema = R"sql(
@@ -36,6 +36,9 @@ CREATE TABLE job_stage (job_id TEXT NOT NULL, place BIGINT NOT NULL, stage TEXT 
 CREATE TABLE job_event (number BIGINT PRIMARY KEY, job_id TEXT NOT NULL, unix_ms BIGINT NOT NULL, text TEXT NOT NULL);
 CREATE INDEX job_event_of_job ON job_event (job_id, number);
 )sql";
+
+/// Version 1 had no state for what waits for approval: it was ready, with a message that said so.
+constexpr const char* kFromVersion1 = "UPDATE job SET state = 11 WHERE state = 5 AND message <> '';";
 
 constexpr const char* kColumns =
     "id, name, machine, parameters, owner, state, message, layers, layers_sliced, layers_sent, print_layers, "
@@ -155,8 +158,9 @@ struct JobStore::Impl {
       auto row = query.step();
       if (!row) return tl::unexpected{row.error()};
       if (!*row) return stages;
-      std::string stage = query.text();
-      stages.push_back({std::move(stage), query.real()});
+      const auto stage = job_stage_from_name(query.text());
+      if (!stage) return fail_in(fmt::format("job store {}, job {}", path.string(), id), stage.error());
+      stages.push_back({*stage, query.real()});
     }
   }
 
@@ -242,6 +246,11 @@ Result<std::unique_ptr<JobStore>> JobStore::open(const std::filesystem::path& pa
                                    kSchemaVersion));
     });
     if (!made) return tl::unexpected{made.error()};
+  } else if (*application == kApplicationId && *version == 1) {
+    auto migrated = impl->together([&]() -> Result<void> {
+      return impl->run(fmt::format("{} PRAGMA user_version = {};", kFromVersion1, kSchemaVersion));
+    });
+    if (!migrated) return tl::unexpected{migrated.error()};
   } else if (*application != kApplicationId || *version != kSchemaVersion) {
     return fail(
         ErrorCode::InvalidInput,
@@ -297,8 +306,10 @@ Result<std::vector<Job>> JobStore::list(std::size_t most) const {
 
 Result<std::vector<Job>> JobStore::unfinished() const {
   const std::lock_guard lock{impl_->mutex};
-  Statement query = impl_->prepare(fmt::format("SELECT {} FROM job WHERE state < ? ORDER BY place", kColumns));
-  query.bind(static_cast<std::int64_t>(JobState::Done));
+  Statement query =
+      impl_->prepare(fmt::format("SELECT {} FROM job WHERE state NOT IN (?, ?, ?) ORDER BY place", kColumns));
+  for (const JobState state : {JobState::Done, JobState::Failed, JobState::Cancelled})
+    query.bind(static_cast<std::int64_t>(state));
   return impl_->select(std::move(query));
 }
 
@@ -343,7 +354,7 @@ Result<void> JobStore::set_counters(std::string_view id, const JobCounters& c) {
   });
 }
 
-Result<void> JobStore::set_stage_seconds(std::string_view id, std::string_view stage, double seconds) {
+Result<void> JobStore::set_stage_seconds(std::string_view id, JobStage stage, double seconds) {
   return impl_->together([&]() -> Result<void> {
     if (auto job = impl_->find(id); !job) return tl::unexpected{job.error()};
     return impl_->execute(
@@ -352,7 +363,7 @@ Result<void> JobStore::set_stage_seconds(std::string_view id, std::string_view s
                                 "job_stage WHERE job_id = ? "
                                 "ON CONFLICT (job_id, stage) DO UPDATE SET seconds = excluded.seconds")
                       .bind(id)
-                      .bind(stage)
+                      .bind(name_of(stage))
                       .bind(seconds)
                       .bind(id)));
   });

@@ -11,7 +11,7 @@ const state = { jobs: [], chosen: null, token: sessionStorage.getItem("token") |
 const site = {};
 
 const allowed = {
-  approve: (s) => s === "ready",
+  approve: (s) => s === "awaiting-approval",
   pause: (s) => s === "printing",
   resume: (s) => s === "paused",
   cancel: (s) => !["done", "failed", "cancelled"].includes(s),

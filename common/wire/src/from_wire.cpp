@@ -87,7 +87,9 @@ Job read_job(Reading& reading, const v1::Job& proto) {
   if (!reading.fault)
     for (const v1::StageSeconds& row : proto.stages()) {
       expect(reading, std::isfinite(row.seconds()) && row.seconds() >= 0, "seconds", "is no duration");
-      job.stages.push_back({name(reading, row.stage(), "stage"), row.seconds()});
+      const auto stage = job_stage_from_name(name(reading, row.stage(), "stage"));
+      expect(reading, stage.has_value(), "stage", "is no stage of a job");
+      if (stage) job.stages.push_back({*stage, row.seconds()});
     }
   job.created_unix_ms = proto.created_unix_ms();
   job.changed_unix_ms = proto.changed_unix_ms();

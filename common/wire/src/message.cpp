@@ -37,24 +37,6 @@ Frame write_as(FrameType type, const Value& value) {
 
 }  // namespace
 
-std::string_view name_of(JobCommand command) {
-  switch (command) {
-    case JobCommand::Approve:
-      return "approve";
-    case JobCommand::Pause:
-      return "pause";
-    case JobCommand::Resume:
-      return "resume";
-    case JobCommand::Cancel:
-      return "cancel";
-    case JobCommand::ResumeExposed:
-      return "resume as exposed";
-    case JobCommand::ResumeAgain:
-      return "resume as dark";
-  }
-  return "cancel";
-}
-
 bool is_job_id(std::string_view text) {
   return !text.empty() && text.size() <= 64 && std::all_of(text.begin(), text.end(), [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';

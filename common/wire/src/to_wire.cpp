@@ -31,7 +31,7 @@ void write_job(const Job& job, v1::Job& proto) {
   proto.set_wire_bytes(job.counters.wire_bytes);
   for (const StageSeconds& stage : job.stages) {
     auto& row = *proto.add_stages();
-    row.set_stage(stage.stage);
+    row.set_stage(std::string{name_of(stage.stage)});
     row.set_seconds(stage.seconds);
   }
   proto.set_created_unix_ms(job.created_unix_ms);

@@ -87,7 +87,7 @@ Result<CuredSolid> cure_solid(const CureModel& model, std::uint32_t layers, cons
     }
     above = std::move(work.back().dose);
     done += count;
-    report(progress, "curing", static_cast<double>(done) / layers);
+    report(progress, WorkStage::CuringSolid, static_cast<double>(done) / layers);
   }
   Hasher hasher;
   for (const CuredSolid::Layer& layer : solid.layers) {

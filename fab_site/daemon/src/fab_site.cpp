@@ -173,7 +173,7 @@ Result<std::shared_ptr<Intake>> FabSite::take_offer(const Offer& offer, const ne
     return fail(ErrorCode::Conflict, fmt::format("replayed-job: there is a job {} of another site", offer.job));
   const auto folder = folder_.job(offer.job);
   if (!folder) return tl::unexpected{folder.error()};
-  if (job && job->state > JobState::Sending) {
+  if (job && is_before(JobState::Sending, job->state)) {
     const auto before = saved_offer(*folder);
     if (!before || to_frame(*before) != to_frame(offer))
       return fail(ErrorCode::Conflict, fmt::format("replayed-job: job {} was another one", offer.job));
@@ -219,14 +219,14 @@ void FabSite::received(const std::string& job, std::uint32_t layers, std::uint64
 void FabSite::completed(const std::string& job) {
   const auto live = live_.find(job);
   const auto now = store().find(job);
-  if (live == live_.end() || !now || now->state > JobState::Sending) return;
+  if (live == live_.end() || !now || is_before(JobState::Sending, now->state)) return;
   live->second.intake.reset();
   if (live->second.analysis) {
     const std::scoped_lock lock{analysed_mutex_};
     analysed_[job] = std::move(live->second.analysis);
   }
   const double seconds = std::chrono::duration<double>(clock_.now() - live->second.send_began).count();
-  ledger_->set_stage_seconds(job, "send", seconds);
+  ledger_->set_stage_seconds(job, JobStage::Send, seconds);
   move(job, JobState::Planning, "");
   planner_->add(job);
 }
@@ -259,9 +259,12 @@ Result<void> FabSite::take_up(const Job& job) {
     case JobState::Planning:
       planner_->add(job.id);
       break;
+    case JobState::AwaitingApproval:
+      predictor_->add(job.id);
+      break;
     case JobState::Ready:
       predictor_->add(job.id);
-      if (job.message.empty()) device_->add(job.id);  // otherwise it says that it waits for approval
+      device_->add(job.id);
       break;
     case JobState::Printing:
     case JobState::Paused:
@@ -297,7 +300,7 @@ void FabSite::plan(const std::string& job, std::stop_token stop) {
     return plan_into(
         *folder, *stack, *machine, std::move(options), clock_,
         [&](const Progress& progress) {
-          if (progress.stage != "making masks") return;
+          if (progress.stage != WorkStage::MakingMasks) return;
           // How many layers the supports add is known at the end only.
           later([this, job, layers, done = static_cast<std::uint32_t>(progress.fraction * layers)] {
             count_planned(job, done, layers);
@@ -315,7 +318,7 @@ void FabSite::plan(const std::string& job, std::stop_token stop) {
   later([this, job, outcome, seconds = std::chrono::duration<double>(clock_.now() - began).count()] {
     if (!outcome) return end_job(job, JobState::Failed, outcome.error().what);
     count_planned(job, outcome->print_layers, outcome->print_layers);
-    ledger_->set_stage_seconds(job, "plan", seconds);
+    ledger_->set_stage_seconds(job, JobStage::Plan, seconds);
     planned(job, outcome->doubt);
     predictor_->add(job);
   });
@@ -346,7 +349,8 @@ void FabSite::count_planned(const std::string& job, std::uint32_t done, std::uin
 void FabSite::planned(const std::string& job, const std::string& doubt) {
   const auto folder = folder_.job(job);
   if (config_.start_on_approval || !doubt.empty() || (folder && waits_for_approval(*folder)))
-    return move(job, JobState::Ready, fmt::format("waits for `telefab approve`{}{}", doubt.empty() ? "" : ": ", doubt));
+    return move(job, JobState::AwaitingApproval,
+                fmt::format("waits for `telefab approve`{}{}", doubt.empty() ? "" : ": ", doubt));
   move(job, JobState::Ready, "");
   device_->add(job);
 }
@@ -442,7 +446,7 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
   }
   if (device_->is_ending()) return;  // the journal tells the next start where to go on
   later([this, job, record, seconds = std::chrono::duration<double>(clock_.now() - began).count()] {
-    ledger_->set_stage_seconds(job, "print", seconds);
+    ledger_->set_stage_seconds(job, JobStage::Print, seconds);
     if (!record && is_device_trouble(record.error().code))
       return move(job, JobState::Paused, record.error().what + "; telefab resume tries again");
     if (!record) return end_job(job, JobState::Failed, record.error().what);
@@ -480,7 +484,7 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
   }
   switch (command.command) {
     case JobCommand::Approve:
-      if (job->state != JobState::Ready || job->message.empty()) return refuse("there is nothing to approve");
+      if (job->state != JobState::AwaitingApproval) return refuse("there is nothing to approve");
       move(id, JobState::Ready, "");
       device_->add(id);
       break;

@@ -36,7 +36,7 @@ ProgressSink progress_line() {
     const int percent = static_cast<int>(100 * p.fraction);
     if (percent == *shown) return;
     *shown = percent;
-    write_note(fmt::format("\r{:<22} {:3} %", p.stage, percent));
+    write_note(fmt::format("\r{:<22} {:3} %", label_of(p.stage), percent));
   };
 }
 

@@ -111,7 +111,7 @@ Result<std::uint32_t> export_pictures(const Source& source, const MachineProfile
     if (!png) return tl::unexpected{png.error()};
     if (auto done = write_new_file(folder / fmt::format("{:05}.png", i), *png); !done)
       return tl::unexpected{done.error()};
-    report(progress, "writing pictures", (i + 1.0) / count);
+    report(progress, WorkStage::WritingPictures, (i + 1.0) / count);
   }
   if (auto ok = sync_file_system(folder); !ok) return tl::unexpected{ok.error()};
   return count;

@@ -70,7 +70,7 @@ ordered_json report_part(const std::filesystem::path& path) {
 }  // namespace
 
 const WebDesk::Light* WebDesk::light_of(const Job& job) {
-  if (job.state < JobState::Ready) return nullptr;
+  if (is_before(job.state, JobState::AwaitingApproval)) return nullptr;
   const auto known = lights_.find(job.id);
   // A record comes when the print has ended, so what was read before is read again then, once.
   if (known != lights_.end() && known->second.is_whole == is_final(job.state)) return &known->second;
@@ -112,11 +112,11 @@ JobView WebDesk::view_of(const Job& job) {
   view.id = job.id;
   view.name = job.name;
   view.machine = job.machine;
-  view.state = name_of(job.state);
+  view.state = job.state;
   view.message = job.message;
   view.in_doubt = job.state == JobState::Paused && is_in_doubt_(job.id);
   // Until the plan is on disk there is no print layer to look at.
-  view.layers = job.state >= JobState::Ready ? c.print_layers : 0;
+  view.layers = !is_before(job.state, JobState::AwaitingApproval) ? c.print_layers : 0;
   view.layers_received = c.layers_sent;
   view.layers_printed = c.layers_printed;
   view.bytes_received = c.wire_bytes;
@@ -124,10 +124,10 @@ JobView WebDesk::view_of(const Job& job) {
                   : job.state == JobState::Planning ? share(c.layers_planned, c.print_layers)
                                                     : share(c.layers_printed, c.print_layers);
   view.created_unix_s = job.created_unix_ms / 1000;
-  for (const StageSeconds& stage : job.stages) view.stage_seconds.emplace_back(stage.stage, stage.seconds);
+  view.stage_seconds = job.stages;
   if (const Light* light = light_of(job)) {
-    const bool is_ahead =
-        job.state == JobState::Ready || job.state == JobState::Printing || job.state == JobState::Paused;
+    const bool is_ahead = job.state == JobState::AwaitingApproval || job.state == JobState::Ready ||
+                          job.state == JobState::Printing || job.state == JobState::Paused;
     const std::size_t printed = std::min<std::size_t>(c.layers_printed, light->layer_s.size());
     if (is_ahead)
       view.seconds_left =
@@ -271,30 +271,11 @@ Result<std::string> WebDesk::layer_json(std::string_view id, std::uint32_t layer
       .dump();
 }
 
-Result<void> WebDesk::act(std::string_view id, JobAction action, std::string_view who) {
+Result<void> WebDesk::act(std::string_view id, JobCommand action, std::string_view who) {
   Command command;
   command.job = id;
   command.who = who;
-  switch (action) {
-    case JobAction::Approve:
-      command.command = JobCommand::Approve;
-      break;
-    case JobAction::Pause:
-      command.command = JobCommand::Pause;
-      break;
-    case JobAction::Resume:
-      command.command = JobCommand::Resume;
-      break;
-    case JobAction::ResumeExposed:
-      command.command = JobCommand::ResumeExposed;
-      break;
-    case JobAction::ResumeDark:
-      command.command = JobCommand::ResumeAgain;
-      break;
-    case JobAction::Cancel:
-      command.command = JobCommand::Cancel;
-      break;
-  }
+  command.command = action;
   const auto job = command_and_wait(post_, command);
   if (!job) return tl::unexpected{job.error()};
   return {};

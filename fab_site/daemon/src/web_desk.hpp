@@ -43,7 +43,7 @@ class WebDesk final : public JobDesk {
   Result<std::vector<std::byte>> preview_png(std::string_view id) override;
   Result<std::vector<std::byte>> accuracy_png(std::string_view id) override;
   Result<std::string> layer_json(std::string_view id, std::uint32_t layer) override;
-  Result<void> act(std::string_view id, JobAction action, std::string_view who) override;
+  Result<void> act(std::string_view id, JobCommand action, std::string_view who) override;
   Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) override;
   std::string devices_json() override;
   std::uint64_t revision() override { return store_.revision(); }

@@ -210,7 +210,8 @@ Result<void> Dlpc900Projector::measure_rate() {
   Mask noise{{kProbeSide_px, kProbeSide_px}, std::vector<std::uint8_t>(kProbeSide_px * kProbeSide_px)};
   std::uint32_t x = 1;
   for (auto& p : noise.rows) p = low_byte((x = x * 1664525u + 1013904223u) >> 24);
-  frames_ = frames_of(place_on_mirrors(noise.view(), identity_.dmd.size, "normal"), identity_.dmd.shortest_exposure_us);
+  frames_ = frames_of(place_on_mirrors(noise.view(), identity_.dmd.size, OpticsTurn::Normal),
+                      identity_.dmd.shortest_exposure_us);
   sent_ = restarts_ = 0;
   state_ = LightState::Loading;
   const std::size_t total = total_bytes(frames_);

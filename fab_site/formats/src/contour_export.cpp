@@ -16,7 +16,7 @@ Result<void> write_text(LayerText&& text, const ContourJob& job, const std::file
   for (std::uint32_t i = 0; i < job.layer_count; ++i) {
     if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "the export was cancelled; nothing was written");
     text.layer(out, i);
-    report(progress, "writing contours", (i + 1.0) / job.layer_count);
+    report(progress, WorkStage::WritingContours, (i + 1.0) / job.layer_count);
   }
   text.end(out);
   return write_file_atomically(path, out);

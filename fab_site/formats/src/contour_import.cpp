@@ -235,7 +235,7 @@ Result<Import> import_contours(std::span<const std::byte> bytes, const MachinePr
   if (!format)
     return fail(ErrorCode::InvalidInput, "this is none of the files that are read: .tfc, CLI, SVG, 3MF, JSON lines");
   const double thickness_mm = machine.layers.thickness_mm;
-  report(progress, "reading contours", 0);
+  report(progress, WorkStage::ReadingContours, 0);
   auto raw = read_raw(*format, bytes, options, thickness_mm);
   if (!raw) return tl::unexpected{raw.error()};
   if (raw->layers().empty())
@@ -274,7 +274,7 @@ Result<Import> import_contours(std::span<const std::byte> bytes, const MachinePr
     }
     done.rings += layer.contours.size();
     layers.push_back(std::move(layer));
-    report(progress, "sorting contours", static_cast<double>(layers.size()) / header.layer_count);
+    report(progress, WorkStage::SortingContours, static_cast<double>(layers.size()) / header.layer_count);
   }
   auto stack = LayerStack::from_layers(std::move(header), std::move(layers));
   if (!stack) return tl::unexpected{stack.error()};

@@ -165,7 +165,7 @@ Result<MaskExportReport> export_masks(MaskFormat format, const PrintPlan& plan, 
   for (const auto& ok : done)
     if (!ok) return tl::unexpected{ok.error()};
   for (ViewFromAbove& view : views) stream.show_in(&view);
-  if (auto ok = zip->finish("writing masks", progress, std::move(stop)); !ok) return tl::unexpected{ok.error()};
+  if (auto ok = zip->finish(WorkStage::WritingMasks, progress, std::move(stop)); !ok) return tl::unexpected{ok.error()};
   report.solid_mm3 = stream.solid_px() * pixel_mm3;
   return report;
 }

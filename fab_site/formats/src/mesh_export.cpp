@@ -47,7 +47,7 @@ Result<void> export_threemf(const StructureMesh& mesh, const std::filesystem::pa
     return std::vector<std::byte>(bytes.begin(), bytes.end());
   };
   if (auto ok = zip->add("3D/3dmodel.model", model, Packing::Deflated); !ok) return ok;
-  return zip->finish("packing the model", progress, std::move(stop));
+  return zip->finish(WorkStage::PackingModel, progress, std::move(stop));
 }
 
 }  // namespace telefab::fab

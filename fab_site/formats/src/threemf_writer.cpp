@@ -136,14 +136,14 @@ Result<void> write_threemf(const ContourJob& job, const std::filesystem::path& p
     for (std::uint32_t i = 0; i < total; ++i) {
       if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "the export was cancelled; nothing was written");
       text.layer(out, i);
-      report(progress, "writing slices", (i + 1.0) / total);
+      report(progress, WorkStage::WritingSlices, (i + 1.0) / total);
     }
     text.end(out);
     const auto bytes = std::as_bytes(std::span{out});
     return std::vector<std::byte>(bytes.begin(), bytes.end());
   };
   if (auto ok = zip->add("3D/3dmodel.model", model, Packing::Deflated); !ok) return ok;
-  return zip->finish("packing slices", progress, stop);
+  return zip->finish(WorkStage::PackingSlices, progress, stop);
 }
 
 }  // namespace telefab::fab

@@ -148,9 +148,9 @@ Result<void> ZipWriter::add(const std::string& name, EntryMaker maker, Packing p
   return {};
 }
 
-Result<void> ZipWriter::finish(std::string_view stage, const ProgressSink& progress, std::stop_token stop) {
+Result<void> ZipWriter::finish(WorkStage stage, const ProgressSink& progress, std::stop_token stop) {
   struct Watch {
-    std::string_view stage;
+    WorkStage stage;
     const ProgressSink& progress;
     std::stop_token stop;
   } watch{stage, progress, std::move(stop)};

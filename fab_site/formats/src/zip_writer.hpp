@@ -32,7 +32,7 @@ class ZipWriter {
   [[nodiscard]] Result<void> add(const std::string& name, EntryMaker maker, Packing packing = Packing::Stored);
   /// Makes all entries and puts the archive in its place. Fails as the makers do, with Cancelled, or StorageFailed;
   /// then nothing is left behind.
-  [[nodiscard]] Result<void> finish(std::string_view stage, const ProgressSink& progress, std::stop_token stop);
+  [[nodiscard]] Result<void> finish(WorkStage stage, const ProgressSink& progress, std::stop_token stop);
 
  private:
   struct Archive;

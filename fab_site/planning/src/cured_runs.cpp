@@ -10,7 +10,7 @@ namespace telefab::fab {
 namespace {
 
 constexpr std::uint8_t kSolid = 255, kJoined = 128;  // grey levels that mark a pixel's state while runs are made
-constexpr double kJoinedDepth = 0.125;  // of a layer's thickness: solid so deep, neighbours hang together
+constexpr double kJoinedDepth = 0.125;               // of a layer's thickness: solid so deep, neighbours hang together
 
 struct Levels {
   double solid = 0;   ///< dose that cures a layer to its middle
@@ -84,7 +84,7 @@ Result<SupportReport> check_by_level(const PrintPlan& plan, MaskSource& masks, s
     const auto mask = masks.mask(layer.index);
     if (!mask) return tl::unexpected{mask.error()};
     if (auto ok = watch.add(LayerRuns::from_mask(mask->view(), level)); !ok) return tl::unexpected{ok.error()};
-    report(progress, "masks", (layer.index.count() + 1) / count);
+    report(progress, WorkStage::CheckingMasks, (layer.index.count() + 1) / count);
   }
   return watch.finish();
 }
@@ -111,7 +111,7 @@ Result<std::vector<CuredRuns>> cured_runs(const PrintPlan& plan, MaskSource& mas
     draw_states(*dose, levels, *mask);
     runs[k].solid = LayerRuns::from_mask(mask->view(), kSolid);
     runs[k].light.joined = LayerRuns::from_mask(mask->view(), kJoined);
-    report(progress, "light", static_cast<double>(count - k) / static_cast<double>(count));
+    report(progress, WorkStage::CheckingLight, static_cast<double>(count - k) / static_cast<double>(count));
   }
   return runs;
 }

@@ -299,7 +299,7 @@ Result<PlanSummary> plan_once(const LayerStack& stack, const MachineProfile& pro
         return tl::unexpected{watched.error()};
       features.add(index.count(), work.at_features);
     }
-    report(progress, "making masks", static_cast<double>(first + count) / print_layers);
+    report(progress, WorkStage::MakingMasks, static_cast<double>(first + count) / print_layers);
   }
   summary.check = watch.finish();
   summary.thin = features.finish();

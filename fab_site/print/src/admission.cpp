@@ -34,7 +34,7 @@ Result<Admission> estimate_print(const PrintPlan& plan, LayerIndex from, MaskSou
       a.longest_upload_layer = layer.index;
     }
     if (upload[k] > approach_time(plan, layer.index)) a.too_slow.push_back(layer.index);
-    report(progress, "estimating the print", double(k + 1) / double(plan.layers.size()));
+    report(progress, WorkStage::EstimatingPrint, double(k + 1) / double(plan.layers.size()));
   }
   const StageFacts& s = stage.facts();
   a.planned = print_time(plan, from, s.highest_mm, s.homing_mm_per_s, {});

@@ -40,7 +40,8 @@ class Planner {
         if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "planning supports: stopped");
         if (auto ok = cover_layer(found, k); !ok) return tl::unexpected{ok.error()};
         if (k % 16 == 0)
-          report(progress_, "anchors", static_cast<double>(k) / static_cast<double>(found.layers.size()));
+          report(progress_, WorkStage::PlacingAnchors,
+                 static_cast<double>(k) / static_cast<double>(found.layers.size()));
       }
     if (options_.mode == SupportOptions::Mode::Auto) {
       hold_floating(found, elevation);
@@ -49,7 +50,7 @@ class Planner {
     std::stable_sort(anchors_.begin(), anchors_.end(), [](const Anchor& a, const Anchor& b) {
       return std::tie(a.layer, a.place.y_mm, a.place.x_mm) < std::tie(b.layer, b.place.y_mm, b.place.x_mm);
     });
-    report(progress_, "structure", 0);
+    report(progress_, WorkStage::BuildingSupports, 0);
     auto routed = route_supports(anchors_, found.layers, elevation, t_, machine_);
     figures_.feet_on_part = routed.feet_on_part;
     figures_.braces = routed.braces;
@@ -58,7 +59,7 @@ class Planner {
                                elevation + static_cast<std::uint32_t>(found.layers.size()),
                                Millimetres{machine_.projection.pixel_pitch_mm / 20}};
     figures_.support_mm3 = volume_mm3(sections.structure());
-    report(progress_, "structure", 1);
+    report(progress_, WorkStage::BuildingSupports, 1);
     return SupportPlan{elevation, std::move(anchors_), std::move(sections), figures_};
   }
 
@@ -276,7 +277,7 @@ Result<SupportPlan> plan_supports(std::span<const Layer> layers, const StackHead
                                   const ProgressSink& progress, std::stop_token stop) {
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
   if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
-  report(progress, "layer regions", 0);
+  report(progress, WorkStage::FindingRegions, 0);
   const auto part = on_threads(options, [&] { return analyse_part(layers, machine, stop); });
   if (!part) return tl::unexpected{part.error()};
   Planner planner{header, machine, options, progress, std::move(stop)};

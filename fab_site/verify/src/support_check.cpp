@@ -223,7 +223,7 @@ std::uint8_t gel_level(const MachineProfile& machine, double exposure_s) {
 Result<SupportReport> check_supports(const PrintGeometry& print, const MachineProfile& machine,
                                      const ProgressSink& progress, std::stop_token stop) {
   Checker checker{print, machine, stop};
-  report(progress, "check", 0);
+  report(progress, WorkStage::CheckingRegions, 0);
   if (auto ok = checker.read(); !ok) return tl::unexpected{ok.error()};
   tbb::parallel_for(std::size_t{0}, checker.all.size(), [&](std::size_t k) {
     if (stop.stop_requested()) return;
@@ -238,7 +238,7 @@ Result<SupportReport> check_supports(const PrintGeometry& print, const MachinePr
   for (const Finding& hollow : checker.hollows().findings)
     if (hollow.kind != Finding::Kind::Island) out.findings.push_back(hollow);
   std::stable_sort(out.findings.begin(), out.findings.end(), before);
-  report(progress, "check", 1);
+  report(progress, WorkStage::CheckingRegions, 1);
   return out;
 }
 

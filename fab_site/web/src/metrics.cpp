@@ -37,19 +37,20 @@ constexpr std::array kJobGauges{
 
 std::string metrics_text(const std::vector<JobView>& jobs) {
   Gauges gauges;
-  std::map<std::string, double> in_state;
+  std::map<JobState, double> in_state;
   for (const JobView& job : jobs) ++in_state[job.state];
-  for (const char* state :
-       {"queued", "slicing", "sending", "planning", "ready", "printing", "paused", "done", "failed", "cancelled"})
-    gauges.add("telefab_jobs", "Jobs in each state; queued and ready ones wait", {{"state", state}}, in_state[state]);
+  for (const JobState state : kJobStates)
+    gauges.add("telefab_jobs", "Jobs in each state; queued, ready and unapproved ones wait",
+               {{"state", std::string{name_of(state)}}}, in_state[state]);
   for (const JobGauge& gauge : kJobGauges)
     for (const JobView& job : jobs)
-      gauges.add(gauge.name, gauge.help, {{"job", job.id}, {"machine", job.machine}, {"state", job.state}},
+      gauges.add(gauge.name, gauge.help,
+                 {{"job", job.id}, {"machine", job.machine}, {"state", std::string{name_of(job.state)}}},
                  gauge.value(job));
   for (const JobView& job : jobs)
-    for (const auto& [stage, seconds] : job.stage_seconds)
-      gauges.add("telefab_job_stage_seconds", "What each stage of a job took", {{"job", job.id}, {"stage", stage}},
-                 seconds);
+    for (const StageSeconds& stage : job.stage_seconds)
+      gauges.add("telefab_job_stage_seconds", "What each stage of a job took",
+                 {{"job", job.id}, {"stage", std::string{name_of(stage.stage)}}}, stage.seconds);
   return gauges.text();
 }
 

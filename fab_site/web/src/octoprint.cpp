@@ -25,8 +25,9 @@ WebResponse octoprint_problem(const Error& error) { return octoprint_problem(web
 
 /// What the machine is at: the job being printed, else the one that is nearest to it, else the newest. Null: no job.
 const JobView* on_machine(const std::vector<JobView>& jobs) {
-  static constexpr std::array kNearest{"printing", "paused", "ready", "planning", "sending"};
-  for (const char* state : kNearest)
+  static constexpr std::array kNearest{JobState::Printing,         JobState::Paused,   JobState::Ready,
+                                       JobState::AwaitingApproval, JobState::Planning, JobState::Sending};
+  for (const JobState state : kNearest)
     for (const JobView& job : jobs)
       if (job.state == state) return &job;
   return jobs.empty() ? nullptr : &jobs.front();
@@ -34,8 +35,8 @@ const JobView* on_machine(const std::vector<JobView>& jobs) {
 
 /// Before it is printed a job is, for OctoPrint, a file that was chosen.
 std::string state_text(const JobView* job) {
-  if (job && job->state == "printing") return "Printing";
-  if (job && job->state == "paused") return "Paused";
+  if (job && job->state == JobState::Printing) return "Printing";
+  if (job && job->state == JobState::Paused) return "Paused";
   return "Operational";
 }
 
@@ -104,10 +105,11 @@ WebResponse octoprint_job(JobDesk& desk) {
             {"origin", "local"},
             {"size", job->bytes_received},
             {"date", job->created_unix_s}};
-    const bool is_printed = job->state == "printing" || job->state == "paused" || job->state == "done";
+    const bool is_printed =
+        job->state == JobState::Printing || job->state == JobState::Paused || job->state == JobState::Done;
     progress["completion"] = is_printed ? ordered_json(100 * job->progress) : ordered_json(nullptr);
-    for (const auto& [stage, seconds] : job->stage_seconds)
-      if (stage == "print") progress["printTime"] = seconds;
+    for (const StageSeconds& stage : job->stage_seconds)
+      if (stage.stage == JobStage::Print) progress["printTime"] = stage.seconds;
     if (job->seconds_left >= 0) progress["printTimeLeft"] = job->seconds_left;
     if (job->print_seconds > 0) estimated = job->print_seconds;
   }
@@ -153,17 +155,17 @@ WebResponse octoprint_command(const WebRequest& request, JobDesk& desk) {
   const auto jobs = desk.jobs();
   if (!jobs) return octoprint_problem(jobs.error());
   const JobView* job = on_machine(*jobs);
-  const std::string state = job ? job->state : "";
-  std::optional<JobAction> wanted;
+  const auto is = [job](JobState state) { return job && job->state == state; };
+  std::optional<JobCommand> wanted;
   if (command == "start") {
-    wanted = JobAction::Approve;
+    wanted = JobCommand::Approve;
   } else if (command == "cancel") {
-    wanted = JobAction::Cancel;
+    wanted = JobCommand::Cancel;
   } else if (command == "pause") {
-    if (action == "resume" || (action != "pause" && state == "paused"))
-      wanted = JobAction::Resume;
+    if (action == "resume" || (action != "pause" && is(JobState::Paused)))
+      wanted = JobCommand::Resume;
     else if (action.empty() || action == "pause" || action == "toggle")
-      wanted = JobAction::Pause;
+      wanted = JobCommand::Pause;
   } else if (command == "restart") {
     return octoprint_problem(409, "a print of resin cannot be begun again from its first layer; send the file again");
   }
@@ -172,10 +174,9 @@ WebResponse octoprint_command(const WebRequest& request, JobDesk& desk) {
                              R"(the body must be JSON with "command": start, cancel, restart or pause, and for pause )"
                              R"("action": pause, resume or toggle)");
   // Pause where it is paused and resume where it prints are fine, says OctoPrint's documentation.
-  if ((wanted == JobAction::Pause && state == "paused") || (wanted == JobAction::Resume && state == "printing"))
+  if ((wanted == JobCommand::Pause && is(JobState::Paused)) || (wanted == JobCommand::Resume && is(JobState::Printing)))
     return {204, "application/json", ""};
-  const bool is_over = state.empty() || state == "done" || state == "failed" || state == "cancelled";
-  if (is_over) return octoprint_problem(409, "there is no job on the machine");
+  if (!job || is_final(job->state)) return octoprint_problem(409, "there is no job on the machine");
   if (auto done = desk.act(job->id, *wanted, "web"); !done) return octoprint_problem(done.error());
   return {204, "application/json", ""};
 }

@@ -20,7 +20,7 @@ json to_json(const JobView& job) {
   json value{{"id", job.id},
              {"name", job.name},
              {"machine", job.machine},
-             {"state", job.state},
+             {"state", name_of(job.state)},
              {"message", job.message},
              {"in_doubt", job.in_doubt},
              {"layers", job.layers},
@@ -69,7 +69,7 @@ WebResponse show_events(const Call& call) {
   return {200, "application/json", text_of(json{{"events", list}})};
 }
 
-template <JobAction action>
+template <JobCommand action>
 WebResponse act(const Call& call) {
   if (const auto done = call.desk.act(call.arguments.id, action, "web"); !done) return web_problem(done.error());
   return show_job(call);
@@ -77,12 +77,12 @@ WebResponse act(const Call& call) {
 
 /// An empty body resumes; {"as":"exposed"} and {"as":"dark"} also say what became of a layer in doubt.
 WebResponse resume(const Call& call) {
-  if (call.request.body.empty()) return act<JobAction::Resume>(call);
+  if (call.request.body.empty()) return act<JobCommand::Resume>(call);
   const json body = json::parse(call.request.body, nullptr, false);
-  if (body.is_object() && body.empty()) return act<JobAction::Resume>(call);
+  if (body.is_object() && body.empty()) return act<JobCommand::Resume>(call);
   if (body.is_object() && body.size() == 1 && body.contains("as")) {
-    if (body["as"] == "exposed") return act<JobAction::ResumeExposed>(call);
-    if (body["as"] == "dark") return act<JobAction::ResumeDark>(call);
+    if (body["as"] == "exposed") return act<JobCommand::ResumeExposed>(call);
+    if (body["as"] == "dark") return act<JobCommand::ResumeAgain>(call);
   }
   return web_problem(400, "invalid-input", R"(the body is empty, {"as":"exposed"} or {"as":"dark"})");
 }
@@ -126,10 +126,10 @@ const std::vector<Row>& rows() {
        [](const Call& c) { return web_json(c.desk.layer_json(c.arguments.id, c.arguments.layer)); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}/mask.png", "grey mask of one layer"},
        [](const Call& c) { return as_png(c.desk.mask_png(c.arguments.id, c.arguments.layer)); }},
-      {{"POST", "/v1/jobs/{id}/approve", "let a job that waits for approval print", true}, act<JobAction::Approve>},
-      {{"POST", "/v1/jobs/{id}/pause", "stop before the next exposure, lifted", true}, act<JobAction::Pause>},
+      {{"POST", "/v1/jobs/{id}/approve", "let a job that waits for approval print", true}, act<JobCommand::Approve>},
+      {{"POST", "/v1/jobs/{id}/pause", "stop before the next exposure, lifted", true}, act<JobCommand::Pause>},
       {{"POST", "/v1/jobs/{id}/resume", "go on with the next layer", true}, resume},
-      {{"POST", "/v1/jobs/{id}/cancel", "end the job", true}, act<JobAction::Cancel>},
+      {{"POST", "/v1/jobs/{id}/cancel", "end the job", true}, act<JobCommand::Cancel>},
       {{"GET", "/metrics", "gauges for Prometheus"},
        [](const Call& c) -> WebResponse {
          const auto jobs = c.desk.jobs();

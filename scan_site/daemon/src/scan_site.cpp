@@ -213,7 +213,7 @@ SlicerEvents ScanSite::slicer_events() {
                 const bool is_cancelled = seconds.error().code == ErrorCode::Cancelled;
                 return end_job(job, is_cancelled ? JobState::Cancelled : JobState::Failed, seconds.error().what);
               }
-              ledger_->set_stage_seconds(job, "slice", *seconds);
+              ledger_->set_stage_seconds(job, JobStage::Slice, *seconds);
               move(job, JobState::Sending, link_->is_up() ? "" : "waits for the fab: " + link_->why_down());
               link_->pump(job);
             });
@@ -244,9 +244,9 @@ FabLinkEvents ScanSite::link_events() {
 
 void ScanSite::on_kept(const std::string& job) {
   const auto now = store().find(job);
-  if (!counters_->contains(job) || !now || now->state > JobState::Sending) return;
+  if (!counters_->contains(job) || !now || is_before(JobState::Sending, now->state)) return;
   const double seconds = std::chrono::duration<double>(clock_.now() - send_began_[job]).count();
-  ledger_->set_stage_seconds(job, "send", seconds);
+  ledger_->set_stage_seconds(job, JobStage::Send, seconds);
   move(job, JobState::Planning, "");
 }
 
@@ -256,9 +256,9 @@ void ScanSite::on_job_changed(const Job& theirs) {
     c.layers_planned = theirs.counters.layers_planned;
     c.layers_printed = theirs.counters.layers_printed;
   });
-  if (!is_live || theirs.state < JobState::Planning) return;
+  if (!is_live || is_before(theirs.state, JobState::Planning)) return;
   for (const StageSeconds& stage : theirs.stages)
-    if (stage.stage == "plan" || stage.stage == "print")
+    if (stage.stage == JobStage::Plan || stage.stage == JobStage::Print)
       ledger_->set_stage_seconds(theirs.id, stage.stage, stage.seconds);
   // What the fab did while the line was down, or between two looks, is not told step by step: a pause that ended in a
   // finished print went through printing.
@@ -294,7 +294,7 @@ void ScanSite::command(const Command& command, std::function<void(Result<Job>)> 
     tell_cancelled();
     return done(store().find(job->id));
   }
-  if (!link_->knows(job->id) || job->state < JobState::Planning)
+  if (!link_->knows(job->id) || is_before(job->state, JobState::Planning))
     return done(fail(ErrorCode::Conflict, fmt::format("job {} is {}; there is no print to {} yet", job->id,
                                                       name_of(job->state), name_of(command.command))));
   Command forwarded = command;

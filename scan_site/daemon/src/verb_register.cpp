@@ -176,7 +176,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   std::vector<RangeImage>* const views = &loaded->images;
   const auto options = options_from(o, *views);
   if (!options) return tl::unexpected{options.error()};
-  const ProgressSink progress = [](const Progress& p) { write_note(fmt::format("{}\n", p.stage)); };
+  const ProgressSink progress = [](const Progress& p) { write_note(fmt::format("{}\n", label_of(p.stage))); };
   const auto registered = register_views(*views, *options, on_terminal() ? progress : ProgressSink{}, stop);
   if (!registered) return tl::unexpected{registered.error()};
   auto merged =

@@ -215,7 +215,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     const int percent = static_cast<int>(100 * p.fraction);
     if (!bar || percent == shown) return;
     shown = percent;
-    write_note(fmt::format("\r{:<10} {:3} %", p.stage, percent));
+    write_note(fmt::format("\r{:<10} {:3} %", label_of(p.stage), percent));
   };
   const std::string name = std::filesystem::path{o.cloud}.filename().string();
   const auto report = slice_scan(*scan, name, parameters->slice, sink, progress, stop);

@@ -37,24 +37,24 @@ Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_vie
     times.push_back({std::move(stage), std::chrono::duration<double>(now - since).count()});
     since = now;
   };
-  telefab::report(progress, "reading", 0);
+  telefab::report(progress, WorkStage::ReadingScan, 0);
   auto cloud = read_cloud(scan, name, ReadOptions{}, stop);
   if (!cloud) return tl::unexpected{cloud.error()};
   const std::size_t points = cloud->size();
   lap("reading");
-  telefab::report(progress, "normals", 0);
+  telefab::report(progress, WorkStage::FindingNormals, 0);
   auto oriented = with_normals(std::move(*cloud), NormalOptions{}, stop);
   if (!oriented) return tl::unexpected{oriented.error()};
   lap("normals");
   auto placed = place_on_platform(std::move(oriented->cloud), place);
   if (!placed) return fail_in(name, placed.error());
   if (!request.machine) placed->cloud.origin -= Vec3{kMaxCoordinateMm / 2, kMaxCoordinateMm / 2, 0};
-  telefab::report(progress, "surface", 0);
+  telefab::report(progress, WorkStage::FittingSurface, 0);
   auto field = MlsField::from_cloud(std::move(placed->cloud), request.mls, stop);
   if (!field) return fail_in(name, field.error());
   lap("surface");
 
-  telefab::report(progress, "topology", 0);
+  telefab::report(progress, WorkStage::FindingTopology, 0);
   SurfaceSamples all;
   const Box3 box = (*field)->bounds();
   (*field)->samples_between(box.min.z(), box.max.z(), all);

@@ -97,7 +97,7 @@ Result<Registration> register_views(std::span<RangeImage> views, const RegisterO
   const double whole_turn = options.step_deg * static_cast<double>(views.size());
   result.closed_turn = options.step_deg > 0 && std::abs(whole_turn - 360) < 0.5 * options.step_deg;
 
-  report(progress, "finding the axis", 0);
+  report(progress, WorkStage::FindingAxis, 0);
   if (options.start.empty()) {
     const auto axis = find_axis(views, targets, result.closed_turn, options, stop);
     if (!axis) return tl::unexpected{axis.error()};
@@ -112,7 +112,7 @@ Result<Registration> register_views(std::span<RangeImage> views, const RegisterO
   }
 
   // Links: every pair of views that sees enough in common.
-  report(progress, "aligning pairs", 0.3);
+  report(progress, WorkStage::AligningPairs, 0.3);
   std::vector<Link> links;
   for (std::size_t i = 0; i < views.size(); ++i)
     for (std::size_t j = 0; j < views.size(); ++j) {
@@ -136,7 +136,7 @@ Result<Registration> register_views(std::span<RangeImage> views, const RegisterO
     result.links.push_back(row);
   }
 
-  report(progress, "adjusting all poses", 0.6);
+  report(progress, WorkStage::AdjustingPoses, 0.6);
   const auto matches =
       adjust_all(views, targets, links,
                  {.first_reach = 8 * spacing, .last_reach = kOverlapReach * spacing, .samples = options.samples},
@@ -177,7 +177,7 @@ Result<Registration> register_views(std::span<RangeImage> views, const RegisterO
     }
     if (has_all) result.closure = difference(round, RigidMotion::Identity(), middle);
   }
-  report(progress, "judging the result", 0.9);
+  report(progress, WorkStage::JudgingPoses, 0.9);
   if (auto held = check_connected(views, result.links, options.min_overlap); !held) return tl::unexpected{held.error()};
   if (result.rms > options.max_rms)
     return fail(ErrorCode::NotConverged,

@@ -207,7 +207,7 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, co
         halt.request_stop();
         return;
       }
-      telefab::report(progress, "contours", static_cast<double>(done) / (end - range[0]));
+      telefab::report(progress, WorkStage::CuttingContours, static_cast<double>(done) / (end - range[0]));
     }
   };
   tbb::parallel_pipeline(
@@ -223,13 +223,13 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
                           unsigned threads, const LayerSink& sink, const ProgressSink& progress, std::stop_token stop) {
   SliceReport result;
   StageClock clock{result.times};
-  telefab::report(progress, "reading", 0);
+  telefab::report(progress, WorkStage::ReadingScan, 0);
   auto cloud = read_cloud(scan, name, ReadOptions{}, stop);
   if (!cloud) return tl::unexpected{cloud.error()};
   result.points = cloud->size();
   clock.lap("reading");
 
-  telefab::report(progress, "normals", 0);
+  telefab::report(progress, WorkStage::FindingNormals, 0);
   auto oriented = with_normals(std::move(*cloud), NormalOptions{}, stop);
   if (!oriented) return tl::unexpected{oriented.error()};
   result.normals_json = to_json(oriented->report);
@@ -260,7 +260,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   }
   clock.lap("placement");
 
-  telefab::report(progress, "surface", 0);
+  telefab::report(progress, WorkStage::FittingSurface, 0);
   auto field = MlsField::from_cloud(std::move(placed->cloud), request.mls, stop);
   if (!field) return fail_in(name, field.error());
   result.kernel = (*field)->kernel();
@@ -274,7 +274,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
 
   std::optional<HeightTopology> topology;
   if (request.method != TraceMethod::Grid) {
-    telefab::report(progress, "topology", 0);
+    telefab::report(progress, WorkStage::FindingTopology, 0);
     auto found = topology_of(**field, stop);
     if (found) {
       topology = std::move(*found);

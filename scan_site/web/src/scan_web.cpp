@@ -82,7 +82,7 @@ WebResponse metrics(const Call& call) {
                static_cast<double>(c.wire_bytes));
     for (const StageSeconds& stage : job.stages)
       gauges.add("telefab_job_stage_seconds", "What each stage of a job took",
-                 {{"job", job.id}, {"stage", stage.stage}}, stage.seconds);
+                 {{"job", job.id}, {"stage", std::string{name_of(stage.stage)}}}, stage.seconds);
   }
   return {200, Gauges::kContentType, gauges.text()};
 }

@@ -129,7 +129,8 @@ int watchers(const WebFab& fab, std::size_t count, double seconds) {
 
 int page(const WebFab& fab, const std::filesystem::path& tfc, const std::filesystem::path& folder) {
   const std::string job = fab.upload(tfc.filename().string(), fab.text_of(tfc), false);
-  if (!fab.wait_for(job, "ready", 600)) return fmt::print("the job was not planned: {}\n", fab.job(job).dump()), 1;
+  if (!fab.wait_for(job, "awaiting-approval", 600))
+    return fmt::print("the job was not planned: {}\n", fab.job(job).dump()), 1;
   const auto layers = fab.job(job).value("layers", 1U);
   const PageFigures figures = look_at_page(fab.port(), layers);
   fmt::print(

@@ -211,7 +211,7 @@ TEST_F(Fax, StartsAPrintOnlyAfterApprovalWhereTheFabSaysSo) {
   start_scan();
   const std::string job = submit_torus();
   const auto watch = telefab_begun({"watch", job});
-  EXPECT_THAT(watch->wait_for_error_line("approve"), HasSubstr("ready"));
+  EXPECT_THAT(watch->wait_for_error_line("approve"), HasSubstr("awaiting-approval"));
   // Not the scan site's to say.
   EXPECT_NE(telefab({"approve", job}).code, 0);
   const Outcome approved = telefab({"approve", job, "--site", fab_site()});
@@ -241,7 +241,8 @@ TEST_F(Fax, HoldsAJobWithAnIslandUntilAnOperatorOfTheFabLetsItThroughByName) {
   start_both();
   const std::string job = submit_torus();
   const auto watch = telefab_begun({"watch", job});
-  EXPECT_THAT(watch->wait_for_error_line("island"), testing::AllOf(HasSubstr("ready"), HasSubstr("approve")));
+  EXPECT_THAT(watch->wait_for_error_line("island"),
+              testing::AllOf(HasSubstr("awaiting-approval"), HasSubstr("approve")));
   const Outcome approved = telefab({"approve", job, "--site", fab_site(), "--who", "Ada"});
   EXPECT_EQ(approved.code, 0) << approved.errors;
   EXPECT_EQ(watch->finish(), 0) << watch->errors();

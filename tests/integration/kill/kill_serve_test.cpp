@@ -94,7 +94,7 @@ stage_serial = "{}"
     ASSERT_EQ(submitted.code, 0) << submitted.errors;
     job = submitted.output.substr(0, submitted.output.find('\n'));
     const auto watch = telefab_begun({"watch", job});
-    ASSERT_NE(watch->wait_for_error_line("approve").find("ready"), std::string::npos) << watch->errors();
+    ASSERT_NE(watch->wait_for_error_line("approve").find("awaiting-approval"), std::string::npos) << watch->errors();
     kill_scan();
     kill_fab();
     auto store = JobStore::open(folder() / "fab" / "jobs.sqlite", clock);

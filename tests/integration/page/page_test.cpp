@@ -20,7 +20,7 @@ class LivingDesk final : public RecordingDesk {
     JobView failed = job_;
     failed.id = "job-2";
     failed.name = "lion.ply";
-    failed.state = "failed";
+    failed.state = JobState::Failed;
     failed.message = "layer 12 has an unsupported island at (12.1, 40.2) mm";
     return std::vector<JobView>{job_, failed};
   }
@@ -44,7 +44,7 @@ class LivingDesk final : public RecordingDesk {
   [[nodiscard]] std::uint64_t revision() override { return revision_; }
   void leave_in_doubt() {
     const std::lock_guard lock{mutex_};
-    job_.state = "paused";
+    job_.state = JobState::Paused;
     job_.message = "layer 7 was perhaps exposed: decide whether to expose it again";
     job_.in_doubt = true;
     ++revision_;
@@ -56,7 +56,7 @@ class LivingDesk final : public RecordingDesk {
     job.id = "job-1";
     job.name = "statue.ply";
     job.machine = "machine-a";
-    job.state = "printing";
+    job.state = JobState::Printing;
     job.layers = 20;
     job.layers_printed = 7;
     job.progress = 0.35;

@@ -22,7 +22,7 @@ Job printing(std::uint32_t printed) {
   job.owner = "operator";
   job.state = JobState::Printing;
   job.counters = {500, 500, 500, 520, 520, printed, 1'000'000, 44'000};
-  job.stages = {{"slice", 0.9}};
+  job.stages = {{JobStage::Slice, 0.9}};
   return job;
 }
 

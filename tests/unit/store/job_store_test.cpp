@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sqlite3.h>
 #include <stdlib.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -23,11 +24,15 @@ TEST(JobState, GoesForwardOnlyAndEndsForGood) {
       if (!may_follow(from, to)) continue;
       ++allowed;
       EXPECT_FALSE(is_final(from)) << name_of(from);
-      EXPECT_TRUE(from < to || (from == JobState::Paused && to == JobState::Printing))
+      EXPECT_TRUE(is_before(from, to) || (from == JobState::Paused && to == JobState::Printing))
           << name_of(from) << " to " << name_of(to);
     }
   EXPECT_GT(allowed, 20);
   EXPECT_FALSE(may_follow(JobState::Paused, JobState::Done));
+  EXPECT_TRUE(may_follow(JobState::Planning, JobState::AwaitingApproval));
+  EXPECT_TRUE(may_follow(JobState::AwaitingApproval, JobState::Ready));
+  EXPECT_FALSE(may_follow(JobState::Ready, JobState::AwaitingApproval));
+  EXPECT_FALSE(is_final(JobState::AwaitingApproval));
   EXPECT_TRUE(may_follow(JobState::Printing, JobState::Paused));
 }
 
@@ -57,9 +62,9 @@ TEST_F(JobStoreTest, KeepsJobsCountersStagesAndEventsOverARestart) {
     id = store->create({.name = "statue.ply", .machine = "machine-a", .owner = "operator"}).value().id;
     ASSERT_TRUE(store->move(id, JobState::Slicing, ""));
     ASSERT_TRUE(store->set_counters(id, {.layers = 500, .layers_sliced = 7, .wire_bytes = 1ULL << 40U}));
-    ASSERT_TRUE(store->set_stage_seconds(id, "slice", 1.5));
-    ASSERT_TRUE(store->set_stage_seconds(id, "send", 0.5));
-    ASSERT_TRUE(store->set_stage_seconds(id, "slice", 2.5));
+    ASSERT_TRUE(store->set_stage_seconds(id, JobStage::Slice, 1.5));
+    ASSERT_TRUE(store->set_stage_seconds(id, JobStage::Send, 0.5));
+    ASSERT_TRUE(store->set_stage_seconds(id, JobStage::Slice, 2.5));
   }
   auto store = open();
   const auto job = store->find(id);
@@ -67,7 +72,7 @@ TEST_F(JobStoreTest, KeepsJobsCountersStagesAndEventsOverARestart) {
   EXPECT_EQ(job->state, JobState::Slicing);
   EXPECT_EQ(job->counters.layers, 500U);
   EXPECT_EQ(job->counters.wire_bytes, 1ULL << 40U);
-  EXPECT_THAT(job->stages, ElementsAre(StageSeconds{"slice", 2.5}, StageSeconds{"send", 0.5}));
+  EXPECT_THAT(job->stages, ElementsAre(StageSeconds{JobStage::Slice, 2.5}, StageSeconds{JobStage::Send, 0.5}));
   EXPECT_THAT(*store->events(id, 0, 100), SizeIs(2));
   EXPECT_THAT(*store->unfinished(), SizeIs(1));
 }
@@ -124,6 +129,31 @@ TEST_F(JobStoreTest, RefusesAFileThatIsNoStoreWithoutTouchingIt) {
   EXPECT_THAT(store.error().what, HasSubstr("jobs.db"));
   std::ifstream in{folder / "jobs.db"};
   EXPECT_EQ((std::string{std::istreambuf_iterator<char>{in}, {}}), noise);
+}
+
+// Before there was a state for it, what waited for approval was ready with a message, and an approval took the message.
+TEST_F(JobStoreTest, TakesOverAStoreInWhichAMessageMeantWaiting) {
+  std::string held, free, printing;
+  {
+    auto store = open();
+    for (std::string* id : {&held, &free, &printing}) {
+      *id = store->create({.name = "a.ply", .machine = "machine-a", .owner = "operator"}).value().id;
+      ASSERT_TRUE(store->move(*id, JobState::Ready, id == &held ? "waits for `telefab approve`: islands" : ""));
+    }
+    ASSERT_TRUE(store->move(printing, JobState::Printing, "warming up"));
+  }
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open((folder / "jobs.db").c_str(), &database), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(database, "PRAGMA user_version = 1;", nullptr, nullptr, nullptr), SQLITE_OK);
+  sqlite3_close(database);
+  for (int opened = 0; opened < 2; ++opened) {  // the second time there is nothing left to do
+    auto store = open();
+    EXPECT_EQ(store->find(held)->state, JobState::AwaitingApproval);
+    EXPECT_EQ(store->find(held)->message, "waits for `telefab approve`: islands");
+    EXPECT_EQ(store->find(free)->state, JobState::Ready);
+    EXPECT_EQ(store->find(printing)->state, JobState::Printing);
+    EXPECT_THAT(store->unfinished().value(), SizeIs(3));
+  }
 }
 
 TEST_F(JobStoreTest, RaisesItsRevisionWithEveryChangeOnly) {

@@ -76,9 +76,9 @@ TEST_F(OctoPrintTest, PausesAndCancelsTheJobOnTheMachine) {
   EXPECT_EQ(post("/api/job", R"({"command":"pause"})").status, 204U);  // without action: toggle
   EXPECT_EQ(post("/api/job", R"({"command":"cancel"})").status, 204U);
   ASSERT_THAT(desk.actions, SizeIs(3));
-  EXPECT_EQ(desk.actions[0].second, JobAction::Pause);
-  EXPECT_EQ(desk.actions[1].second, JobAction::Pause);
-  EXPECT_EQ(desk.actions[2].second, JobAction::Cancel);
+  EXPECT_EQ(desk.actions[0].second, JobCommand::Pause);
+  EXPECT_EQ(desk.actions[1].second, JobCommand::Pause);
+  EXPECT_EQ(desk.actions[2].second, JobCommand::Cancel);
 }
 
 TEST_F(OctoPrintTest, TakesAResumeOfARunningPrintForDone) {

@@ -74,14 +74,14 @@ TEST(WebRouter, PausesWithTheToken) {
   RecordingDesk desk;
   EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/pause", "Bearer secret"), desk, kOptions).status, 200U);
   ASSERT_THAT(desk.actions, SizeIs(1));
-  EXPECT_EQ(desk.actions[0].second, JobAction::Pause);
+  EXPECT_EQ(desk.actions[0].second, JobCommand::Pause);
 }
 
 TEST(WebRouter, ResumesWithOrWithoutAWordAboutTheLayerInDoubt) {
-  const std::pair<const char*, JobAction> bodies[]{{"", JobAction::Resume},
-                                                   {"{}", JobAction::Resume},
-                                                   {R"({"as":"exposed"})", JobAction::ResumeExposed},
-                                                   {R"({ "as" : "dark" })", JobAction::ResumeDark}};
+  const std::pair<const char*, JobCommand> bodies[]{{"", JobCommand::Resume},
+                                                    {"{}", JobCommand::Resume},
+                                                    {R"({"as":"exposed"})", JobCommand::ResumeExposed},
+                                                    {R"({ "as" : "dark" })", JobCommand::ResumeAgain}};
   for (const auto& [body, action] : bodies) {
     RecordingDesk desk;
     EXPECT_EQ(

@@ -32,7 +32,7 @@ Job some_job() {
   job.state = JobState::Printing;
   job.message = "layer 7";
   job.counters = {500, 500, 500, 540, 540, 7, 1'000'000, 35'000};
-  job.stages = {{"slice", 12.5}, {"send", 0.25}};
+  job.stages = {{JobStage::Slice, 12.5}, {JobStage::Send, 0.25}};
   job.created_unix_ms = 1'700'000'000'000;
   job.changed_unix_ms = 1'700'000'000'500;
   return job;

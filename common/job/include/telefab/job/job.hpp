@@ -15,24 +15,40 @@ enum class JobState : std::uint8_t {
   Slicing = 2,   ///< scan site: layers are cut, and sent as they come
   Sending = 3,   ///< all layers are cut, some are not acknowledged; at the fab: layers arrive
   Planning = 4,  ///< fab: supports and masks
-  Ready = 5,     ///< fab: planned; waits for the printer or for approval
+  Ready = 5,     ///< fab: planned, and approved where that is asked for; waits for the printer
   Printing = 6,
   Paused = 7,  ///< lifted and dark, goes on with the next layer
   Done = 8,
   Failed = 9,  ///< see message
   Cancelled = 10,
+  AwaitingApproval = 11,  ///< fab: planned; somebody must approve it before it is printed
 };
-inline constexpr std::array kJobStates{JobState::Queued, JobState::Slicing,  JobState::Sending, JobState::Planning,
-                                       JobState::Ready,  JobState::Printing, JobState::Paused,  JobState::Done,
-                                       JobState::Failed, JobState::Cancelled};
+/// In the order of a job's life.
+inline constexpr std::array kJobStates{JobState::Queued,   JobState::Slicing,          JobState::Sending,
+                                       JobState::Planning, JobState::AwaitingApproval, JobState::Ready,
+                                       JobState::Printing, JobState::Paused,           JobState::Done,
+                                       JobState::Failed,   JobState::Cancelled};
 
 /// "queued", "slicing", ...
 [[nodiscard]] std::string_view name_of(JobState state);
 [[nodiscard]] Result<JobState> job_state_from_name(std::string_view name);
 /// Done, Failed and Cancelled are for good.
 [[nodiscard]] bool is_final(JobState state);
+/// Whether a job is in state `a` earlier in its life than in `b`; by kJobStates, not by the numbers.
+[[nodiscard]] bool is_before(JobState a, JobState b);
 /// Forward along the list, Printing <-> Paused, and from every state that is not final to Failed and Cancelled.
 [[nodiscard]] bool may_follow(JobState from, JobState to);
+
+/// What somebody may have done to a job. Numbers go over the wire: never renumber.
+enum class JobCommand : std::uint8_t {
+  Approve = 1,
+  Pause = 2,
+  Resume = 3,
+  Cancel = 4,
+  ResumeExposed = 5,  ///< resume; a layer that was perhaps exposed counts as exposed
+  ResumeAgain = 6,    ///< resume; such a layer is exposed again
+};
+[[nodiscard]] std::string_view name_of(JobCommand command);
 
 /// How far a job is; only ever grows while the job runs.
 struct JobCounters {
@@ -47,8 +63,15 @@ struct JobCounters {
   friend bool operator==(const JobCounters&, const JobCounters&) = default;
 };
 
+/// What a job spends its time on.
+enum class JobStage : std::uint8_t { Slice = 1, Send = 2, Plan = 3, Print = 4 };
+inline constexpr std::array kJobStages{JobStage::Slice, JobStage::Send, JobStage::Plan, JobStage::Print};
+/// "slice", "send", "plan", "print": on disk and over the wire too.
+[[nodiscard]] std::string_view name_of(JobStage stage);
+[[nodiscard]] Result<JobStage> job_stage_from_name(std::string_view name);
+
 struct StageSeconds {
-  std::string stage;  ///< "slice", "send", "plan", "print"
+  JobStage stage{};
   double seconds = 0;
   friend bool operator==(const StageSeconds&, const StageSeconds&) = default;
 };

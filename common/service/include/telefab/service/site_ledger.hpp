@@ -18,7 +18,7 @@ class SiteLedger {
   void note(std::string_view who, std::string_view what);
   /// Moves a job where that is a change and may be; logs it and tells the hooks.
   void move(const std::string& job, JobState state, std::string_view message);
-  void set_stage_seconds(const std::string& job, std::string_view stage, double seconds);
+  void set_stage_seconds(const std::string& job, JobStage stage, double seconds);
   void set_counters(const std::string& job, const JobCounters& counters);
 
  private:

@@ -41,7 +41,7 @@ class JobStore {
   /// The change and its message become an event.
   [[nodiscard]] Result<Job> move(std::string_view id, JobState to, std::string_view message);
   [[nodiscard]] Result<void> set_counters(std::string_view id, const JobCounters& counters);
-  [[nodiscard]] Result<void> set_stage_seconds(std::string_view id, std::string_view stage, double seconds);
+  [[nodiscard]] Result<void> set_stage_seconds(std::string_view id, JobStage stage, double seconds);
   [[nodiscard]] Result<void> add_event(std::string_view id, std::string_view text);
   /// Events of a job with a number above `after`, oldest first, at most `most`.
   [[nodiscard]] Result<std::vector<JobEvent>> events(std::string_view id, std::uint64_t after, std::size_t most) const;

@@ -11,7 +11,7 @@
 // reader has to look again. Who says what to whom is in proto/README.md.
 namespace telefab {
 
-inline constexpr std::uint32_t kProtocolVersion = 2;
+inline constexpr std::uint32_t kProtocolVersion = 3;
 inline constexpr std::size_t kMaxNameBytes = 255;   ///< names of scans, files, machines, people
 inline constexpr std::size_t kMaxTextBytes = 4096;  ///< reasons and messages; longer ones are cut
 inline constexpr std::size_t kMaxParametersBytes = 16U << 10U;
@@ -22,17 +22,6 @@ inline constexpr std::size_t kMaxBlockBytes = 1U << 20U;  ///< of an upload or a
 inline constexpr std::size_t kMaxChunkBytes = 3U << 20U;
 
 enum class Side : std::uint8_t { Client = 1, ScanSite = 2, FabSite = 3 };
-enum class JobCommand : std::uint8_t {
-  Approve = 1,
-  Pause = 2,
-  Resume = 3,
-  Cancel = 4,
-  ResumeExposed = 5,  ///< resume; a layer that was perhaps exposed counts as exposed
-  ResumeAgain = 6,    ///< resume; such a layer is exposed again
-};
-
-[[nodiscard]] std::string_view name_of(JobCommand command);
-
 /// Names one question on one connection; answers carry it back. 0 asks nothing.
 enum class RequestId : std::uint64_t {};
 

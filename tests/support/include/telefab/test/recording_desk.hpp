@@ -40,9 +40,9 @@ class RecordingDesk : public JobDesk {
     return R"({"layer":)" + std::to_string(layer) +
            R"(,"z_mm":0.1,"thickness_mm":0.2,"bounds":[0,0,1,1],"part":[],"supports":[],"certificate":"certified"})";
   }
-  [[nodiscard]] Result<void> act(std::string_view id, JobAction action, std::string_view) override {
+  [[nodiscard]] Result<void> act(std::string_view id, JobCommand action, std::string_view) override {
     actions.emplace_back(std::string{id}, action);
-    if (action == JobAction::Approve) return fail(ErrorCode::Conflict, "the job does not wait for approval");
+    if (action == JobCommand::Approve) return fail(ErrorCode::Conflict, "the job does not wait for approval");
     return {};
   }
   [[nodiscard]] Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) override {
@@ -58,7 +58,7 @@ class RecordingDesk : public JobDesk {
     std::string content;
     bool start;
   };
-  std::vector<std::pair<std::string, JobAction>> actions;
+  std::vector<std::pair<std::string, JobCommand>> actions;
   std::vector<File> files;
 
  private:
@@ -67,10 +67,10 @@ class RecordingDesk : public JobDesk {
     job.id = "job-1";
     job.name = "a \"statue\" <b>.ply";
     job.machine = "machine-a";
-    job.state = "printing";
+    job.state = JobState::Printing;
     job.layers = 3;
     job.layers_printed = 1;
-    job.stage_seconds = {{"plan", 4.5}};
+    job.stage_seconds = {{JobStage::Plan, 4.5}};
     return job;
   }
 };

@@ -5,7 +5,7 @@
 #include <string>
 #include <string_view>
 #include <telefab/base/result.hpp>
-#include <utility>
+#include <telefab/job/job.hpp>
 #include <vector>
 
 namespace telefab::fab {
@@ -15,7 +15,7 @@ struct JobView {
   std::string id;
   std::string name;  ///< file name of the scan
   std::string machine;
-  std::string state;                  ///< name of the job state: queued, slicing, ..., done, failed, cancelled
+  JobState state{};
   std::string message;                ///< why it failed, what it waits for; may be empty
   bool in_doubt = false;              ///< paused because a layer was perhaps exposed: somebody must say whether it was
   std::uint32_t layers = 0;           ///< of the print, supports included; 0: not known yet
@@ -26,10 +26,10 @@ struct JobView {
   double seconds_left = -1;  ///< of the print; below 0: not known
   double print_seconds = 0;  ///< of the whole print as planned; 0: not planned yet
   std::int64_t created_unix_s = 0;
-  std::vector<std::pair<std::string, double>> stage_seconds;  ///< "slice", "send", "plan", "print": what each took
-  double planned_exposure_s = 0;                              ///< light of the whole print; 0: not planned yet
-  double measured_exposure_s = 0;                             ///< light that the device reported; 0: not printed yet
-  std::uint32_t retries = 0;                                  ///< device commands that had to be repeated
+  std::vector<StageSeconds> stage_seconds;
+  double planned_exposure_s = 0;   ///< light of the whole print; 0: not planned yet
+  double measured_exposure_s = 0;  ///< light that the device reported; 0: not printed yet
+  std::uint32_t retries = 0;       ///< device commands that had to be repeated
 };
 
 /// One line of a job's log.
@@ -37,9 +37,6 @@ struct JobEventView {
   std::int64_t unix_ms = 0;
   std::string text;
 };
-
-/// ResumeExposed and ResumeDark also say what became of a layer in doubt: it counts as exposed, or is exposed again.
-enum class JobAction : std::uint8_t { Approve, Pause, Resume, Cancel, ResumeExposed, ResumeDark };
 
 /// The daemon as the web page sees it. Calls come from the web thread one at a time; each returns at once.
 class JobDesk {
@@ -69,7 +66,7 @@ class JobDesk {
   /// {"layer":n,"z_mm":z,"thickness_mm":t,"bounds":[x0,y0,x1,y1],"part":[rings],"supports":[rings],"certificate":"..."}
   [[nodiscard]] virtual Result<std::string> layer_json(std::string_view id, std::uint32_t layer) = 0;
   /// Conflict where the state does not allow it. `who` goes into the audit log.
-  [[nodiscard]] virtual Result<void> act(std::string_view id, JobAction action, std::string_view who) = 0;
+  [[nodiscard]] virtual Result<void> act(std::string_view id, JobCommand action, std::string_view who) = 0;
   /// Makes a job of the bytes of a .tfc file; its id. Printed as soon as it is planned where `start`, else it waits for
   /// approval. InvalidInput: not a .tfc file, or damaged; NotFound: for a machine this fab has not.
   [[nodiscard]] virtual Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) = 0;
