@@ -19,18 +19,53 @@ namespace {
 namespace fs = std::filesystem;
 using Strings = std::vector<std::string>;
 
-/// The order of the tree is the order of dependence: a module may include those above it in its own site, and all of
-/// common may be included by both sites.
-const std::array<Strings, 3> kOrder{
-    Strings{"common/base", "common/geometry", "common/machine", "common/image", "common/codec", "common/job",
-            "common/command_line", "common/store", "common/transfer", "common/wire", "common/net", "common/web",
-            "common/service", "common/client"},
-    Strings{"scan_site/cloud", "scan_site/formats", "scan_site/digitize", "scan_site/registration", "scan_site/mls",
-            "scan_site/completion", "scan_site/topology", "scan_site/contour", "scan_site/measure", "scan_site/slicing",
-            "scan_site/inspect", "scan_site/web", "scan_site/daemon"},
-    Strings{"fab_site/region", "fab_site/support", "fab_site/mask", "fab_site/verify", "fab_site/cure",
-            "fab_site/device", "fab_site/print", "fab_site/planning", "fab_site/formats", "fab_site/usb",
-            "fab_site/drivers", "fab_site/spool", "fab_site/web", "fab_site/daemon"}};
+constexpr std::array kTrees{"common", "scan_site", "fab_site"};
+
+/// A line of a tree's modules.txt.
+struct Room {
+  std::string name;  ///< with its tree: "scan_site/mls"
+  Strings may_use;   ///< the same, of its own tree and of common
+  std::string sentence;
+};
+
+fs::path source() {
+  const char* root = std::getenv("TELEFAB_SOURCE");
+  return root ? root : "";
+}
+
+std::string trimmed(const std::string& text) {
+  const auto from = text.find_first_not_of(' '), to = text.find_last_not_of(' ');
+  return from == std::string::npos ? "" : text.substr(from, to - from + 1);
+}
+
+/// The rooms of a tree, in the order of dependence.
+std::vector<Room> read_rooms(const std::string& tree) {
+  std::vector<Room> rooms;
+  std::ifstream in{source() / tree / "modules.txt"};
+  for (std::string line; std::getline(in, line);) {
+    if (line.empty() || line.front() == '#') continue;
+    Strings cells;
+    std::istringstream row{line};
+    for (std::string cell; std::getline(row, cell, '|');) cells.push_back(trimmed(cell));
+    if (tree == "common") cells.insert(cells.begin() + 1, "");
+    Room room{tree + "/" + cells.at(0), {}, cells.at(3)};
+    for (const auto& [cell, of] : {std::pair{cells[1], std::string{"common"}}, std::pair{cells[2], tree}}) {
+      std::istringstream names{cell};
+      for (std::string name; names >> name;) room.may_use.push_back(of + "/" + name);
+    }
+    rooms.push_back(std::move(room));
+  }
+  return rooms;
+}
+
+const std::vector<std::vector<Room>>& all_rooms() {
+  static const std::vector<std::vector<Room>> rooms = [] {
+    std::vector<std::vector<Room>> all;
+    for (const char* tree : kTrees) all.push_back(read_rooms(tree));
+    return all;
+  }();
+  return rooms;
+}
 
 /// Nothing depends on these.
 const Strings kLeaves{"common/client", "scan_site/daemon", "fab_site/daemon"};
@@ -41,8 +76,7 @@ const Strings kOuter{"common/command_line", "common/store", "common/transfer", "
                      "common/net",          "common/web",   "common/service"};
 const Strings kMayUseOuter{"common/command_line", "common/store",     "common/transfer", "common/wire",
                            "common/net",          "common/web",       "common/service",  "common/client",
-                           "scan_site/web",       "scan_site/daemon", "fab_site/daemon", "fab_site/spool",
-                           "fab_site/web"};
+                           "scan_site/web",       "scan_site/daemon", "fab_site/daemon", "fab_site/web"};
 
 struct Heavy {
   std::string prefix;  ///< of the include path
@@ -94,12 +128,11 @@ std::optional<std::string> included_module(const std::string& include) {
   return site + "/" + parts[2].str();
 }
 
-std::optional<std::pair<std::size_t, std::size_t>> rank_of(const std::string& module) {
-  for (std::size_t site = 0; site < kOrder.size(); ++site) {
-    const auto at = std::find(kOrder[site].begin(), kOrder[site].end(), module);
-    if (at != kOrder[site].end()) return std::pair{site, static_cast<std::size_t>(at - kOrder[site].begin())};
-  }
-  return std::nullopt;
+const Room* room_of(const std::string& module) {
+  for (const auto& tree : all_rooms())
+    for (const Room& room : tree)
+      if (room.name == module) return &room;
+  return nullptr;
 }
 
 /// What is wrong with `module` (in `path`) including `include`; empty if nothing.
@@ -115,12 +148,12 @@ std::string complaint(const std::string& path, const std::string& include) {
 
   const auto target = included_module(include);
   if (!target || *target == module || include.starts_with("telefab/v1/")) return "";
-  const auto own = rank_of(module);
-  const auto other = rank_of(*target);
-  if (!other) return *target + " is in no order of dependence; name it in kOrder";
+  const Room* own = room_of(module);
+  if (!own) return module + " is in no modules.txt";
+  if (!room_of(*target)) return *target + " is in no modules.txt";
   if (holds(kLeaves, *target)) return "nothing may depend on " + *target;
-  if (other->first != 0 && other->first != own->first) return "the sites and common never see " + *target;
-  if (other->first == own->first && other->second > own->second) return "points back up to " + *target;
+  if (!holds(own->may_use, *target))
+    return "must not see " + *target + "; what " + module + " may use stands in modules.txt";
   if (holds(kOuter, *target) && !holds(kMayUseOuter, module)) return "a domain module must not see " + *target;
   return "";
 }
@@ -134,12 +167,12 @@ struct Line {
 /// Every line of every source of the three product trees.
 const std::vector<Line>& all_lines() {
   static const std::vector<Line> lines = [] {
-    const char* root = std::getenv("TELEFAB_SOURCE");
+    const fs::path root = source();
     std::vector<Line> found;
-    if (!root) return found;
-    for (const char* tree : {"common", "scan_site", "fab_site"}) {
+    if (root.empty()) return found;
+    for (const char* tree : kTrees) {
       std::vector<fs::path> files;
-      for (const auto& entry : fs::recursive_directory_iterator(fs::path{root} / tree))
+      for (const auto& entry : fs::recursive_directory_iterator(root / tree))
         if (entry.is_regular_file() && (entry.path().extension() == ".cpp" || entry.path().extension() == ".hpp"))
           files.push_back(entry.path());
       std::sort(files.begin(), files.end());
@@ -157,24 +190,77 @@ const std::vector<Line>& all_lines() {
 
 std::string place(const Line& line) { return line.path + ":" + std::to_string(line.number) + ": "; }
 
+/// What a line includes; nothing where it includes nothing.
+std::optional<std::string> include_of(const std::string& line) {
+  static const std::regex pattern{R"re(\s*#\s*include\s*[<"]([^>"]+)[>"].*)re"};
+  std::smatch parts;
+  if (!std::regex_match(line, parts, pattern)) return std::nullopt;
+  return parts[1].str();
+}
+
 TEST(Layering, LooksAtTheWholeTree) {
   EXPECT_GT(all_lines().size(), 5000u) << "TELEFAB_SOURCE must name the repository";
 }
 
-TEST(Layering, EveryModuleHasItsPlaceInTheOrder) {
+TEST(Layering, EveryModuleStandsInTheListOfItsTree) {
   for (const Line& line : all_lines())
     if (line.number == 1) {
-      EXPECT_TRUE(rank_of(module_of(line.path))) << place(line) << "name its module in kOrder";
+      EXPECT_TRUE(room_of(module_of(line.path))) << place(line) << "name its module in modules.txt";
     }
+  for (const auto& tree : all_rooms())
+    for (const Room& room : tree) EXPECT_TRUE(fs::is_directory(source() / room.name)) << room.name << " does not exist";
 }
 
-TEST(Layering, EveryIncludeKeepsTheOrderOfTheTree) {
-  static const std::regex pattern{R"re(\s*#\s*include\s*[<"]([^>"]+)[>"].*)re"};
-  std::smatch parts;
-  for (const Line& line : all_lines()) {
-    if (!rank_of(module_of(line.path)) || !std::regex_match(line.text, parts, pattern)) continue;
-    EXPECT_EQ(complaint(line.path, parts[1].str()), "") << place(line);
+TEST(Layering, ARoomMayUseOnlyWhatStandsAboveIt) {
+  for (const auto& tree : all_rooms()) {
+    Strings above;
+    for (const Room& room : all_rooms().front()) above.push_back(room.name);
+    if (&tree == &all_rooms().front()) above.clear();
+    for (const Room& room : tree) {
+      for (const std::string& used : room.may_use)
+        EXPECT_TRUE(holds(above, used)) << room.name << " may not use " << used << ", which is not above it";
+      above.push_back(room.name);
+    }
   }
+}
+
+TEST(Layering, ARoomUsesWhatItMayUse) {
+  std::map<std::string, Strings> used;
+  for (const Line& line : all_lines())
+    if (const auto include = include_of(line.text))
+      if (const auto target = included_module(*include)) used[module_of(line.path)].push_back(*target);
+  for (const auto& tree : all_rooms())
+    for (const Room& room : tree)
+      for (const std::string& other : room.may_use)
+        EXPECT_TRUE(holds(used[room.name], other))
+            << room.name << " does not use " << other << "; take it off its line";
+}
+
+// The tables of the READMEs once named a room that did not exist, and others in another order.
+TEST(Layering, TheTablesOfTheReadmesSayWhatTheListsSay) {
+  static const std::regex row{R"re(\| (?:\[([a-z_]+)\]\([^)]*\)|([a-z_]+)) \| (.*) \|)re"};
+  for (std::size_t i = 0; i < kTrees.size(); ++i) {
+    std::ifstream in{source() / kTrees[i] / "README.md"};
+    std::vector<std::pair<std::string, std::string>> table, expected;
+    for (const Room& room : all_rooms()[i]) expected.emplace_back(room.name, room.sentence);
+    bool is_in_rooms = false;
+    std::smatch cells;
+    for (std::string line; std::getline(in, line);) {
+      if (line.starts_with("| room |") || line.starts_with("| module |")) is_in_rooms = true;
+      if (!line.starts_with("|")) is_in_rooms = false;
+      if (is_in_rooms && std::regex_match(line, cells, row) && cells[1].str() + cells[2].str() != "room" &&
+          cells[2] != "module")
+        table.emplace_back(kTrees[i] + ("/" + cells[1].str() + cells[2].str()), cells[3]);
+    }
+    EXPECT_EQ(table, expected) << kTrees[i];
+  }
+}
+
+TEST(Layering, EveryIncludeIsOneThatItsRoomMayUse) {
+  for (const Line& line : all_lines())
+    if (const auto include = include_of(line.text)) {
+      EXPECT_EQ(complaint(line.path, *include), "") << place(line);
+    }
 }
 
 TEST(Layering, TimeIsAnArgument) {
