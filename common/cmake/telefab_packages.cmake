@@ -28,13 +28,7 @@ pkg_check_modules(pugixml REQUIRED IMPORTED_TARGET pugixml)
 pkg_check_modules(libusb REQUIRED IMPORTED_TARGET libusb-1.0)
 pkg_check_modules(libudev REQUIRED IMPORTED_TARGET libudev)
 pkg_check_modules(lib3mf REQUIRED IMPORTED_TARGET lib3MF)
-find_package(PCL REQUIRED COMPONENTS common kdtree search features registration filters QUIET)
 find_package(CGAL REQUIRED QUIET)
-
-# PCL's own variables reach far; its users link this one target, SYSTEM so that its warnings are not ours.
-add_library(telefab_pcl INTERFACE)
-target_include_directories(telefab_pcl SYSTEM INTERFACE ${PCL_INCLUDE_DIRS})
-target_link_libraries(telefab_pcl INTERFACE pcl_common pcl_kdtree pcl_search pcl_features pcl_registration pcl_filters)
 
 # libopencv-dev alone carries OpenCVConfig.cmake and pulls in all of OpenCV; the two parts we use are found by name.
 find_path(TELEFAB_OPENCV_INCLUDE opencv2/core.hpp PATH_SUFFIXES opencv4 REQUIRED)
