@@ -3,8 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
-
 #include "site_book.hpp"
 
 namespace telefab::client {
@@ -37,22 +35,22 @@ Result<CommonOptions> looked_up(CommonOptions common) {
 
 }  // namespace
 
-void declare_common(CLI::App& options, CommonOptions& common) {
+void declare_common(VerbOptions& options, CommonOptions& common) {
   options
-      .add_option("--site", common.site,
-                  "scan site (or fab site, to watch and approve there): HOST:PORT or a name of `telefab sites`; "
-                  "default: that of `telefab sites`, else 127.0.0.1:7410")
-      ->envname("TELEFAB_SITE");
+      .add("--site", common.site,
+           "scan site (or fab site, to watch and approve there): HOST:PORT or a name of `telefab sites`; "
+           "default: that of `telefab sites`, else 127.0.0.1:7410")
+      .environment("TELEFAB_SITE");
   options
-      .add_option("--tls", common.tls_folder,
-                  "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as deploy/certs makes it; needed off "
-                  "loopback")
-      ->envname("TELEFAB_TLS");
-  options.add_option("--tls-name", common.tls_name, "NAME of the certificate in that folder")->capture_default_str();
-  options.add_option("--timeout-s", common.timeout_s, "longest wait for a connection, seconds")
-      ->check(CLI::Range(0.01, 3600.0))
-      ->capture_default_str();
-  options.add_flag("--json", common.json, "print JSON, one value");
+      .add("--tls", common.tls_folder,
+           "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as deploy/certs makes it; needed off "
+           "loopback")
+      .environment("TELEFAB_TLS");
+  options.add("--tls-name", common.tls_name, "NAME of the certificate in that folder").shows_default();
+  options.add("--timeout-s", common.timeout_s, "longest wait for a connection, seconds")
+      .within(0.01, 3600.0)
+      .shows_default();
+  options.flag("--json", common.json, "print JSON, one value");
 }
 
 Result<std::unique_ptr<SiteClient>> connect(const CommonOptions& given, std::stop_token stop) {

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <telefab/command_line/options.hpp>
 #include "site_client.hpp"
-
-namespace CLI {
-class App;
-}
 
 namespace telefab::client {
 
@@ -16,7 +13,7 @@ struct CommonOptions {
   double timeout_s = 10;
   bool json = false;
 };
-void declare_common(CLI::App& options, CommonOptions& common);
+void declare_common(VerbOptions& options, CommonOptions& common);
 
 [[nodiscard]] Result<std::unique_ptr<SiteClient>> connect(const CommonOptions& common, std::stop_token stop);
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <telefab/command_line/output.hpp>
 
 #include "common_options.hpp"
@@ -11,7 +10,7 @@
 namespace telefab::client {
 namespace {
 
-VerbBody declare_command(CLI::App& options, JobCommand command) {
+VerbBody declare_command(VerbOptions& options, JobCommand command) {
   struct Options {
     CommonOptions common;
     std::string job;
@@ -20,16 +19,15 @@ VerbBody declare_command(CLI::App& options, JobCommand command) {
   };
   auto o = std::make_shared<Options>();
   declare_common(options, o->common);
-  options.add_option("JOB", o->job, "id of the job")->required();
-  options.add_option("--who", o->who, "your name for the audit log; with --tls the certificate's name counts")
-      ->envname("USER");
+  options.add("JOB", o->job, "id of the job").required();
+  options.add("--who", o->who, "your name for the audit log; with --tls the certificate's name counts")
+      .environment("USER");
   if (command == JobCommand::Resume)
     options
-        .add_option(
-            "--as", o->as,
-            "exposed | dark: what to take a layer for that was perhaps exposed when the print broke off: "
-            "exposed goes on with the next layer, dark exposes it again; `telefab watch` says when this is asked")
-        ->check(CLI::IsMember({"exposed", "dark"}));
+        .add("--as", o->as,
+             "exposed | dark: what to take a layer for that was perhaps exposed when the print broke off: "
+             "exposed goes on with the next layer, dark exposes it again; `telefab watch` says when this is asked")
+        .one_of({"exposed", "dark"});
   return [o, command](std::stop_token stop) -> Result<ExitCode> {
     JobCommand asked = command;
     if (o->as == "exposed") asked = JobCommand::ResumeExposed;
@@ -48,9 +46,9 @@ VerbBody declare_command(CLI::App& options, JobCommand command) {
 
 }  // namespace
 
-VerbBody declare_approve(CLI::App& options) { return declare_command(options, JobCommand::Approve); }
-VerbBody declare_pause(CLI::App& options) { return declare_command(options, JobCommand::Pause); }
-VerbBody declare_resume(CLI::App& options) { return declare_command(options, JobCommand::Resume); }
-VerbBody declare_cancel(CLI::App& options) { return declare_command(options, JobCommand::Cancel); }
+VerbBody declare_approve(VerbOptions& options) { return declare_command(options, JobCommand::Approve); }
+VerbBody declare_pause(VerbOptions& options) { return declare_command(options, JobCommand::Pause); }
+VerbBody declare_resume(VerbOptions& options) { return declare_command(options, JobCommand::Resume); }
+VerbBody declare_cancel(VerbOptions& options) { return declare_command(options, JobCommand::Cancel); }
 
 }  // namespace telefab::client

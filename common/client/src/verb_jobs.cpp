@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/machine/machine_profile.hpp>
@@ -21,10 +20,10 @@ struct JobOptions {
   bool plain = false;
 };
 
-std::shared_ptr<JobOptions> declare_one(CLI::App& options) {
+std::shared_ptr<JobOptions> declare_one(VerbOptions& options) {
   auto o = std::make_shared<JobOptions>();
   declare_common(options, o->common);
-  options.add_option("JOB", o->job, "id of the job, as submit printed it")->required();
+  options.add("JOB", o->job, "id of the job, as submit printed it").required();
   return o;
 }
 
@@ -36,10 +35,10 @@ Result<void> check_id(const std::string& job) {
 
 }  // namespace
 
-VerbBody declare_jobs(CLI::App& options) {
+VerbBody declare_jobs(VerbOptions& options) {
   auto o = std::make_shared<JobOptions>();
   declare_common(options, o->common);
-  options.add_option("--most", o->most, "how many at most")->check(CLI::Range(1U, 1000U))->capture_default_str();
+  options.add("--most", o->most, "how many at most").within(1U, 1000U).shows_default();
   return [o](std::stop_token stop) -> Result<ExitCode> {
     auto client = connect(o->common, std::move(stop));
     if (!client) return tl::unexpected{client.error()};
@@ -56,7 +55,7 @@ VerbBody declare_jobs(CLI::App& options) {
   };
 }
 
-VerbBody declare_status(CLI::App& options) {
+VerbBody declare_status(VerbOptions& options) {
   auto o = declare_one(options);
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (auto good = check_id(o->job); !good) return tl::unexpected{good.error()};
@@ -74,9 +73,9 @@ VerbBody declare_status(CLI::App& options) {
   };
 }
 
-VerbBody declare_watch(CLI::App& options) {
+VerbBody declare_watch(VerbOptions& options) {
   auto o = declare_one(options);
-  options.add_flag("--plain", o->plain, "lines instead of the full screen, as where there is no terminal");
+  options.flag("--plain", o->plain, "lines instead of the full screen, as where there is no terminal");
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (auto good = check_id(o->job); !good) return tl::unexpected{good.error()};
     auto client = connect(o->common, std::move(stop));
@@ -91,7 +90,7 @@ VerbBody declare_watch(CLI::App& options) {
   };
 }
 
-VerbBody declare_machines(CLI::App& options) {
+VerbBody declare_machines(VerbOptions& options) {
   auto o = std::make_shared<JobOptions>();
   declare_common(options, o->common);
   return [o](std::stop_token stop) -> Result<ExitCode> {

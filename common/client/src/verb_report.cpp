@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/output.hpp>
@@ -34,7 +33,7 @@ Result<std::vector<std::byte>> fetch(SiteClient& client, const std::string& job,
 
 }  // namespace
 
-VerbBody declare_report(CLI::App& options) {
+VerbBody declare_report(VerbOptions& options) {
   struct Options {
     CommonOptions common;
     std::string job;
@@ -42,8 +41,8 @@ VerbBody declare_report(CLI::App& options) {
   };
   auto o = std::make_shared<Options>();
   declare_common(options, o->common);
-  options.add_option("JOB", o->job, "id of the job")->required();
-  options.add_option("--out", o->out, "folder for the files; made where there is none")->required();
+  options.add("JOB", o->job, "id of the job").required();
+  options.add("--out", o->out, "folder for the files; made where there is none").required();
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (!is_job_id(o->job))
       return fail(ErrorCode::NotFound, fmt::format("no job \"{}\": `telefab jobs` lists them", o->job));

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <telefab/command_line/output.hpp>
@@ -106,21 +105,20 @@ Result<ExitCode> run(const SitesOptions& o, std::stop_token stop) {
 
 }  // namespace
 
-VerbBody declare_sites(CLI::App& options) {
+VerbBody declare_sites(VerbOptions& options) {
   auto o = std::make_shared<SitesOptions>();
-  options.add_option("ACTION", o->action, "list, add (or change), remove, default (what --site is unless told), check")
-      ->check(CLI::IsMember({"list", "add", "remove", "default", "check"}))
-      ->capture_default_str();
-  options.add_option("NAME", o->site.name, "your name for the site: a-z, 0-9 and -");
-  options.add_option("--address", o->site.address, "add: HOST:PORT");
-  options.add_option("--tls", o->site.tls_folder,
-                     "add: folder with authority.crt, NAME.crt, NAME.key and revoked.crl; needed off loopback");
-  options.add_option("--tls-name", o->site.tls_name, "add: NAME of the certificate in that folder")
-      ->capture_default_str();
-  options.add_option("--timeout-s", o->timeout_s, "check: longest wait for each site, seconds")
-      ->check(CLI::Range(0.01, 3600.0))
-      ->capture_default_str();
-  options.add_flag("--json", o->json, "print JSON, one value");
+  options.add("ACTION", o->action, "list, add (or change), remove, default (what --site is unless told), check")
+      .one_of({"list", "add", "remove", "default", "check"})
+      .shows_default();
+  options.add("NAME", o->site.name, "your name for the site: a-z, 0-9 and -");
+  options.add("--address", o->site.address, "add: HOST:PORT");
+  options.add("--tls", o->site.tls_folder,
+              "add: folder with authority.crt, NAME.crt, NAME.key and revoked.crl; needed off loopback");
+  options.add("--tls-name", o->site.tls_name, "add: NAME of the certificate in that folder").shows_default();
+  options.add("--timeout-s", o->timeout_s, "check: longest wait for each site, seconds")
+      .within(0.01, 3600.0)
+      .shows_default();
+  options.flag("--json", o->json, "print JSON, one value");
   return [o](std::stop_token stop) { return run(*o, std::move(stop)); };
 }
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <fstream>
 #include <telefab/base/text.hpp>
 #include <telefab/command_line/output.hpp>
@@ -114,15 +113,14 @@ Result<ExitCode> run(const SubmitOptions& o, std::stop_token stop) {
 
 }  // namespace
 
-VerbBody declare_submit(CLI::App& options) {
+VerbBody declare_submit(VerbOptions& options) {
   auto o = std::make_shared<SubmitOptions>();
   declare_common(options, o->common);
-  options.add_option("SCAN", o->scan, "PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text; its points alone are used")
-      ->required();
-  options.add_option("--machine", o->machine, "which of `telefab machines`")->required();
+  options.add("SCAN", o->scan, "PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text; its points alone are used").required();
+  options.add("--machine", o->machine, "which of `telefab machines`").required();
   declare_slice_parameters(options, o->asked);
-  options.add_flag("--watch", o->watch, "follow the job until it ends; the exit code tells how");
-  options.add_flag("--plain", o->plain, "watch by lines instead of the full screen, as where there is no terminal");
+  options.flag("--watch", o->watch, "follow the job until it ends; the exit code tells how");
+  options.flag("--plain", o->plain, "watch by lines instead of the full screen, as where there is no terminal");
   return [o](std::stop_token stop) { return run(*o, std::move(stop)); };
 }
 

@@ -4,15 +4,15 @@
 
 // One function a verb; main.cpp holds the table.
 namespace telefab::client {
-[[nodiscard]] VerbBody declare_submit(CLI::App& options);
-[[nodiscard]] VerbBody declare_jobs(CLI::App& options);
-[[nodiscard]] VerbBody declare_status(CLI::App& options);
-[[nodiscard]] VerbBody declare_watch(CLI::App& options);
-[[nodiscard]] VerbBody declare_machines(CLI::App& options);
-[[nodiscard]] VerbBody declare_approve(CLI::App& options);
-[[nodiscard]] VerbBody declare_pause(CLI::App& options);
-[[nodiscard]] VerbBody declare_resume(CLI::App& options);
-[[nodiscard]] VerbBody declare_cancel(CLI::App& options);
-[[nodiscard]] VerbBody declare_report(CLI::App& options);
-[[nodiscard]] VerbBody declare_sites(CLI::App& options);
+[[nodiscard]] VerbBody declare_submit(VerbOptions& options);
+[[nodiscard]] VerbBody declare_jobs(VerbOptions& options);
+[[nodiscard]] VerbBody declare_status(VerbOptions& options);
+[[nodiscard]] VerbBody declare_watch(VerbOptions& options);
+[[nodiscard]] VerbBody declare_machines(VerbOptions& options);
+[[nodiscard]] VerbBody declare_approve(VerbOptions& options);
+[[nodiscard]] VerbBody declare_pause(VerbOptions& options);
+[[nodiscard]] VerbBody declare_resume(VerbOptions& options);
+[[nodiscard]] VerbBody declare_cancel(VerbOptions& options);
+[[nodiscard]] VerbBody declare_report(VerbOptions& options);
+[[nodiscard]] VerbBody declare_sites(VerbOptions& options);
 }  // namespace telefab::client

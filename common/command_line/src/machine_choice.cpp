@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <telefab/command_line/machine_choice.hpp>
 
@@ -17,15 +16,15 @@ std::string variable(const char* name) {
 
 }  // namespace
 
-void declare_machine_folder(CLI::App& options, std::string& folder) {
-  options.add_option("--machines", folder,
-                     "folder of machine profiles (*.toml); default: the first of ~/.config/telefab/machines, "
-                     "/etc/telefab/machines, share/telefab/machines of the installation, machines beside the program, "
-                     "deploy/config/machines; without any the profiles that are built in");
+void declare_machine_folder(VerbOptions& options, std::string& folder) {
+  options.add("--machines", folder,
+              "folder of machine profiles (*.toml); default: the first of ~/.config/telefab/machines, "
+              "/etc/telefab/machines, share/telefab/machines of the installation, machines beside the program, "
+              "deploy/config/machines; without any the profiles that are built in");
 }
 
-void declare_machine_choice(CLI::App& options, MachineChoice& choice, std::string_view help, MachineIs is) {
-  options.add_option("--machine", choice.name, std::string{help})->required(is == MachineIs::Required);
+void declare_machine_choice(VerbOptions& options, MachineChoice& choice, std::string_view help, MachineIs is) {
+  options.add("--machine", choice.name, std::string{help}).required(is == MachineIs::Required);
   declare_machine_folder(options, choice.folder);
 }
 

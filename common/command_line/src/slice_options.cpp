@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
+#include <charconv>
 #include <map>
 #include <telefab/command_line/slice_options.hpp>
 
@@ -11,32 +11,32 @@ namespace {
 
 std::string out_of_range(const SliceParameter& row, const std::string& text) {
   double value = 0;
-  if (CLI::detail::lexical_cast(text, value) && contains(row.range, value)) return {};
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error == std::errc{} && end == text.data() + text.size() && contains(row.range, value)) return {};
   return fmt::format("{} is not a number {}", text, text_of(row.range));
 }
 
-CLI::Option* declare(CLI::App& options, SliceParameters& into, const SliceParameter& row) {
+Option declare(VerbOptions& options, SliceParameters& into, const SliceParameter& row) {
   const std::string name = option_name(row), help{row.help};
-  if (const auto* flag = std::get_if<SliceParameter::Flag>(&row.field))
-    return options.add_flag(name, into.**flag, help);
+  if (const auto* flag = std::get_if<SliceParameter::Flag>(&row.field)) return options.flag(name, into.**flag, help);
   if (const auto* number = std::get_if<SliceParameter::Number>(&row.field))
-    return options.add_option(name, into.**number, help)->check([&row](const std::string& text) {
+    return options.add(name, into.**number, help).checked_by([&row](const std::string& text) {
       return out_of_range(row, text);
     });
-  CLI::Option* choice = options.add_option(name, into.*std::get<SliceParameter::Choice>(row.field), help)
-                            ->check(CLI::IsMember(std::vector<std::string>{row.choices.begin(), row.choices.end()}));
-  return row.fallback.empty() ? choice : choice->default_str(std::string{row.fallback});
+  const Option choice = options.add(name, into.*std::get<SliceParameter::Choice>(row.field), help)
+                            .one_of({row.choices.begin(), row.choices.end()});
+  return row.fallback.empty() ? choice : choice.shows_default(std::string{row.fallback});
 }
 
 }  // namespace
 
-void declare_slice_parameters(CLI::App& options, SliceParameters& into, std::span<const std::string_view> keys) {
-  std::map<std::string_view, CLI::Option*> declared;
+void declare_slice_parameters(VerbOptions& options, SliceParameters& into, std::span<const std::string_view> keys) {
+  std::map<std::string_view, Option> declared;
   for (const SliceParameter& row : slice_parameter_table()) {
     if (!keys.empty() && std::ranges::find(keys, row.key) == keys.end()) continue;
-    CLI::Option* option = declared[row.key] = declare(options, into, row);
+    const Option option = declared.emplace(row.key, declare(options, into, row)).first->second;
     for (const std::string_view other : row.not_with)
-      if (const auto excluded = declared.find(other); excluded != declared.end()) option->excludes(excluded->second);
+      if (const auto excluded = declared.find(other); excluded != declared.end()) option.excludes(excluded->second);
   }
 }
 

@@ -5,7 +5,6 @@
 #include <sys/file.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <cstring>
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/machine_choice.hpp>
@@ -14,24 +13,24 @@
 
 namespace telefab {
 
-void declare_serve_options(CLI::App& app, ServeOptions& options) {
-  app.add_option("--listen", options.listen, "HOST:PORT; port 0 takes a free one; off loopback --tls is needed")
-      ->capture_default_str();
-  app.add_option("--data", options.data, "folder for jobs, made where there is none; one daemon a folder")->required();
+void declare_serve_options(VerbOptions& app, ServeOptions& options) {
+  app.add("--listen", options.listen, "HOST:PORT; port 0 takes a free one; off loopback --tls is needed")
+      .shows_default();
+  app.add("--data", options.data, "folder for jobs, made where there is none; one daemon a folder").required();
   declare_machine_folder(app, options.machines);
-  app.add_option("--tls", options.tls_folder,
-                 "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as deploy/certs makes it");
-  app.add_option("--tls-name", options.tls_name, "NAME of the certificate in that folder")->capture_default_str();
-  app.add_option("--web", options.web,
-                 "HOST:PORT of the web page and its API, e.g. 127.0.0.1:7480; default: none. What changes a job needs "
-                 "the token in DATA/web-token");
-  app.add_option("--hook", options.hooks.program,
-                 "program to run at every change of a job's state: TELEFAB_JOB, TELEFAB_STATE, TELEFAB_MESSAGE, "
-                 "TELEFAB_NAME and TELEFAB_MACHINE in its environment, the job as JSON on its input");
-  app.add_option("--webhook", options.hooks.url, "http:// or https:// address that gets the same JSON as a POST");
-  app.add_option("--log-level", options.log_level, "how much is logged; debug adds a line a layer")
-      ->check(CLI::IsMember({"debug", "info", "warning"}))
-      ->capture_default_str();
+  app.add("--tls", options.tls_folder,
+          "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as deploy/certs makes it");
+  app.add("--tls-name", options.tls_name, "NAME of the certificate in that folder").shows_default();
+  app.add("--web", options.web,
+          "HOST:PORT of the web page and its API, e.g. 127.0.0.1:7480; default: none. What changes a job needs "
+          "the token in DATA/web-token");
+  app.add("--hook", options.hooks.program,
+          "program to run at every change of a job's state: TELEFAB_JOB, TELEFAB_STATE, TELEFAB_MESSAGE, "
+          "TELEFAB_NAME and TELEFAB_MACHINE in its environment, the job as JSON on its input");
+  app.add("--webhook", options.hooks.url, "http:// or https:// address that gets the same JSON as a POST");
+  app.add("--log-level", options.log_level, "how much is logged; debug adds a line a layer")
+      .one_of({"debug", "info", "warning"})
+      .shows_default();
 }
 
 Result<std::shared_ptr<net::Trust>> trust_of(const ServeOptions& options) {

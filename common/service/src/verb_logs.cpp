@@ -2,7 +2,6 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
@@ -104,12 +103,12 @@ Result<ExitCode> run(const LogsOptions& o, const std::stop_token& stop) {
 
 }  // namespace
 
-VerbBody declare_logs(CLI::App& options) {
+VerbBody declare_logs(VerbOptions& options) {
   auto o = std::make_shared<LogsOptions>();
-  options.add_option("JOB", o->job, "id of the job, as `telefab jobs` lists it")->required();
-  options.add_option("--data", o->data, "the daemon's folder")->required();
-  options.add_flag("--follow", o->follow, "go on until the job ends");
-  options.add_flag("--json", o->json, "one JSON object a line: unix_ms, who, text");
+  options.add("JOB", o->job, "id of the job, as `telefab jobs` lists it").required();
+  options.add("--data", o->data, "the daemon's folder").required();
+  options.flag("--follow", o->follow, "go on until the job ends");
+  options.flag("--json", o->json, "one JSON object a line: unix_ms, who, text");
   options.footer("The service's own lines on a job: journalctl JOB=...\n");
   return [o](const std::stop_token& stop) { return run(*o, stop); };
 }

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
-#include <CLI/CLI.hpp>
 #include <memory>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
@@ -9,14 +8,14 @@
 
 namespace telefab {
 
-VerbBody declare_machines(CLI::App& options) {
+VerbBody declare_machines(VerbOptions& options) {
   struct Options {
     std::string folder;
     bool keys = false;
   };
   auto o = std::make_shared<Options>();
   declare_machine_folder(options, o->folder);
-  options.add_flag("--keys", o->keys, "list every key a profile may have, with range and reason");
+  options.flag("--keys", o->keys, "list every key a profile may have, with range and reason");
   return [o](std::stop_token) -> Result<ExitCode> {
     if (o->keys) {
       write_output(describe_keys());

@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <string>
+#include <telefab/command_line/options.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
-
-namespace CLI {
-class App;
-}
 
 namespace telefab::fab {
 
@@ -22,7 +19,7 @@ struct MaskOptions {
 };
 
 /// Declares them in their group of a verb's options; `options` must outlive the parsing.
-void declare_mask_options(CLI::App& app, MaskOptions& options);
+void declare_mask_options(VerbOptions& app, MaskOptions& options);
 
 /// Into what the planner takes. Fails with InvalidInput.
 [[nodiscard]] Result<void> apply(const MaskOptions& options, PlanOptions& plan);

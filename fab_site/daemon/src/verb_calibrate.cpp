@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
 #include <telefab/base/file.hpp>
@@ -76,19 +75,19 @@ Result<ExitCode> fit(const CalibrateVerb& o) {
 
 }  // namespace
 
-VerbBody declare_calibrate(CLI::App& options) {
+VerbBody declare_calibrate(VerbOptions& options) {
   auto o = std::make_shared<CalibrateVerb>();
-  options.add_option("WHAT", o->what, "masks: write test masks; fit: fit the profile's figures to measurements")
-      ->required()
-      ->check(CLI::IsMember({"masks", "fit"}));
-  options.add_option("MEASURED", o->measured, "fit: the filled-in measured.csv");
+  options.add("WHAT", o->what, "masks: write test masks; fit: fit the profile's figures to measurements")
+      .required()
+      .one_of({"masks", "fit"});
+  options.add("MEASURED", o->measured, "fit: the filled-in measured.csv");
   declare_machine_choice(
       options, o->machine,
       "machine profile; masks: for its pixels and exposure; fit: its irradiance, where none was measured",
       MachineIs::Optional);
-  options.add_option("--irradiance", o->irradiance_mw_per_cm2, "fit: mW/cm2 of a white area, where none was measured")
-      ->check(CLI::Range(0.01, 1000.0));
-  options.add_option("--out", o->out, "masks: folder; fit: file for the sections of the profile (TOML)");
+  options.add("--irradiance", o->irradiance_mw_per_cm2, "fit: mW/cm2 of a white area, where none was measured")
+      .within(0.01, 1000.0);
+  options.add("--out", o->out, "masks: folder; fit: file for the sections of the profile (TOML)");
   options.footer(
       "measured.csv has the columns test, grey, row, column, period_px, exposure_s, value, unit; `calibrate masks` "
       "writes\n"

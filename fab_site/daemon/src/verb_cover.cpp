@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
@@ -12,7 +11,7 @@
 
 namespace telefab::fab {
 
-VerbBody declare_cover(CLI::App& options) {
+VerbBody declare_cover(VerbOptions& options) {
   struct Options {
     std::string regions;
     double anchor_mm = 0;
@@ -20,13 +19,11 @@ VerbBody declare_cover(CLI::App& options) {
     bool plain = false;
   };
   auto o = std::make_shared<Options>();
-  options.add_option("REGIONS", o->regions, "GeoJSON with polygons in millimetres")->required();
-  options.add_option("--anchor-mm", o->anchor_mm, "every point lies within this of an anchor")
-      ->required()
-      ->check(CLI::Range(1e-3, 1000.0));
-  options.add_option("--out", o->out, "write the anchors as JSON here");
-  options.add_option("--preview", o->preview, "write a picture (PNG) here");
-  options.add_flag("--plain", o->plain, "the paper's method alone, to compare with");
+  options.add("REGIONS", o->regions, "GeoJSON with polygons in millimetres").required();
+  options.add("--anchor-mm", o->anchor_mm, "every point lies within this of an anchor").required().within(1e-3, 1000.0);
+  options.add("--out", o->out, "write the anchors as JSON here");
+  options.add("--preview", o->preview, "write a picture (PNG) here");
+  options.flag("--plain", o->plain, "the paper's method alone, to compare with");
   return [o](std::stop_token stop) -> Result<ExitCode> {
     const auto bytes = read_file(o->regions, 256U << 20U);
     if (!bytes) return tl::unexpected{bytes.error()};

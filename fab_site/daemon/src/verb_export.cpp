@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -153,18 +152,17 @@ Result<std::uint32_t> export_as_asked(const Options& o, const std::stop_token& s
 
 }  // namespace
 
-VerbBody declare_export(CLI::App& options) {
+VerbBody declare_export(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add_option("FROM", o->from, "folder of a plan (telefab-fab plan --out), or a contour file (.tfc)")
-      ->required();
+  options.add("FROM", o->from, "folder of a plan (telefab-fab plan --out), or a contour file (.tfc)").required();
   options
-      .add_option("--format", o->format,
-                  "of a plan: sl1, nanodlp (masks and exposures); of either: png (a folder of pictures), 3mf (slices), "
-                  "cli, cli-binary (Common Layer Interface), svg, jsonl (one JSON line a layer)")
-      ->required()
-      ->check(CLI::IsMember({"sl1", "nanodlp", "3mf", "cli", "cli-binary", "svg", "jsonl", "png"}));
-  options.add_option("--out", o->out, "file, or folder for png")->required();
-  options.add_flag("--no-supports", o->no_supports, "contours of a plan: the part alone, at its height above the base");
+      .add("--format", o->format,
+           "of a plan: sl1, nanodlp (masks and exposures); of either: png (a folder of pictures), 3mf (slices), "
+           "cli, cli-binary (Common Layer Interface), svg, jsonl (one JSON line a layer)")
+      .required()
+      .one_of({"sl1", "nanodlp", "3mf", "cli", "cli-binary", "svg", "jsonl", "png"});
+  options.add("--out", o->out, "file, or folder for png").required();
+  options.flag("--no-supports", o->no_supports, "contours of a plan: the part alone, at its height above the base");
   declare_machine_choice(options, o->machine,
                          "machine whose pixels and platform are used; default: the one it was planned or sliced for",
                          MachineIs::Optional);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -94,24 +93,23 @@ Result<ExitCode> run(const Options& o, const std::stop_token& stop) {
 
 }  // namespace
 
-VerbBody declare_import(CLI::App& options) {
+VerbBody declare_import(VerbOptions& options) {
   auto o = std::make_shared<Options>();
   options
-      .add_option(
-          "FILE", o->from,
-          "contours: Common Layer Interface (text or binary), SVG with slic3r:z, 3MF with slices, JSON lines, or "
-          ".tfc; told apart by their first bytes")
-      ->required();
-  options.add_option("--out", o->out, "contour file to write (.tfc)")->required();
+      .add("FILE", o->from,
+           "contours: Common Layer Interface (text or binary), SVG with slic3r:z, 3MF with slices, JSON lines, or "
+           ".tfc; told apart by their first bytes")
+      .required();
+  options.add("--out", o->out, "contour file to write (.tfc)").required();
   declare_machine_choice(options, o->machine, "machine the layers were cut for: their thickness must be its own",
                          MachineIs::Required);
-  options.add_option("--units", o->units, "unit of the coordinates where the file does not say it: mm, um, cm or inch")
-      ->check(CLI::IsMember({"mm", "um", "cm", "inch"}));
+  options.add("--units", o->units, "unit of the coordinates where the file does not say it: mm, um, cm or inch")
+      .one_of({"mm", "um", "cm", "inch"});
   options
-      .add_option("--place", o->place,
-                  "keep: where the file has it, from the front left corner of the platform; centre: in its middle")
-      ->check(CLI::IsMember({"keep", "centre"}))
-      ->capture_default_str();
+      .add("--place", o->place,
+           "keep: where the file has it, from the front left corner of the platform; centre: in its middle")
+      .one_of({"keep", "centre"})
+      .shows_default();
   options.footer(
       "What an odd number of rings surrounds is solid, whichever way they run. Rings that cross are refused with "
       "layer\n"

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/machine_choice.hpp>
@@ -82,29 +81,23 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 }  // namespace
 
-VerbBody declare_plan(CLI::App& options) {
+VerbBody declare_plan(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add_option("FILE", o->stack, "contour file (.tfc) of telefab-scan slice")->required();
+  options.add("FILE", o->stack, "contour file (.tfc) of telefab-scan slice").required();
   declare_machine_choice(options, o->machine, "machine profile; default: the one it was sliced for",
                          MachineIs::Optional);
-  options
-      .add_option("--out", o->out,
-                  "folder for masks, plan.json, supports.json, preview.png, report.json, preflight.json")
-      ->required();
+  options.add("--out", o->out, "folder for masks, plan.json, supports.json, preview.png, report.json, preflight.json")
+      .required();
   declare_mask_options(options, o->masks);
-  options.add_option("--supports", o->supports, "none or auto")
-      ->check(CLI::IsMember({"none", "auto"}))
-      ->capture_default_str();
-  options
-      .add_option("--stand", o->stand,
-                  "stand on the platform: auto (where the first layer is large enough), always, never")
-      ->check(CLI::IsMember({"auto", "always", "never"}))
-      ->capture_default_str();
-  options.add_option("--hand-list", o->hand_list, "JSON file of extra and forbidden places for anchors");
-  options.add_option("--threads", o->threads, "0: all cores; the plan is the same for any number")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
-  options.add_flag("--json", o->json, "print the report as JSON");
+  options.add("--supports", o->supports, "none or auto").one_of({"none", "auto"}).shows_default();
+  options.add("--stand", o->stand, "stand on the platform: auto (where the first layer is large enough), always, never")
+      .one_of({"auto", "always", "never"})
+      .shows_default();
+  options.add("--hand-list", o->hand_list, "JSON file of extra and forbidden places for anchors");
+  options.add("--threads", o->threads, "0: all cores; the plan is the same for any number")
+      .within(0, 1024)
+      .shows_default();
+  options.flag("--json", o->json, "print the report as JSON");
   options.footer(
       "Exit code 8: planned and written, but something holds the job; preflight.json and the lines above say what.");
   return [o](std::stop_token stop) { return run(*o, stop); };

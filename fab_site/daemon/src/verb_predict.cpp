@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -150,32 +149,27 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
 
 }  // namespace
 
-VerbBody declare_predict(CLI::App& options) {
+VerbBody declare_predict(VerbOptions& options) {
   auto o = std::make_shared<PredictVerb>();
-  options.add_option("DIR", o->folder, "a plan folder, as `telefab-fab plan` writes it")->required();
-  options.add_option("--out", o->out, "write the cured part's surface points with normals here (PLY)");
-  options.add_option("--report", o->report, "write edge errors, by layer and overall, here (JSON)");
-  options.add_option("--preview", o->preview, "write a picture here (PNG)");
-  options.add_option("--contours", o->contours,
-                     "the .tfc file it was planned of; default: the one in the folder, where there is one");
+  options.add("DIR", o->folder, "a plan folder, as `telefab-fab plan` writes it").required();
+  options.add("--out", o->out, "write the cured part's surface points with normals here (PLY)");
+  options.add("--report", o->report, "write edge errors, by layer and overall, here (JSON)");
+  options.add("--preview", o->preview, "write a picture here (PNG)");
+  options.add("--contours", o->contours,
+              "the .tfc file it was planned of; default: the one in the folder, where there is one");
   declare_machine_choice(options, o->machine, "profile whose optics and resin are taken; default: the plan's",
                          MachineIs::Optional);
-  options.add_option("--frame", o->frame, "part: z from the part's first layer; print: z from the platform")
-      ->check(CLI::IsMember({"part", "print"}))
-      ->capture_default_str();
-  options.add_flag("--supports", o->supports, "write the supports' points as well");
-  options.add_option("--layer", o->layer,
-                     "print layer whose edges the picture shows; default: the one of most contour");
-  options.add_option("--sub-pixels", o->sub_pixels, "samples of the solid a pixel and axis")
-      ->check(CLI::Range(1, 16))
-      ->capture_default_str();
-  options.add_option("--spacing-px", o->spacing_px, "distance of surface points, pixels")
-      ->check(CLI::Range(1, 64))
-      ->capture_default_str();
-  options.add_option("--threads", o->threads, "0: all cores; the prediction is the same for any number")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
-  options.add_flag("--json", o->json, "print the report as JSON");
+  options.add("--frame", o->frame, "part: z from the part's first layer; print: z from the platform")
+      .one_of({"part", "print"})
+      .shows_default();
+  options.flag("--supports", o->supports, "write the supports' points as well");
+  options.add("--layer", o->layer, "print layer whose edges the picture shows; default: the one of most contour");
+  options.add("--sub-pixels", o->sub_pixels, "samples of the solid a pixel and axis").within(1, 16).shows_default();
+  options.add("--spacing-px", o->spacing_px, "distance of surface points, pixels").within(1, 64).shows_default();
+  options.add("--threads", o->threads, "0: all cores; the prediction is the same for any number")
+      .within(0, 1024)
+      .shows_default();
+  options.flag("--json", o->json, "print the report as JSON");
   return [o](std::stop_token stop) { return predict(*o, stop); };
 }
 

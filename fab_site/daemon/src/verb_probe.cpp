@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
-#include <CLI/CLI.hpp>
 #include <memory>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
@@ -27,14 +26,14 @@ void print_projector(const Dlpc900Projector& projector) {
 
 }  // namespace
 
-VerbBody declare_probe(CLI::App& options) {
+VerbBody declare_probe(VerbOptions& options) {
   struct Options {
     MachineChoice machine;
     bool home = false;
   };
   auto o = std::make_shared<Options>();
   declare_machine_choice(options, o->machine, "profile that names the devices", MachineIs::Required);
-  options.add_flag("--home", o->home, "also home the stage: it MOVES, upwards");
+  options.flag("--home", o->home, "also home the stage: it MOVES, upwards");
   return [o](std::stop_token stop) -> Result<ExitCode> {
     const auto machine = chosen_machine(o->machine);
     if (!machine) return tl::unexpected{machine.error()};

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <CLI/CLI.hpp>
 #include <map>
 #include <memory>
 
@@ -9,7 +8,7 @@
 
 namespace telefab::fab {
 
-VerbBody declare_serve(CLI::App& options) {
+VerbBody declare_serve(VerbOptions& options) {
   struct Options {
     FabSiteConfig config;
     std::string start = "automatic";
@@ -19,17 +18,17 @@ VerbBody declare_serve(CLI::App& options) {
   auto o = std::make_shared<Options>();
   o->config.serve = {"127.0.0.1:7420", "", "", "", "fab-site"};
   declare_serve_options(options, o->config.serve);
-  options.add_option("--site-keys", o->config.site_keys,
-                     "folder with SITE.sign.pub of every scan site whose jobs are taken; jobs not signed with one of "
-                     "them are refused. Default: the --tls folder; without TLS, on loopback only, every job is taken");
-  options.add_option("--start", o->start, "automatic | on-approval: whether a planned job waits for `telefab approve`")
-      ->check(CLI::IsMember({"automatic", "on-approval"}))
-      ->capture_default_str();
+  options.add("--site-keys", o->config.site_keys,
+              "folder with SITE.sign.pub of every scan site whose jobs are taken; jobs not signed with one of "
+              "them are refused. Default: the --tls folder; without TLS, on loopback only, every job is taken");
+  options.add("--start", o->start, "automatic | on-approval: whether a planned job waits for `telefab approve`")
+      .one_of({"automatic", "on-approval"})
+      .shows_default();
   options
-      .add_option("--after-crash", o->after_crash,
-                  "exposed | again | ask: what becomes of a layer that was perhaps exposed when the power went")
-      ->check(CLI::IsMember({"exposed", "again", "ask"}))
-      ->capture_default_str();
+      .add("--after-crash", o->after_crash,
+           "exposed | again | ask: what becomes of a layer that was perhaps exposed when the power went")
+      .one_of({"exposed", "again", "ask"})
+      .shows_default();
   declare_mask_options(options, o->masks);
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (auto ok = apply(o->masks, o->config.planning); !ok) return tl::unexpected{ok.error()};

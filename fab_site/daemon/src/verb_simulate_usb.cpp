@@ -7,7 +7,6 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <array>
 #include <cerrno>
 #include <cstdio>
@@ -93,7 +92,7 @@ std::uint16_t port_of(const Socket& socket) {
 
 }  // namespace
 
-VerbBody declare_simulate_usb(CLI::App& options) {
+VerbBody declare_simulate_usb(VerbOptions& options) {
   struct Options {
     std::string address = "127.0.0.1";
     std::uint16_t port = 3240;
@@ -102,18 +101,13 @@ VerbBody declare_simulate_usb(CLI::App& options) {
     double top_mm = 125;
   };
   auto o = std::make_shared<Options>();
-  options.add_option("--address", o->address, "where to listen; anybody who can connect can use the devices")
-      ->capture_default_str();
-  options.add_option("--port", o->port, "0: any free one")->capture_default_str();
-  options.add_option("--dmd", o->dmd, "mirror array: 1 DLP6500, 2 DLP9000, 3 DLP670S, 4 DLP500YX")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 4));
-  options.add_option("--firmware", o->firmware, "major version of the projector")
-      ->capture_default_str()
-      ->check(CLI::Range(4, 6));
-  options.add_option("--top-mm", o->top_mm, "gap of the stage after homing")
-      ->capture_default_str()
-      ->check(CLI::Range(1.0, 1000.0));
+  options.add("--address", o->address, "where to listen; anybody who can connect can use the devices").shows_default();
+  options.add("--port", o->port, "0: any free one").shows_default();
+  options.add("--dmd", o->dmd, "mirror array: 1 DLP6500, 2 DLP9000, 3 DLP670S, 4 DLP500YX")
+      .shows_default()
+      .within(1, 4);
+  options.add("--firmware", o->firmware, "major version of the projector").shows_default().within(4, 6);
+  options.add("--top-mm", o->top_mm, "gap of the stage after homing").shows_default().within(1.0, 1000.0);
   return [o](std::stop_token stop) -> Result<ExitCode> {
     auto listener = listen_on(o->address, o->port);
     if (!listener) return tl::unexpected{listener.error()};

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -115,27 +114,25 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 }  // namespace
 
-VerbBody declare_supports(CLI::App& options) {
+VerbBody declare_supports(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add_option("FILE", o->stack, "contour file (.tfc) of telefab-scan slice")->required();
+  options.add("FILE", o->stack, "contour file (.tfc) of telefab-scan slice").required();
   declare_machine_choice(options, o->machine, "machine profile; default: the one it was sliced for",
                          MachineIs::Optional);
-  options
-      .add_option("--stand", o->stand,
-                  "stand on the platform: auto (where the first layer is large enough), always, never")
-      ->check(CLI::IsMember({"auto", "always", "never"}))
-      ->capture_default_str();
-  options.add_option("--hand-list", o->hand_list, "JSON file of extra and forbidden places for anchors");
-  options.add_option("--layer", o->layer, "part layer of --preview; default: the one with the most anchors of its own");
-  options.add_option("--preview", o->preview,
-                     "PNG of one layer: attached, self-supported, to support, anchors and the circles they reach");
-  options.add_option("--structure", o->structure, "PNG of the part with its supports in 3-D");
-  options.add_option("--model", o->model,
-                     "the part with its supports in colours, for a viewer: 3MF if the name ends so, else PLY");
-  options.add_option("--out", o->out, "anchors and primitives as JSON, as supports.json of a plan");
-  options.add_option("--threads", o->threads, "0: all cores; the supports are the same for any number")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
+  options.add("--stand", o->stand, "stand on the platform: auto (where the first layer is large enough), always, never")
+      .one_of({"auto", "always", "never"})
+      .shows_default();
+  options.add("--hand-list", o->hand_list, "JSON file of extra and forbidden places for anchors");
+  options.add("--layer", o->layer, "part layer of --preview; default: the one with the most anchors of its own");
+  options.add("--preview", o->preview,
+              "PNG of one layer: attached, self-supported, to support, anchors and the circles they reach");
+  options.add("--structure", o->structure, "PNG of the part with its supports in 3-D");
+  options.add("--model", o->model,
+              "the part with its supports in colours, for a viewer: 3MF if the name ends so, else PLY");
+  options.add("--out", o->out, "anchors and primitives as JSON, as supports.json of a plan");
+  options.add("--threads", o->threads, "0: all cores; the supports are the same for any number")
+      .within(0, 1024)
+      .shows_default();
   return [o](std::stop_token stop) { return run(*o, stop); };
 }
 

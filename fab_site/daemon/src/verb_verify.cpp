@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -154,30 +153,28 @@ Result<ExitCode> verify(const VerifyOptions& o, std::stop_token stop) {
 
 }  // namespace
 
-VerbBody declare_verify(CLI::App& options) {
+VerbBody declare_verify(VerbOptions& options) {
   auto o = std::make_shared<VerifyOptions>();
-  options.add_option("FOLDER", o->folder, "a plan folder, as `telefab-fab plan` writes it")->required();
-  options.add_option("--stack", o->stack, "the .tfc file it was planned of: checks regions, anchors and pins as well");
-  options.add_option("--as-built", o->as_built, "the sealed record of the print, report/as-built.json of the job");
-  options.add_option("--key", o->key,
-                     "public key (PEM) the record must be signed with; without it the hash alone is checked");
+  options.add("FOLDER", o->folder, "a plan folder, as `telefab-fab plan` writes it").required();
+  options.add("--stack", o->stack, "the .tfc file it was planned of: checks regions, anchors and pins as well");
+  options.add("--as-built", o->as_built, "the sealed record of the print, report/as-built.json of the job");
+  options.add("--key", o->key, "public key (PEM) the record must be signed with; without it the hash alone is checked");
   declare_machine_choice(options, o->machine, "profile to judge by; default: the plan's own", MachineIs::Optional);
-  options.add_option("--least-pixels", o->least_pixels, "islands of fewer pixels are let pass")
-      ->capture_default_str()
-      ->check(CLI::Range(1U, 1'000'000U));
+  options.add("--least-pixels", o->least_pixels, "islands of fewer pixels are let pass")
+      .shows_default()
+      .within(1U, 1'000'000U);
   options
-      .add_option(
-          "--grey", o->grey,
-          "a pixel is solid from this grey level; where left out: from the light of all layers for masks made by "
-          "blend-stack, from the cure level of one exposure for others")
-      ->check(CLI::Range(1U, 255U));
+      .add("--grey", o->grey,
+           "a pixel is solid from this grey level; where left out: from the light of all layers for masks made by "
+           "blend-stack, from the cure level of one exposure for others")
+      .within(1U, 255U);
   options
-      .add_option("--masks", o->masks,
-                  "how the masks were made, for plans of older versions that do not say it: cover, blend or "
-                  "blend-stack")
-      ->check(CLI::IsMember({"cover", "blend", "blend-stack"}));
-  options.add_option("--out", o->out, "write the findings as JSON here");
-  options.add_option("--override", o->override_by, "name of the operator who lets the job pass all the same");
+      .add("--masks", o->masks,
+           "how the masks were made, for plans of older versions that do not say it: cover, blend or "
+           "blend-stack")
+      .one_of({"cover", "blend", "blend-stack"});
+  options.add("--out", o->out, "write the findings as JSON here");
+  options.add("--override", o->override_by, "name of the operator who lets the job pass all the same");
   return [o](std::stop_token stop) { return verify(*o, std::move(stop)); };
 }
 

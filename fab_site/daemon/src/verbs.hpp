@@ -4,15 +4,15 @@
 
 // One function a verb, each in its own verb_NAME.cpp; main.cpp holds the table.
 namespace telefab::fab {
-[[nodiscard]] VerbBody declare_calibrate(CLI::App& options);
-[[nodiscard]] VerbBody declare_export(CLI::App& options);
-[[nodiscard]] VerbBody declare_import(CLI::App& options);
-[[nodiscard]] VerbBody declare_cover(CLI::App& options);
-[[nodiscard]] VerbBody declare_plan(CLI::App& options);
-[[nodiscard]] VerbBody declare_predict(CLI::App& options);
-[[nodiscard]] VerbBody declare_probe(CLI::App& options);
-[[nodiscard]] VerbBody declare_serve(CLI::App& options);
-[[nodiscard]] VerbBody declare_simulate_usb(CLI::App& options);
-[[nodiscard]] VerbBody declare_supports(CLI::App& options);
-[[nodiscard]] VerbBody declare_verify(CLI::App& options);
+[[nodiscard]] VerbBody declare_calibrate(VerbOptions& options);
+[[nodiscard]] VerbBody declare_export(VerbOptions& options);
+[[nodiscard]] VerbBody declare_import(VerbOptions& options);
+[[nodiscard]] VerbBody declare_cover(VerbOptions& options);
+[[nodiscard]] VerbBody declare_plan(VerbOptions& options);
+[[nodiscard]] VerbBody declare_predict(VerbOptions& options);
+[[nodiscard]] VerbBody declare_probe(VerbOptions& options);
+[[nodiscard]] VerbBody declare_serve(VerbOptions& options);
+[[nodiscard]] VerbBody declare_simulate_usb(VerbOptions& options);
+[[nodiscard]] VerbBody declare_supports(VerbOptions& options);
+[[nodiscard]] VerbBody declare_verify(VerbOptions& options);
 }  // namespace telefab::fab

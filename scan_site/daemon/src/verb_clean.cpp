@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
-#include <CLI/CLI.hpp>
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/output.hpp>
@@ -66,20 +65,18 @@ Result<ExitCode> clean(const Options& o, std::stop_token stop) {
 
 }  // namespace
 
-VerbBody declare_clean(CLI::App& options) {
+VerbBody declare_clean(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text")->required();
-  options.add_option("--out", o->out, "the cleaned cloud, PLY")->required();
-  options
-      .add_option("--preset", o->preset,
-                  "careful: only what is surely wrong, nothing moves; strong: more, and smoothing")
-      ->capture_default_str();
-  options.add_option(
+  options.add("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text").required();
+  options.add("--out", o->out, "the cleaned cloud, PLY").required();
+  options.add("--preset", o->preset, "careful: only what is surely wrong, nothing moves; strong: more, and smoothing")
+      .shows_default();
+  options.add(
       "--units", o->units,
       "unit of the file (mm, cm, m, in); the result is in mm. Unset: what the file states (E57, LAS: m), or lengths "
       "stay as they are");
-  options.add_option("--report", o->report, "what was removed and moved, JSON");
-  options.add_option("--picture", o->picture, "PNG: kept grey, outliers red, small clusters orange, duplicates blue");
+  options.add("--report", o->report, "what was removed and moved, JSON");
+  options.add("--picture", o->picture, "PNG: kept grey, outliers red, small clusters orange, duplicates blue");
   return [o](std::stop_token stop) { return clean(*o, stop); };
 }
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
 #include <telefab/base/file.hpp>
@@ -83,39 +82,34 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 }  // namespace
 
-VerbBody declare_digitize(CLI::App& options) {
+VerbBody declare_digitize(VerbOptions& options) {
   auto o = std::make_shared<Options>();
   DigitizeOptions& d = o->digitize;
-  options.add_option(
-      "MODEL", o->model,
-      "a mesh (PLY, OFF or STL with faces), or a cloud with normals such as `telefab-fab predict` writes");
-  options.add_option("--shape", o->shape, "instead of a file: sphere, torus or knot")
-      ->check(CLI::IsMember({"sphere", "torus", "knot"}));
-  options.add_option("--out", o->folder, "folder for view_000.ply .. and poses.conf")->required();
-  options.add_option("--units", o->units, "unit of the model (mm, cm, m, in)")->capture_default_str();
-  auto* scale = options.add_option("--scale", o->scale, "times which the model is made larger first");
-  options.add_option("--height-mm", o->height_mm, "make the model this high along z; a shape without it: 50")
-      ->check(CLI::PositiveNumber)
-      ->excludes(scale);
-  scale->check(CLI::PositiveNumber);
-  options.add_option("--reference", o->reference,
-                     "also write points of the model itself, with normals, to measure against (PLY)");
-  options.add_option("--step-deg", d.step_deg, "turn of the table between views")->capture_default_str();
-  options.add_option("--views", d.views, "number of views; 0: a whole turn")->capture_default_str();
-  options.add_option("--pitch-mm", d.pitch_mm, "distance of neighbouring cells")->capture_default_str();
+  options.add("MODEL", o->model,
+              "a mesh (PLY, OFF or STL with faces), or a cloud with normals such as `telefab-fab predict` writes");
+  options.add("--shape", o->shape, "instead of a file: sphere, torus or knot").one_of({"sphere", "torus", "knot"});
+  options.add("--out", o->folder, "folder for view_000.ply .. and poses.conf").required();
+  options.add("--units", o->units, "unit of the model (mm, cm, m, in)").shows_default();
+  const Option scale = options.add("--scale", o->scale, "times which the model is made larger first");
+  options.add("--height-mm", o->height_mm, "make the model this high along z; a shape without it: 50")
+      .above_zero()
+      .excludes(scale);
+  scale.above_zero();
+  options.add("--reference", o->reference,
+              "also write points of the model itself, with normals, to measure against (PLY)");
+  options.add("--step-deg", d.step_deg, "turn of the table between views").shows_default();
+  options.add("--views", d.views, "number of views; 0: a whole turn").shows_default();
+  options.add("--pitch-mm", d.pitch_mm, "distance of neighbouring cells").shows_default();
   options
-      .add_option("--tilt-deg", o->tilts_deg,
-                  "how far the scanner looks down; several, as 30,-30: one turn of the table each")
-      ->delimiter(',')
-      ->capture_default_str();
-  options.add_option("--noise-mm", d.noise_mm, "sigma along the line of sight")->capture_default_str();
-  options.add_option("--outliers", d.outlier_share, "share of points with a random depth")->capture_default_str();
-  options.add_option("--mixed", d.mixed_share, "share of cells at depth edges that mix both depths")
-      ->capture_default_str();
-  options
-      .add_option("--grazing-deg", d.grazing_deg, "largest angle between normal and line of sight that returns a point")
-      ->capture_default_str();
-  options.add_option("--seed", d.seed, "same seed, same images")->capture_default_str();
+      .add("--tilt-deg", o->tilts_deg, "how far the scanner looks down; several, as 30,-30: one turn of the table each")
+      .separated_by(',')
+      .shows_default();
+  options.add("--noise-mm", d.noise_mm, "sigma along the line of sight").shows_default();
+  options.add("--outliers", d.outlier_share, "share of points with a random depth").shows_default();
+  options.add("--mixed", d.mixed_share, "share of cells at depth edges that mix both depths").shows_default();
+  options.add("--grazing-deg", d.grazing_deg, "largest angle between normal and line of sight that returns a point")
+      .shows_default();
+  options.add("--seed", d.seed, "same seed, same images").shows_default();
   return [o](std::stop_token stop) { return run(*o, stop); };
 }
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -114,14 +113,13 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 }  // namespace
 
-VerbBody declare_inspect(CLI::App& options) {
+VerbBody declare_inspect(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text")->required();
+  options.add("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text").required();
   declare_machine_choice(options, o->machine, "place it as it would be sliced for this machine", MachineIs::Optional);
   declare_slice_parameters(options, o->asked, kPlacing);
-  options.add_option("--out-prefix", o->out_prefix,
-                     "write a picture PREFIX.png and PREFIX.ply, PREFIX.vtp for a viewer");
-  options.add_flag("--json", o->json, "print everything as JSON");
+  options.add("--out-prefix", o->out_prefix, "write a picture PREFIX.png and PREFIX.ply, PREFIX.vtp for a viewer");
+  options.flag("--json", o->json, "print everything as JSON");
   return [o](std::stop_token stop) { return run(*o, stop); };
 }
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -70,25 +69,24 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 }  // namespace
 
-VerbBody declare_measure(CLI::App& options) {
+VerbBody declare_measure(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add_option("REFERENCE", o->reference, "what it should be: a scan file of any format read")->required();
-  options.add_option("BUILT", o->built, "what it is")->required();
-  options.add_option("--units", o->units,
-                     "unit of both files (mm, cm, m, in); unset: what they state (E57, LAS: m), or as they stand");
-  options.add_option("--reference-units", o->reference_units, "unit of the reference alone");
-  options.add_option("--built-units", o->built_units, "unit of the built cloud alone");
-  options.add_option("--height", o->height, "length that is 100 %; unset: extent of the reference along z");
-  options.add_option("--max-distance", o->max_distance,
-                     "farther points have no counterpart; unset: 10 % of the height");
-  options.add_option("--range", o->range,
-                     "deviation at which the colours are full; unset: the larger of the 1 % and 99 % values");
-  options.add_flag("--no-align", o->no_align, "compare the files as they stand");
-  options.add_option("--out", o->out, "the built cloud coloured by deviation, PLY");
-  options.add_option("--picture", o->picture,
-                     "heat map from four sides, PNG: red too much, blue too little, grey no counterpart");
-  options.add_option("--report", o->report, "all figures and the motion found, JSON");
-  options.add_flag("--json", o->json, "print the report instead of text");
+  options.add("REFERENCE", o->reference, "what it should be: a scan file of any format read").required();
+  options.add("BUILT", o->built, "what it is").required();
+  options.add("--units", o->units,
+              "unit of both files (mm, cm, m, in); unset: what they state (E57, LAS: m), or as they stand");
+  options.add("--reference-units", o->reference_units, "unit of the reference alone");
+  options.add("--built-units", o->built_units, "unit of the built cloud alone");
+  options.add("--height", o->height, "length that is 100 %; unset: extent of the reference along z");
+  options.add("--max-distance", o->max_distance, "farther points have no counterpart; unset: 10 % of the height");
+  options.add("--range", o->range,
+              "deviation at which the colours are full; unset: the larger of the 1 % and 99 % values");
+  options.flag("--no-align", o->no_align, "compare the files as they stand");
+  options.add("--out", o->out, "the built cloud coloured by deviation, PLY");
+  options.add("--picture", o->picture,
+              "heat map from four sides, PNG: red too much, blue too little, grey no counterpart");
+  options.add("--report", o->report, "all figures and the motion found, JSON");
+  options.flag("--json", o->json, "print the report instead of text");
   return [o](std::stop_token stop) { return run(*o, stop); };
 }
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
 #include <memory>
@@ -226,35 +225,33 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 }  // namespace
 
-VerbBody declare_register(CLI::App& options) {
+VerbBody declare_register(VerbOptions& options) {
   auto o = std::make_shared<Options>();
   options
-      .add_option(
-          "VIEWS", o->inputs,
-          "range images in the order of the turn, or a folder of them: PLY with range_grid, PTX, organised PCD, "
-          "E57 with rows and columns")
-      ->required();
-  options.add_option("--out", o->out, "the merged, oriented cloud, PLY")->required();
-  options.add_option("--step-deg", o->step_deg, "turn of the table from one view to the next, degrees");
-  options.add_option("--axis", o->axis, "direction of the table's axis: x, y or z; unset: searched");
-  auto* poses = options.add_option(
-      "--poses", o->poses,
-      "poses to start from (Stanford .conf) instead of a search; the result is in their common frame");
-  options
-      .add_flag("--upright", o->upright, "turn the result until the table's axis points along +z, ready for slicing")
-      ->excludes(poses);
-  options.add_option("--budget", o->budget,
-                     "largest rms between the views, unit of the files; worse is refused. Unset: 0.6 grid spacings");
-  options.add_option("--cut-below", o->cut_below,
-                     "removes the stand: what is lower than this above the lowest point, along the axis");
-  options.add_option(
+      .add("VIEWS", o->inputs,
+           "range images in the order of the turn, or a folder of them: PLY with range_grid, PTX, organised PCD, "
+           "E57 with rows and columns")
+      .required();
+  options.add("--out", o->out, "the merged, oriented cloud, PLY").required();
+  options.add("--step-deg", o->step_deg, "turn of the table from one view to the next, degrees");
+  options.add("--axis", o->axis, "direction of the table's axis: x, y or z; unset: searched");
+  const Option poses =
+      options.add("--poses", o->poses,
+                  "poses to start from (Stanford .conf) instead of a search; the result is in their common frame");
+  options.flag("--upright", o->upright, "turn the result until the table's axis points along +z, ready for slicing")
+      .excludes(poses);
+  options.add("--budget", o->budget,
+              "largest rms between the views, unit of the files; worse is refused. Unset: 0.6 grid spacings");
+  options.add("--cut-below", o->cut_below,
+              "removes the stand: what is lower than this above the lowest point, along the axis");
+  options.add(
       "--units", o->units,
       "unit of the files (mm, cm, m, in); the result is in mm. Unset: what they state (E57: m), or lengths stay as "
       "they are");
-  options.add_option("--report", o->report, "every pair and the merge, JSON");
-  options.add_option("--poses-out", o->poses_out, "the poses found, Stanford .conf");
-  options.add_option("--picture", o->picture, "the merged cloud from four sides, PNG");
-  options.add_flag("--json", o->json, "print the report instead of the table");
+  options.add("--report", o->report, "every pair and the merge, JSON");
+  options.add("--poses-out", o->poses_out, "the poses found, Stanford .conf");
+  options.add("--picture", o->picture, "the merged cloud from four sides, PNG");
+  options.flag("--json", o->json, "print the report instead of the table");
   return [o](std::stop_token stop) { return run(*o, stop); };
 }
 

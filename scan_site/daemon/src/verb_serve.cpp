@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <CLI/CLI.hpp>
 #include <memory>
 
 #include "scan_site.hpp"
@@ -7,11 +6,11 @@
 
 namespace telefab::scan {
 
-VerbBody declare_serve(CLI::App& options) {
+VerbBody declare_serve(VerbOptions& options) {
   auto o = std::make_shared<ScanSiteConfig>();
   o->serve = {"127.0.0.1:7410", "", "", "", "scan-site"};
   declare_serve_options(options, o->serve);
-  options.add_option("--fab", o->fab, "HOST:PORT of the fab site")->required();
+  options.add("--fab", o->fab, "HOST:PORT of the fab site").required();
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (auto known = set_log_level(o->serve.log_level); !known) return tl::unexpected{known.error()};
     const SystemClock clock;

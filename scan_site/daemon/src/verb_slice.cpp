@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
-#include <CLI/CLI.hpp>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <charconv>
@@ -94,7 +93,7 @@ class ContourPoints {
 /// The files asked for; all of them are written after the last layer, each whole or not at all.
 class Outputs {
  public:
-  Outputs(const Options& options, const JobParameters& parameters) : options_{options}, parameters_{parameters} {}
+  Outputs(const VerbOptions& options, const JobParameters& parameters) : options_{options}, parameters_{parameters} {}
 
   Result<void> take(const StackHeader& header, const Layer& layer) {
     if (!started_) {
@@ -233,21 +232,21 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 }  // namespace
 
-VerbBody declare_slice(CLI::App& options) {
+VerbBody declare_slice(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add_option("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text")->required();
+  options.add("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text").required();
   declare_machine_choice(options, o->machine, "machine profile to slice for", MachineIs::Required);
-  options.add_option("--out", o->out, "write the stack here (.tfc)");
-  options.add_option("--preview", o->preview, "write a picture here (PNG)");
-  options.add_option("--contours", o->contours, "write contours here, one JSON line a layer");
-  options.add_option("--points", o->points,
-                     "write the contours' vertices and chord middles here, in the frame of the scan (PLY, to measure)");
-  options.add_option("--report", o->report, "write the report here (JSON)");
+  options.add("--out", o->out, "write the stack here (.tfc)");
+  options.add("--preview", o->preview, "write a picture here (PNG)");
+  options.add("--contours", o->contours, "write contours here, one JSON line a layer");
+  options.add("--points", o->points,
+              "write the contours' vertices and chord middles here, in the frame of the scan (PLY, to measure)");
+  options.add("--report", o->report, "write the report here (JSON)");
   declare_slice_parameters(options, o->asked);
-  options.add_option("--threads", o->threads, "worker threads; 0: one a core")->capture_default_str();
-  options.add_option("--layers", o->layers, "cut these layers only, FIRST:LAST, counted from 0");
-  options.add_flag("--require-certified", o->require_certified, "exit with code 8 if a layer is flagged");
-  options.add_flag("--json", o->json, "print the report as JSON");
+  options.add("--threads", o->threads, "worker threads; 0: one a core").shows_default();
+  options.add("--layers", o->layers, "cut these layers only, FIRST:LAST, counted from 0");
+  options.flag("--require-certified", o->require_certified, "exit with code 8 if a layer is flagged");
+  options.flag("--json", o->json, "print the report as JSON");
   return [o](std::stop_token stop) { return run(*o, stop); };
 }
 

@@ -4,11 +4,11 @@
 
 // One function a verb, each in its own verb_NAME.cpp; main.cpp holds the table.
 namespace telefab::scan {
-[[nodiscard]] VerbBody declare_inspect(CLI::App& options);
-[[nodiscard]] VerbBody declare_clean(CLI::App& options);
-[[nodiscard]] VerbBody declare_digitize(CLI::App& options);
-[[nodiscard]] VerbBody declare_measure(CLI::App& options);
-[[nodiscard]] VerbBody declare_register(CLI::App& options);
-[[nodiscard]] VerbBody declare_slice(CLI::App& options);
-[[nodiscard]] VerbBody declare_serve(CLI::App& options);
+[[nodiscard]] VerbBody declare_inspect(VerbOptions& options);
+[[nodiscard]] VerbBody declare_clean(VerbOptions& options);
+[[nodiscard]] VerbBody declare_digitize(VerbOptions& options);
+[[nodiscard]] VerbBody declare_measure(VerbOptions& options);
+[[nodiscard]] VerbBody declare_register(VerbOptions& options);
+[[nodiscard]] VerbBody declare_slice(VerbOptions& options);
+[[nodiscard]] VerbBody declare_serve(VerbOptions& options);
 }  // namespace telefab::scan

@@ -96,8 +96,7 @@ const std::vector<Heavy> kHeavy{
     {"boost/beast", {"common/web"}},
     {"openssl/", {"common/base", "common/net", "common/web"}},
     {"xsimd/", {"scan_site/mls"}},
-    // desk: the options that both serve verbs share.
-    {"CLI/", {"common/command_line", "common/service", "common/client", "scan_site/daemon", "fab_site/daemon"}},
+    {"CLI/", {"common/command_line"}},
 };
 
 /// Libraries that no public header mentions, whoever uses them.

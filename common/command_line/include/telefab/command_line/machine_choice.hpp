@@ -3,12 +3,9 @@
 #include <filesystem>
 #include <string>
 #include <string_view>
+#include <telefab/command_line/options.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <vector>
-
-namespace CLI {
-class App;
-}
 
 namespace telefab {
 
@@ -20,9 +17,9 @@ struct MachineChoice {
 enum class MachineIs : std::uint8_t { Optional = 1, Required = 2 };
 
 /// --machine, of which `help` says what for, and --machines. `choice` must outlive the parsing.
-void declare_machine_choice(CLI::App& options, MachineChoice& choice, std::string_view help, MachineIs is);
+void declare_machine_choice(VerbOptions& options, MachineChoice& choice, std::string_view help, MachineIs is);
 /// --machines alone.
-void declare_machine_folder(CLI::App& options, std::string& folder);
+void declare_machine_folder(VerbOptions& options, std::string& folder);
 
 struct MachineProfiles {
   std::vector<MachineProfile> machines;

@@ -6,10 +6,7 @@
 #include <stop_token>
 #include <string_view>
 #include <telefab/base/exit_code.hpp>
-
-namespace CLI {
-class App;
-}
+#include <telefab/command_line/options.hpp>
 
 namespace telefab {
 
@@ -27,7 +24,7 @@ struct Example {
 struct Verb {
   std::string_view name;
   std::string_view summary;
-  VerbBody (*declare)(CLI::App& options);
+  VerbBody (*declare)(VerbOptions& options);
   std::array<Example, 3> examples{};  ///< at least one; the others may be empty
 };
 

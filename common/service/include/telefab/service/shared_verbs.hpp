@@ -6,9 +6,9 @@
 namespace telefab {
 
 /// `logs JOB --data DIR`: a job's events and the audit log's lines on it, by time.
-[[nodiscard]] VerbBody declare_logs(CLI::App& options);
+[[nodiscard]] VerbBody declare_logs(VerbOptions& options);
 
 /// `machines`: the machine profiles of a folder, or every key a profile may have.
-[[nodiscard]] VerbBody declare_machines(CLI::App& options);
+[[nodiscard]] VerbBody declare_machines(VerbOptions& options);
 
 }  // namespace telefab

@@ -3,12 +3,9 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <telefab/command_line/options.hpp>
 #include <telefab/net/listener.hpp>
 #include <telefab/service/state_hooks.hpp>
-
-namespace CLI {
-class App;
-}
 
 namespace telefab {
 
@@ -26,7 +23,7 @@ struct ServeOptions {
 
 /// Adds --listen, --data, --machines, --tls, --tls-name, --web, --hook, --webhook and --log-level; what `options` holds
 /// already is the default.
-void declare_serve_options(CLI::App& app, ServeOptions& options);
+void declare_serve_options(VerbOptions& app, ServeOptions& options);
 
 /// The certificates of --tls; empty where none is given. Fails as net::Trust::load.
 [[nodiscard]] Result<std::shared_ptr<net::Trust>> trust_of(const ServeOptions& options);

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <concepts>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace CLI {
+class App;
+class Option;
+}  // namespace CLI
+
+namespace telefab {
+
+/// Where the value of an option goes. What it points to must outlive the parsing.
+using OptionValue = std::variant<std::string*, double*, int*, std::uint16_t*, std::uint32_t*, std::uint64_t*,
+                                 std::optional<std::string>*, std::optional<double>*, std::optional<std::uint32_t>*,
+                                 std::vector<std::string>*, std::vector<double>*>;
+
+/// An option that was declared. A handle: copies mean the same one, as long as the program's options live.
+class Option {
+ public:
+  const Option& required(bool is = true) const;
+  /// Help shows what the value is now, and what it is where the option is left out.
+  const Option& shows_default() const;
+  /// The same with a text of its own, where the value itself stays unset.
+  const Option& shows_default(const std::string& text) const;
+  /// Only numbers of that range, ends included. Whole ends: whole numbers only.
+  template <std::integral Number>
+  const Option& within(Number least, Number most) const {
+    return within_whole(static_cast<std::int64_t>(least), static_cast<std::int64_t>(most));
+  }
+  const Option& within(double least, double most) const;
+  const Option& above_zero() const;
+  const Option& one_of(std::vector<std::string> words) const;
+  /// `complaint` of the text that was given; empty: it is fine.
+  const Option& checked_by(std::function<std::string(const std::string&)> complaint) const;
+  /// A variable of the environment that stands in for the option.
+  const Option& environment(const std::string& variable) const;
+  /// Not both of them.
+  const Option& excludes(const Option& other) const;
+  /// Several values in one word.
+  const Option& separated_by(char mark) const;
+
+ private:
+  friend class VerbOptions;
+  explicit Option(CLI::Option* option) : option_{option} {}
+  const Option& within_whole(std::int64_t least, std::int64_t most) const;
+  CLI::Option* option_;
+};
+
+/// The options of one verb, in the order in which help shows them.
+class VerbOptions {
+ public:
+  explicit VerbOptions(CLI::App& app) : app_{app} {}
+  /// `names`: "--out", or "FILE" for one by its place.
+  Option add(const std::string& names, OptionValue into, const std::string& help);
+  template <class Value>
+  requires std::constructible_from<OptionValue, Value*> Option add(const std::string& names, Value& into,
+                                                                   const std::string& help) {
+    return add(names, OptionValue{&into}, help);
+  }
+  Option flag(const std::string& name, bool& into, const std::string& help);
+  /// What is said below the options.
+  void footer(const std::string& text);
+
+ private:
+  CLI::App& app_;
+};
+
+}  // namespace telefab

@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The one place that knows CLI11, which takes seconds to compile wherever it is included.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <sstream>
+#include <telefab/base/version.hpp>
+
+#include "parser.hpp"
+
+namespace telefab {
+namespace {
+
+/// The values of "{a,b}" in a type name as CLI11 composes it, e.g. "TEXT:{exact,curve}".
+std::vector<std::string> choices_in(const std::string& type) {
+  const std::size_t open = type.find('{');
+  const std::size_t close = type.find('}');
+  std::vector<std::string> choices;
+  if (open == std::string::npos || close == std::string::npos) return choices;
+  for (const std::string& part : CLI::detail::split(type.substr(open + 1, close - open - 1), ',')) {
+    // A map of names to values shows as "name->value".
+    choices.push_back(part.substr(0, part.find("->")));
+  }
+  return choices;
+}
+
+OptionManual describe(const CLI::Option& option) {
+  OptionManual manual;
+  manual.positional = !option.nonpositional();
+  manual.name = manual.positional ? option.get_name(true)
+                                  : "--" + (option.get_lnames().empty() ? std::string{} : option.get_lnames().front());
+  if (!manual.positional && option.get_lnames().empty()) manual.name = "-" + option.get_snames().front();
+  if (!option.get_snames().empty() && !option.get_lnames().empty())
+    manual.short_name = "-" + option.get_snames().front();
+  if (option.get_items_expected_max() > 0) {
+    const std::string type = option.get_type_name();
+    manual.choices = choices_in(type);
+    manual.value = type.substr(0, type.find(':'));
+  }
+  manual.description = option.get_description();
+  manual.default_value = option.get_default_str();
+  manual.environment = option.get_envname();
+  manual.required = option.get_required();
+  return manual;
+}
+
+}  // namespace
+
+const Option& Option::required(bool is) const {
+  option_->required(is);
+  return *this;
+}
+
+const Option& Option::shows_default() const {
+  option_->capture_default_str();
+  return *this;
+}
+
+const Option& Option::shows_default(const std::string& text) const {
+  option_->default_str(text);
+  return *this;
+}
+
+const Option& Option::within(double least, double most) const {
+  option_->check(CLI::Range(least, most));
+  return *this;
+}
+
+const Option& Option::within_whole(std::int64_t least, std::int64_t most) const {
+  option_->check(CLI::Range(least, most));
+  return *this;
+}
+
+const Option& Option::above_zero() const {
+  option_->check(CLI::PositiveNumber);
+  return *this;
+}
+
+const Option& Option::one_of(std::vector<std::string> words) const {
+  option_->check(CLI::IsMember(std::move(words)));
+  return *this;
+}
+
+const Option& Option::checked_by(std::function<std::string(const std::string&)> complaint) const {
+  option_->check(std::move(complaint));
+  return *this;
+}
+
+const Option& Option::environment(const std::string& variable) const {
+  option_->envname(variable);
+  return *this;
+}
+
+const Option& Option::excludes(const Option& other) const {
+  option_->excludes(other.option_);
+  return *this;
+}
+
+const Option& Option::separated_by(char mark) const {
+  option_->delimiter(mark);
+  return *this;
+}
+
+Option VerbOptions::add(const std::string& names, OptionValue into, const std::string& help) {
+  return Option{std::visit([&](auto* value) { return app_.add_option(names, *value, help); }, into)};
+}
+
+Option VerbOptions::flag(const std::string& name, bool& into, const std::string& help) {
+  return Option{app_.add_flag(name, into, help)};
+}
+
+void VerbOptions::footer(const std::string& text) { app_.footer(text); }
+
+struct Parser::Impl {
+  const ProgramText& text;
+  CLI::App app;
+  VerbBody chosen;
+};
+
+Parser::Parser(const ProgramText& text)
+    : impl_{new Impl{text, CLI::App{std::string{text.summary}, std::string{text.name}}, {}}} {
+  impl_->app.require_subcommand(1);
+  impl_->app.footer(fmt::format("{}\n{}", text.examples, exit_code_table()));
+  impl_->app.set_version_flag("--version", fmt::format("telefab {}", kVersion));
+}
+
+Parser::~Parser() = default;
+
+void Parser::add(std::string_view name, std::string_view summary, const std::function<VerbBody(VerbOptions&)>& declare,
+                 const std::function<std::string(const std::string& footer)>& notes_of) {
+  CLI::App* verb = impl_->app.add_subcommand(std::string{name}, std::string{summary});
+  VerbOptions options{*verb};
+  verb->callback([body = declare(options), impl = impl_.get()] { impl->chosen = body; });
+  verb->footer(notes_of(verb->get_footer()));
+}
+
+Parser::Parsed Parser::parse(int argc, char** argv) {
+  try {
+    impl_->app.parse(argc, argv);
+    return {impl_->chosen, {}, {}};
+  } catch (const CLI::ParseError& error) {
+    std::ostringstream output, notes;
+    const int code = impl_->app.exit(error, output, notes);
+    return {{}, output.str(), notes.str(), code != 0};
+  }
+}
+
+ProgramManual Parser::manual() const {
+  const ProgramText& text = impl_->text;
+  ProgramManual manual{
+      std::string{text.name}, std::string{kVersion}, std::string{text.summary}, std::string{text.examples}, {}};
+  for (const CLI::App* verb : impl_->app.get_subcommands({})) {
+    VerbManual page{verb->get_name(), verb->get_description(), {}};
+    for (const CLI::Option* option : verb->get_options())
+      if (option != verb->get_help_ptr()) page.options.push_back(describe(*option));
+    page.notes = verb->get_footer();
+    manual.verbs.push_back(std::move(page));
+  }
+  return manual;
+}
+
+}  // namespace telefab
