@@ -27,6 +27,12 @@ bool is_device_trouble(ErrorCode code) {
 
 }  // namespace
 
+Result<void> serve_fab_site(const FabSiteConfig& config, const Clock& clock, std::stop_token stop) {
+  auto site = FabSite::open(config, clock);
+  if (!site) return tl::unexpected{site.error()};
+  return (*site)->run(std::move(stop));
+}
+
 Result<std::unique_ptr<FabSite>> FabSite::open(const FabSiteConfig& config, const Clock& clock) {
   auto machines = machine_profiles(config.serve.machines);
   if (!machines) return tl::unexpected{machines.error()};

@@ -3,8 +3,7 @@
 #include <atomic>
 #include <map>
 #include <set>
-#include <telefab/fab/planning/plan_job.hpp>
-#include <telefab/fab/print/print_runner.hpp>
+#include <telefab/fab/daemon/serve_fab_site.hpp>
 #include <telefab/fab/support/part_regions.hpp>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/machine/machine_profile.hpp>
@@ -13,7 +12,6 @@
 #include <telefab/service/live_counters.hpp>
 #include <telefab/service/service_notifier.hpp>
 #include <telefab/service/site_ledger.hpp>
-#include <telefab/service/site_runtime.hpp>
 
 #include "scan_session.hpp"
 #include "site_keys.hpp"
@@ -21,15 +19,6 @@
 #include "work_queue.hpp"
 
 namespace telefab::fab {
-
-struct FabSiteConfig {
-  ServeOptions serve;
-  std::string site_keys;           ///< folder with SITE.sign.pub; empty: the --tls folder, or none without TLS
-  PlanOptions planning;            ///< of every job; name, registration and regions are its own
-  bool start_on_approval = false;  ///< a planned job waits for `telefab approve`
-  /// For a layer that was perhaps exposed when the power went; empty: the print waits for an operator.
-  std::optional<Decision> after_crash = Decision::TreatAsExposed;
-};
 
 /// The daemon: layers in from scan sites, planned, printed; commands and questions from clients and scan sites.
 /// Threads: network (everything but the three below), planner, device, web. Stop order: web, listener, planner,

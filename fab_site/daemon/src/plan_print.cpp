@@ -2,7 +2,6 @@
 #include "plan_print.hpp"
 
 #include "intake.hpp"
-#include "provenance.hpp"
 
 #include <fmt/format.h>
 
@@ -13,6 +12,7 @@
 #include <telefab/fab/planning/preflight.hpp>
 #include <telefab/fab/print/admission.hpp>
 #include <telefab/fab/print/print_record.hpp>
+#include <telefab/fab/print/provenance.hpp>
 
 namespace telefab::fab {
 

@@ -19,6 +19,12 @@ constexpr const char* kCancelMark = "tell-cancelled";
 
 }  // namespace
 
+Result<void> serve_scan_site(const ScanSiteConfig& config, const Clock& clock, std::stop_token stop) {
+  auto site = ScanSite::open(config, clock);
+  if (!site) return tl::unexpected{site.error()};
+  return (*site)->run(std::move(stop));
+}
+
 Result<std::unique_ptr<ScanSite>> ScanSite::open(const ScanSiteConfig& config, const Clock& clock) {
   auto machines = machine_profiles(config.serve.machines);
   if (!machines) return tl::unexpected{machines.error()};

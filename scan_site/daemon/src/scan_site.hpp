@@ -1,22 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <telefab/scan/daemon/serve_scan_site.hpp>
 #include <telefab/service/client_session.hpp>
 #include <telefab/service/daemon_log.hpp>
 #include <telefab/service/live_counters.hpp>
 #include <telefab/service/service_notifier.hpp>
 #include <telefab/service/site_ledger.hpp>
-#include <telefab/service/site_runtime.hpp>
 
 #include "fab_link.hpp"
 #include "slicer.hpp"
 #include "web_desk.hpp"
 
 namespace telefab::scan {
-
-struct ScanSiteConfig {
-  ServeOptions serve;
-  std::string fab;  ///< HOST:PORT
-};
 
 /// The daemon: clients' scans in, layers out to the fab, and the fab's news back. Stop order: web, listener, link,
 /// slicer, ledger.

@@ -68,15 +68,16 @@ const std::vector<std::vector<Room>>& all_rooms() {
 }
 
 /// Nothing depends on these.
-const Strings kLeaves{"common/client", "scan_site/daemon", "fab_site/daemon"};
+const Strings kLeaves{"common/client", "scan_site/commands", "fab_site/commands"};
 
 /// What may see sockets, jobs on disk, the wire, the program frame: the daemons and the outer half of common. What a
 /// job is and what may be asked of it are values that anybody may see.
 const Strings kOuter{"common/command_line", "common/store", "common/transfer", "common/wire",
                      "common/net",          "common/web",   "common/service"};
-const Strings kMayUseOuter{"common/command_line", "common/store",     "common/transfer", "common/wire",
-                           "common/net",          "common/web",       "common/service",  "common/client",
-                           "scan_site/web",       "scan_site/daemon", "fab_site/daemon", "fab_site/web"};
+const Strings kMayUseOuter{"common/command_line", "common/store",     "common/transfer",    "common/wire",
+                           "common/net",          "common/web",       "common/service",     "common/client",
+                           "scan_site/web",       "scan_site/daemon", "scan_site/commands", "fab_site/web",
+                           "fab_site/daemon",     "fab_site/commands"};
 
 struct Heavy {
   std::string prefix;  ///< of the include path

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <map>
 #include <memory>
+#include <telefab/fab/daemon/serve_fab_site.hpp>
+#include <telefab/service/daemon_log.hpp>
 
-#include "fab_site.hpp"
 #include "mask_options.hpp"
 #include "verbs.hpp"
 
@@ -37,9 +38,7 @@ VerbBody declare_serve(VerbOptions& options) {
     if (o->after_crash == "again") o->config.after_crash = Decision::ExposeAgain;
     if (auto known = set_log_level(o->config.serve.log_level); !known) return tl::unexpected{known.error()};
     const SystemClock clock;
-    auto site = FabSite::open(o->config, clock);
-    if (!site) return tl::unexpected{site.error()};
-    if (auto served = (*site)->run(std::move(stop)); !served) return tl::unexpected{served.error()};
+    if (auto served = serve_fab_site(o->config, clock, std::move(stop)); !served) return tl::unexpected{served.error()};
     return ExitCode::Ok;
   };
 }

@@ -10,9 +10,9 @@
 #include <telefab/fab/planning/cured_runs.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/print/print_record.hpp>
+#include <telefab/fab/print/provenance.hpp>
 #include <telefab/fab/verify/print_files.hpp>
 
-#include "provenance.hpp"
 #include "read_stack.hpp"
 #include "verbs.hpp"
 

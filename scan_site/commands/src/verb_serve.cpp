@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <memory>
+#include <telefab/scan/daemon/serve_scan_site.hpp>
+#include <telefab/service/daemon_log.hpp>
 
-#include "scan_site.hpp"
 #include "verbs.hpp"
 
 namespace telefab::scan {
@@ -14,9 +15,7 @@ VerbBody declare_serve(VerbOptions& options) {
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (auto known = set_log_level(o->serve.log_level); !known) return tl::unexpected{known.error()};
     const SystemClock clock;
-    auto site = ScanSite::open(*o, clock);
-    if (!site) return tl::unexpected{site.error()};
-    if (auto served = (*site)->run(std::move(stop)); !served) return tl::unexpected{served.error()};
+    if (auto served = serve_scan_site(*o, clock, std::move(stop)); !served) return tl::unexpected{served.error()};
     return ExitCode::Ok;
   };
 }

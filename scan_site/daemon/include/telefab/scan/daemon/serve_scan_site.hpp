@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <stop_token>
+#include <string>
+#include <telefab/base/clock.hpp>
+#include <telefab/service/site_runtime.hpp>
+
+namespace telefab::scan {
+
+struct ScanSiteConfig {
+  ServeOptions serve;
+  std::string fab;  ///< HOST:PORT
+};
+
+/// The daemon of the scan site, until the stop is requested. The calling thread is the network's. Fails as soon as
+/// something is wrong with what it was given: machines, folder, certificates, port.
+[[nodiscard]] Result<void> serve_scan_site(const ScanSiteConfig& config, const Clock& clock, std::stop_token stop);
+
+}  // namespace telefab::scan
