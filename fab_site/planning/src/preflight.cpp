@@ -200,7 +200,7 @@ PreflightItem latitude_of(const ThinReport& thin) {
 
 /// How the masks were made, and whether time was enough.
 PreflightItem masks_of(const PlanSummary& summary) {
-  const MaskFigures& figures = summary.mask_figures;
+  const BlendFigures& figures = summary.mask_figures;
   PreflightItem item{"masks", Verdict::Passed, {}, figures.residual_px(), "px", {}, {}};
   item.text = fmt::format("by {}", name_of(summary.masks));
   if (summary.masks == MaskMethod::Cover) {

@@ -45,6 +45,11 @@ Result<void> PrintPlan::validate() const {
   return {};
 }
 
+double layer_seconds(const MachineProfile::Motion& motion, std::chrono::microseconds exposure) {
+  return std::chrono::duration<double>(exposure).count() + motion.lift_mm / motion.lift_speed_mm_per_s +
+         motion.lift_mm / motion.lower_speed_mm_per_s + motion.settle_s;
+}
+
 std::string to_json(const PrintPlan& plan) {
   Json layers = Json::array();
   for (const PlannedLayer& l : plan.layers)
@@ -55,13 +60,13 @@ std::string to_json(const PrintPlan& plan) {
   Json j{{"format", "telefab-print-plan-1"}, {"job", plan.job}, {"machine", plan.machine}};
   if (plan.masks) j["masks"] = name_of(*plan.masks);
   j.update({{"mask_width_px", plan.mask_size.width_px},
-               {"mask_height_px", plan.mask_size.height_px},
-               {"z_travel_mm", plan.z_travel_mm},
-               {"lift_mm", plan.motion.lift_mm},
-               {"lift_speed_mm_per_s", plan.motion.lift_speed_mm_per_s},
-               {"lower_speed_mm_per_s", plan.motion.lower_speed_mm_per_s},
-               {"settle_s", plan.motion.settle_s},
-               {"layers", std::move(layers)}});
+            {"mask_height_px", plan.mask_size.height_px},
+            {"z_travel_mm", plan.z_travel_mm},
+            {"lift_mm", plan.motion.lift_mm},
+            {"lift_speed_mm_per_s", plan.motion.lift_speed_mm_per_s},
+            {"lower_speed_mm_per_s", plan.motion.lower_speed_mm_per_s},
+            {"settle_s", plan.motion.settle_s},
+            {"layers", std::move(layers)}});
   return j.dump(1) + "\n";
 }
 

@@ -292,6 +292,14 @@ TEST(Layering, WhatAProgramSaysGoesThroughOnePlace) {
     }
 }
 
+// Masks were once encoded, decoded to be darkened, and encoded again.
+TEST(Layering, ThePlannerReadsNoPictureThatItMade) {
+  for (const Line& line : all_lines())
+    if (line.path.starts_with("fab_site/planning/") && line.text.find("decode_png") != std::string::npos) {
+      EXPECT_EQ(line.path, "fab_site/planning/src/plan_folder.cpp") << place(line) << "reads plans of others alone";
+    }
+}
+
 TEST(Layering, PublicHeadersDoNotChangeWithFlags) {
   static const std::regex pattern{R"(\s*#\s*(if|ifdef|ifndef|elif)\b.*)"};
   for (const Line& line : all_lines())

@@ -24,7 +24,7 @@ struct CuredRuns {
 struct MaskCheckOptions {
   std::uint32_t least_pixels = kLeastIslandPixels;  ///< islands of fewer are let pass
   std::optional<std::uint8_t> grey;                 ///< a pixel is solid from here on, whatever light says
-  std::optional<MaskMethod> masks;                  ///< of a plan that does not state its method; others state their own
+  std::optional<MaskMethod> masks;  ///< of a plan that does not state its method; others state their own
 };
 
 /// Whether anything floats in the masks of a plan, by the physics its masks were made for: the light of all layers

@@ -6,6 +6,7 @@
 #include <telefab/base/clock.hpp>
 #include <telefab/base/progress.hpp>
 #include <telefab/fab/cure/feature_watch.hpp>
+#include <telefab/fab/mask/blend.hpp>
 #include <telefab/fab/mask/inner_pattern.hpp>
 #include <telefab/fab/mask/mask.hpp>
 #include <telefab/fab/print/print_plan.hpp>
@@ -36,16 +37,6 @@ struct PlanOptions {
   [[nodiscard]] Result<void> validate() const;
 };
 
-/// How well solved masks meet their contours by the planner's own model.
-struct MaskFigures {
-  double length_px = 0;        ///< of contour that was solved for
-  double squares_px3 = 0;      ///< residuals squared, summed along it
-  std::uint64_t tiles = 0;     ///< pieces solved
-  std::uint64_t unsolved = 0;  ///< pieces that kept their cover because time was out
-  void add(const MaskFigures& other);
-  [[nodiscard]] double residual_px() const;  ///< root mean square
-};
-
 /// The machine with exposures that follow from a cure depth, as PlanOptions says; itself for 0.
 /// Fails with InvalidInput where resin or light have no figures to reckon with.
 [[nodiscard]] Result<MachineProfile> exposed_to_depth(MachineProfile machine, double cure_depth_layers);
@@ -74,7 +65,7 @@ struct PlanSummary {
   MaskMethod masks = MaskMethod::Cover;
   int mask_iterations = 0;
   InnerPattern pattern;
-  MaskFigures mask_figures;
+  BlendFigures mask_figures;         ///< how well solved masks meet their contours
   double white_dose_mj_per_cm2 = 0;  ///< of a normal exposure
   double cure_depth_mm = 0;          ///< of it; negative where it cures nothing
   double registration_rms_mm = 0;    ///< as the options said it
@@ -107,8 +98,5 @@ using PlanSink = std::function<Result<void>(const PlannedSheet&)>;
 
 /// report.json of the plan.
 [[nodiscard]] std::string to_json(const PlanSummary& summary);
-
-/// Lift, lowering, settling and exposure of one layer, from the machine's motion.
-[[nodiscard]] double layer_seconds(const MachineProfile::Motion& motion, std::chrono::microseconds exposure);
 
 }  // namespace telefab::fab

@@ -36,6 +36,9 @@ struct PrintPlan {
   [[nodiscard]] Result<void> validate() const;
 };
 
+/// Lift, lowering, settling and exposure of one layer, from the machine's motion.
+[[nodiscard]] double layer_seconds(const MachineProfile::Motion& motion, std::chrono::microseconds exposure);
+
 /// Canonical JSON: same plan, same bytes; those of a plan that does not state its masks are as they ever were.
 [[nodiscard]] std::string to_json(const PrintPlan& plan);
 /// from_json(to_json(p)) == p. InvalidInput names the key, or a way to make masks that is

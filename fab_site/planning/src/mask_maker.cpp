@@ -6,7 +6,7 @@
 #include <telefab/fab/mask/column_caps.hpp>
 #include <telefab/fab/verify/support_check.hpp>
 
-#include "layer_source.hpp"
+#include "mask_maker.hpp"
 #include "mask_passes.hpp"
 
 namespace telefab::fab {
@@ -16,8 +16,6 @@ constexpr std::uint32_t kSingleLayers = 8;  // a block where layers know nothing
 constexpr std::uint32_t kStackLayers = 24;  // a block of the stack, without what it looks through
 constexpr std::uint32_t kSolvedAhead = 4;   // of what it looks through, the nearest are solved, the rest drawn
 constexpr double kForgotten = 100;          // light is forgotten when this little of it is left
-
-MaskFigures reached(const BlendFigures& f) { return {f.length_px, f.squares_px3, f.tiles, f.unsolved}; }
 
 /// Of the deadline a tenth is left for the cover of what is not solved by then.
 std::chrono::nanoseconds solving_time(const PlanOptions& options) { return options.mask_deadline * 9 / 10; }
@@ -51,9 +49,9 @@ class SingleMaker final : public MaskMaker {
 
   [[nodiscard]] std::uint32_t block_layers() const override { return kSingleLayers; }
 
-  [[nodiscard]] Result<MaskFigures> make(std::uint32_t first, std::uint32_t count, const Take& take,
-                                         const std::stop_token& stop) const override {
-    MaskFigures figures;
+  [[nodiscard]] Result<BlendFigures> make(std::uint32_t first, std::uint32_t count, const Take& take,
+                                          const std::stop_token& stop) const override {
+    BlendFigures figures;
     for (std::uint32_t i = first; i < first + count; ++i) {
       if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
       auto layer = source_.layer(i);
@@ -64,7 +62,7 @@ class SingleMaker final : public MaskMaker {
         if (solving_.count() > 0)
           task.out_of_time = [this, until = clock_.now() + solving_] { return clock_.now() >= until; };
         auto blended = blender_->blend(task);
-        figures.add(reached(blended.figures));
+        figures.add(blended.figures);
         made.mask = std::move(blended.mask);
       } else {
         made.mask = rasterise(layer->part, frame_);
@@ -104,8 +102,8 @@ class StackMaker final : public MaskMaker {
 
   [[nodiscard]] std::uint32_t block_layers() const override { return kStackLayers; }
 
-  [[nodiscard]] Result<MaskFigures> make(std::uint32_t first, std::uint32_t count, const Take& take,
-                                         const std::stop_token& stop) const override {
+  [[nodiscard]] Result<BlendFigures> make(std::uint32_t first, std::uint32_t count, const Take& take,
+                                          const std::stop_token& stop) const override {
     const std::uint32_t until = std::min(source_.count(), first + count + ahead_);
     const std::uint32_t shell = pattern_ ? pattern_->shell_layers() : 0;
     const std::uint32_t below = std::max(capped_ ? static_cast<std::uint32_t>(caps_.reach()) : 0, shell);
@@ -121,7 +119,7 @@ class StackMaker final : public MaskMaker {
       layers.push_back(std::move(*layer));
     }
     const auto cores = pattern_ ? pattern_->cores(solid) : std::vector<PixelRuns>{};
-    MaskFigures figures;
+    BlendFigures figures;
     BlendStack stack{blender_};
     for (std::uint32_t i = until; i-- > first;) {
       if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
@@ -137,7 +135,7 @@ class StackMaker final : public MaskMaker {
         task.out_of_time = [this, end = clock_.now() + solving_] { return clock_.now() >= end; };
       auto blended = stack.descend(task, i < first + count + kSolvedAhead ? iterations_ : 0);
       if (i >= first + count) continue;
-      figures.add(reached(blended.figures));
+      figures.add(blended.figures);
       if (auto ok = take({i, std::move(blended.mask), std::move(layer.section)},
                          [&stack](Mask& mask) { stack.mark_cured(mask); });
           !ok)
@@ -170,33 +168,6 @@ class StackMaker final : public MaskMaker {
 };
 
 }  // namespace
-
-Result<SourceLayer> LayerSource::layer(std::uint32_t print_layer) const {
-  SourceLayer layer;
-  const std::uint32_t elevation = supports_->elevation_layers();
-  if (print_layer >= elevation) layer.part = stack_->layers()[print_layer - elevation].contours;
-  const Region section = supports_->section_region(LayerIndex{print_layer});
-  layer.section = section.to_contours();
-  if (layer.part.empty()) {
-    layer.supports = layer.section;
-    return layer;
-  }
-  if (section.empty() && layer.part.size() == 1 && layer.part.front().signed_area_mm2() > 0) return layer;
-  const auto part = Region::from_contours(layer.part);
-  if (!part) return tl::unexpected{part.error()};
-  if (!section.empty()) layer.supports = subtract(section, *part).to_contours();
-  // Rings of open scans: a hole in nothing has an edge, but no light may be spent on it.
-  double enclosed = 0, around = 0;
-  for (const Contour& ring : layer.part) {
-    enclosed += ring.signed_area_mm2();
-    around += std::abs(ring.signed_area_mm2());
-  }
-  if (std::abs(enclosed - part->area_mm2()) > 1e-6 * around) {
-    layer.bounded = part->to_contours();
-    layer.part = layer.bounded;
-  }
-  return layer;
-}
 
 Result<std::unique_ptr<MaskMaker>> make_mask_maker(const LayerSource& source, const MachineProfile& machine,
                                                    const PlanOptions& options, const Clock& clock) {

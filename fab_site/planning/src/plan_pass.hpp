@@ -4,9 +4,9 @@
 
 namespace telefab::fab {
 
-/// plan_job without a second try: supports by the options, masks, and what the check says of them. The options are
-/// valid. Fails like plan_job.
-[[nodiscard]] Result<PlanSummary> plan_once(const LayerStack& stack, const MachineProfile& machine,
+/// One pass of plan_job: supports by the options, masks, and what the check says of them. The options are valid. Fails
+/// like plan_job.
+[[nodiscard]] Result<PlanSummary> plan_pass(const LayerStack& stack, const MachineProfile& machine,
                                             const PlanOptions& options, const PlanSink& sink, const Clock& clock,
                                             const ProgressSink& progress, std::stop_token stop);
 

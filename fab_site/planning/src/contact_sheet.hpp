@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <string>
+#include <telefab/fab/mask/mask.hpp>
+#include <telefab/fab/mask/raster.hpp>
+#include <telefab/fab/support/support_plan.hpp>
+#include <telefab/geometry/layer.hpp>
+#include <telefab/image/png.hpp>
+
+namespace telefab::fab {
+
+/// The box of all contours; the header's may be wider by what the slicer looked through.
+[[nodiscard]] Bounds2 bounds_of(std::span<const Layer> layers);
+
+/// Pictures of some masks of a print, cut out to what the print occupies.
+class ContactSheet {
+ public:
+  ContactSheet(const LayerStack& stack, const SupportPlan& supports, std::uint32_t print_layers,
+               const MaskFrame& frame);
+  [[nodiscard]] bool shows(std::uint32_t print_layer) const;
+  /// Threads: from several at once.
+  [[nodiscard]] Image tile_of(const Mask& mask) const;
+  /// In order.
+  void add(Image tile, std::uint32_t print_layer, double z_mm);
+  [[nodiscard]] Image draw() const;
+
+ private:
+  /// The part of a mask that is shown.
+  struct Crop {
+    std::uint32_t x = 0;
+    std::uint32_t y = 0;
+    std::uint32_t width = 1;
+    std::uint32_t height = 1;
+  };
+  [[nodiscard]] static Crop crop_of(const Bounds2& bounds, const MaskFrame& frame);
+  Crop crop_;
+  std::vector<std::uint32_t> shown_;  ///< layers, rising
+  std::vector<Image> tiles_;
+  std::vector<std::string> labels_;
+};
+
+}  // namespace telefab::fab

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "layer_work.hpp"
+
+#include <cmath>
+
+#include "mask_passes.hpp"
+
+namespace telefab::fab {
+namespace {
+
+LayerRuns lit_of(const Mask& mask, std::uint32_t index, const MachineProfile& machine) {
+  const std::chrono::duration<double> exposure = exposure_of(machine, index);
+  return LayerRuns::from_mask(mask.view(), gel_level(machine, exposure.count()));
+}
+
+}  // namespace
+
+std::chrono::microseconds exposure_of(const MachineProfile& machine, std::uint32_t print_layer) {
+  const double seconds =
+      print_layer < machine.layers.bottom_count ? machine.layers.bottom_exposure_s : machine.layers.exposure_s;
+  return std::chrono::microseconds{std::llround(seconds * 1e6)};
+}
+
+LayerWork made_layer(MaskMaker::Made made, const std::function<void(Mask&)>& cured, const MachineProfile& machine) {
+  LayerWork work;
+  work.index = made.index;
+  work.mask = PackedMask{made.mask};
+  work.supports = std::move(made.section);
+  work.light.lit = lit_of(made.mask, made.index, machine);
+  cured(made.mask);
+  work.runs = LayerRuns::from_mask(made.mask.view(), kCuredPixel);
+  work.light.joined = LayerRuns::from_mask(made.mask.view(), kJoinedPixel);
+  work.solid_pixels = sums_of(made.mask.rows).white;
+  return work;
+}
+
+std::uint64_t darken_specks(LayerWork& work, const LayerRuns& specks, const MachineProfile& machine) {
+  if (specks.count() == 0) return 0;
+  Mask mask = work.mask.unpacked();
+  darken(mask, specks, work.runs);
+  work.light.lit = lit_of(mask, work.index, machine);
+  work.mask = PackedMask{mask};
+  return components_of(specks, true).components.size();
+}
+
+Result<void> encode(LayerWork& work, const MachineProfile& machine, const FeatureWatch& features,
+                    const ContactSheet& sheet) {
+  const Mask mask = work.mask.unpacked();
+  work.mask = {};
+  auto png = encode_png_grey(mask.size.width_px, mask.size.height_px, mask.rows);
+  if (!png) return tl::unexpected{png.error()};
+  work.png = std::move(*png);
+  work.digest = digest_of(std::as_bytes(std::span{mask.rows}));
+  work.grey_sum = sums_of(mask.rows).grey;
+  work.at_features = features.light_of(work.index, {mask.view(), exposure_of(machine, work.index)});
+  if (sheet.shows(work.index)) work.tile = sheet.tile_of(mask);
+  return {};
+}
+
+}  // namespace telefab::fab

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "packed_mask.hpp"
+
+#include <algorithm>
+
+namespace telefab::fab {
+namespace {
+
+constexpr std::uint32_t kLongest = (1U << 24U) - 1;
+
+}  // namespace
+
+PackedMask::PackedMask(const Mask& mask) : size_{mask.size} {
+  const std::size_t most = mask.rows.size() / sizeof(std::uint32_t);
+  for (auto at = mask.rows.begin(); at != mask.rows.end();) {
+    const auto limit = at + std::min<std::ptrdiff_t>(kLongest, mask.rows.end() - at);
+    const auto end = std::find_if(at, limit, [grey = *at](std::uint8_t other) { return other != grey; });
+    runs_.push_back((static_cast<std::uint32_t>(end - at) << 8U) | *at);
+    if (runs_.size() > most) {
+      runs_ = {};
+      rows_ = mask.rows;
+      return;
+    }
+    at = end;
+  }
+  runs_.shrink_to_fit();
+}
+
+Mask PackedMask::unpacked() const {
+  if (!rows_.empty()) return {size_, rows_};
+  Mask mask{size_, {}};
+  mask.rows.reserve(std::size_t{size_.width_px} * size_.height_px);
+  for (const std::uint32_t run : runs_) mask.rows.insert(mask.rows.end(), run >> 8U, static_cast<std::uint8_t>(run));
+  return mask;
+}
+
+}  // namespace telefab::fab

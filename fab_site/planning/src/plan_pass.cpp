@@ -1,0 +1,247 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "plan_pass.hpp"
+
+#include <fmt/format.h>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "contact_sheet.hpp"
+#include "layer_work.hpp"
+#include "mask_maker.hpp"
+
+namespace telefab::fab {
+namespace {
+
+constexpr std::uint32_t kBlocksPerRound = 2;  // for every thread
+constexpr std::uint64_t kMaskBudgetBytes = 320U << 20U;
+constexpr std::uint64_t kCopiesPerMask = 3;  // the mask, the PNG before and after it is deflated
+
+Result<void> fits(const LayerStack& stack, const MachineProfile& machine, std::uint32_t print_layers) {
+  const StackHeader& header = stack.header();
+  const double height_mm = print_layers * header.layer_thickness_mm;
+  const Bounds2 b = bounds_of(stack.layers());
+  // A surface that was scaled to the whole platform leaves it by a hair; half a pixel is none a mask could show.
+  const double hair_mm = machine.projection.pixel_pitch_mm / 2;
+  if (b.min.x_mm < -hair_mm || b.min.y_mm < -hair_mm || b.max.x_mm > machine.platform.width_mm + hair_mm ||
+      b.max.y_mm > machine.platform.depth_mm + hair_mm)
+    return fail(ErrorCode::InvalidInput, fmt::format("the part reaches from ({:.2f}, {:.2f}) to ({:.2f}, {:.2f}) mm; "
+                                                     "the platform of {} is {} x {} mm. Slice it for this machine",
+                                                     b.min.x_mm, b.min.y_mm, b.max.x_mm, b.max.y_mm, machine.name,
+                                                     machine.platform.width_mm, machine.platform.depth_mm));
+  if (height_mm > machine.platform.z_travel_mm)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("the print is {:.2f} mm high with its supports; {} travels {} mm. Slice it smaller",
+                            height_mm, machine.name, machine.platform.z_travel_mm));
+  if (std::abs(header.layer_thickness_mm - machine.layers.thickness_mm) > 1e-9 * machine.layers.thickness_mm)
+    return fail(
+        ErrorCode::InvalidInput,
+        fmt::format(
+            "the layers are {} mm thick; {} exposes layers of {} mm. Slice it for this machine, or change its profile",
+            header.layer_thickness_mm, machine.name, machine.layers.thickness_mm));
+  return {};
+}
+
+std::optional<CureModel> model_of(const MachineProfile& machine) {
+  auto model = cure_model(machine);
+  return model ? std::optional{std::move(*model)} : std::nullopt;
+}
+
+/// So that large masks do not fill the memory, few of them are under way at once.
+int masks_at_once(const MaskFrame& frame, const PlanOptions& options) {
+  const std::uint64_t mask_bytes = std::uint64_t{frame.size.width_px} * frame.size.height_px;
+  const int threads = options.threads == 0 ? tbb::this_task_arena::max_concurrency() : options.threads;
+  return static_cast<int>(std::clamp<std::uint64_t>(kMaskBudgetBytes / (kCopiesPerMask * mask_bytes), 1,
+                                                    static_cast<std::uint64_t>(threads)));
+}
+
+/// A speck that no pin's tip is as small as would cure on nothing: it gets no light of its own.
+std::uint64_t most_speck_pixels(const MachineProfile& machine, const PlanOptions& options) {
+  if (options.supports.mode == SupportOptions::Mode::None) return 0;
+  const double tip_px = machine.supports.tip_radius_mm / machine.projection.pixel_pitch_mm;
+  return static_cast<std::uint64_t>(std::numbers::pi * tip_px * tip_px);
+}
+
+/// The masks of a print, round by round: made in parallel, decided upon in order, encoded in parallel, handed on in
+/// order. What is under way lies here.
+class MaskRounds {
+ public:
+  MaskRounds(const LayerStack& stack, const SupportPlan& supports, const MachineProfile& machine,
+             const PlanOptions& options, const PlanSink& sink, PlanSummary& summary)
+      : stack_{stack},
+        machine_{machine},
+        sink_{sink},
+        summary_{summary},
+        print_layers_{summary.part_layers + summary.elevation_layers},
+        source_{stack, supports},
+        sheet_{stack, supports, print_layers_, mask_frame(machine)},
+        watch_{machine.projection.pixel_pitch_mm, kLeastIslandPixels},
+        features_{stack.layers(), summary.elevation_layers, machine.projection.pixel_pitch_mm, model_of(machine)},
+        most_speck_px_{most_speck_pixels(machine, options)},
+        at_once_{masks_at_once(mask_frame(machine), options)},
+        arena_{at_once_} {}
+
+  [[nodiscard]] Result<void> run(const PlanOptions& options, const Clock& clock, const ProgressSink& progress,
+                                 const std::stop_token& stop) {
+    auto maker = make_mask_maker(source_, machine_, options, clock);
+    if (!maker) return tl::unexpected{maker.error()};
+    const std::uint32_t in_round = (*maker)->block_layers() * kBlocksPerRound * static_cast<std::uint32_t>(at_once_);
+    for (std::uint32_t first = 0; first < print_layers_; first += in_round) {
+      if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
+      const std::uint32_t count = std::min(in_round, print_layers_ - first);
+      if (auto ok = make(**maker, first, count, stop); !ok) return ok;
+      if (auto ok = decide(); !ok) return ok;
+      if (auto ok = encode_all(); !ok) return ok;
+      for (LayerWork& work : round_)
+        if (auto ok = hand_on(work); !ok) return ok;
+      report(progress, WorkStage::MakingMasks, static_cast<double>(first + count) / print_layers_);
+    }
+    summary_.check = watch_.finish();
+    summary_.thin = features_.finish();
+    summary_.preview = sheet_.draw();
+    return summary_.plan.validate();
+  }
+
+ private:
+  Result<void> make(const MaskMaker& maker, std::uint32_t first, std::uint32_t count, const std::stop_token& stop) {
+    const std::uint32_t in_block = maker.block_layers(), blocks = (count + in_block - 1) / in_block;
+    round_.clear();
+    round_.resize(count);
+    std::vector<Result<BlendFigures>> reached(blocks);
+    const auto make_block = [&](std::uint32_t block) {
+      const std::uint32_t from = first + block * in_block;
+      const auto take = [&](MaskMaker::Made made, const std::function<void(Mask&)>& cured) -> Result<void> {
+        const std::uint32_t place = made.index - first;
+        round_[place] = made_layer(std::move(made), cured, machine_);
+        return {};
+      };
+      reached[block] = maker.make(from, std::min(in_block, first + count - from), take, stop);
+    };
+    arena_.execute([&] {
+      features_.look(first + count);
+      tbb::parallel_for(std::uint32_t{0}, blocks, make_block, tbb::simple_partitioner{});
+    });
+    for (const auto& block : reached) {
+      if (!block) return tl::unexpected{block.error()};
+      summary_.mask_figures.add(*block);
+    }
+    return {};
+  }
+
+  /// What floats is known in order alone, from below.
+  Result<void> decide() {
+    for (LayerWork& work : round_) {
+      const LayerRuns specks = watch_.specks(work.runs, &work.light, most_speck_px_);
+      summary_.specks += darken_specks(work, specks, machine_);
+      if (auto ok = watch_.add(std::move(work.runs), nullptr, &work.light); !ok) return ok;
+    }
+    return {};
+  }
+
+  Result<void> encode_all() {
+    arena_.execute([&] {
+      tbb::parallel_for(std::size_t{0}, round_.size(),
+                        [&](std::size_t i) { round_[i].outcome = encode(round_[i], machine_, features_, sheet_); });
+    });
+    for (const LayerWork& work : round_)
+      if (!work.outcome) return work.outcome;
+    return {};
+  }
+
+  Result<void> hand_on(LayerWork& work) {
+    const LayerIndex index{work.index};
+    if (auto ok = sink_({index, work.png, work.supports}); !ok) return ok;
+    const double pitch_mm = machine_.projection.pixel_pitch_mm, thickness_mm = stack_.header().layer_thickness_mm;
+    PlannedLayer planned;
+    planned.index = index;
+    planned.z_mm = (index.count() + 1) * thickness_mm;
+    planned.exposure = work.grey_sum == 0 ? std::chrono::microseconds{0} : exposure_of(machine_, work.index);
+    planned.mask = work.digest;
+    // What is solid in the end may have been lit by later layers alone; the pull is judged by the larger area.
+    const double lit_mm2 = std::max(static_cast<double>(work.grey_sum) / 255, static_cast<double>(work.solid_pixels)) *
+                           pitch_mm * pitch_mm;
+    if (lit_mm2 > summary_.peel.most_mm2) summary_.peel = {lit_mm2, index};
+    summary_.cured_mm3 += static_cast<double>(work.solid_pixels) * (pitch_mm * pitch_mm * thickness_mm);
+    summary_.exposure_s += std::chrono::duration<double>(planned.exposure).count();
+    summary_.print_s += layer_seconds(machine_.motion, planned.exposure);
+    if (!work.tile.pixels.empty()) sheet_.add(std::move(work.tile), work.index, planned.z_mm);
+    features_.add(work.index, work.at_features);
+    summary_.plan.layers.push_back(planned);
+    return {};
+  }
+
+  const LayerStack& stack_;
+  const MachineProfile& machine_;
+  const PlanSink& sink_;
+  PlanSummary& summary_;
+  std::uint32_t print_layers_;
+  LayerSource source_;
+  ContactSheet sheet_;
+  MaskWatch watch_;
+  FeatureWatch features_;
+  std::uint64_t most_speck_px_;
+  int at_once_;
+  tbb::task_arena arena_;
+  std::vector<LayerWork> round_;
+};
+
+/// What is known of a plan before its first mask.
+PlanSummary summary_of(const LayerStack& stack, const SupportPlan& supports, const MachineProfile& machine,
+                       const PlanOptions& options) {
+  PlanSummary summary;
+  summary.part_layers = stack.header().layer_count;
+  summary.elevation_layers = supports.elevation_layers();
+  summary.figures = supports.figures();
+  summary.anchors = supports.anchors().size();
+  summary.supports_json = to_json(supports);
+  summary.registration_rms_mm = options.registration_rms_mm;
+  summary.masks = options.masks;
+  summary.mask_iterations = options.masks == MaskMethod::Cover ? 0 : options.mask_iterations;
+  summary.pattern = options.pattern;
+  summary.white_dose_mj_per_cm2 = machine.projection.irradiance_mw_per_cm2 * machine.layers.exposure_s;
+  summary.cure_depth_mm =
+      machine.resin.penetration_mm * std::log(summary.white_dose_mj_per_cm2 / machine.resin.critical_dose_mj_per_cm2);
+  PrintPlan& plan = summary.plan;
+  plan.job = options.job;
+  plan.machine = machine.name;
+  plan.masks = options.masks;
+  plan.mask_size = mask_frame(machine).size;
+  plan.motion = machine.motion;
+  plan.z_travel_mm = machine.platform.z_travel_mm;
+  return summary;
+}
+
+}  // namespace
+
+Result<PlanSummary> plan_pass(const LayerStack& stack, const MachineProfile& profile, const PlanOptions& options,
+                              const PlanSink& sink, const Clock& clock, const ProgressSink& progress,
+                              std::stop_token stop) {
+  const auto exposed = exposed_to_depth(profile, options.cure_depth_layers);
+  if (!exposed) return tl::unexpected{exposed.error()};
+  const MachineProfile& machine = *exposed;
+  const StackHeader& header = stack.header();
+  if (auto ok = fits(stack, machine, header.layer_count); !ok) return tl::unexpected{ok.error()};
+
+  const Nanoseconds begun = clock.now();
+  SupportOptions support_options = options.supports;
+  support_options.threads = options.threads;
+  const auto supports = options.regions
+                            ? plan_supports(*options.regions, header, machine, support_options, progress, stop)
+                            : plan_supports(stack.layers(), header, machine, support_options, progress, stop);
+  if (!supports) return tl::unexpected{supports.error()};
+  const Nanoseconds supported = clock.now();
+
+  PlanSummary summary = summary_of(stack, *supports, machine, options);
+  if (auto ok = fits(stack, machine, summary.part_layers + summary.elevation_layers); !ok)
+    return tl::unexpected{ok.error()};
+  MaskRounds rounds{stack, *supports, machine, options, sink, summary};
+  if (auto ok = rounds.run(options, clock, progress, stop); !ok) return tl::unexpected{ok.error()};
+  summary.support_seconds = std::chrono::duration<double>(supported - begun).count();
+  summary.mask_seconds = std::chrono::duration<double>(clock.now() - supported).count();
+  return summary;
+}
+
+}  // namespace telefab::fab
