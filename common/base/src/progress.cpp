@@ -19,6 +19,8 @@ std::string_view label_of(WorkStage stage) {
       return "normals";
     case WorkStage::FittingSurface:
       return "surface";
+    case WorkStage::ClosingGaps:
+      return "gaps";
     case WorkStage::FindingTopology:
       return "topology";
     case WorkStage::CuttingContours:

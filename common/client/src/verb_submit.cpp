@@ -41,6 +41,7 @@ Result<void> for_each_block(const std::string& path, const Take& take) {
 }
 
 Result<Submit> announce(const SubmitOptions& o, RequestId request) {
+  if (auto ok = validate(o.asked); !ok) return tl::unexpected{ok.error()};
   const std::filesystem::path path{o.scan};
   std::error_code error;
   const auto status = std::filesystem::status(path, error);

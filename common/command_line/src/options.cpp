@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The one place that knows CLI11, which takes seconds to compile wherever it is included.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <CLI/CLI.hpp>
 #include <sstream>
@@ -81,8 +82,8 @@ const Option& Option::one_of(std::vector<std::string> words) const {
   return *this;
 }
 
-const Option& Option::checked_by(std::function<std::string(const std::string&)> complaint) const {
-  option_->check(std::move(complaint));
+const Option& Option::shows_words(const std::vector<std::string>& words) const {
+  option_->type_name(fmt::format("TEXT:{{{}}}", fmt::join(words, ",")));
   return *this;
 }
 

@@ -1,30 +1,18 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <fmt/format.h>
-
 #include <algorithm>
-#include <charconv>
 #include <map>
 #include <telefab/command_line/slice_options.hpp>
 
 namespace telefab {
 namespace {
 
-std::string out_of_range(const SliceParameter& row, const std::string& text) {
-  double value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error == std::errc{} && end == text.data() + text.size() && contains(row.range, value)) return {};
-  return fmt::format("{} is not a number {}", text, text_of(row.range));
-}
-
 Option declare(VerbOptions& options, SliceParameters& into, const SliceParameter& row) {
   const std::string name = option_name(row), help{row.help};
   if (const auto* flag = std::get_if<SliceParameter::Flag>(&row.field)) return options.flag(name, into.**flag, help);
   if (const auto* number = std::get_if<SliceParameter::Number>(&row.field))
-    return options.add(name, into.**number, help).checked_by([&row](const std::string& text) {
-      return out_of_range(row, text);
-    });
+    return options.add(name, into.**number, help);
   const Option choice = options.add(name, into.*std::get<SliceParameter::Choice>(row.field), help)
-                            .one_of({row.choices.begin(), row.choices.end()});
+                            .shows_words({row.choices.begin(), row.choices.end()});
   return row.fallback.empty() ? choice : choice.shows_default(std::string{row.fallback});
 }
 

@@ -75,9 +75,8 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!plan) return tl::unexpected{plan.error()};
   const double thickness_mm = stack->header().layer_thickness_mm;
   const SupportFigures& f = plan->figures();
-  write_output(
-      fmt::format("{} anchors on {} layers; {} pins stand on the part, {} of the pins are thin, {} braces\n",
-                  plan->anchors().size(), f.layers_with_regions, f.feet_on_part, f.thin_pins, f.braces));
+  write_output(fmt::format("{} anchors on {} layers; {} pins stand on the part, {} of the pins are thin, {} braces\n",
+                           plan->anchors().size(), f.layers_with_regions, f.feet_on_part, f.thin_pins, f.braces));
   write_output(fmt::format("supports {:.1f} mm3, {:.1f} % of the part's {:.1f} mm3; lifted by {:.2f} mm\n",
                            f.support_mm3, f.part_mm3 > 0 ? 100 * f.support_mm3 / f.part_mm3 : 0.0, f.part_mm3,
                            plan->elevation_layers() * thickness_mm));

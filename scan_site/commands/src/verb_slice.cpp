@@ -93,7 +93,7 @@ class ContourPoints {
 /// The files asked for; all of them are written after the last layer, each whole or not at all.
 class Outputs {
  public:
-  Outputs(const VerbOptions& options, const JobParameters& parameters) : options_{options}, parameters_{parameters} {}
+  Outputs(const Options& options, const JobParameters& parameters) : options_{options}, parameters_{parameters} {}
 
   Result<void> take(const StackHeader& header, const Layer& layer) {
     if (!started_) {

@@ -69,7 +69,7 @@ Result<Completion> complete_cloud(const PointCloud& cloud, const CompletionOptio
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
   if (cloud.points.empty() || cloud.normals.size() != cloud.points.size())
     return fail(ErrorCode::InvalidInput, "gaps are closed in oriented clouds only: the scan has no normals");
-  report(progress, "gaps", 0);
+  report(progress, WorkStage::ClosingGaps, 0);
   const KdTree near{cloud.points};
   const auto around = look_around(near, cloud.points, cloud.normals, stop);
   if (!around) return tl::unexpected{around.error()};

@@ -278,7 +278,8 @@ Result<void> follow_surface(const MeasuredSide& measured, std::span<const Rim> r
       completion.too_many = true;
       break;
     }
-    report(progress, "gaps", static_cast<double>(completion.samples.size()) / static_cast<double>(most_samples));
+    report(progress, WorkStage::ClosingGaps,
+           static_cast<double>(completion.samples.size()) / static_cast<double>(most_samples));
   }
   return {};
 }

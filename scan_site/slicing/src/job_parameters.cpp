@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
@@ -32,13 +34,18 @@ Result<void> take_words(const SliceParameters& asked, SliceRequest& slice) {
   return take(asked.surface, surface_kind_from, slice.mls.surface);
 }
 
-/// Chords and coding share one bound of the error.
-void share_error(const MachineProfile& machine, JobParameters& parameters) {
+/// Chords and coding share one bound of the error, which is less than a pixel.
+Result<void> share_error(const MachineProfile& machine, JobParameters& parameters) {
   auto& [slice, codec] = parameters;
   const double pitch_mm = machine.projection.pixel_pitch_mm;
   if (!slice.chord_mm) slice.chord_mm = codec.chord_error_pitch * pitch_mm;
+  if (*slice.chord_mm >= pitch_mm)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("parameter chord_mm: {} is not below {}'s pixel of {} mm; coded contours need that",
+                            *slice.chord_mm, machine.name, pitch_mm));
   codec.chord_error_pitch = *slice.chord_mm / pitch_mm;
   codec.total_error_pitch = std::max(codec.total_error_pitch, codec.chord_error_pitch + kLeastRoom_px);
+  return {};
 }
 
 }  // namespace
@@ -60,7 +67,8 @@ Result<JobParameters> job_parameters_of(const SliceParameters& asked, const Mach
   slice.mls.drop_outliers = !asked.keep_outliers;
   if (auto ok = take_words(asked, slice); !ok) return tl::unexpected{ok.error()};
   if (auto ok = take(asked.coding, coding_from, parameters.codec.coding); !ok) return tl::unexpected{ok.error()};
-  if (contours == Contours::Coded && parameters.codec.coding == Coding::Curve) share_error(machine, parameters);
+  if (contours == Contours::Coded && parameters.codec.coding == Coding::Curve)
+    if (auto ok = share_error(machine, parameters); !ok) return tl::unexpected{ok.error()};
   if (auto ok = slice.validate(); !ok) return tl::unexpected{ok.error()};
   if (auto ok = parameters.codec.validate(); !ok) return tl::unexpected{ok.error()};
   return parameters;

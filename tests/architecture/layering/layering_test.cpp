@@ -106,6 +106,12 @@ const Strings kNeverPublic{"tbb/", "fmt/", "nlohmann/", "spdlog/", "toml++/", "s
 /// The only places that ask the machine what time it is, or sleep.
 const Strings kMayReadClocks{"common/base/src/clock.cpp", "common/net/src/", "scan_site/daemon/", "fab_site/daemon/"};
 
+/// A regular expression is slow; most lines have none of the words that could make it match.
+bool holds_any(const std::string& line, std::initializer_list<const char*> words) {
+  return std::any_of(words.begin(), words.end(),
+                     [&](const char* word) { return line.find(word) != std::string::npos; });
+}
+
 bool starts_with_any(const std::string& text, const Strings& prefixes) {
   return std::any_of(prefixes.begin(), prefixes.end(), [&](const auto& p) { return text.starts_with(p); });
 }
@@ -178,9 +184,9 @@ const std::vector<Line>& all_lines() {
       std::sort(files.begin(), files.end());
       for (const fs::path& file : files) {
         std::ifstream in{file};
+        const std::string path = fs::relative(file, root).generic_string();
         std::string text;
-        for (std::size_t number = 1; std::getline(in, text); ++number)
-          found.push_back({fs::relative(file, root).generic_string(), number, text});
+        for (std::size_t number = 1; std::getline(in, text); ++number) found.push_back({path, number, text});
       }
     }
     return found;
@@ -194,7 +200,7 @@ std::string place(const Line& line) { return line.path + ":" + std::to_string(li
 std::optional<std::string> include_of(const std::string& line) {
   static const std::regex pattern{R"re(\s*#\s*include\s*[<"]([^>"]+)[>"].*)re"};
   std::smatch parts;
-  if (!std::regex_match(line, parts, pattern)) return std::nullopt;
+  if (line.find("#") == std::string::npos || !std::regex_match(line, parts, pattern)) return std::nullopt;
   return parts[1].str();
 }
 
@@ -267,7 +273,7 @@ TEST(Layering, TimeIsAnArgument) {
   static const std::regex pattern{
       R"((steady|system|high_resolution)_clock::now|this_thread::sleep|\b(usleep|nanosleep)\s*\(|\bsleep\s*\(\d)"};
   for (const Line& line : all_lines())
-    if (std::regex_search(line.text, pattern)) {
+    if (holds_any(line.text, {"clock::now", "sleep"}) && std::regex_search(line.text, pattern)) {
       EXPECT_TRUE(starts_with_any(line.path, kMayReadClocks)) << place(line) << "takes a Clock& instead";
     }
 }
@@ -285,7 +291,8 @@ TEST(Layering, WhatAProgramSaysGoesThroughOnePlace) {
   // What throws or ends the process where a pipe is closed or a disk is full; a file of one's own is another matter.
   static const std::regex pattern{R"(fmt::print|std::(cout|cerr|clog)\b|\bf?printf\s*\(|\bputs\s*\(|\bstd(out|err)\b)"};
   for (const Line& line : all_lines())
-    if (std::regex_search(line.text, pattern) && !line.text.starts_with("#include")) {
+    if (holds_any(line.text, {"fmt::print", "printf", "puts", "std::c", "stdout", "stderr"}) &&
+        !line.text.starts_with("#include") && std::regex_search(line.text, pattern)) {
       EXPECT_TRUE(line.path == "common/command_line/src/output.cpp" ||
                   line.text.find("stderr_sink") != std::string::npos)
           << place(line) << "takes write_output or write_note";
@@ -304,7 +311,8 @@ TEST(Layering, PublicHeadersDoNotChangeWithFlags) {
   static const std::regex pattern{R"(\s*#\s*(if|ifdef|ifndef|elif)\b.*)"};
   for (const Line& line : all_lines())
     if (line.path.find("/include/telefab/") != std::string::npos) {
-      EXPECT_FALSE(std::regex_match(line.text, pattern)) << place(line) << "a type must mean one thing everywhere";
+      EXPECT_FALSE(holds_any(line.text, {"#"}) && std::regex_match(line.text, pattern))
+          << place(line) << "a type must mean one thing everywhere";
     }
 }
 
@@ -312,7 +320,8 @@ TEST(Layering, ChangesNothingGlobally) {
   static const std::regex pattern{R"(^\s*using\s+namespace\b.*)"};
   for (const Line& line : all_lines())
     if (line.path.ends_with(".hpp")) {
-      EXPECT_FALSE(std::regex_match(line.text, pattern)) << place(line) << "no using namespace in a header";
+      EXPECT_FALSE(holds_any(line.text, {"using"}) && std::regex_match(line.text, pattern))
+          << place(line) << "no using namespace in a header";
     }
 }
 

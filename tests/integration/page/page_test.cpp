@@ -33,10 +33,12 @@ class LivingDesk final : public RecordingDesk {
         R"({{"layer":{},"z_mm":{},"thickness_mm":1,"bounds":[0,0,40,30],"part":[[[10,5],[30,5],[30,25],[10,25]],[[15,10],[15,20],[25,20],[25,10]]],"supports":[[[2,2],[5,2],[5,5]]],"certificate":"certified"}})",
         layer, layer + 0.5);
   }
-  [[nodiscard]] Result<void> act(std::string_view id, JobAction action, std::string_view who) override {
+  [[nodiscard]] Result<void> act(std::string_view id, JobCommand action, std::string_view who) override {
     const std::lock_guard lock{mutex_};
     (void)RecordingDesk::act(id, action, who);
-    job_.state = action == JobAction::Pause ? "paused" : action == JobAction::Cancel ? "cancelled" : "printing";
+    job_.state = action == JobCommand::Pause    ? JobState::Paused
+                 : action == JobCommand::Cancel ? JobState::Cancelled
+                                                : JobState::Printing;
     job_.in_doubt = false;
     ++revision_;
     return {};
@@ -127,7 +129,7 @@ TEST_F(PageTest, AsksWhatBecameOfALayerInDoubtAndPassesTheAnswerOn) {
   ASSERT_TRUE(says("#answer", "resume as dark: accepted"));
   ASSERT_TRUE(browser->becomes_true(hidden("[data-as=dark]")));
   ASSERT_EQ(desk.actions.size(), 1U);
-  EXPECT_EQ(desk.actions[0].second, JobAction::ResumeDark);
+  EXPECT_EQ(desk.actions[0].second, JobCommand::ResumeAgain);
 }
 
 TEST_F(PageTest, RefusesAWrongTokenAndAsksAgain) {

@@ -47,6 +47,7 @@ struct Command {
   Words words;
   bool runs_until_told = false;
   fs::path ready = {};  ///< appears once it may be told
+  fs::path fresh = {};  ///< must not be there when it begins
 };
 
 class Programs : public TwoSites {
@@ -139,7 +140,10 @@ class Programs : public TwoSites {
             {{"import", at("square.cli"), "--machine", "toy", "--machines", m, "--out", at("square.tfc")}},
             {{"predict", planned(), "--machines", m}},
             {{"supports", stack(), "--machines", m}},
-            {{"calibrate", "masks", "--machine", "toy", "--machines", m, "--out", at("calibration")}},
+            {{"calibrate", "masks", "--machine", "toy", "--machines", m, "--out", at("calibration")},
+             false,
+             {},
+             at("calibration")},
             {{"cover", at("square.json"), "--anchor-mm", "3"}},
             {{"machines", "--machines", m}},
             {{"probe", "--machine", "toy", "--machines", m}},
@@ -189,12 +193,16 @@ class Programs : public TwoSites {
 
   void try_one(const Command& command) {
     const Command* long_one = command.runs_until_told ? &command : nullptr;
-    const Outcome plain = ran(command.words, Streams::Kept, long_one);
+    const auto run_with = [&](Streams streams) {
+      if (!command.fresh.empty()) fs::remove_all(command.fresh);
+      return ran(command.words, streams, long_one);
+    };
+    const Outcome plain = run_with(Streams::Kept);
     ASSERT_GE(plain.code, 0) << command.words[1];
     ASSERT_NE(plain.code, static_cast<int>(ExitCode::Internal)) << command.words[1] << plain.errors;
     for (const Streams trouble : kTroubles) {
       SCOPED_TRACE(fmt::format("{} with {}", command.words[1], kNames[static_cast<std::size_t>(trouble)]));
-      const Outcome tried = ran(command.words, trouble, long_one);
+      const Outcome tried = run_with(trouble);
       const bool is_lost = trouble == Streams::FullDisk && !plain.output.empty();
       const int expected = is_lost && plain.code == 0 ? static_cast<int>(ExitCode::Storage) : plain.code;
       EXPECT_EQ(tried.code, expected) << tried.errors;

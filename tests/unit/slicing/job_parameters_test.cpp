@@ -13,7 +13,7 @@ MachineProfile machine() { return builtin_machine_profiles()->front(); }
 
 /// A legal value that is not what is taken where nothing is said.
 void set_unusual(SliceParameters& parameters, const SliceParameter& row, std::string_view choice = {}) {
-  if (const auto* number = std::get_if<SliceParameter::Number>(&row.field)) parameters.** number = 0.4375;
+  if (const auto* number = std::get_if<SliceParameter::Number>(&row.field)) parameters.** number = 0.03125;
   if (const auto* flag = std::get_if<SliceParameter::Flag>(&row.field)) parameters.** flag = true;
   if (const auto* text = std::get_if<SliceParameter::Choice>(&row.field)) parameters.** text = std::string{choice};
 }
@@ -72,6 +72,15 @@ TEST(SliceParameters, WhatOnceCouldNotBeSubmittedIsTaken) {
   // The coding is told how much of the error the chords have taken.
   EXPECT_NEAR(made->codec.chord_error_pitch, 0.01 / machine().projection.pixel_pitch_mm, 1e-12);
   EXPECT_GT(made->codec.total_error_pitch, made->codec.chord_error_pitch);
+}
+
+TEST(SliceParameters, ChordsOfCodedContoursAreShorterThanAPixel) {
+  SliceParameters coarse;
+  coarse.chord_mm = 0.5;
+  EXPECT_THAT(job_parameters_of(coarse, machine()).error().what, HasSubstr("chord_mm"));
+  EXPECT_EQ(job_parameters_of(coarse, machine(), Contours::Plain)->slice.chord_mm, 0.5);
+  coarse.coding = "exact";
+  EXPECT_EQ(job_parameters_of(coarse, machine())->slice.chord_mm, 0.5);
 }
 
 TEST(SliceParameters, WrongOnesAreRefusedByName) {

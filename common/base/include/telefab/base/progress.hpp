@@ -15,6 +15,7 @@ enum class WorkStage : std::uint8_t {
   ReadingScan,
   FindingNormals,
   FittingSurface,
+  ClosingGaps,
   FindingTopology,
   CuttingContours,
   ReadingContours,

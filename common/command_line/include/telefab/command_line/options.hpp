@@ -2,7 +2,6 @@
 #pragma once
 #include <concepts>
 #include <cstdint>
-#include <functional>
 #include <optional>
 #include <string>
 #include <variant>
@@ -36,8 +35,8 @@ class Option {
   const Option& within(double least, double most) const;
   const Option& above_zero() const;
   const Option& one_of(std::vector<std::string> words) const;
-  /// `complaint` of the text that was given; empty: it is fine.
-  const Option& checked_by(std::function<std::string(const std::string&)> complaint) const;
+  /// Help and completion show these words; the verb judges what was given.
+  const Option& shows_words(const std::vector<std::string>& words) const;
   /// A variable of the environment that stands in for the option.
   const Option& environment(const std::string& variable) const;
   /// Not both of them.

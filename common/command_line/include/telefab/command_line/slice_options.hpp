@@ -8,6 +8,8 @@
 namespace telefab {
 
 /// An option for every row of slice_parameter_table(), or for those of some keys. `into` must outlive the parsing.
+/// Ranges and words are for validate() to judge, here as at the site that gets them: a wrong value is refused, not a
+/// wrong line.
 void declare_slice_parameters(VerbOptions& options, SliceParameters& into, std::span<const std::string_view> keys = {});
 
 }  // namespace telefab
