@@ -263,10 +263,10 @@ void encode_curve_layer(RangeEncoder& coder, CurveState& state, CurveSteps steps
   state.reference_layer = std::move(made);
 }
 
-Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& state, CurveSteps steps, GridPoint most,
-                                            std::uint64_t& budget) {
+Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& state, CertificateForm form,
+                                            CurveSteps steps, GridPoint most, std::uint64_t& budget) {
   const Reading bits{coder};
-  auto certificate = decode_certificate(coder, state.models.exact);
+  auto certificate = decode_certificate(coder, state.models.exact, form);
   if (!certificate) return certificate;
   std::int32_t more = 0;
   code_signed(bits, state.models.small, more, kRings);

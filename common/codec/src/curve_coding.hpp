@@ -91,8 +91,8 @@ void encode_curve_layer(RangeEncoder& coder, CurveState& state, CurveSteps steps
 
 /// Reads a layer: its rings are the new `reference_layer`. Fails with ProtocolBroken. `budget` is drawn from for every
 /// vertex read or passed over, before memory is taken.
-[[nodiscard]] Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& state, CurveSteps steps,
-                                                          GridPoint most, std::uint64_t& budget);
+[[nodiscard]] Result<LayerCertificate> decode_curve_layer(RangeDecoder& coder, CurveState& state, CertificateForm form,
+                                                          CurveSteps steps, GridPoint most, std::uint64_t& budget);
 
 /// The residuals of the two vertices before in this layer, the nearer first.
 struct ResidualsBefore {

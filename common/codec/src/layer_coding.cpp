@@ -14,6 +14,19 @@ namespace telefab::codec {
 namespace {
 
 enum SmallContext : unsigned { kRingCount, kVertexCount, kVerdict, kMethod, kEuler, kPredicted, kTextLength };
+enum NoteContext : unsigned {
+  kGround,
+  kReason,
+  kNumber,
+  kSize,
+  kOtherSize,
+  kCount,
+  kRuns,
+  kEdges,
+  kGap,
+  kError,
+  kKind
+};
 enum Flag : unsigned { kHasPredicted, kHasPlace };
 constexpr std::uint32_t kMaxReasonBytes = 4096;
 
@@ -174,34 +187,109 @@ double decode_double(RangeDecoder& coder) {
   return std::bit_cast<double>((high << 32U) | coder.decode_direct(32));
 }
 
+/// Lengths go as whole steps of a millimetre's part: divided exactly, so that coding again changes nothing.
+constexpr double kMicrometre = 1000;
+constexpr double kRunLength = 100;
+std::uint32_t steps_of(double mm, double per_mm) {
+  return static_cast<std::uint32_t>(std::floor(std::clamp(mm, 0.0, kMaxCoordinateMm) * per_mm + 0.5));
+}
+double length_of(std::uint32_t steps, double per_mm) { return steps / per_mm; }
+
 tl::unexpected<Error> broken(std::string what) { return fail(ErrorCode::ProtocolBroken, std::move(what)); }
+
+void encode_place(RangeEncoder& coder, Point2 place) {
+  encode_double(coder, place.x_mm);
+  encode_double(coder, place.y_mm);
+}
+
+Result<Point2> decode_place(RangeDecoder& coder) {
+  const double x = decode_double(coder);
+  const Point2 place{x, decode_double(coder)};
+  if (!(std::abs(place.x_mm) <= kMaxCoordinateMm && std::abs(place.y_mm) <= kMaxCoordinateMm))
+    return broken("a certificate's place is not a coordinate");
+  return place;
+}
 
 }  // namespace
 
 void encode_certificate(RangeEncoder& coder, ChunkModels& models, const LayerCertificate& c) {
   models.small.encode(coder, static_cast<std::uint32_t>(c.verdict), kVerdict);
   models.small.encode(coder, static_cast<std::uint32_t>(c.method), kMethod);
+  models.note.encode(coder, static_cast<std::uint32_t>(c.ground), kGround);
   models.small.encode(coder, zigzag(c.measured_euler), kEuler);
   coder.encode(models.flags[kHasPredicted], c.predicted_euler ? 1 : 0);
   if (c.predicted_euler) models.small.encode(coder, zigzag(*c.predicted_euler - c.measured_euler), kPredicted);
-  coder.encode(models.flags[kHasPlace], c.place ? 1 : 0);
-  if (c.place) {
-    encode_double(coder, c.place->x_mm);
-    encode_double(coder, c.place->y_mm);
-  }
-  const std::size_t length = std::min<std::size_t>(c.reason.size(), kMaxReasonBytes);
-  models.small.encode(coder, static_cast<std::uint32_t>(length), kTextLength);
-  for (std::size_t i = 0; i < length; ++i) models.text.encode(coder, static_cast<unsigned char>(c.reason[i]), 0);
+  if (!c.doubt) return;  // the verdict says whether there is one
+  const Doubt& d = *c.doubt;
+  models.note.encode(coder, static_cast<std::uint32_t>(d.reason), kReason);
+  models.note.encode(coder, d.number, kNumber);
+  models.note.encode(coder, steps_of(d.size_mm, kMicrometre), kSize);
+  models.note.encode(coder, steps_of(d.other_mm, kMicrometre), kOtherSize);
+  for (const int count : {d.found.outers, d.found.holes, d.other.outers, d.other.holes})
+    models.note.encode(coder, zigzag(count), kCount);
+  coder.encode(models.flags[kHasPlace], d.place ? 1 : 0);
+  if (d.place) encode_place(coder, *d.place);
 }
 
-Result<LayerCertificate> decode_certificate(RangeDecoder& coder, ChunkModels& models) {
+namespace {
+
+Result<Doubt> decode_doubt(RangeDecoder& coder, ChunkModels& models) {
+  Doubt d;
+  const std::uint32_t reason = models.note.decode(coder, kReason);
+  if (reason < 1 || reason > static_cast<std::uint32_t>(DoubtReason::EarlierRelease))
+    return broken("a certificate with an unknown reason");
+  d.reason = static_cast<DoubtReason>(reason);
+  d.number = models.note.decode(coder, kNumber);
+  d.size_mm = length_of(models.note.decode(coder, kSize), kMicrometre);
+  d.other_mm = length_of(models.note.decode(coder, kOtherSize), kMicrometre);
+  if (d.size_mm > kMaxCoordinateMm || d.other_mm > kMaxCoordinateMm)
+    return broken("a certificate's reason has an impossible length");
+  for (int* count : {&d.found.outers, &d.found.holes, &d.other.outers, &d.other.holes})
+    *count = unzigzag(models.note.decode(coder, kCount));
+  if (coder.decode(models.flags[kHasPlace])) {
+    const auto place = decode_place(coder);
+    if (!place) return tl::unexpected{place.error()};
+    d.place = *place;
+  }
+  return d;
+}
+
+/// How the reason began that earlier releases gave a layer without some of its contours.
+constexpr std::string_view kLeftOutInWords = "open contour, left out";
+
+Result<std::optional<Doubt>> decode_words(RangeDecoder& coder, ChunkModels& models, bool flagged) {
+  Doubt d{.reason = DoubtReason::EarlierRelease};
+  if (coder.decode(models.flags[kHasPlace])) {
+    const auto place = decode_place(coder);
+    if (!place) return tl::unexpected{place.error()};
+    d.place = *place;
+  }
+  const std::uint32_t length = models.small.decode(coder, kTextLength);
+  if (length > kMaxReasonBytes) return broken("a certificate's reason is too long");
+  std::string text;
+  for (std::uint32_t i = 0; i < length; ++i) text += static_cast<char>(models.text.decode(coder, 0) & 0xFFU);
+  if (!flagged) return std::nullopt;
+  if (text.starts_with(kLeftOutInWords)) d.reason = DoubtReason::ContoursLeftOut;
+  return d;
+}
+
+}  // namespace
+
+Result<LayerCertificate> decode_certificate(RangeDecoder& coder, ChunkModels& models, CertificateForm form) {
   LayerCertificate c;
+  const bool words = form == CertificateForm::InWords;
   const std::uint32_t verdict = models.small.decode(coder, kVerdict);
   const std::uint32_t method = models.small.decode(coder, kMethod);
-  if (verdict < 1 || verdict > 3 || method < 1 || method > 3)
+  if (verdict < 1 || verdict > (words ? 3U : 4U) || method < 1 || method > 3)
     return broken("a certificate with an unknown verdict or method");
   c.verdict = static_cast<LayerCertificate::Verdict>(verdict);
   c.method = static_cast<LayerCertificate::Method>(method);
+  if (!words) {
+    const std::uint32_t ground = models.note.decode(coder, kGround);
+    if (ground < 1 || ground > static_cast<std::uint32_t>(LayerCertificate::Ground::WindingTest))
+      return broken("a certificate with an unknown ground");
+    c.ground = static_cast<LayerCertificate::Ground>(ground);
+  }
   c.measured_euler = unzigzag(models.small.decode(coder, kEuler));
   if (coder.decode(models.flags[kHasPredicted])) {
     const std::int64_t predicted = std::int64_t{c.measured_euler} + unzigzag(models.small.decode(coder, kPredicted));
@@ -209,16 +297,98 @@ Result<LayerCertificate> decode_certificate(RangeDecoder& coder, ChunkModels& mo
       return broken("a certificate's Euler number is out of range");
     c.predicted_euler = static_cast<std::int32_t>(predicted);
   }
-  if (coder.decode(models.flags[kHasPlace])) {
-    const double x = decode_double(coder);
-    c.place = Point2{x, decode_double(coder)};
-    if (!(std::abs(c.place->x_mm) <= kMaxCoordinateMm && std::abs(c.place->y_mm) <= kMaxCoordinateMm))
-      return broken("a certificate's place is not a coordinate");
+  const bool flagged = c.verdict == LayerCertificate::Verdict::Doubtful;
+  if (words) {
+    auto doubt = decode_words(coder, models, flagged);
+    if (!doubt) return tl::unexpected{doubt.error()};
+    c.doubt = *doubt;
+  } else if (flagged) {
+    auto doubt = decode_doubt(coder, models);
+    if (!doubt) return tl::unexpected{doubt.error()};
+    c.doubt = *doubt;
   }
-  const std::uint32_t length = models.small.decode(coder, kTextLength);
-  if (length > kMaxReasonBytes) return broken("a certificate's reason is too long");
-  for (std::uint32_t i = 0; i < length; ++i) c.reason += static_cast<char>(models.text.decode(coder, 0) & 0xFFU);
   return c;
+}
+
+LayerCertificate as_coded(LayerCertificate certificate) {
+  if (auto& d = certificate.doubt) {
+    d->size_mm = length_of(steps_of(d->size_mm, kMicrometre), kMicrometre);
+    d->other_mm = length_of(steps_of(d->other_mm, kMicrometre), kMicrometre);
+  }
+  return certificate;
+}
+
+SurfaceRun as_coded(SurfaceRun run) {
+  run.gap_mm = length_of(steps_of(run.gap_mm, kRunLength), kRunLength);
+  run.error_mm = length_of(steps_of(run.error_mm, kRunLength), kRunLength);
+  return run;
+}
+
+void encode_runs(RangeEncoder& coder, ChunkModels& models, std::span<const Contour> rings) {
+  const bool some = std::any_of(rings.begin(), rings.end(), [](const Contour& c) { return !c.runs().empty(); });
+  coder.encode(models.has_runs[models.had_runs ? 1 : 0], some ? 1 : 0);
+  models.had_runs = some;
+  if (!some) return;
+  for (const Contour& ring : rings) {
+    const auto runs = ring.runs();
+    models.note.encode(coder, static_cast<std::uint32_t>(runs.size()), kRuns);
+    unsigned before = 0;
+    for (std::size_t i = 0; i < runs.size(); ++i) {
+      const auto kind = static_cast<std::uint32_t>(runs[i].kind);
+      models.note.encode(coder, kind, kKind + before);
+      before = kind;
+      // The last one takes what is left.
+      if (i + 1 < runs.size()) models.note.encode(coder, runs[i].edges - 1, kEdges);
+      if (runs[i].kind == SurfaceClass::Measured) continue;
+      models.note.encode(coder, steps_of(runs[i].gap_mm, kRunLength), kGap);
+      models.note.encode(coder, steps_of(runs[i].error_mm, kRunLength), kError);
+    }
+  }
+}
+
+namespace {
+
+Result<Contour> decode_ring_runs(RangeDecoder& coder, ChunkModels& models, const Contour& ring) {
+  const std::size_t edges = ring.vertices().size();
+  const std::uint32_t count = models.note.decode(coder, kRuns);
+  if (count > edges) return broken("more runs than a ring has edges");
+  std::vector<SurfaceRun> runs;
+  std::uint64_t used = 0;
+  unsigned before = 0;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    if (i % 256 == 0 && coder.overrun()) return broken("the chunk ends in the middle of a layer");
+    const std::uint32_t kind = models.note.decode(coder, kKind + before);
+    if (kind < 1 || kind > 3 || kind == before)
+      return broken("a run of a ring has no class, or that of the run before");
+    before = kind;
+    SurfaceRun run{.kind = static_cast<SurfaceClass>(kind)};
+    const std::uint64_t length = i + 1 < count ? std::uint64_t{models.note.decode(coder, kEdges)} + 1 : edges - used;
+    if (length == 0 || used + length > edges) return broken("runs do not fit their ring");
+    run.edges = static_cast<std::uint32_t>(length);
+    used += length;
+    if (run.kind != SurfaceClass::Measured) {
+      run.gap_mm = length_of(models.note.decode(coder, kGap), kRunLength);
+      run.error_mm = length_of(models.note.decode(coder, kError), kRunLength);
+    }
+    runs.push_back(run);
+  }
+  auto made = ring.with_runs(runs);
+  if (!made) return broken(made.error().what);
+  return made;
+}
+
+}  // namespace
+
+Result<std::vector<Contour>> decode_runs(RangeDecoder& coder, ChunkModels& models, std::vector<Contour> rings) {
+  const bool some = coder.decode(models.has_runs[models.had_runs ? 1 : 0]) != 0;
+  models.had_runs = some;
+  if (!some) return rings;
+  for (Contour& ring : rings) {
+    auto made = decode_ring_runs(coder, models, ring);
+    if (!made) return tl::unexpected{made.error()};
+    ring = std::move(*made);
+  }
+  return rings;
 }
 
 void encode_ring(RangeEncoder& coder, ChunkModels& models, const std::vector<GridPoint>& ring, GridPoint guess) {
@@ -257,9 +427,10 @@ void encode_layer(RangeEncoder& coder, ChunkModels& models, const GridLayer& lay
   models.firsts = std::move(firsts);
 }
 
-Result<GridLayer> decode_layer(RangeDecoder& coder, ChunkModels& models, GridPoint most, std::uint64_t& budget) {
+Result<GridLayer> decode_layer(RangeDecoder& coder, ChunkModels& models, CertificateForm form, GridPoint most,
+                               std::uint64_t& budget) {
   GridLayer layer;
-  auto certificate = decode_certificate(coder, models);
+  auto certificate = decode_certificate(coder, models, form);
   if (!certificate) return tl::unexpected{certificate.error()};
   layer.certificate = std::move(*certificate);
   const std::uint32_t rings = models.small.decode(coder, kRingCount);

@@ -6,6 +6,7 @@
 #include <telefab/codec/stack_codec.hpp>
 #include <telefab/geometry/limits.hpp>
 
+#include "carry_runs.hpp"
 #include "curve_layer.hpp"
 #include "ring_check.hpp"
 
@@ -21,7 +22,12 @@ constexpr std::uint64_t kMaxVerticesPerChunk = 8'000'000;
 constexpr std::uint32_t kMostLayersPerChunk = 64;
 constexpr std::uint32_t kExactPerPitch = 16;
 constexpr std::uint32_t kCurvePerPitch = 64;
-constexpr std::size_t kMaxReason = 4096;
+
+bool is_curve(Coding coding) { return coding == Coding::Curve || coding == Coding::CurveInWords; }
+codec::CertificateForm form_of(Coding coding) {
+  return coding == Coding::ExactInWords || coding == Coding::CurveInWords ? codec::CertificateForm::InWords
+                                                                          : codec::CertificateForm::Enumerated;
+}
 
 /// The first bytes of a payload: coding, lattice steps a pixel, and of curves the two steps.
 struct PayloadHead {
@@ -31,7 +37,7 @@ struct PayloadHead {
 
   [[nodiscard]] std::vector<std::byte> bytes() const {
     std::vector<std::byte> made{static_cast<std::byte>(coding), static_cast<std::byte>(per_pitch)};
-    if (coding == Coding::Curve) {
+    if (is_curve(coding)) {
       made.push_back(static_cast<std::byte>(steps.residual));
       made.push_back(static_cast<std::byte>(steps.intra));
     }
@@ -42,11 +48,11 @@ struct PayloadHead {
     const auto at = [&](std::size_t i) { return i < payload.size() ? std::to_integer<std::int32_t>(payload[i]) : 0; };
     PayloadHead head{static_cast<Coding>(at(0)), static_cast<std::uint32_t>(at(1)), {at(2), at(3)}};
     if (head.per_pitch < 4 || payload.size() < head.size()) return std::nullopt;
-    if (head.coding == Coding::Exact) return head;
-    if (head.coding == Coding::Curve && head.steps.residual > 0 && head.steps.intra > 0) return head;
+    if (head.coding == Coding::Exact || head.coding == Coding::ExactInWords) return head;
+    if (is_curve(head.coding) && head.steps.residual > 0 && head.steps.intra > 0) return head;
     return std::nullopt;
   }
-  [[nodiscard]] std::size_t size() const { return coding == Coding::Curve ? 4 : 2; }
+  [[nodiscard]] std::size_t size() const { return is_curve(coding) ? 4 : 2; }
 };
 
 /// Residual steps of nine tenths of the tolerance (measured: 0.6 costs 7 % more, 1.2 3 %); new rings as coarse as the
@@ -58,13 +64,6 @@ codec::FitRule fit_rule(const CodecOptions& options, const Grid& grid) {
   rule.steps.intra = rule.tolerance >= 6 ? 4 : rule.tolerance >= 3 ? 2 : 1;
   rule.most = grid.most();
   return rule;
-}
-
-/// What the coding cannot keep, the certificate admits.
-void flag(LayerCertificate& certificate, std::string_view reason, std::optional<Point2> place) {
-  certificate.verdict = LayerCertificate::Verdict::Flagged;
-  certificate.reason = reason;
-  certificate.place = place;
 }
 
 Result<std::vector<Contour>> contours_of(const std::vector<std::vector<codec::GridPoint>>& rings, const Grid& grid) {
@@ -102,14 +101,19 @@ Result<void> CodecOptions::validate() const {
 
 namespace {
 
-Result<GridLayer> decode_curve(codec::RangeDecoder& coder, codec::CurveState& state, codec::CurveSteps steps,
+Result<GridLayer> decode_curve(codec::RangeDecoder& coder, codec::CurveState& state, const PayloadHead& head,
                                codec::GridPoint most, std::uint64_t& budget) {
-  auto certificate = codec::decode_curve_layer(coder, state, steps, most, budget);
+  auto certificate = codec::decode_curve_layer(coder, state, form_of(head.coding), head.steps, most, budget);
   if (!certificate) return tl::unexpected{certificate.error()};
   return GridLayer{codec::canonical_rings(codec::positions_of(state.reference_layer)), std::move(*certificate)};
 }
 
 }  // namespace
+
+bool is_of_earlier_release(const Chunk& chunk) {
+  const auto head = PayloadHead::from(chunk.payload);
+  return head && form_of(head->coding) == codec::CertificateForm::InWords;
+}
 
 ChunkChain::ChunkChain(const StackHeader& header) {
   Hasher hasher;
@@ -175,11 +179,12 @@ struct StackEncoder::State {
   }
 
   [[nodiscard]] PayloadHead head() const {
-    return {options.coding, options.coding == Coding::Curve ? kCurvePerPitch : kExactPerPitch, rule.steps};
+    return {options.coding, is_curve(options.coding) ? kCurvePerPitch : kExactPerPitch, rule.steps};
   }
 
-  LayerCertificate lose(LayerCertificate certificate, const Contour& contour) const {
-    flag(certificate, "a ring smaller than the coding grid was left out", contour.vertices()[0]);
+  // What the coding cannot keep, the certificate admits.
+  static LayerCertificate lose(LayerCertificate certificate, const Contour& contour) {
+    certificate.flag({DoubtReason::RingTooSmall, contour.vertices()[0]});
     certificate.measured_euler -= contour.is_hole() ? -1 : 1;
     return certificate;
   }
@@ -187,7 +192,7 @@ struct StackEncoder::State {
   /// A certificate promises rings that neither cross nor nest wrongly.
   [[nodiscard]] static bool keeps_promise(const LayerCertificate& c,
                                           const std::vector<std::vector<codec::GridPoint>>& r) {
-    return c.verdict != LayerCertificate::Verdict::Certified || check_rings(r).has_value();
+    return !c.is_certified() || check_rings(r).has_value();
   }
 
   std::vector<std::vector<codec::GridPoint>> add_exact(const Layer& layer, LayerCertificate& certificate) {
@@ -206,7 +211,7 @@ struct StackEncoder::State {
       }
       coded.rings.push_back(std::move(ring));
     }
-    if (!keeps_promise(certificate, coded.rings)) flag(certificate, "contours cross or touch on the coding grid", {});
+    if (!keeps_promise(certificate, coded.rings)) certificate.flag({DoubtReason::CrossOnLattice});
     coded.certificate = certificate;
     codec::encode_layer(coder, curve->models.exact, coded);
     return std::move(coded.rings);
@@ -219,7 +224,7 @@ struct StackEncoder::State {
       if (keeps_promise(certificate, exact.rings))
         fit = std::move(exact);
       else  // they cross as given; every vertex kept would not help
-        flag(certificate, "contours cross or touch on the coding grid", {});
+        certificate.flag({DoubtReason::CrossOnLattice});
     }
     for (const std::size_t lost : fit.lost) certificate = lose(std::move(certificate), layer.contours[lost]);
     codec::encode_curve_layer(coder, *curve, rule.steps, grid.most(), certificate, fit.plans);
@@ -236,7 +241,7 @@ StackEncoder::~StackEncoder() = default;
 Result<StackEncoder> StackEncoder::start(StackHeader header, const CodecOptions& options) {
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
   if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
-  auto grid = Grid::over(header, options.coding == Coding::Curve ? kCurvePerPitch : kExactPerPitch);
+  auto grid = Grid::over(header, is_curve(options.coding) ? kCurvePerPitch : kExactPerPitch);
   if (!grid) return tl::unexpected{grid.error()};
   auto state = std::make_unique<State>();
   state->options = options;
@@ -254,12 +259,12 @@ Result<std::optional<Chunk>> StackEncoder::add(const Layer& layer) {
                 fmt::format("layer {} came where layer {} was due", layer.index.count(), s.next_layer));
   if (auto ok = validate_layer(s.header, layer); !ok) return tl::unexpected{ok.error()};
 
-  LayerCertificate certificate = layer.certificate;
-  certificate.reason.resize(std::min(certificate.reason.size(), kMaxReason));
-  const auto rings =
-      s.options.coding == Coding::Curve ? s.add_curve(layer, certificate) : s.add_exact(layer, certificate);
+  LayerCertificate certificate = codec::as_coded(layer.certificate);
+  const auto rings = is_curve(s.options.coding) ? s.add_curve(layer, certificate) : s.add_exact(layer, certificate);
   auto contours = contours_of(rings, s.grid);
+  if (contours) contours = codec::carry_runs(layer.contours, std::move(*contours));
   if (!contours) return fail(ErrorCode::Internal, contours.error().what);
+  codec::encode_runs(s.coder, s.curve->models.exact, *contours);
   Layer decoded{layer.index, layer.z_mm, std::move(*contours), std::move(certificate)};
   s.pending.push_back(std::move(decoded));
   ++s.next_layer;
@@ -304,10 +309,10 @@ Result<std::vector<Layer>> StackDecoder::decode(const Chunk& chunk) const {
   if (!head) {
     const auto number = chunk.payload.empty() ? 0U : std::to_integer<std::uint32_t>(chunk.payload[0]);
     if (number >= 1 && number <= 4)
-      return broken(
-          fmt::format("coding {} is that of an earlier release, this one reads {} and {}; send it again from "
-                      "its scan site after both are of the same release",
-                      number, static_cast<std::uint32_t>(Coding::Exact), static_cast<std::uint32_t>(Coding::Curve)));
+      return broken(fmt::format(
+          "coding {} is that of an earlier release, this one reads {} to {}; send it again from "
+          "its scan site after both are of the same release",
+          number, static_cast<std::uint32_t>(Coding::ExactInWords), static_cast<std::uint32_t>(Coding::Curve)));
     return broken("an unknown coding, or steps that are impossible");
   }
   const auto grid = Grid::over(header_, head->per_pitch);
@@ -322,15 +327,19 @@ Result<std::vector<Layer>> StackDecoder::decode(const Chunk& chunk) const {
     const auto wrong = [&](const Error& error) {
       return broken(fmt::format("layer {}: {}", index.count(), error.what));
     };
-    auto coded = head->coding == Coding::Curve ? decode_curve(coder, *state, head->steps, grid->most(), budget)
-                                               : codec::decode_layer(coder, state->models.exact, grid->most(), budget);
+    const codec::CertificateForm form = form_of(head->coding);
+    auto coded = is_curve(head->coding) ? decode_curve(coder, *state, *head, grid->most(), budget)
+                                        : codec::decode_layer(coder, state->models.exact, form, grid->most(), budget);
     if (!coded) return wrong(coded.error());
-    if (coded->certificate.verdict == LayerCertificate::Verdict::Certified)
+    if (coded->certificate.is_certified())
       if (auto checked = codec::check_rings(coded->rings); !checked) return wrong(checked.error());
     auto contours = contours_of(coded->rings, *grid);
+    if (contours && form == codec::CertificateForm::Enumerated)
+      contours = codec::decode_runs(coder, state->models.exact, std::move(*contours));
     if (!contours) return wrong(contours.error());
-    layers.push_back(
-        {index, cut_height_mm(index, header_.layer_thickness_mm), std::move(*contours), std::move(coded->certificate)});
+    Layer layer{index, cut_height_mm(index, header_.layer_thickness_mm), std::move(*contours), coded->certificate};
+    if (auto valid = validate_layer(header_, layer); !valid) return broken(valid.error().what);
+    layers.push_back(std::move(layer));
   }
   if (!coder.at_end()) return broken("bytes are left over behind the last layer");
   return layers;

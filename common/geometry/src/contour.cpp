@@ -33,6 +33,14 @@ Result<Contour> Contour::from_vertices(std::vector<Point2> vertices) {
   return Contour{std::move(vertices), area};
 }
 
+Result<Contour> Contour::with_runs(std::span<const SurfaceRun> runs) const {
+  std::vector<SurfaceRun> kept = merged(runs);
+  if (auto ok = validate_runs(kept, vertices_.size()); !ok) return tl::unexpected{ok.error()};
+  Contour same = *this;
+  same.runs_ = std::move(kept);
+  return same;
+}
+
 double Contour::length_mm() const {
   double length = 0;
   for (std::size_t i = 0; i < vertices_.size(); ++i) {

@@ -2,6 +2,8 @@
 #include <fmt/format.h>
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <string_view>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/geometry/limits.hpp>
 
@@ -14,6 +16,26 @@ bool holds(const Bounds2& box, Point2 p) {
   return p.x_mm >= box.min.x_mm && p.x_mm <= box.max.x_mm && p.y_mm >= box.min.y_mm && p.y_mm <= box.max.y_mm;
 }
 
+/// What the certificate says of the contours must be what their runs say.
+std::optional<std::string_view> contradiction(const Layer& layer) {
+  using Verdict = LayerCertificate::Verdict;
+  const LayerCertificate& c = layer.certificate;
+  bool runs = false, completed = false, doubtful = false;
+  for (const Contour& contour : layer.contours)
+    for (const SurfaceRun& run : contour.runs()) {
+      runs = true;
+      completed |= run.kind == SurfaceClass::Completed;
+      doubtful |= run.kind == SurfaceClass::Doubtful;
+    }
+  if (c.doubt.has_value() != (c.verdict == Verdict::Doubtful))
+    return c.doubt ? "a doubt in a layer that is not doubtful" : "a doubtful layer that does not say why";
+  if (c.verdict == Verdict::Unchecked && runs) return "nobody looked at its contours, yet they say what they rest on";
+  if (c.is_certified() && doubtful) return "certified, with doubtful stretches";
+  if (c.verdict == Verdict::Measured && completed) return "certified as measured, with completed stretches";
+  if (c.verdict == Verdict::Completed && !completed) return "certified as completed, with no completed stretch";
+  return std::nullopt;
+}
+
 }  // namespace
 
 std::vector<Contour> sorted_canonically(std::vector<Contour> contours) {
@@ -21,8 +43,16 @@ std::vector<Contour> sorted_canonically(std::vector<Contour> contours) {
   rotated.reserve(contours.size());
   for (const Contour& contour : contours) {
     std::vector<Point2> ring(contour.vertices().begin(), contour.vertices().end());
-    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end(), lower), ring.end());
-    rotated.push_back(*Contour::from_vertices(std::move(ring)));
+    const auto first = std::min_element(ring.begin(), ring.end(), lower);
+    const auto turned = first - ring.begin();
+    std::rotate(ring.begin(), first, ring.end());
+    Contour made = *Contour::from_vertices(std::move(ring));
+    if (!contour.runs().empty()) {
+      auto runs = one_an_edge(contour.runs(), contour.vertices().size());
+      std::rotate(runs.begin(), runs.begin() + turned, runs.end());
+      made = *made.with_runs(runs);
+    }
+    rotated.push_back(std::move(made));
   }
   std::sort(rotated.begin(), rotated.end(), [](const Contour& a, const Contour& b) {
     const Point2 pa = a.vertices()[0];
@@ -33,6 +63,41 @@ std::vector<Contour> sorted_canonically(std::vector<Contour> contours) {
                                         b.vertices().end(), lower);
   });
   return rotated;
+}
+
+SurfaceShares& SurfaceShares::operator+=(const SurfaceShares& more) {
+  measured_mm += more.measured_mm;
+  completed_mm += more.completed_mm;
+  doubtful_mm += more.doubtful_mm;
+  largest_gap_mm = std::max(largest_gap_mm, more.largest_gap_mm);
+  largest_error_mm = std::max(largest_error_mm, more.largest_error_mm);
+  return *this;
+}
+
+SurfaceShares surface_shares(const Layer& layer) {
+  SurfaceShares shares;
+  for (const Contour& contour : layer.contours) {
+    if (contour.runs().empty()) {
+      shares.measured_mm += contour.length_mm();
+      continue;
+    }
+    const auto v = contour.vertices();
+    std::size_t edge = 0;
+    for (const SurfaceRun& run : contour.runs()) {
+      double& length = run.kind == SurfaceClass::Measured    ? shares.measured_mm
+                       : run.kind == SurfaceClass::Completed ? shares.completed_mm
+                                                             : shares.doubtful_mm;
+      for (const std::size_t end = edge + run.edges; edge < end; ++edge) {
+        const Point2 a = v[edge];
+        const Point2 b = v[(edge + 1) % v.size()];
+        length += std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm);
+      }
+      if (run.kind != SurfaceClass::Completed) continue;
+      shares.largest_gap_mm = std::max(shares.largest_gap_mm, run.gap_mm);
+      shares.largest_error_mm = std::max(shares.largest_error_mm, run.error_mm);
+    }
+  }
+  return shares;
 }
 
 double cut_height_mm(LayerIndex index, double layer_thickness_mm) { return (index.count() + 0.5) * layer_thickness_mm; }
@@ -67,6 +132,7 @@ Result<void> validate_layer(const StackHeader& header, const Layer& layer) {
   std::size_t vertices = 0;
   for (const Contour& contour : layer.contours) {
     vertices += contour.vertices().size();
+    if (auto ok = validate_runs(contour.runs(), contour.vertices().size()); !ok) return fail_in(where(), ok.error());
     for (const Point2 p : contour.vertices())
       if (!holds(header.bounds, p))
         return fail(ErrorCode::InvalidInput,
@@ -74,6 +140,8 @@ Result<void> validate_layer(const StackHeader& header, const Layer& layer) {
   }
   if (vertices > kMaxVerticesPerLayer)
     return fail(ErrorCode::TooLarge, fmt::format("{}: {} vertices", where(), vertices));
+  if (const auto what = contradiction(layer))
+    return fail(ErrorCode::InvalidInput, fmt::format("{}: {}", where(), *what));
   return {};
 }
 
@@ -101,14 +169,22 @@ std::string canonical_text(const StackHeader& h) {
 
 std::string canonical_text(const Layer& layer) {
   const LayerCertificate& c = layer.certificate;
-  std::string text =
-      fmt::format("layer {} z {:a} rings {}\ncertificate {} {} euler {} predicted ", layer.index.count(), layer.z_mm,
-                  layer.contours.size(), static_cast<int>(c.verdict), static_cast<int>(c.method), c.measured_euler);
+  std::string text = fmt::format("layer {} z {:a} rings {}\ncertificate {} {} {} euler {} predicted ",
+                                 layer.index.count(), layer.z_mm, layer.contours.size(), static_cast<int>(c.verdict),
+                                 static_cast<int>(c.method), static_cast<int>(c.ground), c.measured_euler);
   text += c.predicted_euler ? fmt::format("{}", *c.predicted_euler) : std::string{"-"};
-  text += c.place ? fmt::format(" place {:a} {:a}", c.place->x_mm, c.place->y_mm) : std::string{" place -"};
-  text += fmt::format(" reason {} {}\n", c.reason.size(), c.reason);
+  if (c.doubt) {
+    const Doubt& d = *c.doubt;
+    text += fmt::format(" doubt {} {} {:a} {:a} {} {} {} {} place ", static_cast<int>(d.reason), d.number, d.size_mm,
+                        d.other_mm, d.found.outers, d.found.holes, d.other.outers, d.other.holes);
+    text += d.place ? fmt::format("{:a} {:a}", d.place->x_mm, d.place->y_mm) : std::string{"-"};
+  }
+  text += '\n';
   for (const Contour& contour : layer.contours) {
-    text += fmt::format("ring {}\n", contour.vertices().size());
+    text += fmt::format("ring {}", contour.vertices().size());
+    for (const SurfaceRun& run : contour.runs())
+      text += fmt::format(" {} {} {:a} {:a}", static_cast<int>(run.kind), run.edges, run.gap_mm, run.error_mm);
+    text += '\n';
     for (const Point2 p : contour.vertices()) text += fmt::format("{:a} {:a}\n", p.x_mm, p.y_mm);
   }
   return text;

@@ -41,10 +41,12 @@ ordered_json rings_json(std::span<const Contour> contours) {
 
 std::string certificate_text(const LayerCertificate& c) {
   switch (c.verdict) {
-    case LayerCertificate::Verdict::Certified:
+    case LayerCertificate::Verdict::Measured:
       return "certified";
-    case LayerCertificate::Verdict::Flagged:
-      return "flagged: " + c.reason;
+    case LayerCertificate::Verdict::Completed:
+      return "certified, in part completed";
+    case LayerCertificate::Verdict::Doubtful:
+      return "flagged: " + sentence_of(c);
     case LayerCertificate::Verdict::Unchecked:
       break;
   }

@@ -32,9 +32,9 @@ PreflightItem certificates_of(const LayerStack& stack, const PlanSummary& summar
   const Layer* first = nullptr;
   for (const Layer& layer : stack.layers()) {
     unchecked += layer.certificate.verdict == LayerCertificate::Verdict::Unchecked;
-    if (layer.certificate.verdict != LayerCertificate::Verdict::Flagged) continue;
+    if (layer.certificate.verdict != LayerCertificate::Verdict::Doubtful) continue;
     ++flagged;
-    const bool lacks = layer.certificate.reason.starts_with(kContoursLeftOut);
+    const bool lacks = layer.certificate.is_incomplete();
     // What is missing says more than what is in doubt.
     if (!first || (lacks && lacking == 0)) first = &layer;
     lacking += lacks;
@@ -43,14 +43,14 @@ PreflightItem certificates_of(const LayerStack& stack, const PlanSummary& summar
   if (first) {
     item.verdict = lacking > 0 ? Verdict::Held : Verdict::Warning;
     item.layer = LayerIndex{first->index.count() + summary.elevation_layers};
-    item.place = first->certificate.place;
+    item.place = first->certificate.doubt->place;
     item.text = fmt::format("{} of {} layers are flagged by the slicer; the first, layer {}: {}", flagged,
-                            stack.layers().size(), item.layer->count(), first->certificate.reason);
+                            stack.layers().size(), item.layer->count(), sentence_of(first->certificate));
     if (lacking > 0)
       item.text = fmt::format(
           "{} of {} layers lack contours of the object; the first, layer {}: {}; scan it there again, or slice with a "
           "wider --bridge-mm",
-          lacking, stack.layers().size(), item.layer->count(), first->certificate.reason);
+          lacking, stack.layers().size(), item.layer->count(), sentence_of(first->certificate));
   } else if (unchecked > 0) {
     item.verdict = Verdict::NotKnown;
     item.text = fmt::format("{} layers carry no certificate: their contours come from elsewhere", unchecked);

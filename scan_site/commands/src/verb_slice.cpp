@@ -193,8 +193,9 @@ void print_summary(const SliceReport& report) {
   constexpr std::size_t kShown = 5;
   for (std::size_t i = 0; i < report.flagged.size() && i < kShown; ++i) {
     const FlaggedLayer& f = report.flagged[i];
-    write_output(fmt::format("  layer {} at {:.3f} mm: {}", f.layer.count(), f.z_mm, f.reason));
-    if (f.place) write_output(fmt::format(" at ({:.2f}, {:.2f})", f.place->x_mm, f.place->y_mm));
+    write_output(fmt::format("  layer {} at {:.3f} mm: {}", f.layer.count(), f.z_mm, sentence_of(f.certificate)));
+    if (const auto& doubt = f.certificate.doubt; doubt && doubt->place)
+      write_output(fmt::format(" at ({:.2f}, {:.2f})", doubt->place->x_mm, doubt->place->y_mm));
     write_output("\n");
   }
   if (report.flagged.size() > kShown)

@@ -219,13 +219,13 @@ class GridTracer {
   std::vector<std::uint32_t> next_, previous_;
 };
 
-TraceFault fault_of(const ContourGap& gap, double bridge_mm) {
-  if (gap.bridged)
-    return {fmt::format("open contour: the scan has a gap of {:.3g} mm here, closed by a straight line", gap.size_mm),
-            gap.place};
-  return {fmt::format("{}: the scan has a gap of {:.3g} mm here, bridges of up to {:.3g} mm are allowed",
-                      kContoursLeftOut, gap.size_mm, bridge_mm),
-          gap.place};
+Doubt doubt_of(const ContourGap& gap, double bridge_mm) {
+  if (gap.bridged) return {.reason = DoubtReason::GapBridged, .place = gap.place, .size_mm = gap.size_mm};
+  // Where no other end is left to be joined, the size is unknown.
+  return {.reason = DoubtReason::ContoursLeftOut,
+          .place = gap.place,
+          .size_mm = std::isfinite(gap.size_mm) ? gap.size_mm : 0,
+          .other_mm = bridge_mm};
 }
 
 }  // namespace
@@ -254,7 +254,7 @@ Result<LayerTrace> trace_by_grid(const ScalarField& field, FieldCursor& cursor, 
   // What is missing first: a certificate has room for one reason.
   for (const bool bridged : {false, true})
     for (const ContourGap& gap : trace.gaps)
-      if (gap.bridged == bridged) trace.faults.push_back(fault_of(gap, options.bridge_mm));
+      if (gap.bridged == bridged) trace.faults.push_back(doubt_of(gap, options.bridge_mm));
   for (auto& ring : rings) {
     if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while tracing");
     refine(ring, plane, options.chord_mm);

@@ -58,9 +58,9 @@ void keep_ring(const std::vector<PlaneSample>& ring, const ScalarField& field, d
 void finish_trace(LayerTrace& trace) {
   trace.contours = sorted_canonically(std::move(trace.contours));
   if (const auto place = find_crossing(trace.contours)) {
-    trace.faults.push_back({"contours cross or touch", *place});
+    trace.faults.push_back({DoubtReason::ContoursCross, *place});
   } else if (const auto nest = find_bad_nesting(trace.contours)) {
-    trace.faults.push_back({"contours do not nest as solid and hole", *nest});
+    trace.faults.push_back({DoubtReason::NestingWrong, *nest});
   }
 }
 

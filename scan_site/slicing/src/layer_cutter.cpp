@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "layer_cutter.hpp"
 
-#include <fmt/format.h>
-
 #include <limits>
 #include <telefab/scan/contour/layer_checks.hpp>
 #include <telefab/scan/contour/reeb_marcher.hpp>
@@ -19,6 +17,7 @@ constexpr double kCountingChordKernels = 0.02;
 
 using Verdict = LayerCertificate::Verdict;
 using Method = LayerCertificate::Method;
+using Ground = LayerCertificate::Ground;
 
 /// A vertex of the smallest contour of either: what comes and goes is small.
 Point2 place_of_difference(std::span<const Contour> a, std::span<const Contour> b) {
@@ -53,25 +52,22 @@ LayerCutter::LayerCutter(const CutSetting& setting) : setting_{setting}, cursor_
 }
 
 void LayerCutter::judge(Candidate& candidate, double z_mm) {
-  std::vector<TraceFault>& faults = candidate.trace.faults;
+  std::vector<Doubt>& faults = candidate.trace.faults;
   if (candidate.trace.contours.empty() && !near_.points.empty()) {
     // near_ rises in z.
     const bool through = setting_.sparse ? near_.points.front().z() < z_mm && near_.points.back().z() > z_mm
                                          : straddles(setting_.field, *cursor_, z_mm, near_);
     if (through)
-      faults.push_back({"the surface passes below and above the plane, but no contour was found",
-                        {near_.points.front().x(), near_.points.front().y()}});
+      faults.push_back({DoubtReason::ContourMissing, Point2{near_.points.front().x(), near_.points.front().y()}});
   }
   const Coverage coverage = coverage_of(setting_.field, *cursor_, z_mm, candidate.trace.contours, steep_,
                                         setting_.cover_kernels, setting_.noise_mm);
   if (coverage.lost > 0)
-    faults.push_back({fmt::format("the surface at {} samples reaches the plane beside every contour", coverage.lost),
-                      *coverage.place});
+    faults.push_back({DoubtReason::SurfaceUncovered, coverage.place, static_cast<std::uint32_t>(coverage.lost)});
   const auto most = static_cast<std::size_t>(setting_.stray_share * static_cast<double>(steep_.points.size()));
   if (coverage.unexplained > most)
     faults.push_back(
-        {fmt::format("{} samples near the plane lie on no surface and beside no contour", coverage.unexplained),
-         *coverage.place});
+        {DoubtReason::SamplesOffSurface, coverage.place, static_cast<std::uint32_t>(coverage.unexplained)});
 }
 
 Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::span<const Vec3> seeds, std::stop_token stop) {
@@ -86,14 +82,14 @@ Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::span<const
   candidate.trace.evaluations = marched->evaluations;
   for (const MarchProblem& problem : marched->problems)
     if (problem.kind == MarchProblem::Kind::Open)
-      candidate.trace.faults.push_back({"a contour does not close: the scan has a gap here", problem.place});
+      candidate.trace.faults.push_back({DoubtReason::ContourOpen, problem.place});
   finish_trace(candidate.trace);
   judge(candidate, z_mm);
   return candidate;
 }
 
-Result<std::optional<TraceFault>> LayerCutter::disagreement(const Candidate& candidate, double z_mm,
-                                                            std::span<const Vec3> seeds, std::stop_token stop) {
+Result<std::optional<Doubt>> LayerCutter::disagreement(const Candidate& candidate, double z_mm,
+                                                       std::span<const Vec3> seeds, std::stop_token stop) {
   for (std::size_t k = 0; k < other_cursors_.size(); ++k) {
     const ScalarField& field = *setting_.other_kernels[k];
     MarchOptions options;
@@ -105,13 +101,12 @@ Result<std::optional<TraceFault>> LayerCutter::disagreement(const Candidate& can
     Candidate other;
     other.trace.contours = std::move(marched->contours);
     if (other.count() == candidate.count()) continue;
-    return TraceFault{
-        fmt::format(
-            "a kernel of {:.3g} mm finds {} outer and {} hole contours, one of {:.3g} mm {} and {}: details here "
-            "are as small as the scan is uncertain",
-            setting_.field.kernel_width_mm(near_.points.front()), candidate.count().outers, candidate.count().holes,
-            width, other.count().outers, other.count().holes),
-        place_of_difference(candidate.trace.contours, other.trace.contours)};
+    return Doubt{.reason = DoubtReason::KernelsDisagree,
+                 .place = place_of_difference(candidate.trace.contours, other.trace.contours),
+                 .size_mm = near_.points.empty() ? 0 : setting_.field.kernel_width_mm(near_.points.front()),
+                 .other_mm = width,
+                 .found = candidate.count(),
+                 .other = other.count()};
   }
   return std::nullopt;
 }
@@ -126,6 +121,25 @@ Result<LayerCutter::Candidate> LayerCutter::gridded(double z_mm, std::stop_token
   candidate.trace = std::move(*trace);
   judge(candidate, z_mm);
   return candidate;
+}
+
+Result<void> LayerCutter::classify(Layer& layer) const {
+  if (!setting_.surface) return {};
+  LayerCertificate& certificate = layer.certificate;
+  for (Contour& contour : layer.contours) {
+    auto told = contour.with_runs(setting_.surface(contour, layer.z_mm));
+    if (!told) return fail(ErrorCode::Internal, told.error().what);
+    contour = std::move(*told);
+    std::size_t edge = 0;
+    for (const SurfaceRun& run : contour.runs()) {
+      if (run.kind == SurfaceClass::Completed && certificate.verdict == Verdict::Measured)
+        certificate.verdict = Verdict::Completed;
+      if (run.kind == SurfaceClass::Doubtful && certificate.is_certified())
+        certificate.flag({DoubtReason::WindingDisagrees, contour.vertices()[edge], run.edges});
+      edge += run.edges;
+    }
+  }
+  return {};
 }
 
 Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token stop) {
@@ -160,6 +174,7 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
   std::optional<Candidate> march, grid;
   const Candidate* chosen = nullptr;
   bool certified = false;
+  Ground ground = Ground::None;
   if (setting_.method != TraceMethod::Grid) {
     auto found = marched(z_mm, seeds, stop);
     if (!found) return tl::unexpected{found.error()};
@@ -167,6 +182,7 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
     result.evaluations += march->trace.evaluations;
     chosen = &*march;
     certified = march->sound() && as_predicted(*march);
+    if (certified) ground = Ground::Graph;
   }
   if (!certified && setting_.method != TraceMethod::Reeb) {
     auto found = gridded(z_mm, stop);
@@ -176,20 +192,22 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
     if (grid->sound() && as_predicted(*grid)) {
       chosen = &*grid;
       certified = true;
+      ground = Ground::Graph;
     } else if (!setting_.sparse && march && march->sound() && grid->sound() && march->count() == grid->count() &&
                (!predicted || near_critical || march->trace.euler() == *predicted)) {
       // Nothing is promised here, but two independent ways around the same field agree.
       certified = true;
+      ground = Ground::TwoMethods;
     } else if (!march || !march->sound() || grid->sound()) {
       chosen = &*grid;
     }
   }
 
-  std::optional<TraceFault> unsettled;
+  std::optional<Doubt> unsettled;
   // Of a noisy scan the other kernels tell more.
   if (setting_.topology && (setting_.sparse || setting_.other_kernels.empty()))
     if (const auto edge = setting_.topology->rounded_near(z_mm))
-      unsettled = {"an edge sharper than the scan shows begins or ends near this height", {edge->x(), edge->y()}};
+      unsettled = {DoubtReason::EdgeTooSharp, Point2{edge->x(), edge->y()}};
   if (certified && !unsettled) {
     auto found = disagreement(*chosen, z_mm, seeds, stop);
     if (!found) return tl::unexpected{found.error()};
@@ -201,34 +219,28 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
   layer.z_mm = z_mm;
   LayerCertificate& certificate = layer.certificate;
   certificate.method = chosen->method;
+  certificate.ground = ground;
   certificate.predicted_euler = predicted;
   certificate.measured_euler = chosen->trace.euler();
-  const TraceFault* fault = chosen->sound() ? nullptr : &chosen->trace.faults[0];
-  if (!fault && certified && unsettled) fault = &*unsettled;
-  if (!fault && setting_.known_fault) fault = &*setting_.known_fault;
-  if (certified && !fault) {
-    certificate.verdict = Verdict::Certified;
+  if (!chosen->sound()) {
+    certificate.flag(chosen->trace.faults[0]);
+  } else if (certified && unsettled) {
+    certificate.flag(*unsettled);
+  } else if (!certified) {
+    Doubt doubt{.reason = DoubtReason::NotCrossChecked};
+    if (predicted && !near_critical)
+      doubt.reason = DoubtReason::EulerDiffers;
+    else if (march && grid)
+      doubt = {.reason = DoubtReason::MethodsDisagree, .found = march->count(), .other = grid->count()};
+    if (!chosen->trace.contours.empty()) doubt.place = chosen->trace.contours[0].vertices()[0];
+    certificate.flag(doubt);
   } else {
-    certificate.verdict = Verdict::Flagged;
-    if (fault) {
-      certificate.reason = fault->what;
-      certificate.place = fault->place;
-    } else if (predicted && !near_critical) {
-      certificate.reason = fmt::format("the critical points predict an Euler number of {}, the contours have {}",
-                                       *predicted, certificate.measured_euler);
-    } else if (march && grid) {
-      certificate.reason =
-          fmt::format("at a critical height marching finds {} outer and {} hole contours, the grid {} and {}",
-                      march->count().outers, march->count().holes, grid->count().outers, grid->count().holes);
-    } else {
-      certificate.reason = "too near to a critical height to be checked by one method alone";
-    }
-    if (!certificate.place && !chosen->trace.contours.empty())
-      certificate.place = chosen->trace.contours[0].vertices()[0];
+    certificate.verdict = Verdict::Measured;
   }
   LayerTrace& taken = (chosen == (march ? &*march : nullptr) ? march : grid)->trace;
   layer.contours = std::move(taken.contours);
   result.gaps = std::move(taken.gaps);
+  if (auto ok = classify(layer); !ok) return tl::unexpected{ok.error()};
   return result;
 }
 

@@ -28,7 +28,8 @@ struct CutSetting {
   TraceMethod method = TraceMethod::Auto;
   /// The same samples seen with other kernels. Where they show other contours, the scan does not settle the layer.
   std::vector<const ScalarField*> other_kernels = {};
-  std::optional<TraceFault> known_fault;  ///< flags every layer: something wrong with the scan as a whole
+  /// What each edge of a contour at this height rests on, one run an edge; none: all is measured.
+  std::function<std::vector<SurfaceRun>(const Contour& contour, double z_mm)> surface = {};
 };
 
 struct CutLayer {
@@ -50,8 +51,10 @@ class LayerCutter {
   [[nodiscard]] Result<Candidate> gridded(double z_mm, std::stop_token stop);
   void judge(Candidate& candidate, double z_mm);
   /// What another kernel finds otherwise; none where all agree.
-  [[nodiscard]] Result<std::optional<TraceFault>> disagreement(const Candidate& candidate, double z_mm,
-                                                               std::span<const Vec3> seeds, std::stop_token stop);
+  [[nodiscard]] Result<std::optional<Doubt>> disagreement(const Candidate& candidate, double z_mm,
+                                                          std::span<const Vec3> seeds, std::stop_token stop);
+  /// Tells what the contours rest on, and makes the verdict say so.
+  [[nodiscard]] Result<void> classify(Layer& layer) const;
 
   const CutSetting& setting_;
   std::unique_ptr<FieldCursor> cursor_;

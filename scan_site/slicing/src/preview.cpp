@@ -74,7 +74,7 @@ Preview& Preview::operator=(Preview&&) noexcept = default;
 void Preview::add(const Layer& layer) {
   Picture& p = *picture_;
   const std::uint32_t index = layer.index.count();
-  const bool flagged = layer.certificate.verdict == LayerCertificate::Verdict::Flagged;
+  const bool flagged = layer.certificate.verdict == LayerCertificate::Verdict::Doubtful;
   const double share = (index - p.first + 0.5) / (p.last - p.first + 1);
   if ((index - p.first) % p.every == 0 || index == p.last) {
     std::vector<std::vector<PixelPoint>> rings;

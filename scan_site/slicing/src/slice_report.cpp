@@ -13,8 +13,12 @@ std::string to_json(const SliceReport& report) {
         {h.scan_to_build[4 * r], h.scan_to_build[4 * r + 1], h.scan_to_build[4 * r + 2], h.scan_to_build[4 * r + 3]});
   ordered_json flagged = ordered_json::array();
   for (const FlaggedLayer& f : report.flagged) {
-    ordered_json entry{{"layer", f.layer.count()}, {"z_mm", f.z_mm}, {"reason", f.reason}};
-    if (f.place) entry["place_mm"] = {f.place->x_mm, f.place->y_mm};
+    ordered_json entry{{"layer", f.layer.count()}, {"z_mm", f.z_mm}};
+    if (const auto& doubt = f.certificate.doubt) {
+      entry["reason"] = name_of(doubt->reason);
+      entry["text"] = sentence_of(f.certificate);
+      if (doubt->place) entry["place_mm"] = {doubt->place->x_mm, doubt->place->y_mm};
+    }
     flagged.push_back(std::move(entry));
   }
   ordered_json gaps = ordered_json::array();
@@ -49,8 +53,15 @@ std::string to_json(const SliceReport& report) {
       {"normals", normals},
       {"certified", report.certified},
       {"certified_by_march", report.certified_by_march},
+      {"completed", report.completed},
       {"flagged", report.flagged.size()},
       {"flagged_layers", flagged},
+      {"surface_mm",
+       {{"measured", report.shares.measured_mm},
+        {"completed", report.shares.completed_mm},
+        {"doubtful", report.shares.doubtful_mm},
+        {"largest_gap", report.shares.largest_gap_mm},
+        {"largest_error", report.shares.largest_error_mm}}},
       {"gaps", gaps},
       {"open",
        {{"seen_mm2", report.open.seen_mm2},

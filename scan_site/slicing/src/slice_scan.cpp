@@ -58,11 +58,12 @@ constexpr std::uint32_t kBaseShare = 4;
 /// Spacing that varies by more than this leaves room for a feature, or a whole wall, that no sample shows.
 constexpr double kMostUneven = 5;
 
-std::optional<TraceFault> fault_of(const KernelChoice& kernel) {
+std::optional<std::string> warning_of(const KernelChoice& kernel) {
   if (kernel.unevenness <= kMostUneven) return std::nullopt;
-  return TraceFault{
-      fmt::format("the spacing of the scan varies {:.0f}-fold: walls may lie between its points", kernel.unevenness),
-      {}};
+  return fmt::format(
+      "the spacing of the scan varies {:.0f}-fold: what is smaller than its widest spacing may be missing between its "
+      "points",
+      kernel.unevenness);
 }
 
 class StageClock {
@@ -107,10 +108,7 @@ struct Base {
     cut.layer = above.layer;
     cut.layer.index = index;
     cut.layer.z_mm = z_mm;
-    LayerCertificate& certificate = cut.layer.certificate;
-    certificate.verdict = LayerCertificate::Verdict::Flagged;
-    certificate.reason =
-        fmt::format("closed at the platform as asked: repeats layer {}, the lowest that is closed", layers);
+    cut.layer.certificate.flag({.reason = DoubtReason::RepeatsLayer, .number = layers});
     return cut;
   }
 };
@@ -191,11 +189,14 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, co
       report.evaluations += cut.evaluations;
       report.contours += layer.contours.size();
       for (const Contour& c : layer.contours) report.vertices += c.vertices().size();
-      if (certificate.verdict == LayerCertificate::Verdict::Certified) {
+      const SurfaceShares shares = surface_shares(layer);
+      report.shares += shares;
+      if (certificate.is_certified()) {
         ++report.certified;
+        if (certificate.verdict == LayerCertificate::Verdict::Completed) ++report.completed;
         if (certificate.method == LayerCertificate::Method::Reeb) ++report.certified_by_march;
       } else {
-        report.flagged.push_back({layer.index, layer.z_mm, certificate.reason, certificate.place});
+        report.flagged.push_back({layer.index, layer.z_mm, certificate});
       }
       for (const ContourGap& gap : cut.gaps)
         report.gaps.push_back({layer.index, layer.z_mm, gap.place, gap.size_mm, gap.bridged});
@@ -313,8 +314,8 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       .chord_mm = request.chord_mm.value_or(request.machine.chord_tolerance_mm()),
       .bridge_mm = request.bridge_mm.value_or(kBridgeKernels * kernel.kernel_mm),
       .method = request.method,
-      .other_kernels = {},
-      .known_fault = fault_of(kernel)};
+      .other_kernels = {}};
+  if (const auto warning = warning_of(kernel)) result.warnings.push_back(*warning);
   for (const auto& other : others) setting.other_kernels.push_back(other.get());
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
   Base base;

@@ -96,7 +96,7 @@ Result<LayerStack> read_stack(const std::string& path, double pitch_mm, double l
       bounds.min = {std::min(bounds.min.x_mm, b.min.x_mm), std::min(bounds.min.y_mm, b.min.y_mm)};
       bounds.max = {std::max(bounds.max.x_mm, b.max.x_mm), std::max(bounds.max.y_mm, b.max.y_mm)};
     }
-    layer->certificate.verdict = LayerCertificate::Verdict::Certified;  // so that crossings are looked for
+    layer->certificate.verdict = LayerCertificate::Verdict::Measured;  // so that crossings are looked for
     layers.push_back(std::move(*layer));
   }
   StackHeader header;

@@ -48,7 +48,7 @@ CutSetting setting_for(const ScalarField& surface, const MlsField& field, const 
       .samples = [&field](double low, double high, SurfaceSamples& found) { field.samples_between(low, high, found); },
       .band_mm = 0.4 * field.kernel().kernel_mm,
       .chord_mm = kChordMm,
-      .known_fault = {}};
+      .surface = {}};
 }
 
 Cut cut_layers(const CutSetting& setting, const LayerRange& range) {
@@ -63,7 +63,7 @@ Cut cut_layers(const CutSetting& setting, const LayerRange& range) {
       const double z = range.low_mm + (layer + 0.5) / range.layers * (range.high_mm - range.low_mm);
       const CutLayer cut = checked(cutter->cut(LayerIndex{layer}, z, {}));
       cuts[k].layers = 1;
-      cuts[k].certified = cut.layer.certificate.verdict == LayerCertificate::Verdict::Certified ? 1 : 0;
+      cuts[k].certified = cut.layer.certificate.is_certified() ? 1 : 0;
       for (const Contour& c : cut.layer.contours) cuts[k].vertices += c.vertices().size();
       cuts[k].evaluations = cut.evaluations;
     }

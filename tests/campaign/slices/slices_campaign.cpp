@@ -125,7 +125,7 @@ Result<Tally> row(const std::string& name, int turn, const scan::PointCloud& clo
     RingCount found;
     for (const Contour& ring : layer.contours) ++(ring.is_hole() ? found.holes : found.outers);
     const RingCount exact = truth.rings(layer.z_mm, 0);
-    const bool certified = layer.certificate.verdict == LayerCertificate::Verdict::Certified;
+    const bool certified = layer.certificate.is_certified();
     ++(certified ? tally.certified : tally.flagged);
     bool differs = !(found == exact);
     if (differs) {
@@ -139,11 +139,11 @@ Result<Tally> row(const std::string& name, int turn, const scan::PointCloud& clo
     }
     if (differs) ++(certified ? tally.wrong : tally.flagged_wrong);
     if ((differs && certified) || (setup.reasons && !certified)) {
-      const auto place = layer.certificate.place.value_or(Point2{});
+      const auto place = layer.certificate.doubt.value_or(Doubt{}).place.value_or(Point2{});
       lines += fmt::format("    {} {} layer {} at {:.3f} mm: {}+{} rings, exact {}+{}; {} ({:.2f}, {:.2f})\n",
                            differs ? "WRONG" : "right", certified ? "certified" : "flagged", layer.index.count(),
-                           layer.z_mm, found.outers, found.holes, exact.outers, exact.holes, layer.certificate.reason,
-                           place.x_mm, place.y_mm);
+                           layer.z_mm, found.outers, found.holes, exact.outers, exact.holes,
+                           sentence_of(layer.certificate), place.x_mm, place.y_mm);
     }
     if (!setup.distances) continue;
     for (const Contour& ring : layer.contours) {

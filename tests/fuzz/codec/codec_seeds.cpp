@@ -38,8 +38,12 @@ LayerStack some_stack(int kind) {
     if (kind == 2 && i >= 4) layer.contours = {ring(60, 13, 2, false)};
     layer.contours = sorted_canonically(std::move(layer.contours));
     const auto euler = kind == 1 ? 0 : kind == 2 && i < 4 ? 2 : 1;
-    layer.certificate = {
-        LayerCertificate::Verdict::Certified, LayerCertificate::Method::Reeb, euler, euler, "", std::nullopt};
+    layer.certificate = {LayerCertificate::Verdict::Measured,
+                         LayerCertificate::Method::Reeb,
+                         LayerCertificate::Ground::Graph,
+                         euler,
+                         euler,
+                         {}};
     layers.push_back(std::move(layer));
   }
   return LayerStack::from_layers(std::move(header), std::move(layers)).value();

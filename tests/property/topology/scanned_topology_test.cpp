@@ -93,7 +93,7 @@ TEST(ScannedTopology, FlatTopsWithNoiseStayOutsideThePrediction) {
   EXPECT_EQ(scan.topology.euler(), 2);
   EXPECT_GE(scan.topology.plateaus().size(), 2u);
   for (double z = -7.5; z <= 7.5; z += 0.25)
-    EXPECT_EQ(scan.topology.predicted_contours(z), (scan::ContourCount{1, 0})) << "z = " << z;
+    EXPECT_EQ(scan.topology.predicted_contours(z), (ContourCount{1, 0})) << "z = " << z;
 }
 
 }  // namespace

@@ -56,6 +56,29 @@ TEST_P(StackCodecProperty, DecodesWhatTheEncoderSaidEachChunkAloneAndInAnyOrder)
   EXPECT_EQ(digest_of(LayerStack::from_layers(stack.header(), layers).value()), coded.stack);
 }
 
+TEST_P(StackCodecProperty, KeepsWhatContoursRestOn) {
+  const LayerStack stack = random_stack(GetParam(), 12);
+  const Coded coded = encode(stack, either(GetParam()));
+  int told = 0;
+  for (std::size_t i = 0; i < stack.layers().size(); ++i) {
+    const SurfaceShares given = surface_shares(stack.layers()[i]);
+    const SurfaceShares kept = surface_shares(coded.layers[i]);
+    if (given.completed_mm + given.doubtful_mm == 0) {
+      EXPECT_EQ(kept.completed_mm + kept.doubtful_mm, 0) << i;
+      continue;
+    }
+    ++told;
+    // What is not measured never shrinks by more than the ends of its edges; chords that reach beyond it add to it.
+    EXPECT_GE(kept.completed_mm, 0.97 * given.completed_mm) << i;
+    EXPECT_GE(kept.doubtful_mm, 0.97 * given.doubtful_mm) << i;
+    EXPECT_LE(kept.completed_mm + kept.doubtful_mm, given.completed_mm + given.doubtful_mm + 12) << i;
+    EXPECT_NEAR(kept.largest_gap_mm, given.largest_gap_mm, 0.005) << i;
+    EXPECT_NEAR(kept.largest_error_mm, given.largest_error_mm, 0.005) << i;
+    EXPECT_EQ(coded.layers[i].certificate.verdict, stack.layers()[i].certificate.verdict) << i;
+  }
+  EXPECT_EQ(told, 2);
+}
+
 TEST_P(StackCodecProperty, MovesNoVertexFartherThanHalfAGridDiagonal) {
   const LayerStack stack = random_stack(GetParam(), 8);
   const Coded coded = encode(stack, kExact);
@@ -163,12 +186,13 @@ TEST(StackEncoder, FlagsALayerWhoseRingIsSmallerThanTheGrid) {
   Layer layer;
   layer.z_mm = cut_height_mm(layer.index, header.layer_thickness_mm);
   layer.contours = {Contour::from_vertices({{10, 10}, {10.001, 10}, {10, 10.001}}).value()};
-  layer.certificate = {LayerCertificate::Verdict::Certified, LayerCertificate::Method::Grid, 1, 1, "", std::nullopt};
+  layer.certificate = {
+      LayerCertificate::Verdict::Measured, LayerCertificate::Method::Grid, LayerCertificate::Ground::Graph, 1, 1, {}};
   StackEncoder encoder = StackEncoder::start(header, kExact).value();
   ASSERT_TRUE(encoder.add(layer));
   ASSERT_TRUE(encoder.finish().value());
   EXPECT_TRUE(encoder.coded_layers()[0].contours.empty());
-  EXPECT_EQ(encoder.coded_layers()[0].certificate.verdict, LayerCertificate::Verdict::Flagged);
+  EXPECT_EQ(encoder.coded_layers()[0].certificate.verdict, LayerCertificate::Verdict::Doubtful);
   EXPECT_EQ(encoder.coded_layers()[0].certificate.measured_euler, 0);
 }
 
@@ -177,7 +201,8 @@ Layer layer_of(std::uint32_t index, std::vector<Contour> contours) {
   layer.index = LayerIndex{index};
   layer.z_mm = cut_height_mm(layer.index, 0.15);
   layer.contours = std::move(contours);
-  layer.certificate = {LayerCertificate::Verdict::Certified, LayerCertificate::Method::Grid, 1, 1, "", std::nullopt};
+  layer.certificate = {
+      LayerCertificate::Verdict::Measured, LayerCertificate::Method::Grid, LayerCertificate::Ground::Graph, 1, 1, {}};
   return layer;
 }
 
@@ -224,8 +249,8 @@ TEST(StackEncoder, FlagsACertifiedLayerWhoseContoursCross) {
   const Layer layer = layer_of(0, {ring_of({60, 80}, 20, 20, 100), ring_of({80, 80}, 20, 20, 100)});
   for (const CodecOptions& options : {kExact, kCurve}) {
     const Coded coded = encode(LayerStack::from_layers(header, {layer}).value(), options);
-    EXPECT_EQ(coded.layers[0].certificate.verdict, LayerCertificate::Verdict::Flagged);
-    EXPECT_THAT(coded.layers[0].certificate.reason, HasSubstr("cross"));
+    EXPECT_EQ(coded.layers[0].certificate.verdict, LayerCertificate::Verdict::Doubtful);
+    EXPECT_EQ(coded.layers[0].certificate.doubt->reason, DoubtReason::CrossOnLattice);
   }
 }
 
@@ -297,7 +322,8 @@ TEST(CodecOptions, RefusesValuesOutOfRange) {
   EXPECT_FALSE((CodecOptions{.total_error_pitch = 1.5}.validate()));
   EXPECT_FALSE((CodecOptions{.layers_per_chunk = 0}.validate()));
   EXPECT_FALSE((CodecOptions{.layers_per_chunk = 65}.validate()));
-  EXPECT_FALSE((CodecOptions{.coding = static_cast<Coding>(7)}.validate()));
+  EXPECT_FALSE((CodecOptions{.coding = static_cast<Coding>(9)}.validate()));
+  EXPECT_FALSE((CodecOptions{.coding = Coding::CurveInWords}.validate()));
 }
 
 }  // namespace

@@ -5,6 +5,8 @@
 #include <telefab/codec/tfc_file.hpp>
 #include <telefab/test/random_stack.hpp>
 
+#include "earlier_files.hpp"
+
 namespace telefab {
 namespace {
 
@@ -23,6 +25,45 @@ TEST(TfcFile, ComesBackWithHeaderLayersAndCertificates) {
   const CodecOptions exact{.coding = Coding::Exact};
   const auto once = write_tfc(stack, exact).value();
   EXPECT_EQ(write_tfc(read_tfc(once).value(), exact).value(), once);
+}
+
+std::vector<std::byte> bytes_of(std::string_view hex) {
+  std::vector<std::byte> bytes;
+  for (std::size_t i = 0; i < hex.size(); i += 2)
+    bytes.push_back(static_cast<std::byte>(std::stoi(std::string{hex.substr(i, 2)}, nullptr, 16)));
+  return bytes;
+}
+
+TEST(TfcFile, ReadsWhatTheReleaseBeforeWrote) {
+  using Verdict = LayerCertificate::Verdict;
+  for (const std::string_view hex : {test::kEarlierExactFile, test::kEarlierCurveFile}) {
+    const auto stack = read_tfc(bytes_of(hex));
+    ASSERT_TRUE(stack) << stack.error().what;
+    ASSERT_EQ(stack->layers().size(), 6U);
+    std::vector<Verdict> verdicts;
+    for (const Layer& layer : stack->layers()) {
+      verdicts.push_back(layer.certificate.verdict);
+      ASSERT_EQ(layer.contours.size(), 2U);
+      EXPECT_NEAR(layer.contours[0].signed_area_mm2(), 176, 1.5);
+    }
+    EXPECT_EQ(verdicts, (std::vector{Verdict::Unchecked, Verdict::Measured, Verdict::Doubtful, Verdict::Doubtful,
+                                     Verdict::Measured, Verdict::Measured}));
+    EXPECT_TRUE(stack->layers()[2].certificate.is_incomplete());
+    EXPECT_EQ(stack->layers()[2].certificate.doubt->place, (Point2{3, 4}));
+    EXPECT_FALSE(stack->layers()[3].certificate.is_incomplete());
+    EXPECT_EQ(stack->layers()[3].certificate.doubt->reason, DoubtReason::EarlierRelease);
+  }
+}
+
+TEST(TfcFile, RefusesAFlippedBitInWhatTheReleaseBeforeWrote) {
+  for (const std::string_view hex : {test::kEarlierExactFile, test::kEarlierCurveFile}) {
+    auto bytes = bytes_of(hex);
+    for (std::size_t i = 0; i < bytes.size(); ++i) {
+      bytes[i] ^= std::byte{4};
+      EXPECT_FALSE(read_tfc(bytes)) << i;
+      bytes[i] ^= std::byte{4};
+    }
+  }
 }
 
 TEST(TfcFile, RefusesEveryTruncationAndSaysWhere) {

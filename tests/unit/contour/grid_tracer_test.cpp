@@ -41,7 +41,7 @@ TEST(GridTracer, FindsTheOutersAndHolesOfTheExactSlice) {
       if (truth != count_slice(*shape, z - 0.2, 0.25) || truth != count_slice(*shape, z + 0.2, 0.25)) continue;
       ++judged;
       const LayerTrace layer = traced(*shape, samples, z);
-      EXPECT_TRUE(layer.faults.empty()) << shape->facts().name << " z " << z << ": " << layer.faults[0].what;
+      EXPECT_TRUE(layer.faults.empty()) << shape->facts().name << " z " << z << ": " << name_of(layer.faults[0].reason);
       EXPECT_EQ(layer.euler(), truth.euler()) << shape->facts().name << " z " << z;
       EXPECT_EQ(static_cast<int>(layer.contours.size()), truth.outers + truth.holes)
           << shape->facts().name << " z " << z;
@@ -98,7 +98,7 @@ TEST(GridTracer, ClosesAGapAsWideAsTheBridgeAndSaysWhere) {
   EXPECT_NEAR(layer.gaps[0].size_mm, 4, 1.1);  // the hole and at most half a kernel width at each side
   EXPECT_NEAR(layer.gaps[0].place.x_mm, 20, 0.3);
   ASSERT_EQ(layer.faults.size(), 1U);
-  EXPECT_NE(layer.faults[0].what.find("closed by a straight line"), std::string::npos);
+  EXPECT_EQ(layer.faults[0].reason, DoubtReason::GapBridged);
   const double missing = std::numbers::pi * 400 - layer.contours[0].signed_area_mm2();
   EXPECT_GT(missing, 0.2);
   EXPECT_LT(missing, 1.2);
@@ -112,7 +112,7 @@ TEST(GridTracer, LeavesAContourOutWhoseGapIsWiderThanTheBridge) {
   ASSERT_EQ(layer.gaps.size(), 1U);
   EXPECT_FALSE(layer.gaps[0].bridged);
   ASSERT_EQ(layer.faults.size(), 1U);
-  EXPECT_NE(layer.faults[0].what.find("left out"), std::string::npos);
+  EXPECT_EQ(layer.faults[0].reason, DoubtReason::ContoursLeftOut);
 }
 
 TEST(GridTracer, RefusesOptionsWithoutMeaning) {

@@ -44,7 +44,7 @@ TEST(LayerStack, ChangesItsDigestWithAnyVertexAndWithTheCertificate) {
   const auto a = LayerStack::from_layers(header(1), {square(0)}).value();
   const auto b = LayerStack::from_layers(header(1), {square(0, 1.0000000001)}).value();
   Layer flagged = square(0);
-  flagged.certificate.verdict = LayerCertificate::Verdict::Flagged;
+  flagged.certificate.flag({DoubtReason::ContoursCross});
   const auto c = LayerStack::from_layers(header(1), {flagged}).value();
   EXPECT_NE(digest_of(a), digest_of(b));
   EXPECT_NE(digest_of(a), digest_of(c));

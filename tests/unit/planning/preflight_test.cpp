@@ -149,9 +149,8 @@ TEST_F(PreflightTest, PeelIsTheAreaOfTheLargestLayer) {
 
 TEST_F(PreflightTest, AFlaggedLayerIsAWarningWithTheSlicersReason) {
   std::vector<Layer> layers{stack.layers().begin(), stack.layers().end()};
-  for (Layer& layer : layers) layer.certificate.verdict = LayerCertificate::Verdict::Certified;
-  layers[1].certificate = {
-      LayerCertificate::Verdict::Flagged, LayerCertificate::Method::Grid, {}, 1, "a gap of 2 mm", Point2{3, 4}};
+  for (Layer& layer : layers) layer.certificate.verdict = LayerCertificate::Verdict::Measured;
+  layers[1].certificate.flag({.reason = DoubtReason::GapBridged, .place = Point2{3, 4}, .size_mm = 2});
   stack = LayerStack::from_layers(stack.header(), std::move(layers)).value();
   const PreflightItem certificates = item("certificates");
   EXPECT_EQ(certificates.verdict, Verdict::Warning);
@@ -161,12 +160,9 @@ TEST_F(PreflightTest, AFlaggedLayerIsAWarningWithTheSlicersReason) {
 
 TEST_F(PreflightTest, HoldsAJobWhoseLayersLackContours) {
   std::vector<Layer> layers{stack.layers().begin(), stack.layers().end()};
-  const auto flag = [&](std::size_t layer, std::string reason) {
-    layers[layer].certificate = {
-        LayerCertificate::Verdict::Flagged, LayerCertificate::Method::Grid, {}, 1, std::move(reason), Point2{3, 4}};
-  };
-  flag(0, "a gap of 2 mm");
-  flag(2, std::string{kContoursLeftOut} + ": a gap of 20 mm");
+  layers[0].certificate.flag({.reason = DoubtReason::GapBridged, .place = Point2{3, 4}, .size_mm = 2});
+  layers[2].certificate.flag(
+      {.reason = DoubtReason::ContoursLeftOut, .place = Point2{3, 4}, .size_mm = 20, .other_mm = 1});
   stack = LayerStack::from_layers(stack.header(), std::move(layers)).value();
   const PreflightItem certificates = item("certificates");
   EXPECT_EQ(certificates.verdict, Verdict::Held);

@@ -49,7 +49,7 @@ TEST(LayerCutter, CertifiesOnlyWhatTheFormulaConfirms) {
                              .band_mm = 0.5 * c.spacing_mm,
                              .chord_mm = 0.01,
                              .method = TraceMethod::Auto,
-                             .known_fault = {}};
+                             .surface = {}};
     LayerCutter cutter{setting};
     const Box3 box = c.shape->bounds();
     int certified = 0, with_rings = 0;
@@ -58,7 +58,7 @@ TEST(LayerCutter, CertifiesOnlyWhatTheFormulaConfirms) {
       const auto cut = cutter.cut(LayerIndex{i}, z, {});
       ASSERT_TRUE(cut) << c.name;
       const Layer& layer = cut->layer;
-      if (layer.certificate.verdict != LayerCertificate::Verdict::Certified) continue;
+      if (!layer.certificate.is_certified()) continue;
       const test::SliceCount truth = test::count_slice(*c.shape, z, 0.08);
       test::SliceCount found;
       for (const Contour& ring : layer.contours) ++(ring.is_hole() ? found.holes : found.outers);

@@ -160,7 +160,7 @@ TEST(HeightTopology, FlatTopsAreTwoPlateausAndNothingElse) {
   EXPECT_NEAR(topology.plateaus()[0].low_mm, -10, 1e-4);
   EXPECT_NEAR(topology.plateaus()[1].high_mm, 10, 1e-4);
   for (const auto& c : topology.critical_points()) EXPECT_TRUE(c.plateau);
-  EXPECT_FALSE(topology.predicted_contours(-10.0) == (scan::ContourCount{1, 0}));
+  EXPECT_FALSE(topology.predicted_contours(-10.0) == (ContourCount{1, 0}));
   EXPECT_TRUE(topology.is_near_critical(10.05));
   EXPECT_FALSE(topology.is_near_critical(9.8));
 }

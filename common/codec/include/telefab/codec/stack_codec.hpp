@@ -12,9 +12,11 @@ namespace telefab {
 
 /// How contours are written. Numbers go to disk and over the wire: never renumber.
 enum class Coding : std::uint32_t {
-  // 1 to 4 were earlier forms.
-  Exact = 5,  ///< the slicer's vertices on a grid of pixel pitch / 16
-  Curve = 6,  ///< the curve within a stated error: contours as those of the layer below, moved
+  // 1 to 4 were earlier forms. 5 and 6 are still read: Exact and Curve with certificates in words.
+  ExactInWords = 5,
+  CurveInWords = 6,
+  Exact = 7,  ///< the slicer's vertices on a grid of pixel pitch / 16
+  Curve = 8,  ///< the curve within a stated error: contours as those of the layer below, moved
 };
 
 struct CodecOptions {
@@ -33,6 +35,10 @@ struct Chunk {
   std::vector<std::byte> payload;
   friend bool operator==(const Chunk&, const Chunk&) = default;
 };
+
+/// Whether an earlier release wrote the chunk, with certificates in words: what is decoded then has another stack
+/// digest than the one stated. The chain vouches for its bytes.
+[[nodiscard]] bool is_of_earlier_release(const Chunk& chunk);
 
 /// SHA-256 chained over header and chunks: chain 0 is the digest of the header's canonical text, chain n+1 that of
 /// chain n, the chunk's numbers and its payload. Equal chains, equal streams.
@@ -58,6 +64,7 @@ class StackEncoder {
 
   /// Takes the next layer; gives a chunk when one is full. Fails with InvalidInput for a layer out of order or outside
   /// the header's bounds, TooLarge for a layer that does not fit a chunk.
+  /// What contours rest on is kept: every decoded edge says the gravest of what lies beside it.
   /// A ring that has no area left on the grid is left out, and the layer's certificate says so; so it does where the
   /// contours of a certified layer cross or nest wrongly.
   [[nodiscard]] Result<std::optional<Chunk>> add(const Layer& layer);

@@ -2,6 +2,7 @@
 #pragma once
 #include <span>
 #include <telefab/base/result.hpp>
+#include <telefab/geometry/surface_run.hpp>
 #include <vector>
 
 namespace telefab {
@@ -23,21 +24,30 @@ struct Bounds2 {
 /// counter-clockwise (positive area), holes clockwise (negative area), seen from above.
 /// Invariant: at least three vertices, all finite, no two neighbours equal, signed area not zero.
 /// That rings do not cross is the layer's promise (LayerCertificate), not checked here.
+/// A ring may say of each of its edges what it rests on (SurfaceRun).
 class Contour {
  public:
   /// Fails with InvalidInput if the invariant does not hold. Never repairs.
   [[nodiscard]] static Result<Contour> from_vertices(std::vector<Point2> vertices);
+  /// The same ring with what its edges rest on, edge 0 first; neighbours of one class are merged. Fails with
+  /// InvalidInput where the runs do not account for every edge or a length is impossible.
+  [[nodiscard]] Result<Contour> with_runs(std::span<const SurfaceRun> runs) const;
 
   [[nodiscard]] std::span<const Point2> vertices() const { return vertices_; }
+  /// What the edges rest on, merged; empty where all are measured, or where nobody looked (see the certificate).
+  [[nodiscard]] std::span<const SurfaceRun> runs() const { return runs_; }
   [[nodiscard]] double signed_area_mm2() const { return signed_area_mm2_; }
   [[nodiscard]] bool is_hole() const { return signed_area_mm2_ < 0; }
   [[nodiscard]] double length_mm() const;
   [[nodiscard]] Bounds2 bounds() const;
-  friend bool operator==(const Contour& a, const Contour& b) { return a.vertices_ == b.vertices_; }
+  friend bool operator==(const Contour& a, const Contour& b) {
+    return a.vertices_ == b.vertices_ && a.runs_ == b.runs_;
+  }
 
  private:
   Contour(std::vector<Point2> vertices, double area) : vertices_{std::move(vertices)}, signed_area_mm2_{area} {}
   std::vector<Point2> vertices_;
+  std::vector<SurfaceRun> runs_;
   double signed_area_mm2_ = 0;
 };
 

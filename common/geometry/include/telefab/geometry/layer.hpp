@@ -2,35 +2,13 @@
 #pragma once
 #include <array>
 #include <cstdint>
-#include <optional>
 #include <string>
-#include <string_view>
 #include <telefab/base/digest.hpp>
 #include <telefab/base/quantity.hpp>
+#include <telefab/geometry/certificate.hpp>
 #include <telefab/geometry/contour.hpp>
 
 namespace telefab {
-
-/// How the reason of a flagged layer begins that lacks contours of the object: a part printed from it lacks them too.
-inline constexpr std::string_view kContoursLeftOut = "open contour, left out";
-
-/// What the slicer vouches for in one layer.
-struct LayerCertificate {
-  enum class Verdict : std::uint8_t {
-    Unchecked = 1,  ///< nobody looked (contours imported from elsewhere)
-    Certified = 2,  ///< count, nesting, Euler number, closedness, coverage and absence of crossings agree
-    Flagged = 3,    ///< something does not agree; see reason
-  };
-  enum class Method : std::uint8_t { Imported = 1, Grid = 2, Reeb = 3 };
-
-  Verdict verdict = Verdict::Unchecked;
-  Method method = Method::Imported;
-  std::optional<std::int32_t> predicted_euler;  ///< outer minus hole rings, from the critical points below this layer
-  std::int32_t measured_euler = 0;              ///< outer minus hole rings found
-  std::string reason;                           ///< empty unless Flagged; for people
-  std::optional<Point2> place;                  ///< where the first disagreement lies
-  friend bool operator==(const LayerCertificate&, const LayerCertificate&) = default;
-};
 
 /// The material of one layer: rings of a plane cut at mid-height. Rings are in canonical order
 /// (see sorted_canonically). A layer without rings is legal: nothing is exposed there.
@@ -42,8 +20,22 @@ struct Layer {
   friend bool operator==(const Layer&, const Layer&) = default;
 };
 
+/// Lengths of a layer's contours by what they rest on.
+struct SurfaceShares {
+  double measured_mm = 0;
+  double completed_mm = 0;
+  double doubtful_mm = 0;
+  double largest_gap_mm = 0;    ///< of what is completed
+  double largest_error_mm = 0;  ///< of what is completed
+  [[nodiscard]] double length_mm() const { return measured_mm + completed_mm + doubtful_mm; }
+  /// Adds the lengths and keeps the larger gap and error.
+  SurfaceShares& operator+=(const SurfaceShares& more);
+  friend bool operator==(const SurfaceShares&, const SurfaceShares&) = default;
+};
+[[nodiscard]] SurfaceShares surface_shares(const Layer& layer);
+
 /// Each ring is rotated to start at its smallest vertex (by y, then x); rings are sorted by that vertex, then by
-/// area. Same rings, same order, whoever found them.
+/// area. Same rings, same order, whoever found them. Runs turn with their ring.
 [[nodiscard]] std::vector<Contour> sorted_canonically(std::vector<Contour> contours);
 
 /// Column-major-free on purpose: row-major 4x4, build_point = T * scan_point, bottom row 0 0 0 1.
@@ -83,7 +75,9 @@ class LayerStack {
   std::vector<Layer> layers_;
 };
 
-/// Checks one layer against its header as LayerStack does; for streams that never hold a whole stack.
+/// Checks one layer against its header as LayerStack does, and that its certificate says of its contours what their
+/// runs say: a Completed layer has completed and no doubtful stretches, a Measured one neither, one Unchecked no runs,
+/// and a Doubtful one alone has a doubt. For streams that never hold a whole stack.
 [[nodiscard]] Result<void> validate_layer(const StackHeader& header, const Layer& layer);
 
 /// Text with hexadecimal floats: equal text if and only if equal value. For digests and golden files.

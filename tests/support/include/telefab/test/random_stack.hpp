@@ -7,7 +7,8 @@
 
 namespace telefab::test {
 
-/// A stack of wavy stars with holes that drift from layer to layer, certified; `seed` decides everything.
+/// A stack of wavy stars with holes that drift from layer to layer, certified, every fifth in part completed; `seed`
+/// decides everything.
 [[nodiscard]] inline LayerStack random_stack(std::uint64_t seed, std::uint32_t layer_count) {
   std::mt19937_64 rng{seed};
   const auto uniform = [&](double low, double high) {
@@ -27,7 +28,7 @@ namespace telefab::test {
     Layer layer;
     layer.index = LayerIndex{i};
     layer.z_mm = cut_height_mm(layer.index, header.layer_thickness_mm);
-    layer.certificate.verdict = LayerCertificate::Verdict::Certified;
+    layer.certificate.verdict = LayerCertificate::Verdict::Measured;
     layer.certificate.method = LayerCertificate::Method::Grid;
     for (int s = 0; s < stars; ++s) {
       const auto ring = [&](double radius_mm, bool hole) {
@@ -46,9 +47,21 @@ namespace telefab::test {
     for (const Contour& contour : layer.contours) layer.certificate.measured_euler += contour.is_hole() ? -1 : 1;
     if (rng() % 2) layer.certificate.predicted_euler = layer.certificate.measured_euler;
     if (rng() % 16 == 0) {
-      layer.certificate.verdict = LayerCertificate::Verdict::Flagged;
-      layer.certificate.reason = "predicted and measured Euler numbers differ";
-      layer.certificate.place = Point2{uniform(0, 260), uniform(0, 160)};
+      layer.certificate.flag({.reason = DoubtReason::KernelsDisagree,
+                              .place = Point2{uniform(0, 260), uniform(0, 160)},
+                              .size_mm = 0.512,
+                              .other_mm = 0.64,
+                              .found = {1, static_cast<int>(rng() % 3)},
+                              .other = {2, 0}});
+    }
+    if (i % 5 == 3) {
+      // A third of the first ring is completed; of a flagged layer doubtful.
+      const auto n = static_cast<std::uint32_t>(layer.contours[0].vertices().size());
+      const bool flagged = layer.certificate.verdict == LayerCertificate::Verdict::Doubtful;
+      const SurfaceRun gap{flagged ? SurfaceClass::Doubtful : SurfaceClass::Completed, n / 3, 1.25 + 0.01 * i, 0.37};
+      const std::vector<SurfaceRun> runs{{SurfaceClass::Measured, n - n / 3 - 5}, gap, {SurfaceClass::Measured, 5}};
+      layer.contours[0] = layer.contours[0].with_runs(runs).value();
+      if (!flagged) layer.certificate.verdict = LayerCertificate::Verdict::Completed;
     }
     layers.push_back(std::move(layer));
   }

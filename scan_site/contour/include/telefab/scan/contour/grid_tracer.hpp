@@ -4,9 +4,8 @@
 #include <optional>
 #include <span>
 #include <stop_token>
-#include <string>
 #include <telefab/base/result.hpp>
-#include <telefab/geometry/contour.hpp>
+#include <telefab/geometry/certificate.hpp>
 #include <telefab/scan/contour/reeb_marcher.hpp>
 #include <telefab/scan/mls/scalar_field.hpp>
 #include <vector>
@@ -20,12 +19,6 @@ struct GridOptions {
   [[nodiscard]] Result<void> validate() const;
 };
 
-/// What does not fit in one layer, and where.
-struct TraceFault {
-  std::string what;
-  Point2 place;
-};
-
 /// Where a contour stays open because no sample is near.
 struct ContourGap {
   Point2 place;          ///< one end
@@ -36,7 +29,7 @@ struct ContourGap {
 /// The rings found in one plane, canonical order, outer counter-clockwise, holes clockwise.
 struct LayerTrace {
   std::vector<Contour> contours;
-  std::vector<TraceFault> faults;            ///< gaps, crossings; empty for a sound layer
+  std::vector<Doubt> faults;                 ///< gaps, crossings; empty for a sound layer
   std::vector<ContourGap> gaps;              ///< each also a fault
   std::uint64_t evaluations = 0;             ///< of the field
   [[nodiscard]] std::int32_t euler() const;  ///< outer minus hole rings

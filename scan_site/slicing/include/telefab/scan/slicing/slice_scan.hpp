@@ -58,8 +58,7 @@ struct StageTime {
 struct FlaggedLayer {
   LayerIndex layer;
   double z_mm = 0;
-  std::string reason;
-  std::optional<Point2> place;
+  LayerCertificate certificate;
 };
 
 /// A gap in the scan that left a contour open.
@@ -88,9 +87,11 @@ struct SliceReport {
   std::array<double, 3> size_mm{};  ///< of the placed scan
   std::string normals_json;         ///< report of the normals, as they came
   std::uint32_t layers_cut = 0;
-  std::uint32_t certified = 0;
+  std::uint32_t certified = 0;  ///< measured or completed
+  std::uint32_t completed = 0;  ///< of the certified: with stretches the scan does not show
   std::uint32_t certified_by_march = 0;
   std::vector<FlaggedLayer> flagged;
+  SurfaceShares shares;        ///< what the contours of all layers rest on
   std::vector<LayerGap> gaps;  ///< of all layers, from below
   Openness open;
   std::uint32_t base_layers = 0;      ///< lowest layers that repeat the one above them (close_base)

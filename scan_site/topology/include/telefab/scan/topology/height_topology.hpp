@@ -6,6 +6,7 @@
 #include <stop_token>
 #include <string>
 #include <telefab/base/result.hpp>
+#include <telefab/geometry/certificate.hpp>
 #include <telefab/scan/mls/scalar_field.hpp>
 #include <vector>
 
@@ -94,12 +95,6 @@ struct RoundedInterval {
   double low_mm = 0;
   double high_mm = 0;
   Vec3 place_mm = Vec3::Zero();
-};
-
-struct ContourCount {
-  int outers = 0;
-  int holes = 0;
-  friend bool operator==(const ContourCount&, const ContourCount&) = default;
 };
 
 /// A point of one contour of the slice at its height.

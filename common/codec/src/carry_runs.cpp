@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "carry_runs.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "layer_coding.hpp"
+
+namespace telefab::codec {
+namespace {
+
+constexpr int kCells = 128;  ///< along the longer side
+
+/// All edges of some rings, found by place.
+class EdgeMap {
+ public:
+  struct Edge {
+    Point2 a, b;
+    std::size_t ring = 0;
+    std::size_t number = 0;
+  };
+
+  explicit EdgeMap(std::span<const Contour> rings) {
+    Bounds2 box = rings[0].bounds();
+    for (const Contour& ring : rings) {
+      const Bounds2 b = ring.bounds();
+      box.min = {std::min(box.min.x_mm, b.min.x_mm), std::min(box.min.y_mm, b.min.y_mm)};
+      box.max = {std::max(box.max.x_mm, b.max.x_mm), std::max(box.max.y_mm, b.max.y_mm)};
+    }
+    low_ = box.min;
+    cell_mm_ = std::max(box.max.x_mm - box.min.x_mm, box.max.y_mm - box.min.y_mm) / kCells;
+    cells_.resize(static_cast<std::size_t>(kCells) * kCells);
+    for (std::size_t r = 0; r < rings.size(); ++r) {
+      const auto v = rings[r].vertices();
+      for (std::size_t i = 0; i < v.size(); ++i) add({v[i], v[(i + 1) % v.size()], r, i});
+    }
+  }
+  [[nodiscard]] const std::vector<Edge>& edges() const { return edges_; }
+
+  /// The edge nearest to p; the lower number of two as near.
+  [[nodiscard]] const Edge& nearest(Point2 p) const {
+    const std::array<int, 2> middle = cell_of(p);
+    std::uint32_t best = 0;
+    double least = std::numeric_limits<double>::infinity();
+    for (int reach = 0; reach < kCells; ++reach) {
+      // Cells this far out are at least so far away.
+      if ((reach - 1) * cell_mm_ > std::sqrt(least)) break;
+      for (int y = middle[1] - reach; y <= middle[1] + reach; ++y)
+        for (int x = middle[0] - reach; x <= middle[0] + reach; ++x) {
+          if (std::max(std::abs(x - middle[0]), std::abs(y - middle[1])) != reach) continue;
+          if (x < 0 || y < 0 || x >= kCells || y >= kCells) continue;
+          for (const std::uint32_t e : cells_[static_cast<std::size_t>(y) * kCells + static_cast<std::size_t>(x)])
+            if (const double d2 = distance2(edges_[e], p); d2 < least || (d2 == least && e < best)) {
+              least = d2;
+              best = e;
+            }
+        }
+    }
+    return edges_[best];
+  }
+
+ private:
+  [[nodiscard]] std::array<int, 2> cell_of(Point2 p) const {
+    const auto index = [&](double offset) {
+      return static_cast<int>(std::clamp(std::floor(offset / cell_mm_), 0.0, kCells - 1.0));
+    };
+    return {index(p.x_mm - low_.x_mm), index(p.y_mm - low_.y_mm)};
+  }
+  void add(const Edge& edge) {
+    const auto number = static_cast<std::uint32_t>(edges_.size());
+    edges_.push_back(edge);
+    const auto a = cell_of({std::min(edge.a.x_mm, edge.b.x_mm), std::min(edge.a.y_mm, edge.b.y_mm)});
+    const auto b = cell_of({std::max(edge.a.x_mm, edge.b.x_mm), std::max(edge.a.y_mm, edge.b.y_mm)});
+    for (int y = a[1]; y <= b[1]; ++y)
+      for (int x = a[0]; x <= b[0]; ++x)
+        cells_[static_cast<std::size_t>(y) * kCells + static_cast<std::size_t>(x)].push_back(number);
+  }
+  static double distance2(const Edge& e, Point2 p) {
+    const double dx = e.b.x_mm - e.a.x_mm;
+    const double dy = e.b.y_mm - e.a.y_mm;
+    const double t = std::clamp(((p.x_mm - e.a.x_mm) * dx + (p.y_mm - e.a.y_mm) * dy) / (dx * dx + dy * dy), 0.0, 1.0);
+    const double x = e.a.x_mm + t * dx - p.x_mm;
+    const double y = e.a.y_mm + t * dy - p.y_mm;
+    return x * x + y * y;
+  }
+
+  Point2 low_;
+  double cell_mm_ = 1;
+  std::vector<Edge> edges_;
+  std::vector<std::vector<std::uint32_t>> cells_;
+};
+
+Point2 middle_of(const EdgeMap::Edge& e) { return {(e.a.x_mm + e.b.x_mm) / 2, (e.a.y_mm + e.b.y_mm) / 2}; }
+
+void take_graver(SurfaceRun& into, const SurfaceRun& from) {
+  into.kind = std::max(into.kind, from.kind);
+  into.gap_mm = std::max(into.gap_mm, from.gap_mm);
+  into.error_mm = std::max(into.error_mm, from.error_mm);
+}
+
+}  // namespace
+
+Result<std::vector<Contour>> carry_runs(std::span<const Contour> given, std::vector<Contour> coded) {
+  const bool some = std::any_of(given.begin(), given.end(), [](const Contour& c) { return !c.runs().empty(); });
+  if (!some || coded.empty()) return coded;
+  const EdgeMap from{given};
+  const EdgeMap to{coded};
+  std::vector<std::vector<SurfaceRun>> of_given, of_coded;
+  for (const Contour& ring : given) of_given.push_back(one_an_edge(ring.runs(), ring.vertices().size()));
+  for (const Contour& ring : coded) of_coded.emplace_back(ring.vertices().size());
+  for (const EdgeMap::Edge& e : to.edges()) {
+    const EdgeMap::Edge& beside = from.nearest(middle_of(e));
+    take_graver(of_coded[e.ring][e.number], of_given[beside.ring][beside.number]);
+  }
+  for (const EdgeMap::Edge& e : from.edges()) {
+    const SurfaceRun& run = of_given[e.ring][e.number];
+    if (run.kind == SurfaceClass::Measured) continue;
+    const EdgeMap::Edge& beside = to.nearest(middle_of(e));
+    take_graver(of_coded[beside.ring][beside.number], run);
+  }
+  for (std::size_t r = 0; r < coded.size(); ++r) {
+    for (SurfaceRun& run : of_coded[r]) run = as_coded(run);
+    auto told = coded[r].with_runs(of_coded[r]);
+    if (!told) return tl::unexpected{told.error()};
+    coded[r] = std::move(*told);
+  }
+  return coded;
+}
+
+}  // namespace telefab::codec

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+#include <telefab/geometry/certificate.hpp>
+
+namespace telefab {
+namespace {
+
+std::string text(ContourCount count) { return fmt::format("{} outer and {} hole contours", count.outers, count.holes); }
+
+}  // namespace
+
+bool LayerCertificate::is_incomplete() const {
+  return doubt && (doubt->reason == DoubtReason::ContoursLeftOut || doubt->reason == DoubtReason::ContourMissing);
+}
+
+void LayerCertificate::flag(Doubt why) {
+  verdict = Verdict::Doubtful;
+  doubt = why;
+}
+
+std::string_view name_of(LayerCertificate::Verdict verdict) {
+  switch (verdict) {
+    case LayerCertificate::Verdict::Unchecked:
+      return "unchecked";
+    case LayerCertificate::Verdict::Measured:
+      return "measured";
+    case LayerCertificate::Verdict::Doubtful:
+      return "doubtful";
+    case LayerCertificate::Verdict::Completed:
+      return "completed";
+  }
+  return "unknown";
+}
+
+std::string_view name_of(LayerCertificate::Ground ground) {
+  switch (ground) {
+    case LayerCertificate::Ground::None:
+      return "none";
+    case LayerCertificate::Ground::Graph:
+      return "graph";
+    case LayerCertificate::Ground::TwoMethods:
+      return "two-methods";
+    case LayerCertificate::Ground::WindingTest:
+      return "winding-test";
+  }
+  return "unknown";
+}
+
+std::string_view name_of(DoubtReason reason) {
+  switch (reason) {
+    case DoubtReason::ContoursLeftOut:
+      return "contours-left-out";
+    case DoubtReason::GapBridged:
+      return "gap-bridged";
+    case DoubtReason::ContourOpen:
+      return "contour-open";
+    case DoubtReason::RepeatsLayer:
+      return "repeats-layer";
+    case DoubtReason::ContoursCross:
+      return "contours-cross";
+    case DoubtReason::NestingWrong:
+      return "nesting-wrong";
+    case DoubtReason::ContourMissing:
+      return "contour-missing";
+    case DoubtReason::SurfaceUncovered:
+      return "surface-uncovered";
+    case DoubtReason::SamplesOffSurface:
+      return "samples-off-surface";
+    case DoubtReason::KernelsDisagree:
+      return "kernels-disagree";
+    case DoubtReason::EdgeTooSharp:
+      return "edge-too-sharp";
+    case DoubtReason::EulerDiffers:
+      return "euler-differs";
+    case DoubtReason::MethodsDisagree:
+      return "methods-disagree";
+    case DoubtReason::NotCrossChecked:
+      return "not-cross-checked";
+    case DoubtReason::RingTooSmall:
+      return "ring-too-small";
+    case DoubtReason::CrossOnLattice:
+      return "cross-on-lattice";
+    case DoubtReason::WindingDisagrees:
+      return "winding-disagrees";
+    case DoubtReason::EarlierRelease:
+      return "earlier-release";
+  }
+  return "unknown";
+}
+
+std::string sentence_of(const LayerCertificate& certificate) {
+  if (!certificate.doubt) return {};
+  const Doubt& d = *certificate.doubt;
+  switch (d.reason) {
+    case DoubtReason::ContoursLeftOut:
+      if (d.size_mm == 0) return "open contours were left out";
+      return fmt::format(
+          "open contour, left out: the scan has a gap of {:.3g} mm here, bridges of up to {:.3g} mm are allowed",
+          d.size_mm, d.other_mm);
+    case DoubtReason::GapBridged:
+      return fmt::format("open contour: the scan has a gap of {:.3g} mm here, closed by a straight line", d.size_mm);
+    case DoubtReason::ContourOpen:
+      return "a contour does not close: the scan has a gap here";
+    case DoubtReason::RepeatsLayer:
+      return fmt::format("closed at the platform as asked: repeats layer {}, the lowest that is closed", d.number);
+    case DoubtReason::ContoursCross:
+      return "contours cross or touch";
+    case DoubtReason::NestingWrong:
+      return "contours do not nest as solid and hole";
+    case DoubtReason::ContourMissing:
+      return "the surface passes below and above the plane, but no contour was found";
+    case DoubtReason::SurfaceUncovered:
+      return fmt::format("the surface at {} samples reaches the plane beside every contour", d.number);
+    case DoubtReason::SamplesOffSurface:
+      return fmt::format("{} samples near the plane lie on no surface and beside no contour", d.number);
+    case DoubtReason::KernelsDisagree:
+      return fmt::format(
+          "a kernel of {:.3g} mm finds {}, one of {:.3g} mm {}: details here are as small as the scan "
+          "is uncertain",
+          d.size_mm, text(d.found), d.other_mm, text(d.other));
+    case DoubtReason::EdgeTooSharp:
+      return "an edge sharper than the scan shows begins or ends near this height";
+    case DoubtReason::EulerDiffers:
+      return fmt::format("the critical points predict an Euler number of {}, the contours have {}",
+                         certificate.predicted_euler.value_or(0), certificate.measured_euler);
+    case DoubtReason::MethodsDisagree:
+      return fmt::format("at a critical height marching finds {}, the grid {}", text(d.found), text(d.other));
+    case DoubtReason::NotCrossChecked:
+      return "too near to a critical height to be checked by one method alone";
+    case DoubtReason::RingTooSmall:
+      return "a ring smaller than the coding lattice was left out";
+    case DoubtReason::CrossOnLattice:
+      return "contours cross or touch on the coding lattice";
+    case DoubtReason::WindingDisagrees:
+      return fmt::format(
+          "at {} points of its contours the winding number of the scan tells inside and outside "
+          "otherwise",
+          d.number);
+    case DoubtReason::EarlierRelease:
+      return "flagged by an earlier release, which said why in words that are not kept";
+  }
+  return "flagged for a reason unknown here";
+}
+
+}  // namespace telefab
