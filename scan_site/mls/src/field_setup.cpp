@@ -33,7 +33,7 @@ constexpr double kCellSpacings = 3;
 constexpr double kEven = 1.3;
 /// Widths stay within these factors of the median one.
 constexpr double kNarrowest = 0.25;
-constexpr double kWidest = 4;
+constexpr double kWidest = 16;
 /// Kernel width over spacing while noise is measured and outliers are sought.
 constexpr double kTrialFactor = 2;
 
@@ -200,9 +200,9 @@ Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, st
   if (stop.stop_requested()) return cancelled();
   choice.spacing_mm = even.spacing_mm;
   choice.unevenness = even.unevenness;
-  choice.adaptive = !options.kernel_mm && even.unevenness > kEven;
+  choice.adaptive = !options.kernel_mm && (even.unevenness > kEven || even.rows);
   if (choice.adaptive) {
-    auto spacing = smooth_spacing(grid, static_cast<float>(even.spacing_mm), stop);
+    auto spacing = smooth_spacing(grid, static_cast<float>(even.spacing_mm), even.rows, stop);
     if (!spacing) return tl::unexpected{spacing.error()};
     for (float& s : *spacing)
       s = std::clamp(s, static_cast<float>(kNarrowest * even.spacing_mm),

@@ -67,6 +67,12 @@ std::size_t MlsField::sample_count() const {
   return count;
 }
 
+double MlsField::widest_kernel_mm() const {
+  float widest = 0;
+  for (const SampleGrid& band : parts_->setup.field.bands) widest = std::max(widest, band.widest_mm());
+  return widest;
+}
+
 void MlsField::samples_between(double low_mm, double high_mm, SurfaceSamples& found) const {
   rising_samples(low_mm, high_mm, 0, found);
 }

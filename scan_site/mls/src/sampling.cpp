@@ -1,16 +1,31 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "sampling.hpp"
 
+#include <Eigen/Geometry>
+
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace telefab::scan {
 namespace {
 
 constexpr std::size_t kNeighbours = 12;
+/// Rows farther apart than this, in spacings, are not looked for.
+constexpr float kWidestGap = 6;
+/// Nearer than this, in spacings, lies another view of the same place.
+constexpr float kSamePlace = 0.05F;
+/// Samples whose normals agree by less belong to another side of the part.
+constexpr float kSameSide = 0.3F;
+/// Over the spacing, gaps up to the first are those of samples without rows (a square grid: 1.41), and from the second
+/// on rows decide.
+constexpr float kNoRows = 1.5F;
+constexpr float kRows = 2.0F;
+/// A scan has rows where a tenth of its samples, each averaged with its neighbours, has gaps wider than this.
+constexpr double kRowyGap = 1.6;
 
 /// Asks about one sample after another; keeps its work space.
 class Surroundings {
@@ -33,6 +48,34 @@ class Surroundings {
     return radius;
   }
 
+  /// The widest gap across the sample: of three double sectors of its tangent plane, each with the distance to its
+  /// nearest sample on the nearer side, the largest. Even sampling has gaps of its spacing; samples in rows, as line
+  /// scanners take them, of the distance of the rows. At the border of a scan the side without samples does not count.
+  float gap(std::uint32_t sample, float spacing) const {
+    const Eigen::Vector3f place = grid_.place(sample);
+    const Eigen::Vector3f normal = grid_.normal(sample);
+    const Eigen::Vector3f u = normal.unitOrthogonal();
+    const Eigen::Vector3f v = normal.cross(u);
+    const float most = kWidestGap * kWidestGap * spacing * spacing;
+    std::array<float, 6> nearest;
+    nearest.fill(most);
+    grid_.visit(place, kWidestGap * spacing, [&](std::uint32_t first, std::uint32_t last) {
+      for (std::uint32_t k = first; k < last; ++k) {
+        const Eigen::Vector3f d = grid_.place(k) - place;
+        const float x = d.dot(u), y = d.dot(v);
+        const float flat = x * x + y * y;
+        if (flat >= most || flat < kSamePlace * kSamePlace * spacing * spacing) continue;
+        if (grid_.normal(k).dot(normal) < kSameSide) continue;
+        float& of_sector = nearest[sector(x, y)];
+        of_sector = std::min(of_sector, flat);
+      }
+    });
+    float widest = 0;
+    for (std::size_t s = 0; s < 3; ++s)
+      if (const float near = std::min(nearest[s], nearest[s + 3]); near < most) widest = std::max(widest, near);
+    return std::sqrt(widest);
+  }
+
   /// Mean of `spacing` (aligned, one a sample) over the neighbours within two spacings, itself included.
   float averaged(std::uint32_t sample, const float* spacing) {
     const NearInput in = about(sample, 2 * spacing[sample]);
@@ -40,6 +83,15 @@ class Surroundings {
   }
 
  private:
+  /// Sixths of a turn, counter-clockwise; by signs only, so that every machine tells the same.
+  static std::size_t sector(float x, float y) {
+    constexpr float kRoot3 = 1.7320508F;
+    const bool above_rising = y > kRoot3 * x;
+    const bool above_falling = y > -kRoot3 * x;
+    if (y > 0) return above_rising ? (above_falling ? 1 : 2) : 0;
+    return above_falling ? 5 : above_rising ? 3 : 4;
+  }
+
   NearInput about(std::uint32_t sample, float radius) {
     const Eigen::Vector3f place = grid_.place(sample);
     const Eigen::Vector3f normal = grid_.normal(sample);
@@ -60,6 +112,12 @@ class Surroundings {
   std::size_t samples_ = 0;
   std::vector<float> distances_;
 };
+
+/// The spacing that decides the width of the kernel: that of the samples, or, where they lie in rows, of the rows.
+float across_rows(float spacing, float gap) {
+  const float share = std::clamp((gap / spacing - kNoRows) / (kRows - kNoRows), 0.0F, 1.0F);
+  return spacing + share * (gap - spacing);
+}
 
 }  // namespace
 
@@ -84,30 +142,38 @@ Evenness measure_evenness(const SampleGrid& grid, float guess) {
   const std::uint32_t n = grid.size();
   const std::uint32_t step = std::max<std::uint32_t>(1, n / 1000);
   Surroundings surroundings{grid};
-  std::vector<float> spacing;
+  std::vector<float> spacing, across;
+  std::vector<double> gaps;
   float last = guess;
   for (std::uint32_t i = step / 2; i < n; i += step) {
     const float own = surroundings.spacing(i, last);
     last = own;
-    double sum = 0;
+    double sum = 0, gap_sum = 0;
     int count = 0;
     grid.visit(grid.place(i), 1.5F * own, [&](std::uint32_t first, std::uint32_t end) {
       for (std::uint32_t k = first; k < end && count < 12; ++k) {
         if ((grid.place(k) - grid.place(i)).squaredNorm() > 2.25F * own * own) continue;
-        sum += surroundings.spacing(k, own);
+        const float near = surroundings.spacing(k, own);
+        sum += near;
+        gap_sum += surroundings.gap(k, near) / near;
         ++count;
       }
     });
     spacing.push_back(count > 0 ? static_cast<float>(sum / count) : own);
+    gaps.push_back(count > 0 ? gap_sum / count : surroundings.gap(i, own) / own);
+    across.push_back(across_rows(spacing.back(), static_cast<float>(gaps.back()) * spacing.back()));
   }
+  std::sort(gaps.begin(), gaps.end());
+  const bool rows = gaps[static_cast<std::size_t>(0.9 * static_cast<double>(gaps.size() - 1))] > kRowyGap;
+  if (rows) spacing = std::move(across);
   std::sort(spacing.begin(), spacing.end());
   const auto rank = [&](double share) {
     return static_cast<double>(spacing[static_cast<std::size_t>(share * static_cast<double>(spacing.size() - 1))]);
   };
-  return {rank(0.5), rank(0.99) / std::max(rank(0.01), 1e-12)};
+  return {rank(0.5), rank(0.99) / std::max(rank(0.01), 1e-12), rows};
 }
 
-Result<std::vector<float>> smooth_spacing(const SampleGrid& grid, float guess, std::stop_token stop) {
+Result<std::vector<float>> smooth_spacing(const SampleGrid& grid, float guess, bool rows, std::stop_token stop) {
   const std::uint32_t n = grid.size();
   using Widths = SampleGrid::Widths;  // aligned
   std::vector<Widths> spacing((std::size_t{n} + 7) / 8);
@@ -123,6 +189,11 @@ Result<std::vector<float>> smooth_spacing(const SampleGrid& grid, float guess, s
     });
   };
   each([&](Surroundings& s, std::uint32_t i, float& last) { spacing[i / 8].width[i % 8] = last = s.spacing(i, last); });
+  if (rows)
+    each([&](Surroundings& s, std::uint32_t i, float&) {
+      float& own = spacing[i / 8].width[i % 8];
+      own = across_rows(own, s.gap(i, own));
+    });
   for (int pass = 0; pass < 2; ++pass) {
     each([&](Surroundings& s, std::uint32_t i, float&) { next[i / 8].width[i % 8] = s.averaged(i, spacing[0].width); });
     spacing.swap(next);

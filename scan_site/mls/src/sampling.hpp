@@ -16,12 +16,15 @@ namespace telefab::scan {
 struct Evenness {
   double spacing_mm = 0;  ///< median
   double unevenness = 1;  ///< 99 % over 1 %, each sample's spacing averaged over its neighbours
+  bool rows = false;      ///< samples lie in rows, as line scanners take them: the spacing is then that of the rows
 };
 /// From about a thousand samples spread over the grid.
 [[nodiscard]] Evenness measure_evenness(const SampleGrid& grid, float guess);
 
-/// Spacing of every sample, averaged twice over neighbours within two spacings. Parallel. Fails: Cancelled.
-[[nodiscard]] Result<std::vector<float>> smooth_spacing(const SampleGrid& grid, float guess, std::stop_token stop);
+/// Spacing of every sample, with `rows` that of the rows where it lies in some, averaged twice over neighbours within
+/// two spacings. Parallel. Fails: Cancelled.
+[[nodiscard]] Result<std::vector<float>> smooth_spacing(const SampleGrid& grid, float guess, bool rows,
+                                                        std::stop_token stop);
 
 /// A first idea of the spacing, from the box alone: right within a factor of a few.
 [[nodiscard]] float spacing_from_box(std::span<const Eigen::Vector3f> points);

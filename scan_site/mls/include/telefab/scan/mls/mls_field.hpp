@@ -64,6 +64,7 @@ class MlsField final : public ScalarField {
 
   [[nodiscard]] const KernelChoice& kernel() const;
   [[nodiscard]] std::size_t sample_count() const;
+  [[nodiscard]] double widest_kernel_mm() const;
   /// Samples with low <= z <= high, rising in z; replaces what `found` held.
   void samples_between(double low_mm, double high_mm, SurfaceSamples& found) const;
   /// Samples with |n_z| >= least_nz, rising in z; replaces what `found` held.
