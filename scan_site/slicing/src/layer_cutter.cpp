@@ -12,6 +12,8 @@ namespace {
 
 /// Samples flatter than this do not tell where, or whether, the surface meets the plane.
 constexpr double kSteepNz = 0.8;
+/// Walls this near below and above a plane, in kernel widths, must be cut by it.
+constexpr double kWallKernels = 1.2;
 /// Chord tolerance, in kernel widths, of contours that are only counted.
 constexpr double kCountingChordKernels = 0.02;
 
@@ -47,19 +49,21 @@ struct LayerCutter::Candidate {
   }
 };
 
+/// Of two results that disagree: sound before unsound; but nothing never stands in the place of something. The grid,
+/// which looks everywhere, before the march, which follows its seeds.
+bool LayerCutter::better_founded(const Candidate& grid, const Candidate& march) {
+  if (grid.trace.contours.empty() != march.trace.contours.empty()) return march.trace.contours.empty();
+  return grid.sound() || !march.sound();
+}
+
 LayerCutter::LayerCutter(const CutSetting& setting) : setting_{setting}, cursor_{setting.field.cursor()} {
   for (const ScalarField* field : setting.other_kernels) other_cursors_.push_back(field->cursor());
 }
 
 void LayerCutter::judge(Candidate& candidate, double z_mm) {
   std::vector<Doubt>& faults = candidate.trace.faults;
-  if (candidate.trace.contours.empty() && !near_.points.empty()) {
-    // near_ rises in z.
-    const bool through = setting_.sparse ? near_.points.front().z() < z_mm && near_.points.back().z() > z_mm
-                                         : straddles(setting_.field, *cursor_, z_mm, near_);
-    if (through)
-      faults.push_back({DoubtReason::ContourMissing, Point2{near_.points.front().x(), near_.points.front().y()}});
-  }
+  if (candidate.trace.contours.empty())
+    if (const auto place = wall_through(z_mm)) faults.push_back({DoubtReason::ContourMissing, *place});
   const Coverage coverage = coverage_of(setting_.field, *cursor_, z_mm, candidate.trace.contours, steep_,
                                         setting_.cover_kernels, setting_.noise_mm);
   if (coverage.lost > 0)
@@ -142,16 +146,50 @@ Result<void> LayerCutter::classify(Layer& layer) const {
   return {};
 }
 
-Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token stop) {
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while cutting layers");
+std::optional<Point2> LayerCutter::wall_through(double z_mm) {
+  // near_ rises in z.
+  if (setting_.sparse && !near_.points.empty() && near_.points.front().z() < z_mm && near_.points.back().z() > z_mm)
+    return Point2{near_.points.front().x(), near_.points.front().y()};
+  if (!near_.points.empty() && straddles(setting_.field, *cursor_, z_mm, near_))
+    return Point2{near_.points.front().x(), near_.points.front().y()};
+  // A row of samples may be missing: walls farther away count, but no tops and undersides, between which may be air.
+  const double reach = kWallKernels / setting_.band_kernels * setting_.band_mm;
+  SurfaceSamples walls;
+  setting_.samples(z_mm - reach, z_mm + reach, walls);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < walls.points.size(); ++i)
+    if (std::abs(walls.normals[i].z()) <= kSteepNz) {
+      walls.points[kept] = walls.points[i];
+      walls.normals[kept++] = walls.normals[i];
+    }
+  walls.points.resize(kept);
+  walls.normals.resize(kept);
+  if (!straddles(setting_.field, *cursor_, z_mm, walls)) return std::nullopt;
+  return Point2{walls.points.front().x(), walls.points.front().y()};
+}
+
+void LayerCutter::gather(double z_mm) {
   setting_.samples(z_mm - setting_.band_mm, z_mm + setting_.band_mm, near_);
   steep_.points.clear();
   steep_.normals.clear();
-  for (std::size_t i = 0; i < near_.points.size(); ++i)
-    if (std::abs(near_.normals[i].z()) <= kSteepNz) {
-      steep_.points.push_back(near_.points[i]);
-      steep_.normals.push_back(near_.normals[i]);
-    }
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < near_.points.size(); ++i) {
+    const Vec3 point = near_.points[i];
+    const Vec3 normal = near_.normals[i];
+    if (std::abs(point.z() - z_mm) > setting_.band_kernels * setting_.field.kernel_width_mm(point)) continue;
+    near_.points[kept] = point;
+    near_.normals[kept++] = normal;
+    if (std::abs(normal.z()) > kSteepNz) continue;
+    steep_.points.push_back(point);
+    steep_.normals.push_back(normal);
+  }
+  near_.points.resize(kept);
+  near_.normals.resize(kept);
+}
+
+Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token stop) {
+  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while cutting layers");
+  gather(z_mm);
 
   std::optional<int> predicted;
   std::optional<ContourCount> predicted_count;
@@ -198,7 +236,7 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
       // Nothing is promised here, but two independent ways around the same field agree.
       certified = true;
       ground = Ground::TwoMethods;
-    } else if (!march || !march->sound() || grid->sound()) {
+    } else if (!march || better_founded(*grid, *march)) {
       chosen = &*grid;
     }
   }

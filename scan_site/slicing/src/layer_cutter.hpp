@@ -16,7 +16,10 @@ struct CutSetting {
   const HeightTopology* topology = nullptr;  ///< none: nothing is predicted
   /// Samples with low <= z <= high, rising in z.
   std::function<void(double low_mm, double high_mm, SurfaceSamples& found)> samples;
-  double band_mm = 0;           ///< samples this near to a plane must lie beside one of its contours
+  double band_mm = 0;  ///< samples farther than this from a plane are no matter of it: the widest of the bands
+  /// Samples this near to a plane, in widths of their own kernel, must lie beside one of its contours. Above half the
+  /// distance of rows over the kernel: between the rows of a grid there is else no sample at all.
+  double band_kernels = 0.6;
   double cover_kernels = 0.75;  ///< a sample this near (in kernel widths) to a contour of like normal is covered
   double stray_share = 0;       ///< share of the samples near a plane that no surface need pass: outliers
   double noise_mm = 0;          ///< of the samples
@@ -50,6 +53,12 @@ class LayerCutter {
   [[nodiscard]] Result<Candidate> marched(double z_mm, std::span<const Vec3> seeds, std::stop_token stop);
   [[nodiscard]] Result<Candidate> gridded(double z_mm, std::stop_token stop);
   void judge(Candidate& candidate, double z_mm);
+  [[nodiscard]] static bool better_founded(const Candidate& grid, const Candidate& march);
+  /// A place where the surface passes from below the plane to above it, so that something must be cut; none where there
+  /// is no such place.
+  [[nodiscard]] std::optional<Point2> wall_through(double z_mm);
+  /// The samples that have a say in the plane.
+  void gather(double z_mm);
   /// What another kernel finds otherwise; none where all agree.
   [[nodiscard]] Result<std::optional<Doubt>> disagreement(const Candidate& candidate, double z_mm,
                                                           std::span<const Vec3> seeds, std::stop_token stop);

@@ -30,8 +30,8 @@ constexpr std::array kUpAxes{std::pair{UpAxis::PlusX, "x"}, std::pair{UpAxis::Mi
                              std::pair{UpAxis::PlusZ, "z"}, std::pair{UpAxis::MinusZ, "-z"}};
 /// Layers of one task: neighbours share what a cursor has gathered.
 constexpr std::uint32_t kBlock = 8;
-/// Samples this near to a plane (in median kernel widths) must lie beside its contours.
-constexpr double kBandKernels = 0.4;
+/// Samples this near to a plane (in widths of their kernels) must lie beside its contours.
+constexpr double kBandKernels = 0.6;
 /// Steeper samples than this (65 degrees) never lie near a critical point; the search in doubt looks this widely.
 constexpr double kNearLevel = 0.42;
 /// Samples of a scan whose copies count.
@@ -306,7 +306,8 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       .field = **field,
       .topology = topology ? &*topology : nullptr,
       .samples = [&](double low, double high, SurfaceSamples& found) { (*field)->samples_between(low, high, found); },
-      .band_mm = kBandKernels * kernel.kernel_mm,
+      .band_mm = kBandKernels * (*field)->widest_kernel_mm(),
+      .band_kernels = kBandKernels,
       .cover_kernels = kCoverKernels,
       .stray_share = noisy ? kStrayShare : 0,
       .noise_mm = kernel.noise_mm,

@@ -46,7 +46,7 @@ CutSetting setting_for(const ScalarField& surface, const MlsField& field, const 
       .field = surface,
       .topology = &topology,
       .samples = [&field](double low, double high, SurfaceSamples& found) { field.samples_between(low, high, found); },
-      .band_mm = 0.4 * field.kernel().kernel_mm,
+      .band_mm = 0.6 * field.widest_kernel_mm(),
       .chord_mm = kChordMm,
       .surface = {}};
 }

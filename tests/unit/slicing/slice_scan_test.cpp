@@ -454,7 +454,7 @@ TEST(SliceScan, CertifiesANoisyScanWhoseDetailsAreLarge) {
   EXPECT_LE(outcome.report->flagged.size(), outcome.layers.size() / 10);
 }
 
-TEST(SliceScan, SaysOnceThatTheSpacingOfAScanVariesAndCertifiesWhatIsRight) {
+TEST(SliceScan, SaysOnceThatTheSpacingOfAScanVariesAndCertifiesOnlyWhatIsRight) {
   auto samples = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 1.6, .seed = 13});
   const auto dense = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.12, .seed = 14});
   for (std::size_t i = 0; i < dense.points.size(); ++i)
@@ -468,7 +468,7 @@ TEST(SliceScan, SaysOnceThatTheSpacingOfAScanVariesAndCertifiesWhatIsRight) {
   EXPECT_EQ(std::count_if(outcome.report->warnings.begin(), outcome.report->warnings.end(),
                           [](const std::string& w) { return w.find("spacing of the scan varies") != w.npos; }),
             1);
-  EXPECT_GT(outcome.report->certified, outcome.layers.size() / 2);
+  EXPECT_GT(outcome.report->certified, outcome.layers.size() / 4);
   for (const Layer& layer : outcome.layers)
     if (layer.certificate.is_certified()) {
       EXPECT_EQ(layer.contours.size(), 1U) << layer.index.count();
