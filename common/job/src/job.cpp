@@ -89,6 +89,8 @@ bool may_follow(JobState from, JobState to) {
   if (is_final(from)) return false;
   if (to == JobState::Failed || to == JobState::Cancelled) return true;
   if (from == JobState::Paused && to == JobState::Printing) return true;
+  // An approval grows old: at a start of the site the job asks for it again.
+  if (from == JobState::Ready && to == JobState::AwaitingApproval) return true;
   // A pause ends by resume, cancel or failure; nothing else leads out of it.
   return from != JobState::Paused && is_before(from, to);
 }

@@ -13,7 +13,9 @@ VerbBody declare_serve(VerbOptions& options) {
   struct Options {
     FabSiteConfig config;
     std::string start = "automatic";
-    std::string after_crash = "exposed";
+    std::string after_crash = "ask";
+    std::string after_restart = "go-on";
+    double within_min = 10;
     MaskOptions masks;
   };
   auto o = std::make_shared<Options>();
@@ -27,15 +29,31 @@ VerbBody declare_serve(VerbOptions& options) {
       .shows_default();
   options
       .add("--after-crash", o->after_crash,
-           "exposed | again | ask: what becomes of a layer that was perhaps exposed when the power went")
+           "ask | exposed | again: what becomes of a layer that was perhaps exposed when the print broke off; "
+           "ask waits for an operator (telefab resume --as)")
       .one_of({"exposed", "again", "ask"})
+      .shows_default();
+  options
+      .add("--after-restart", o->after_restart,
+           "go-on | ask: whether a print that broke off with the site goes on by itself at the next start. "
+           "Paused and faulted ones, and those of a journal that does not fit, always wait for `telefab resume`")
+      .one_of({"go-on", "ask"})
+      .shows_default();
+  options
+      .add("--go-on-within-min", o->within_min,
+           "minutes after which a print that broke off, or a job that waits in the queue, no longer goes on by itself")
+      .within(0.0, 1e6)
       .shows_default();
   declare_mask_options(options, o->masks);
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (auto ok = apply(o->masks, o->config.planning); !ok) return tl::unexpected{ok.error()};
     o->config.start_on_approval = o->start == "on-approval";
-    if (o->after_crash == "ask") o->config.after_crash.reset();
-    if (o->after_crash == "again") o->config.after_crash = Decision::ExposeAgain;
+    StartPolicy& at_start = o->config.at_start;
+    if (o->after_crash == "exposed") at_start.maybe_exposed = Decision::TreatAsExposed;
+    if (o->after_crash == "again") at_start.maybe_exposed = Decision::ExposeAgain;
+    at_start.go_on = o->after_restart == "go-on";
+    at_start.within =
+        std::chrono::duration_cast<Nanoseconds>(std::chrono::duration<double, std::ratio<60>>{o->within_min});
     if (auto known = set_log_level(o->config.serve.log_level); !known) return tl::unexpected{known.error()};
     const SystemClock clock;
     if (auto served = serve_fab_site(o->config, clock, std::move(stop)); !served) return tl::unexpected{served.error()};

@@ -25,6 +25,12 @@ bool is_device_trouble(ErrorCode code) {
   return code == ErrorCode::DeviceLost || code == ErrorCode::DeviceTimeout || code == ErrorCode::DeviceRefused;
 }
 
+/// What an operator can put right at the site; likewise.
+bool is_site_trouble(ErrorCode code) { return code == ErrorCode::StorageFailed || code == ErrorCode::NotTrusted; }
+
+constexpr auto kRetryEvery = std::chrono::seconds{10};
+constexpr const char* kAutomatic = "automatic";  ///< whose word a job prints by where no operator is asked
+
 }  // namespace
 
 Result<void> serve_fab_site(const FabSiteConfig& config, const Clock& clock, std::stop_token stop) {
@@ -60,7 +66,13 @@ Result<void> FabSite::start() {
   const auto left = store().unfinished();
   if (!left) return tl::unexpected{left.error()};
   for (const Job& job : *left)
-    if (auto taken = take_up(job); !taken) end_job(job.id, JobState::Failed, taken.error().what);
+    if (auto taken = take_up(job); !taken) {
+      // Nothing lights of what cannot be read, and nothing of it is given up.
+      if (!is_before(job.state, JobState::AwaitingApproval))
+        move(job.id, JobState::Paused, taken.error().what + "; telefab resume tries again");
+      else
+        log_warning(taken.error().what, {job.id});
+    }
 
   auto listener = open_listener(
       loop_, config_.serve, *trust, [this](const net::ConnectionPtr& connection) { welcome(connection); },
@@ -261,29 +273,72 @@ void FabSite::broken(const std::string& job, const Error& why) { end_job(job, Jo
 Result<void> FabSite::take_up(const Job& job) {
   live_[job.id] = {};
   counters_->begin(job.id, job.counters);
-  switch (job.state) {
-    case JobState::Planning:
-      planner_->add(job.id);
+  if (!is_before(job.state, JobState::AwaitingApproval)) return rule_at_start(job);
+  const auto folder = folder_.job(job.id);
+  if (!folder) return tl::unexpected{folder.error()};
+  const auto before = start_case(*folder, job);
+  if (!before) return tl::unexpected{before.error()};
+  if (before->facts.order.order == Order::Cancel) {
+    end_job(job.id, JobState::Cancelled, fmt::format("by {}", before->facts.order.by));
+    return {};
+  }
+  // The word by which it would print by itself once planned is as old as its last change.
+  StartFacts facts;
+  facts.order = {Order::GoOn, kAutomatic, {}};
+  facts.last_sign = std::chrono::milliseconds{job.changed_unix_ms};
+  if (may_light_at_start(facts, false, config_.at_start, clock_.wall()).ruling != StartRuling::GoOn)
+    if (auto held = hold_for_approval(*folder); !held) return held;
+  if (job.state == JobState::Planning) {
+    planner_->add(job.id);
+    return {};
+  }
+  // A scan site will offer its job again; nobody would an upload, whose layers are all here.
+  if (const auto intake = Intake::reopen(*folder); intake && intake->is_complete()) completed(job.id);
+  return {};
+}
+
+Result<void> FabSite::rule_at_start(const Job& job) {
+  if (job.state == JobState::AwaitingApproval || job.state == JobState::Ready) predictor_->add(job.id);
+  const auto folder = folder_.job(job.id);
+  if (!folder) return tl::unexpected{folder.error()};
+  const auto before = start_case(*folder, job);
+  if (!before) return tl::unexpected{before.error()};
+  const StartVerdict verdict = may_light_at_start(before->facts, before->has_begun, config_.at_start, clock_.wall());
+  const std::string why = sentence_of(verdict);
+  switch (verdict.ruling) {
+    case StartRuling::GoOn:
+    case StartRuling::KeepRecord:
+      device_->add(job.id);  // its journal knows how far it came
       break;
-    case JobState::AwaitingApproval:
-      predictor_->add(job.id);
+    case StartRuling::End:
+      end_job(job.id, JobState::Cancelled, fmt::format("by {}", before->facts.order.by));
       break;
-    case JobState::Ready:
-      predictor_->add(job.id);
-      device_->add(job.id);
+    case StartRuling::WaitForApproval:
+      if (job.state != JobState::AwaitingApproval)
+        move(job.id, JobState::AwaitingApproval, fmt::format("waits for `telefab approve`: {}", why));
       break;
-    case JobState::Printing:
-    case JobState::Paused:
-      // Its journal knows how far it came.
-      device_->add(job.id);
-      break;
-    default:
-      // A scan site will offer its job again; nobody would an upload, whose layers are all here.
-      if (const auto folder = folder_.job(job.id))
-        if (const auto intake = Intake::reopen(*folder); intake && intake->is_complete()) completed(job.id);
+    case StartRuling::WaitForResume:
+      if (!before->point.maybe_exposed) {
+        move(job.id, JobState::Paused, fmt::format("waits for `telefab resume`: {}", why));
+        break;
+      }
+      [[fallthrough]];
+    case StartRuling::WaitForDecision:
+      set_in_doubt(job.id, true);
+      move(job.id, JobState::Paused, fmt::format("{}; {}", why, question_about(before->point, job.id)));
       break;
   }
+  if (before->has_begun && verdict.ruling != StartRuling::GoOn) darken(job);
   return {};
+}
+
+void FabSite::darken(const Job& job) {
+  const auto machine = find_machine(machines_, job.machine);
+  if (!machine) return;  // its light is no longer this site's
+  if (const auto dark = go_dark(*machine); !dark)
+    log_warning(
+        fmt::format("{}: the light of its print could not be switched off: {}", machine->name, dark.error().what),
+        {job.id});
 }
 
 // ---- planning and printing -------------------------------------------------------------------------------------
@@ -357,8 +412,11 @@ void FabSite::planned(const std::string& job, const std::string& doubt) {
   if (config_.start_on_approval || !doubt.empty() || (folder && waits_for_approval(*folder)))
     return move(job, JobState::AwaitingApproval,
                 fmt::format("waits for `telefab approve`{}{}", doubt.empty() ? "" : ": ", doubt));
+  const auto now = store().find(job);
+  if (!now || is_final(now->state)) return;
   move(job, JobState::Ready, "");
-  device_->add(job);
+  if (auto put = put_on_machine(*now, {JournalStep::Approved, kAutomatic, {}, {}}); !put)
+    move(job, JobState::AwaitingApproval, fmt::format("waits for `telefab approve`: {}", put.error().what));
 }
 
 void FabSite::on_print_progress(const std::string& job, const PrintProgress& progress) {
@@ -377,6 +435,8 @@ void FabSite::on_print_progress(const std::string& job, const PrintProgress& pro
     // A fault says in its record whether it left a layer in doubt.
     if (progress.state != "faulted") set_in_doubt(job, progress.state == "awaiting-decision");
     if (progress.state == "done" || progress.state == "cancelled") return;  // the record follows
+    // Stopped with the site, not by a fault of its own: the journal says which, and the next start goes by it.
+    if (progress.state == "faulted" && device_->is_ending()) return;
     const bool waits =
         progress.state == "paused" || progress.state == "awaiting-decision" || progress.state == "faulted";
     if (waits)
@@ -416,14 +476,19 @@ void FabSite::predict(const std::string& job, std::stop_token stop) {
 }
 
 void FabSite::print(const std::string& job, std::stop_token stop) {
+  // Not before the store says so: what the next start knows of this print begins there.
+  ledger_->move(job, JobState::Printing, "");
+  if (const auto now = store().find(job); !now || now->state != JobState::Printing) {
+    if (!now || !is_final(now->state))
+      later([this, job] { loop_.after(kRetryEvery, [this, job] { device_->add(job); }); });
+    return;
+  }
   const auto control = std::make_shared<PrintControl>();
   {
     const std::lock_guard lock{control_mutex_};
-    if (const auto decided = decisions_.extract(job)) control->decide(decided.mapped().decision, decided.mapped().by);
     printing_ = job;
     control_ = control;
   }
-  later([this, job] { move(job, JobState::Printing, ""); });
   const Nanoseconds began = clock_.now();
   const auto attempt = [&]() -> Result<PrintRecord> {
     const auto found = store().find(job);
@@ -433,7 +498,7 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
     const auto folder = folder_.job(job);
     if (!folder) return tl::unexpected{folder.error()};
     PrintPolicy policy;
-    policy.maybe_exposed = config_.after_crash;
+    policy.maybe_exposed = config_.at_start.maybe_exposed;
     return print_from(
         *folder, *machine, policy, *control, [&](const PrintProgress& progress) { on_print_progress(job, progress); },
         print_beats_, stop);
@@ -450,10 +515,11 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
     control_.reset();
     print_beats_ = 0;
   }
+  control->close();                  // words that came too late are kept without it
   if (device_->is_ending()) return;  // the journal tells the next start where to go on
   later([this, job, record, seconds = std::chrono::duration<double>(clock_.now() - began).count()] {
     ledger_->set_stage_seconds(job, JobStage::Print, seconds);
-    if (!record && is_device_trouble(record.error().code))
+    if (!record && (is_device_trouble(record.error().code) || is_site_trouble(record.error().code)))
       return move(job, JobState::Paused, record.error().what + "; telefab resume tries again");
     if (!record) return end_job(job, JobState::Failed, record.error().what);
     counters_->change(job, [&](JobCounters& c) { c.layers_printed = record->next.count(); });
@@ -488,53 +554,92 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
     const std::lock_guard lock{control_mutex_};
     if (printing_ == id) control = control_;
   }
+  const auto answer = [&](const Result<void>& outcome) {
+    if (outcome)
+      done(store().find(id));
+    else
+      done(tl::unexpected{outcome.error()});
+  };
+  std::optional<Decision> decision;
   switch (command.command) {
     case JobCommand::Approve:
       if (job->state != JobState::AwaitingApproval) return refuse("there is nothing to approve");
-      move(id, JobState::Ready, "");
-      device_->add(id);
-      break;
+      return answer(put_on_machine(*job, {JournalStep::Approved, command.who, {}, {}}));
     case JobCommand::Pause:
-      if (!control || job->state != JobState::Printing) return refuse("only a print can be paused");
-      control->pause();
-      break;
+      if (job->state != JobState::Printing) return refuse("only a print can be paused");
+      if (control) return tell_print(command, control, done);
+      return answer(pause(*job, command.who));
     case JobCommand::ResumeExposed:
     case JobCommand::ResumeAgain:
-      if (!is_in_doubt(id)) return refuse("no layer of it is in doubt; resume it without saying what the layer was");
+      if (control && !is_in_doubt(id))
+        return refuse("no layer of it is in doubt; resume it without saying what the layer was");
+      decision = command.command == JobCommand::ResumeAgain ? Decision::ExposeAgain : Decision::TreatAsExposed;
       [[fallthrough]];
     case JobCommand::Resume:
       if (job->state != JobState::Paused) return refuse("it is not paused");
-      resume(*job, command, control);
-      break;
+      if (control) return tell_print(command, control, done);
+      return answer(put_on_machine(*job, {JournalStep::Resumed, command.who, {}, decision}));
     case JobCommand::Cancel:
-      if (control) {
-        control->cancel();
-        break;
-      }
-      planner_->drop(id);
-      predictor_->drop(id);
-      device_->drop(id);
-      end_job(id, JobState::Cancelled, fmt::format("by {}", command.who));
-      break;
+      if (control) return tell_print(command, control, done);
+      return answer(cancel(*job, command.who));
   }
-  done(store().find(id));
 }
 
-void FabSite::resume(const Job& job, const Command& command, const std::shared_ptr<PrintControl>& control) {
-  const bool is_told = command.command != JobCommand::Resume;
-  const DecisionMade decision{
-      command.command == JobCommand::ResumeAgain ? Decision::ExposeAgain : Decision::TreatAsExposed, command.who};
-  if (!control) {  // it had faulted and left the device
-    if (is_told) {
-      const std::lock_guard lock{control_mutex_};
-      decisions_.insert_or_assign(job.id, decision);
-    }
-    device_->add(job.id);
-  } else if (is_in_doubt(job.id)) {
-    control->decide(decision.decision, decision.by);
-  } else {
-    control->resume();
+void FabSite::tell_print(const Command& command, const std::shared_ptr<PrintControl>& control,
+                         std::function<void(Result<Job>)> done) {
+  // Answered on the network thread once the journal has the word; a print that ended meanwhile hands it back.
+  const WordKept kept = [this, command, done = std::move(done)](const std::optional<Result<void>>& outcome) {
+    later([this, command, done, outcome] {
+      if (!outcome) return this->command(command, done);
+      if (!*outcome) return done(tl::unexpected{outcome->error()});
+      done(store().find(command.job));
+    });
+  };
+  switch (command.command) {
+    case JobCommand::Pause:
+      return control->pause(command.who, kept);
+    case JobCommand::Cancel:
+      return control->cancel(command.who, kept);
+    case JobCommand::ResumeExposed:
+      return control->decide(Decision::TreatAsExposed, command.who, kept);
+    case JobCommand::ResumeAgain:
+      return control->decide(Decision::ExposeAgain, command.who, kept);
+    default:
+      return control->resume(command.who, kept);
   }
+}
+
+Result<void> FabSite::keep(const Job& job, const PrintWord& word) {
+  const auto folder = folder_.job(job.id);
+  if (!folder) return tl::unexpected{folder.error()};
+  const std::lock_guard lock{control_mutex_};
+  if (printing_ == job.id)
+    return fail(ErrorCode::Conflict, fmt::format("job {} went on its machine just now; say it again", job.id));
+  return keep_word(*folder, job, word, clock_.wall());
+}
+
+Result<void> FabSite::put_on_machine(const Job& job, const PrintWord& word) {
+  if (auto kept = keep(job, word); !kept) return kept;
+  set_in_doubt(job.id, false);
+  if (job.state == JobState::AwaitingApproval || job.state == JobState::Ready) move(job.id, JobState::Ready, "");
+  device_->add(job.id);
+  return {};
+}
+
+Result<void> FabSite::pause(const Job& job, const std::string& who) {
+  if (auto kept = keep(job, {JournalStep::PauseAsked, who, {}, {}}); !kept) return kept;
+  device_->drop(job.id);
+  move(job.id, JobState::Paused, "");
+  return {};
+}
+
+Result<void> FabSite::cancel(const Job& job, const std::string& who) {
+  if (auto kept = keep(job, {JournalStep::CancelAsked, who, {}, {}}); !kept) return kept;
+  planner_->drop(job.id);
+  predictor_->drop(job.id);
+  device_->drop(job.id);
+  end_job(job.id, JobState::Cancelled, fmt::format("by {}", who));
+  return {};
 }
 
 bool FabSite::is_in_doubt(const std::string& job) {

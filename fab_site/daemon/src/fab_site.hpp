@@ -13,6 +13,7 @@
 #include <telefab/service/service_notifier.hpp>
 #include <telefab/service/site_ledger.hpp>
 
+#include "print_orders.hpp"
 #include "scan_session.hpp"
 #include "site_keys.hpp"
 #include "web_desk.hpp"
@@ -57,6 +58,10 @@ class FabSite final : public FabDesk {
   [[nodiscard]] Result<void> start();
   [[nodiscard]] Result<void> start_web();
   [[nodiscard]] Result<void> take_up(const Job& job);
+  /// What a job that is planned may do by itself at a start.
+  [[nodiscard]] Result<void> rule_at_start(const Job& job);
+  /// The light of a machine whose print waits is switched off, as that of one that prints is.
+  void darken(const Job& job);
   /// Makes the job whose layers write_upload has put on disk.
   [[nodiscard]] Result<Job> take_upload(const NewJob& upload);
   void welcome(const net::ConnectionPtr& connection);
@@ -75,7 +80,16 @@ class FabSite final : public FabDesk {
   /// A layer of the job was perhaps exposed, and nobody has decided yet.
   [[nodiscard]] bool is_in_doubt(const std::string& job);
   void set_in_doubt(const std::string& job, bool doubt);
-  void resume(const Job& job, const Command& command, const std::shared_ptr<PrintControl>& control);
+  /// Hands the command to the print under way; `done` is called once its journal has it.
+  void tell_print(const Command& command, const std::shared_ptr<PrintControl>& control,
+                  std::function<void(Result<Job>)> done);
+  /// Keeps a word about a job that is not on its machine. Fails as keep_word does.
+  [[nodiscard]] Result<void> keep(const Job& job, const PrintWord& word);
+  /// Approves or resumes a job that is not on its machine, and puts it there.
+  [[nodiscard]] Result<void> put_on_machine(const Job& job, const PrintWord& word);
+  /// Of a job that is not on its machine, or not yet.
+  [[nodiscard]] Result<void> pause(const Job& job, const std::string& who);
+  [[nodiscard]] Result<void> cancel(const Job& job, const std::string& who);
   void on_print_progress(const std::string& job, const PrintProgress& progress);
   /// From any thread to the loop's.
   void later(std::function<void()> work) { loop_.post(std::move(work)); }
@@ -99,10 +113,10 @@ class FabSite final : public FabDesk {
   std::map<std::string, std::shared_ptr<LayerStream>> analysed_;  ///< of jobs to be planned; guarded by analysed_mutex_
   std::mutex control_mutex_;
   std::set<std::string> in_doubt_;  ///< jobs whose next layer was perhaps exposed; guarded by control_mutex_
-  std::map<std::string, DecisionMade> decisions_;  ///< of operators, for a print's next start; guarded likewise
-  std::string printing_;                           ///< guarded by control_mutex_
-  std::shared_ptr<PrintControl> control_;          ///< of the job being printed; guarded by control_mutex_
-  std::atomic<std::uint64_t> print_beats_ = 0;     ///< waits of the print under way; 0: none, or not so far yet
+  /// Guarded by control_mutex_, which is also held while a word goes into the journal of a job that does not print.
+  std::string printing_;
+  std::shared_ptr<PrintControl> control_;       ///< of the job being printed; guarded by control_mutex_
+  std::atomic<std::uint64_t> print_beats_ = 0;  ///< waits of the print under way; 0: none, or not so far yet
   Heartbeat print_beat_{std::chrono::seconds{30}};
   std::unique_ptr<WorkQueue> predictor_;  ///< of accuracy pictures, behind everything else
   std::unique_ptr<WorkQueue> planner_;

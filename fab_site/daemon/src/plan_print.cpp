@@ -88,6 +88,14 @@ Result<void> keep_as_built(const std::filesystem::path& folder, const PrintRecor
 
 }  // namespace
 
+Result<void> go_dark(const MachineProfile& machine) {
+  if (machine.devices.projector == "virtual") return {};
+  const auto clock = make_clock(machine);
+  const auto projector = open_projector(machine, *clock);  // dark when it is open
+  if (!projector) return tl::unexpected{projector.error()};
+  return (*projector)->dark();
+}
+
 Result<PrintRecord> print_from(const std::filesystem::path& folder, const MachineProfile& machine,
                                const PrintPolicy& policy, PrintControl& control, const PrintSink& sink,
                                std::atomic<std::uint64_t>& beats, std::stop_token stop) {
@@ -111,6 +119,9 @@ Result<PrintRecord> print_from(const std::filesystem::path& folder, const Machin
     if (!cost) return tl::unexpected{cost.error()};
     if (const auto ok = admit(*cost, machine.devices.allowed_slowdown); !ok) return tl::unexpected{ok.error()};
   }
+  // Room for the whole journal and for words of operators, so that a disk that fills ends no print and loses no word.
+  if (const auto room = journal->reserve(LayerIndex{static_cast<std::uint32_t>((*job)->plan().layers.size())}); !room)
+    return tl::unexpected{room.error()};
   BeatingClock beating{*clock, beats};
   if (machine.devices.hottest_celsius > 0) scaled.hottest_celsius = machine.devices.hottest_celsius;
   if (machine.devices.coldest_celsius > 0) scaled.coldest_celsius = machine.devices.coldest_celsius;

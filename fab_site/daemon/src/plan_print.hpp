@@ -27,4 +27,7 @@ struct PlanOutcome {
                                              const PrintPolicy& policy, PrintControl& control, const PrintSink& sink,
                                              std::atomic<std::uint64_t>& beats, std::stop_token stop);
 
+/// The light of a machine off, without touching its stage; nothing to do for a virtual one. Fails as make_devices.
+[[nodiscard]] Result<void> go_dark(const MachineProfile& machine);
+
 }  // namespace telefab::fab

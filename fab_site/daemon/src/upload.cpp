@@ -84,13 +84,17 @@ Result<NewJob> write_upload(const DataFolder& data, const std::vector<MachinePro
                     {},
                     {}};
   auto written = write_layers(*folder, offer, *stack);
-  if (written && !start) written = write_file_atomically(*folder / kApprovalMark, std::string_view{"\n"});
+  if (written && !start) written = hold_for_approval(*folder);
   if (!written) {
     std::error_code ignored;  // the reason is the error that is told
     std::filesystem::remove_all(*folder, ignored);
     return tl::unexpected{written.error()};
   }
   return NewJob{*id, kept_name, machine->name, parameters, "web"};
+}
+
+Result<void> hold_for_approval(const std::filesystem::path& folder) {
+  return write_file_atomically(folder / kApprovalMark, std::string_view{"\n"});
 }
 
 bool waits_for_approval(const std::filesystem::path& folder) {

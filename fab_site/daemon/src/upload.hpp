@@ -16,6 +16,7 @@ namespace telefab::fab {
                                           std::string_view name, std::span<const std::byte> tfc, bool start);
 
 /// Whether the job in this folder was uploaded to wait for approval.
+[[nodiscard]] Result<void> hold_for_approval(const std::filesystem::path& folder);
 [[nodiscard]] bool waits_for_approval(const std::filesystem::path& folder);
 
 }  // namespace telefab::fab

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <algorithm>
 #include <atomic>
 #include <condition_variable>
 #include <deque>
@@ -26,8 +27,10 @@ class WorkQueue {
   WorkQueue(const WorkQueue&) = delete;
   WorkQueue& operator=(const WorkQueue&) = delete;
 
+  /// Behind those that wait; once, however often it is asked for.
   void add(const std::string& job) {
     const std::lock_guard lock{mutex_};
+    if (std::find(waiting_.begin(), waiting_.end(), job) != waiting_.end()) return;
     waiting_.push_back(job);
     changed_.notify_all();
   }

@@ -9,7 +9,9 @@
 #include <cerrno>
 #include <cstring>
 #include <map>
+#include <telefab/base/file.hpp>
 #include <telefab/fab/print/print_journal.hpp>
+#include <utility>
 
 #include "print_record_json.hpp"
 
@@ -20,6 +22,10 @@ using Json = nlohmann::ordered_json;
 namespace {
 
 constexpr std::uint64_t kLargestJournal_bytes = 1u << 30;
+constexpr int kJournalFlags = O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC;
+constexpr std::uint64_t kLayerRoom_bytes = 2048;    // a layer's five lines are below 1,500
+constexpr std::uint64_t kOrdersRoom_bytes = 65536;  // words, faults and starts
+constexpr std::string_view kPolicy = "policy";
 
 tl::unexpected<Error> io_failed(std::string_view deed, const std::filesystem::path& path) {
   const int reason = errno;
@@ -72,7 +78,33 @@ class DiskJournalFile final : public JournalFile {
     return {};
   }
 
+  Result<void> set_aside(std::string_view text) override {
+    std::error_code error;
+    for (int n = 1; n <= kMostSetAside; ++n) {
+      const std::filesystem::path aside = fmt::format("{}.damaged-{}", path_.string(), n);
+      std::filesystem::create_hard_link(path_, aside, error);
+      if (!error) break;
+      if (error != std::errc::file_exists || n == kMostSetAside)
+        return fail(ErrorCode::StorageFailed,
+                    fmt::format("setting the print journal {} aside: {}", path_.string(), error.message()));
+    }
+    if (auto written = write_file_atomically(path_, text); !written) return written;
+    const int fd = ::open(path_.c_str(), kJournalFlags, 0640);
+    if (fd < 0) return io_failed("opening", path_);
+    ::close(std::exchange(fd_, fd));
+    return {};
+  }
+
+  Result<void> reserve(std::uint64_t bytes) override {
+    struct stat st {};
+    if (::fstat(fd_, &st) != 0) return io_failed("looking at", path_);
+    if (::fallocate(fd_, FALLOC_FL_KEEP_SIZE, st.st_size, static_cast<off_t>(bytes)) == 0) return {};
+    if (errno == EOPNOTSUPP || errno == ENOSYS) return {};  // then a full disk ends the print, dark
+    return io_failed("keeping room for", path_);
+  }
+
  private:
+  static constexpr int kMostSetAside = 1000;
   int fd_;
   std::filesystem::path path_;
 };
@@ -89,48 +121,54 @@ class MemoryJournalFile final : public JournalFile {
     text_.resize(std::min<std::size_t>(text_.size(), bytes));
     return {};
   }
+  Result<void> set_aside(std::string_view text) override {
+    text_ = text;
+    return {};
+  }
+  Result<void> reserve(std::uint64_t) override { return {}; }
 
  private:
   std::string text_;
 };
 
-std::string checksum(std::string_view line) { return to_hex(digest_of(std::as_bytes(std::span{line}))).substr(0, 16); }
-
 bool carries_record(JournalStep step) {
   return step == JournalStep::Exposed || step == JournalStep::Passed || step == JournalStep::DecidedExposed;
 }
 
-/// What may be lost by a crash without harm: a layer is found ready, lifted or empty again.
-bool needs_sync(JournalStep step) {
-  return step != JournalStep::Ready && step != JournalStep::Lifted && step != JournalStep::Passed;
-}
+/// What may be lost by a crash without harm: a layer is found ready or lifted again.
+bool needs_sync(JournalStep step) { return step != JournalStep::Ready && step != JournalStep::Lifted; }
 
-/// One line: checksum of the rest, a space, JSON.
-std::string line_of(const JournalEntry& e) {
+std::string body_of(const JournalEntry& e) {
   Json j{{"step", name_of(e.step)}, {"layer", e.layer.count()}, {"wall_ns", e.wall.count()}};
   if (e.step == JournalStep::Planned) j["plan_sha256"] = to_hex(e.plan);
   if (!e.by.empty()) j["by"] = e.by;
+  if (!e.why.empty()) j["why"] = e.why;
   if (carries_record(e.step)) j["made"] = layer_to_json(e.made);
-  const std::string body = j.dump();
-  return checksum(body) + " " + body + "\n";
+  return j.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
-std::optional<JournalEntry> entry_of(std::string_view line) {
+/// A line of version 0.1: half of the checksum's digits, a space, the same JSON.
+std::optional<std::string> old_body(std::string_view line) {
   constexpr std::size_t kSum = 16;
   if (line.size() < kSum + 2 || line[kSum] != ' ') return std::nullopt;
   const std::string_view body = line.substr(kSum + 1);
-  if (checksum(body) != line.substr(0, kSum)) return std::nullopt;
+  if (to_hex(digest_of(std::as_bytes(std::span{body}))).substr(0, kSum) != line.substr(0, kSum)) return std::nullopt;
+  return std::string{body};
+}
+
+std::optional<JournalStep> step_of(std::string_view name) {
+  for (int i = 0; i < kJournalSteps; ++i)
+    if (name_of(static_cast<JournalStep>(i)) == name) return static_cast<JournalStep>(i);
+  return std::nullopt;
+}
+
+std::optional<JournalEntry> entry_of(std::string_view body) {
   try {
     const auto j = nlohmann::json::parse(body);
     JournalEntry e;
-    const auto step = j.at("step").get<std::string>();
-    bool known = false;
-    for (int i = 0; i <= static_cast<int>(JournalStep::Stopped); ++i)
-      if (name_of(static_cast<JournalStep>(i)) == step) {
-        e.step = static_cast<JournalStep>(i);
-        known = true;
-      }
-    if (!known) return std::nullopt;
+    const auto step = step_of(j.at("step").get<std::string>());
+    if (!step) return std::nullopt;
+    e.step = *step;
     e.layer = LayerIndex{j.at("layer").get<std::uint32_t>()};
     e.wall = Nanoseconds{j.at("wall_ns").get<std::int64_t>()};
     if (e.step == JournalStep::Planned) {
@@ -139,6 +177,7 @@ std::optional<JournalEntry> entry_of(std::string_view line) {
       e.plan = *plan;
     }
     e.by = j.value("by", "");
+    e.why = j.value("why", "");
     if (carries_record(e.step)) e.made = layer_from_json(j.at("made"));
     return e;
   } catch (const nlohmann::json::exception&) {
@@ -146,10 +185,35 @@ std::optional<JournalEntry> entry_of(std::string_view line) {
   }
 }
 
+LayerIndex after(LayerIndex layer) { return layer + LayerIndex{1}; }
+
+/// What a line says about the next layer; nothing where it says nothing.
+std::optional<ResumePoint> point_of(const JournalEntry& e) {
+  switch (e.step) {
+    case JournalStep::Exposing:
+      return ResumePoint{e.layer, true};
+    case JournalStep::Ready:
+    case JournalStep::NotExposed:
+    case JournalStep::DecidedAgain:
+      return ResumePoint{e.layer, false};
+    case JournalStep::Exposed:
+    case JournalStep::Passed:
+    case JournalStep::DecidedExposed:
+      return ResumePoint{after(e.layer), false};
+    default:
+      return std::nullopt;
+  }
+}
+
+std::string lost_text(const RecordDamage& damage) {
+  if (damage.lost == 0) return fmt::format("{} bytes behind line {} are damaged", damage.bytes, damage.after);
+  return fmt::format("{} of its lines behind line {} are lost", damage.lost, damage.after);
+}
+
 }  // namespace
 
 Result<std::unique_ptr<JournalFile>> open_journal_file(const std::filesystem::path& path) {
-  const int fd = ::open(path.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0640);
+  const int fd = ::open(path.c_str(), kJournalFlags, 0640);
   if (fd < 0) return io_failed("opening", path);
   auto file = std::make_unique<DiskJournalFile>(fd, path);
   const auto parent = path.has_parent_path() ? path.parent_path() : std::filesystem::path{"."};
@@ -167,45 +231,70 @@ Result<PrintJournal> PrintJournal::open(std::unique_ptr<JournalFile> file) {
   PrintJournal journal{std::move(file)};
   const auto text = journal.file_->read_all();
   if (!text) return tl::unexpected{text.error()};
-  std::size_t good = 0;
-  while (good < text->size()) {
-    const std::size_t end = text->find('\n', good);
-    if (end == std::string::npos) break;
-    auto entry = entry_of(std::string_view{*text}.substr(good, end - good));
-    if (!entry) break;
+  RecordScan scan = scan_record_lines(*text, old_body);
+  journal.damage_ = std::move(scan.damage);
+  for (const RecordLine& record : scan.records) {
+    auto entry = entry_of(record.body);
+    // Whole, but of a newer version or another program: as unknown as a damaged one.
+    if (!entry) {
+      journal.damage_.push_back({0, record.body.size(), journal.entries_.size(), 1});
+      continue;
+    }
     journal.entries_.push_back(std::move(*entry));
-    good = end + 1;
   }
-  if (good != text->size()) {
-    if (const auto cut = journal.file_->truncate(good); !cut) return tl::unexpected{cut.error()};
+  if (scan.torn_bytes > 0 && journal.damage_.empty()) {
+    if (const auto cut = journal.file_->truncate(scan.whole_bytes); !cut) return tl::unexpected{cut.error()};
     if (const auto kept = journal.file_->sync(); !kept) return tl::unexpected{kept.error()};
   }
-  journal.bytes_ = good;
+  journal.bytes_ = scan.whole_bytes;
   return journal;
+}
+
+StandingOrder PrintJournal::order() const {
+  StandingOrder standing;
+  for (const JournalEntry& e : entries_) {
+    const auto now = [&](Order order) { standing = {order, e.by, e.wall}; };
+    switch (e.step) {
+      case JournalStep::Approved:
+      case JournalStep::Resumed:
+        now(Order::GoOn);
+        break;
+      case JournalStep::DecidedAgain:
+      case JournalStep::DecidedExposed:
+        if (e.by != kPolicy && standing.order != Order::Cancel) now(Order::GoOn);
+        break;
+      case JournalStep::PauseAsked:
+        now(Order::Pause);
+        break;
+      case JournalStep::CancelAsked:
+      case JournalStep::Cancelled:
+        if (standing.order != Order::Cancel) now(Order::Cancel);
+        break;
+      default:
+        break;
+    }
+    if (standing.order == Order::Cancel) break;  // no word undoes it
+  }
+  return standing;
 }
 
 ResumePoint PrintJournal::resume_point() const {
   ResumePoint point;
-  for (const JournalEntry& e : entries_) switch (e.step) {
-      case JournalStep::Exposing:
-        point = {e.layer, true};
-        break;
-      case JournalStep::NotExposed:
-      case JournalStep::DecidedAgain:
-        point = {e.layer, false};
-        break;
-      case JournalStep::Exposed:
-      case JournalStep::Passed:
-      case JournalStep::DecidedExposed:
-        point = {e.layer + LayerIndex{1}, false};
-        break;
-      case JournalStep::Planned:
-      case JournalStep::Ready:
-      case JournalStep::Lifted:
-      case JournalStep::Finished:
-      case JournalStep::Stopped:
-        break;
+  std::size_t known_at = 0;
+  for (std::size_t k = 0; k < entries_.size(); ++k)
+    if (const auto said = point_of(entries_[k])) {
+      point = *said;
+      known_at = k + 1;
     }
+  // What was lost behind the last line that tells is in question: at most a layer for every three lines, and one begun.
+  constexpr std::uint64_t kLinesALayer = 3;
+  std::uint64_t lost = 0;
+  for (const RecordDamage& d : damage_)
+    if (d.after >= known_at) lost += std::max<std::uint64_t>(1, d.lost);
+  if (lost > 0) {
+    point.maybe_exposed = true;
+    point.in_question = static_cast<std::uint32_t>(1 + lost / kLinesALayer);
+  }
   return point;
 }
 
@@ -228,11 +317,40 @@ std::vector<LayerRecord> PrintJournal::layers() const {
       said += (said.empty() ? "" : "; ") + std::string{e.step == JournalStep::DecidedAgain ? "again: " : "exposed: "} +
               e.by;
     }
-    if (!carries_record(e.step) || (!made.empty() && made.back().index >= e.layer)) continue;
+    if (!carries_record(e.step)) continue;
     made.push_back(e.made);
     if (const auto said = decided.find(e.layer); said != decided.end()) made.back().decided = said->second;
   }
   return made;
+}
+
+std::vector<OrderRecord> PrintJournal::orders() const {
+  std::vector<OrderRecord> orders;
+  for (const JournalEntry& e : entries_)
+    if (e.step == JournalStep::Approved || e.step == JournalStep::PauseAsked || e.step == JournalStep::Resumed ||
+        e.step == JournalStep::CancelAsked || e.step == JournalStep::SetAside)
+      orders.push_back({std::string{name_of(e.step)}, e.by, e.why, e.wall});
+  return orders;
+}
+
+std::vector<std::string> PrintJournal::gaps() const {
+  std::vector<std::string> gaps;
+  for (const RecordDamage& d : damage_) gaps.push_back(lost_text(d));
+  ResumePoint point;
+  for (const JournalEntry& e : entries_) {
+    if (e.step == JournalStep::SetAside) gaps.push_back(e.why);
+    const auto said = point_of(e);
+    if (!said) continue;
+    if (e.step == JournalStep::Exposing && point.maybe_exposed)
+      gaps.push_back(fmt::format("layer {} was exposed while layer {} was in question, and nobody had decided",
+                                 e.layer.count(), point.next.count()));
+    else if (e.layer < point.next && e.step != JournalStep::DecidedExposed)
+      gaps.push_back(fmt::format("layer {} comes again behind layer {}", e.layer.count(), point.next.count() - 1));
+    else if (e.layer > point.next)
+      gaps.push_back(fmt::format("layers {} to {} are missing in it", point.next.count(), e.layer.count() - 1));
+    point = *said;
+  }
+  return gaps;
 }
 
 Result<void> PrintJournal::belongs_to(const Digest& plan) const {
@@ -247,7 +365,15 @@ Result<void> PrintJournal::write(const JournalEntry& entry) {
   if (broken_)
     return fail(ErrorCode::StorageFailed,
                 "the print journal failed before; reopen it, what it holds decides how to go on");
-  const std::string line = line_of(entry);
+  if (!damage_.empty())
+    return fail(ErrorCode::NotTrusted, "the print journal is damaged: " + lost_text(damage_.front()) +
+                                           "; an operator decides how the print goes on");
+  if (entry.step == JournalStep::Exposing)
+    if (const StandingOrder standing = order(); standing.order == Order::Pause || standing.order == Order::Cancel)
+      return fail(ErrorCode::Conflict, fmt::format("layer {} is not exposed: {} asked to {} the print",
+                                                   entry.layer.count(), standing.by.empty() ? "somebody" : standing.by,
+                                                   standing.order == Order::Pause ? "pause" : "cancel"));
+  const std::string line = to_record_line(entries_.size() + 1, body_of(entry));
   if (const auto ok = file_->append(line); !ok) {
     // Half a line would hide everything written behind it.
     broken_ = !file_->truncate(bytes_);
@@ -261,6 +387,31 @@ Result<void> PrintJournal::write(const JournalEntry& entry) {
     }
   entries_.push_back(entry);
   return {};
+}
+
+Result<void> PrintJournal::set_aside(std::string by, Nanoseconds wall, std::vector<JournalEntry> words) {
+  std::vector<std::string> lost;
+  for (const RecordDamage& d : damage_) lost.push_back(lost_text(d));
+  std::vector<JournalEntry> entries = entries_;
+  entries.push_back({JournalStep::SetAside,
+                     resume_point().next,
+                     wall,
+                     {},
+                     std::move(by),
+                     {},
+                     fmt::format("{}", fmt::join(lost, "; "))});
+  std::move(words.begin(), words.end(), std::back_inserter(entries));
+  std::string text;
+  for (std::size_t k = 0; k < entries.size(); ++k) text += to_record_line(k + 1, body_of(entries[k]));
+  if (auto done = file_->set_aside(text); !done) return done;
+  entries_ = std::move(entries);
+  damage_.clear();
+  bytes_ = text.size();
+  return {};
+}
+
+Result<void> PrintJournal::reserve(LayerIndex layers) {
+  return file_->reserve(layers.count() * kLayerRoom_bytes + kOrdersRoom_bytes);
 }
 
 }  // namespace telefab::fab

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <optional>
 #include <telefab/fab/print/print_machine.hpp>
 #include <utility>
 
@@ -35,7 +37,7 @@ class Builder {
   /// Writes empty layers down as passed and returns the first layer from here that needs light, or the end.
   [[nodiscard]] LayerIndex pass_empty(LayerIndex from, Commands& commands) const {
     while (!past_end(from) && at(from).exposure.count() == 0) {
-      commands.emplace_back(WriteJournal{JournalStep::Passed, from, {}});
+      commands.emplace_back(WriteJournal{JournalStep::Passed, from, {}, {}});
       from = from + LayerIndex{1};
     }
     return from;
@@ -71,7 +73,7 @@ class Builder {
 
   /// Peel off after layer; the mask of the next one loads meanwhile.
   [[nodiscard]] Step lift_from(const Exposing& s) {
-    Commands commands{LightOff{}, WriteJournal{JournalStep::Exposed, s.layer, {}}};
+    Commands commands{LightOff{}, WriteJournal{JournalStep::Exposed, s.layer, {}, {}}};
     const LayerIndex next = pass_empty(s.layer + LayerIndex{1}, commands);
     if (s.after == AfterExposure::Stop) return stopped(next, false, std::move(commands));
     const bool pause = s.after == AfterExposure::Pause;
@@ -89,7 +91,7 @@ class Builder {
     if (!s.settled || !s.mask.done) return to(s);
     const Ticket exposure = fresh();
     return to(Exposing{s.layer, exposure, AfterExposure::GoOn},
-              {WriteJournal{JournalStep::Ready, s.layer, {}}, WriteJournal{JournalStep::Exposing, s.layer, {}},
+              {WriteJournal{JournalStep::Ready, s.layer, {}, {}}, WriteJournal{JournalStep::Exposing, s.layer, {}, {}},
                Expose{exposure, s.layer}});
   }
 
@@ -110,11 +112,27 @@ class Builder {
     return to(Cancelling{next, move}, {LightOff{}, HoldStage{}, GoHome{move}});
   }
 
+  /// Over, with no word left to say.
+  [[nodiscard]] Step cancelled(LayerIndex next) const {
+    return to(Cancelled{next}, {LightOff{}, WriteJournal{JournalStep::Cancelled, next, {}, {}}});
+  }
+
+  /// Dark and held until somebody, or the runner, tries again.
+  [[nodiscard]] Step fault(LayerIndex next, bool maybe_exposed, const Error& cause, Commands commands) const {
+    commands.emplace_back(WriteJournal{JournalStep::Faulted, next, {}, cause.what});
+    return to(Faulted{next, maybe_exposed, cause}, std::move(commands));
+  }
+
+  [[nodiscard]] Step from_fault(const Faulted& s) {
+    if (s.maybe_exposed) return to(AwaitingDecision{s.next}, {LightOff{}});
+    return home_for(s.next, {});
+  }
+
   /// Dark and at rest, to be resumed by the next start of the site.
   [[nodiscard]] Step stopped(LayerIndex next, bool maybe_exposed, Commands commands = {}) const {
     if (commands.empty()) commands.emplace_back(LightOff{});
     commands.emplace_back(HoldStage{});
-    commands.emplace_back(WriteJournal{JournalStep::Stopped, next, {}});
+    commands.emplace_back(WriteJournal{JournalStep::Stopped, next, {}, {}});
     return to(Faulted{next, maybe_exposed, {ErrorCode::Cancelled, "the site stopped; resume the print"}},
               std::move(commands));
   }
@@ -129,24 +147,41 @@ class Builder {
 /// Anything that must end light and motion at once.
 Step stop_on(const PrintState& state, const Error& cause, const Builder& b) {
   const auto* exposing = std::get_if<Exposing>(&state);
-  return b.to(Faulted{layer_of(state), exposing != nullptr, cause}, {LightOff{}, HoldStage{}});
+  return b.fault(layer_of(state), exposing != nullptr, cause, {LightOff{}, HoldStage{}});
 }
 
-Step decided(LayerIndex layer, const DecisionMade& made, Builder& b) {
+Step decided(const AwaitingDecision& s, const DecisionMade& made, Builder& b) {
+  LayerIndex layer = s.layer;
   switch (made.decision) {
     case Decision::ExposeAgain:
-      return b.home_for(layer, {WriteJournal{JournalStep::DecidedAgain, layer, made.by}});
-    case Decision::TreatAsExposed:
-      return b.home_for(layer + LayerIndex{1}, {WriteJournal{JournalStep::DecidedExposed, layer, made.by}});
+      return b.home_for(layer, {WriteJournal{JournalStep::DecidedAgain, layer, made.by, {}}});
+    case Decision::TreatAsExposed: {
+      Commands commands;
+      for (std::uint32_t k = 0; k < s.in_question && !b.past_end(layer); ++k, layer = layer + LayerIndex{1})
+        commands.emplace_back(WriteJournal{JournalStep::DecidedExposed, layer, made.by, {}});
+      return b.home_for(layer, std::move(commands));
+    }
     case Decision::GiveUp:
-      return b.to(Cancelled{layer}, {LightOff{}});
+      return b.cancelled(layer);
   }
-  return b.to(AwaitingDecision{layer});
+  return b.to(s);
 }
 
-}  // namespace
+/// What the journal keeps of an operator's word in this state; nothing where the word changes nothing.
+std::optional<WriteJournal> word_of(const PrintState& state, const PrintEvent& event) {
+  const bool is_over = is_final(state) || std::holds_alternative<Cancelling>(state) ||
+                       std::holds_alternative<Finishing>(state);  // every layer is made
+  if (is_over || std::holds_alternative<Idle>(state)) return std::nullopt;
+  if (const auto* e = std::get_if<CancelAsked>(&event))
+    return WriteJournal{JournalStep::CancelAsked, layer_of(state), e->by, {}};
+  if (const auto* e = std::get_if<PauseAsked>(&event))
+    return WriteJournal{JournalStep::PauseAsked, layer_of(state), e->by, {}};
+  if (const auto* e = std::get_if<ResumeAsked>(&event))
+    return WriteJournal{JournalStep::Resumed, layer_of(state), e->by, {}};
+  return std::nullopt;
+}
 
-Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& event, Ticket last_ticket) {
+Step transition(const PrintPlan& plan, const PrintState& state, const PrintEvent& event, Ticket last_ticket) {
   Builder b{plan, last_ticket};
   const auto stay = [&] { return b.to(state); };
 
@@ -176,13 +211,13 @@ Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& even
   return std::visit(
       overloaded{
           [&](const Idle&, const StartAsked& e) {
-            if (e.from.maybe_exposed) return b.to(AwaitingDecision{e.from.next}, {LightOff{}});
+            if (e.from.maybe_exposed) return b.to(AwaitingDecision{e.from.next, e.from.in_question}, {LightOff{}});
             return b.home_for(e.from.next, {});
           },
-          [&](const Idle&, const CancelAsked&) { return b.to(Cancelled{}, {LightOff{}}); },
+          [&](const Idle&, const CancelAsked&) { return b.cancelled({}); },
 
-          [&](const AwaitingDecision& s, const DecisionMade& e) { return decided(s.layer, e, b); },
-          [&](const AwaitingDecision& s, const CancelAsked&) { return b.to(Cancelled{s.layer}, {LightOff{}}); },
+          [&](const AwaitingDecision& s, const DecisionMade& e) { return decided(s, e, b); },
+          [&](const AwaitingDecision& s, const CancelAsked&) { return b.cancelled(s.layer); },
 
           [&](const Homing& s, const MoveDone& e) {
             if (e.move != s.move) return stay();
@@ -228,8 +263,8 @@ Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& even
           [&](const Exposing& s, const ExposureDone& e) { return e.exposure == s.exposure ? b.lift_from(s) : stay(); },
           [&](const Exposing& s, const ExposureRefused& e) {
             if (e.exposure != s.exposure) return stay();
-            return b.to(Faulted{s.layer, false, e.cause},
-                        {LightOff{}, HoldStage{}, WriteJournal{JournalStep::NotExposed, s.layer, {}}});
+            return b.fault(s.layer, false, e.cause,
+                           {LightOff{}, HoldStage{}, WriteJournal{JournalStep::NotExposed, s.layer, {}, {}}});
           },
           [&](const Exposing& s, const PauseAsked&) {
             return s.after == AfterExposure::Stop ? stay() : b.to(Exposing{s.layer, s.exposure, AfterExposure::Pause});
@@ -241,7 +276,7 @@ Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& even
 
           [&](const Lifting& s, const MoveDone& e) {
             if (e.move != s.move) return stay();
-            Commands commands{WriteJournal{JournalStep::Lifted, s.layer, {}}};
+            Commands commands{WriteJournal{JournalStep::Lifted, s.layer, {}, {}}};
             if (b.past_end(s.next)) return b.finish(std::move(commands));
             if (s.pause_after) return b.to(Paused{s.next}, std::move(commands));
             return b.lower_to(s.next, std::move(commands), s.mask);
@@ -266,19 +301,31 @@ Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& even
 
           [&](const Finishing& s, const MoveDone& e) {
             if (e.move != s.move) return stay();
-            return b.to(Done{s.printed}, {WriteJournal{JournalStep::Finished, s.printed, {}}});
+            return b.to(Done{s.printed}, {WriteJournal{JournalStep::Finished, s.printed, {}, {}}});
           },
-          [&](const Cancelling& s, const MoveDone& e) { return e.move == s.move ? b.to(Cancelled{s.next}) : stay(); },
+          [&](const Cancelling& s, const MoveDone& e) { return e.move == s.move ? b.cancelled(s.next) : stay(); },
 
-          [&](const Faulted& s, const ResumeAsked&) {
-            if (s.maybe_exposed) return b.to(AwaitingDecision{s.next}, {LightOff{}});
-            return b.home_for(s.next, {});
-          },
-          [&](const Faulted& s, const CancelAsked&) { return b.to(Cancelled{s.next}, {LightOff{}}); },
+          [&](const Faulted& s, const ResumeAsked&) { return b.from_fault(s); },
+          [&](const Faulted& s, const RetryAsked&) { return b.from_fault(s); },
+          [&](const Faulted& s, const CancelAsked&) { return b.cancelled(s.next); },
 
           [&](const auto&, const auto&) { return stay(); },
       },
       state, event);
+}
+
+}  // namespace
+
+Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& event, Ticket last_ticket) {
+  Step step = transition(plan, state, event, last_ticket);
+  if (auto word = word_of(state, event)) {
+    // Kept once the light is off and the stage at rest, and before anything moves or ends on it.
+    const auto moves_on = std::find_if_not(step.commands.begin(), step.commands.end(), [](const PrintCommand& c) {
+      return std::holds_alternative<LightOff>(c) || std::holds_alternative<HoldStage>(c);
+    });
+    step.commands.insert(moves_on, std::move(*word));
+  }
+  return step;
 }
 
 bool may_be_lit(const PrintState& state) { return std::holds_alternative<Exposing>(state); }
@@ -322,9 +369,11 @@ std::string_view name_of(Decision decision) {
 }
 
 std::string_view name_of(JournalStep step) {
-  static constexpr std::string_view names[] = {"planned",         "ready",    "exposing", "not-exposed",
-                                               "exposed",         "lifted",   "passed",   "decided-again",
-                                               "decided-exposed", "finished", "stopped"};
+  static constexpr std::string_view names[] = {
+      "planned",     "ready",         "exposing",        "not-exposed", "exposed", "lifted",
+      "passed",      "decided-again", "decided-exposed", "finished",    "stopped", "approved",
+      "pause-asked", "resumed",       "cancel-asked",    "cancelled",   "faulted", "set-aside"};
+  static_assert(std::size(names) == kJournalSteps);
   return names[static_cast<std::size_t>(step)];
 }
 

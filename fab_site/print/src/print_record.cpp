@@ -20,20 +20,31 @@ Json record_json(const PrintRecord& r) {
   for (const LayerRecord& l : r.layers) layers.push_back(layer_to_json(l));
   Json provenance = Json::object();
   for (const auto& [key, value] : r.provenance) provenance[key] = value;
-  return Json{{"format", kFormat},
-              {"job", r.job},
-              {"machine", r.machine},
-              {"plan_sha256", to_hex(r.plan)},
-              {"outcome", name_of(r.outcome)},
-              {"next_layer", r.next.count()},
-              {"maybe_exposed", r.maybe_exposed},
-              {"cause_code", static_cast<int>(r.cause.code)},
-              {"cause", r.cause.what},
-              {"runs", r.runs},
-              {"projector", r.projector},
-              {"stage", r.stage},
-              {"provenance", std::move(provenance)},
-              {"layers", std::move(layers)}};
+  Json json{{"format", kFormat},
+            {"job", r.job},
+            {"machine", r.machine},
+            {"plan_sha256", to_hex(r.plan)},
+            {"outcome", name_of(r.outcome)},
+            {"next_layer", r.next.count()},
+            {"maybe_exposed", r.maybe_exposed},
+            {"cause_code", static_cast<int>(r.cause.code)},
+            {"cause", r.cause.what},
+            {"runs", r.runs},
+            {"projector", r.projector},
+            {"stage", r.stage},
+            {"provenance", std::move(provenance)},
+            {"layers", std::move(layers)}};
+  if (!r.orders.empty()) {
+    Json orders = Json::array();
+    for (const OrderRecord& o : r.orders) {
+      Json order{{"word", o.word}, {"by", o.by}, {"wall_ns", o.wall.count()}};
+      if (!o.why.empty()) order["why"] = o.why;
+      orders.push_back(std::move(order));
+    }
+    json["orders"] = std::move(orders);
+  }
+  if (!r.gaps.empty()) json["journal_gaps"] = r.gaps;
+  return json;
 }
 
 Digest digest_from_json(const nlohmann::json& j) {
@@ -60,6 +71,11 @@ PrintRecord record_from(const nlohmann::json& j) {
   r.stage = j.at("stage").get<std::string>();
   for (const auto& [key, value] : j.at("provenance").items()) r.provenance[key] = value.get<std::string>();
   for (const auto& l : j.at("layers")) r.layers.push_back(layer_from_json(l));
+  if (j.contains("orders"))
+    for (const auto& o : j.at("orders"))
+      r.orders.push_back({o.at("word").get<std::string>(), o.at("by").get<std::string>(), o.value("why", ""),
+                          Nanoseconds{o.at("wall_ns").get<std::int64_t>()}});
+  if (j.contains("journal_gaps")) r.gaps = j.at("journal_gaps").get<std::vector<std::string>>();
   return r;
 }
 
@@ -118,6 +134,7 @@ Result<PrintRecord> print_record_from_json(std::string_view text) {
 std::vector<std::string> compare(const PrintRecord& record, const PrintPlan& plan) {
   std::vector<std::string> findings;
   if (record.plan != plan_digest(plan)) findings.emplace_back("the record belongs to another plan");
+  for (const std::string& gap : record.gaps) findings.push_back("the print's journal: " + gap);
   if (record.outcome != PrintOutcome::Done)
     findings.push_back(fmt::format("the print ended {} at layer {}", name_of(record.outcome), record.next.count()));
   if (record.layers.size() != plan.layers.size())
@@ -127,7 +144,9 @@ std::vector<std::string> compare(const PrintRecord& record, const PrintPlan& pla
     const PlannedLayer& want = plan.layers[i];
     const auto say = [&](std::string_view what) { findings.push_back(fmt::format("layer {}: {}", i, what)); };
     if (made.index.count() != i) {
-      say(fmt::format("layer {} was made in its place", made.index.count()));
+      say(i > 0 && made.index == record.layers[i - 1].index
+              ? fmt::format("layer {} was made a second time in its place", made.index.count())
+              : fmt::format("layer {} was made in its place", made.index.count()));
       break;
     }
     if (made.planned != want.exposure) say("its exposure is not the planned one");

@@ -67,28 +67,42 @@ class Run {
         continue;
       }
       if (const auto* faulted = std::get_if<Faulted>(&state_)) {
+        // A word that came with the fault is heard before anything is tried again.
+        if (take_word()) continue;
         if (!may_recover(*faulted)) return;
         --recoveries_;
         ++retries_;
-        feed(ResumeAsked{});
+        feed(RetryAsked{});
         continue;
       }
       if (std::holds_alternative<AwaitingDecision>(state_)) {
         // A word of the operator that came first counts more than the policy.
-        if (auto wish = control_.take()) {
-          feed(*wish);
-          continue;
-        }
-        if (policy_.maybe_exposed) {
+        if (take_word()) continue;
+        if (policy_.maybe_exposed && is_allowed()) {
           feed(DecisionMade{*policy_.maybe_exposed, "policy"});
           continue;
         }
       }
+      if (take_word()) continue;
       if (auto event = observe())
         feed(*event);
       else
         clock_.sleep_for(wait());
     }
+  }
+
+  /// Hears the oldest word of an operator, and answers it once the journal has it. False: there is none.
+  bool take_word() {
+    auto wish = control_.take();
+    if (!wish) return false;
+    unkept_.reset();
+    feed(wish->event);
+    if (!wish->kept) return true;
+    if (unkept_)
+      wish->kept(Result<void>{tl::unexpected{*unkept_}});
+    else
+      wish->kept(Result<void>{});
+    return true;
   }
 
   [[nodiscard]] const PrintState& state() const { return state_; }
@@ -110,8 +124,14 @@ class Run {
 
  private:
   [[nodiscard]] bool may_recover(const Faulted& faulted) const {
-    return !stopping_ && recoveries_ > 0 && alarm_.empty() && is_device_fault(faulted.cause.code) &&
+    return !stopping_ && recoveries_ > 0 && alarm_.empty() && is_device_fault(faulted.cause.code) && is_allowed() &&
            (!faulted.maybe_exposed || policy_.maybe_exposed);
+  }
+
+  /// No operator's word stands against going on.
+  [[nodiscard]] bool is_allowed() const {
+    const Order order = journal_.order().order;
+    return order != Order::Pause && order != Order::Cancel;
   }
 
   void feed(const PrintEvent& first) {
@@ -210,7 +230,7 @@ class Run {
   }
 
   [[nodiscard]] std::optional<PrintEvent> write(const WriteJournal& c) {
-    JournalEntry entry{c.step, c.layer, clock_.wall(), {}, c.by, {}};
+    JournalEntry entry{c.step, c.layer, clock_.wall(), {}, c.by, {}, c.why};
     if (c.layer.count() < plan_.layers.size()) {
       const PlannedLayer& planned = plan_.layers[c.layer.count()];
       entry.made = c.step == JournalStep::Exposed ? made_ : LayerRecord{};
@@ -224,8 +244,11 @@ class Run {
         entry.made.z_mm = planned.z_mm;
     }
     if (const auto ok = journal_.write(entry); !ok) {
+      unkept_ = ok.error();
       // Before the light goes on nothing has happened yet, and the machine may know it.
-      if (const auto* s = std::get_if<Exposing>(&state_)) return ExposureRefused{s->exposure, ok.error()};
+      const bool is_before_light = c.step == JournalStep::Ready || c.step == JournalStep::Exposing;
+      if (const auto* s = std::get_if<Exposing>(&state_); s != nullptr && is_before_light)
+        return ExposureRefused{s->exposure, ok.error()};
       return DeviceFailed{ok.error()};
     }
     return std::nullopt;
@@ -233,7 +256,6 @@ class Run {
 
   /// The next thing that happened, if something did.
   [[nodiscard]] std::optional<PrintEvent> observe() {
-    if (auto wish = control_.take()) return wish;
     if (sensors_ != nullptr) {
       const auto reading = sensors_->read();
       if (!reading) return DeviceFailed{reading.error()};
@@ -319,6 +341,7 @@ class Run {
   std::uint32_t retries_ = 0;
   std::uint32_t recoveries_;
   bool stopping_ = false;
+  std::optional<Error> unkept_;  ///< what the journal would not take last
   double z_mm_ = 0;
   std::string alarm_;
   std::vector<Nanoseconds> left_;
@@ -326,17 +349,34 @@ class Run {
 
 }  // namespace
 
-std::optional<PrintEvent> PrintControl::take() {
+std::optional<PrintControl::Wish> PrintControl::take() {
   const std::lock_guard lock{mutex_};
   if (wishes_.empty()) return std::nullopt;
-  PrintEvent wish = std::move(wishes_.front());
+  Wish wish = std::move(wishes_.front());
   wishes_.pop_front();
   return wish;
 }
 
-void PrintControl::ask(PrintEvent event) {
-  const std::lock_guard lock{mutex_};
-  wishes_.push_back(std::move(event));
+void PrintControl::ask(PrintEvent event, WordKept kept) {
+  {
+    const std::lock_guard lock{mutex_};
+    if (!is_closed_) {
+      wishes_.push_back({std::move(event), std::move(kept)});
+      return;
+    }
+  }
+  if (kept) kept(std::nullopt);
+}
+
+void PrintControl::close() {
+  std::deque<Wish> left;
+  {
+    const std::lock_guard lock{mutex_};
+    is_closed_ = true;
+    left.swap(wishes_);
+  }
+  for (const Wish& wish : left)
+    if (wish.kept) wish.kept(std::nullopt);
 }
 
 PrintRunner::PrintRunner(Projector& projector, ZStage& stage, MaskSource& masks, PrintJournal& journal, Clock& clock,
@@ -366,9 +406,13 @@ Result<PrintRecord> PrintRunner::run(const PrintPlan& plan, const PrintPolicy& p
     record.projector = projector_.facts().name;
     record.stage = stage_.facts().name;
     record.layers = journal_.layers();
+    record.orders = journal_.orders();
+    record.gaps = journal_.gaps();
     record.next = layer_of(state);
     if (std::holds_alternative<Done>(state)) record.outcome = PrintOutcome::Done;
-    if (std::holds_alternative<Cancelled>(state)) record.outcome = PrintOutcome::Cancelled;
+    // A cancel that was answered stands, even where the platform could not be raised on it.
+    const bool is_cancelled = std::holds_alternative<Cancelled>(state) || journal_.order().order == Order::Cancel;
+    if (is_cancelled) record.outcome = PrintOutcome::Cancelled;
     if (const auto* faulted = std::get_if<Faulted>(&state)) {
       record.maybe_exposed = faulted->maybe_exposed;
       record.cause = faulted->cause;
@@ -377,8 +421,14 @@ Result<PrintRecord> PrintRunner::run(const PrintPlan& plan, const PrintPolicy& p
   };
   // A crash may have come between the end of the print and the keeping of its record.
   if (journal_.finished()) return record_of(Done{LayerIndex{static_cast<std::uint32_t>(plan.layers.size())}});
+  const StandingOrder standing = journal_.order();
+  if (standing.order == Order::Cancel) return record_of(Cancelled{journal_.resume_point().next});
+  if (standing.order == Order::Pause)
+    return record_of(Faulted{journal_.resume_point().next,
+                             journal_.resume_point().maybe_exposed,
+                             {ErrorCode::Cancelled, "paused by " + standing.by}});
   if (const auto ok =
-          journal_.write({JournalStep::Planned, journal_.resume_point().next, clock_.wall(), digest, {}, {}});
+          journal_.write({JournalStep::Planned, journal_.resume_point().next, clock_.wall(), digest, {}, {}, {}});
       !ok)
     return tl::unexpected{ok.error()};
 

@@ -105,11 +105,11 @@ TEST_F(Fax, GoesOnAfterTheFabWasKilledAndPrintsNoLayerTwice) {
   const auto watch = telefab_begun({"watch", job});
   EXPECT_THAT(watch->wait_for_error_line("printing: 4"), HasSubstr("printing"));
   kill_fab();
-  start_fab();
+  start_fab({"--after-crash", "exposed"});
   EXPECT_THAT(watch->wait_for_error_line("printing: 10"), HasSubstr("printing"));
   kill_fab();
   set_machine(5000);
-  start_fab();
+  start_fab({"--after-crash", "exposed"});
   ASSERT_EQ(watch->finish(), 0) << watch->errors();
   const auto out = folder() / "out";
   ASSERT_EQ(telefab({"report", job, "--out", out.string()}).code, 0);
@@ -139,11 +139,11 @@ TEST_F(Fax, AsksTheOperatorAboutALayerInDoubtAndKeepsTheAnswerInJournalLogAndRec
       fab().send_signal(SIGSTOP);
       const std::string line = last_line();
       is_lit = line.find(R"("exposing")") != std::string::npos &&
-               (doubtful.empty() || json::parse(line.substr(17))["layer"] > doubtful.front()["layer"]);
+               (doubtful.empty() || json::parse(line.substr(line.find('{')))["layer"] > doubtful.front()["layer"]);
       if (!is_lit) fab().send_signal(SIGCONT);
     }
     kill_fab();  // SIGKILL
-    doubtful.push_back(json::parse(last_line().substr(17)));
+    doubtful.push_back(json::parse(last_line().substr(last_line().find('{'))));
     start_fab({"--after-crash", "ask"});
     const auto watch = telefab_begun({"watch", job});
     EXPECT_THAT(watch->wait_for_error_line("perhaps exposed"), HasSubstr("paused"));

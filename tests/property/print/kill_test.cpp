@@ -129,6 +129,12 @@ class DroppingFile final : public JournalFile {
     disk_.unsafe.clear();
     return {};
   }
+  Result<void> set_aside(std::string_view text) override {
+    disk_.safe = text;
+    disk_.unsafe.clear();
+    return {};
+  }
+  Result<void> reserve(std::uint64_t) override { return {}; }
 
  private:
   Disk& disk_;

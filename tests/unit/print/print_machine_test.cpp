@@ -45,13 +45,14 @@ std::vector<PrintState> every_state() {
 }
 
 std::vector<PrintEvent> every_event() {
-  static_assert(std::variant_size_v<PrintEvent> == 14, "add the new event below");
+  static_assert(std::variant_size_v<PrintEvent> == 15, "add the new event below");
   std::vector<PrintEvent> events{DeviceFailed{kCause},
                                  InterlockOpened{},
                                  WrongTemperature{60, true},
-                                 PauseAsked{},
-                                 ResumeAsked{},
-                                 CancelAsked{},
+                                 PauseAsked{"ana"},
+                                 ResumeAsked{"ana"},
+                                 CancelAsked{"ana"},
+                                 RetryAsked{},
                                  StartAsked{{at(0), false}},
                                  StartAsked{{at(1), true}},
                                  StartAsked{{at(4), false}},
@@ -182,9 +183,10 @@ TEST(PrintMachine, AnyFaultAtWorkEndsDarkAndAtRest) {
       const auto* faulted = std::get_if<Faulted>(&step.state);
       ASSERT_NE(faulted, nullptr) << name_of(from);
       EXPECT_EQ(faulted->maybe_exposed, may_be_lit(from));
-      ASSERT_EQ(step.commands.size(), 2u);
+      ASSERT_EQ(step.commands.size(), 3u);
       EXPECT_TRUE(std::holds_alternative<LightOff>(step.commands[0]));
       EXPECT_TRUE(std::holds_alternative<HoldStage>(step.commands[1]));
+      EXPECT_EQ(std::get<WriteJournal>(step.commands[2]).step, JournalStep::Faulted);
     }
 }
 
@@ -243,6 +245,45 @@ TEST(PrintMachine, AStopThatWaitsForTheLightLeavesTheLayerExposedAndAllElseForbi
   EXPECT_EQ(faulted->next, at(1));
   EXPECT_EQ(faulted->cause.code, ErrorCode::Cancelled);
   EXPECT_FALSE(starts_motion(step));
+}
+
+TEST(PrintMachine, KeepsAWordBeforeAnythingMovesOrEndsOnIt) {
+  for (const PrintState& from : every_state())
+    for (const auto& [event, kept] :
+         std::vector<std::pair<PrintEvent, JournalStep>>{{PauseAsked{"ana"}, JournalStep::PauseAsked},
+                                                         {ResumeAsked{"ana"}, JournalStep::Resumed},
+                                                         {CancelAsked{"ana"}, JournalStep::CancelAsked}}) {
+      SCOPED_TRACE(std::string{name_of(from)} + ", " + std::string{name_of(kept)});
+      const Step step = next(kPlan, from, event, kLast);
+      const bool is_over = is_final(from) || std::holds_alternative<Finishing>(from) ||
+                           std::holds_alternative<Cancelling>(from) || std::holds_alternative<Idle>(from);
+      bool is_kept = false;
+      for (const PrintCommand& c : step.commands) {
+        if (const auto* entry = std::get_if<WriteJournal>(&c); entry != nullptr && entry->step == kept) {
+          is_kept = true;
+          EXPECT_EQ(entry->by, "ana");
+        } else if (!is_over) {
+          EXPECT_TRUE(is_kept || std::holds_alternative<LightOff>(c) || std::holds_alternative<HoldStage>(c));
+        }
+      }
+      EXPECT_EQ(is_kept, !is_over);
+    }
+}
+
+TEST(PrintMachine, EndsCancelledWithALineThatSaysSo) {
+  for_every_step([](const PrintState& from, const PrintEvent&, const Step& step) {
+    if (!std::holds_alternative<Cancelled>(step.state) || is_final(from)) return;
+    const auto* last = std::get_if<WriteJournal>(&step.commands.back());
+    ASSERT_NE(last, nullptr);
+    EXPECT_EQ(last->step, JournalStep::Cancelled);
+  });
+}
+
+TEST(PrintMachine, DecidesAboutEveryLayerInQuestionAtOnce) {
+  const PrintState asked = AwaitingDecision{at(0), 2};
+  const Step exposed = next(kPlan, asked, DecisionMade{Decision::TreatAsExposed, "ana"}, kLast);
+  EXPECT_EQ(layer_of(exposed.state), at(3)) << "0 and 1 count as exposed, 2 is empty";
+  EXPECT_EQ(layer_of(next(kPlan, asked, DecisionMade{Decision::ExposeAgain, "ana"}, kLast).state), at(0));
 }
 
 TEST(PrintMachine, HandsOutATicketNobodyHolds) {

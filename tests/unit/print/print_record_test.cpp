@@ -139,15 +139,15 @@ TEST(PrintJournal, GoesOnBehindATornLine) {
   {
     auto journal = PrintJournal::open(std::move(*open_journal_file(path)));
     ASSERT_TRUE(journal);
-    ASSERT_TRUE(journal->write({JournalStep::Planned, {}, 1ns, {}, {}, {}}));
-    ASSERT_TRUE(journal->write({JournalStep::Exposing, LayerIndex{0}, 2ns, {}, {}, {}}));
+    ASSERT_TRUE(journal->write({JournalStep::Planned, {}, 1ns, {}, {}, {}, {}}));
+    ASSERT_TRUE(journal->write({JournalStep::Exposing, LayerIndex{0}, 2ns, {}, {}, {}, {}}));
   }
   std::filesystem::resize_file(path, std::filesystem::file_size(path) - 5);
   {
     auto journal = PrintJournal::open(std::move(*open_journal_file(path)));
     ASSERT_TRUE(journal);
     EXPECT_EQ(journal->resume_point(), (ResumePoint{LayerIndex{0}, false}));
-    ASSERT_TRUE(journal->write({JournalStep::Exposing, LayerIndex{0}, 3ns, {}, {}, {}}));
+    ASSERT_TRUE(journal->write({JournalStep::Exposing, LayerIndex{0}, 3ns, {}, {}, {}, {}}));
   }
   const auto journal = PrintJournal::open(std::move(*open_journal_file(path)));
   EXPECT_EQ(journal->resume_point(), (ResumePoint{LayerIndex{0}, true}));
@@ -173,6 +173,11 @@ class FullDisk final : public JournalFile {
     text_.resize(bytes);
     return {};
   }
+  Result<void> set_aside(std::string_view text) override {
+    text_ = text;
+    return {};
+  }
+  Result<void> reserve(std::uint64_t) override { return {}; }
 
  private:
   std::string& text_;
@@ -182,10 +187,10 @@ class FullDisk final : public JournalFile {
 TEST(PrintJournal, KeepsEveryLineBehindAWriteThatFailed) {
   std::string text;
   auto journal = PrintJournal::open(std::make_unique<FullDisk>(text, 1));
-  ASSERT_TRUE(journal->write({JournalStep::Exposing, LayerIndex{4}, 1ns, {}, {}, {}}));
-  EXPECT_EQ(journal->write({JournalStep::Exposed, LayerIndex{4}, 2ns, {}, {}, {}}).error().code,
+  ASSERT_TRUE(journal->write({JournalStep::Exposing, LayerIndex{4}, 1ns, {}, {}, {}, {}}));
+  EXPECT_EQ(journal->write({JournalStep::Exposed, LayerIndex{4}, 2ns, {}, {}, {}, {}}).error().code,
             ErrorCode::StorageFailed);
-  ASSERT_TRUE(journal->write({JournalStep::Exposed, LayerIndex{4}, 3ns, {}, {}, {}}));
+  ASSERT_TRUE(journal->write({JournalStep::Exposed, LayerIndex{4}, 3ns, {}, {}, {}, {}}));
   const auto again = PrintJournal::open(std::make_unique<FullDisk>(text, 9));
   EXPECT_EQ(again->resume_point(), (ResumePoint{LayerIndex{5}, false}));
 }

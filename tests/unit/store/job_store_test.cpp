@@ -31,7 +31,7 @@ TEST(JobState, GoesForwardOnlyAndEndsForGood) {
   EXPECT_FALSE(may_follow(JobState::Paused, JobState::Done));
   EXPECT_TRUE(may_follow(JobState::Planning, JobState::AwaitingApproval));
   EXPECT_TRUE(may_follow(JobState::AwaitingApproval, JobState::Ready));
-  EXPECT_FALSE(may_follow(JobState::Ready, JobState::AwaitingApproval));
+  EXPECT_TRUE(may_follow(JobState::Ready, JobState::AwaitingApproval));  // an approval that grew old
   EXPECT_FALSE(is_final(JobState::AwaitingApproval));
   EXPECT_TRUE(may_follow(JobState::Printing, JobState::Paused));
 }

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
-#include <optional>
 #include <stop_token>
 #include <string>
 #include <telefab/base/clock.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
-#include <telefab/fab/print/print_runner.hpp>
+#include <telefab/fab/print/start_rule.hpp>
 #include <telefab/service/site_runtime.hpp>
 
 namespace telefab::fab {
@@ -15,8 +14,7 @@ struct FabSiteConfig {
   std::string site_keys;           ///< folder with SITE.sign.pub; empty: the --tls folder, or none without TLS
   PlanOptions planning;            ///< of every job; name, registration and regions are its own
   bool start_on_approval = false;  ///< a planned job waits for `telefab approve`
-  /// For a layer that was perhaps exposed when the power went; empty: the print waits for an operator.
-  std::optional<Decision> after_crash = Decision::TreatAsExposed;
+  StartPolicy at_start;            ///< what may light by itself when the site starts
 };
 
 /// The daemon of the fab site, until the stop is requested. The calling thread is the network's. Fails as soon as

@@ -28,7 +28,8 @@ enum class AfterExposure : std::uint8_t { GoOn, Pause, Stop };
 /// Where a print begins or goes on: taken from the journal.
 struct ResumePoint {
   LayerIndex next;             ///< first layer not known to be exposed
-  bool maybe_exposed = false;  ///< `next` was about to be exposed when the record broke off
+  bool maybe_exposed = false;  ///< `next` was about to be exposed when the record broke off, or the record is damaged
+  std::uint32_t in_question = 1;  ///< maybe_exposed only: layers from `next` on that were perhaps exposed
   friend bool operator==(const ResumePoint&, const ResumePoint&) = default;
 };
 
@@ -43,7 +44,8 @@ struct Loading {
 struct Idle {};
 struct AwaitingDecision {
   LayerIndex layer;
-};  ///< dark; `layer` was perhaps exposed
+  std::uint32_t in_question = 1;
+};  ///< dark; so many layers from `layer` on were perhaps exposed
 struct Homing {
   LayerIndex next;
   Ticket move{};
@@ -94,7 +96,7 @@ struct Done {
 struct Cancelled {
   LayerIndex next;
 };
-/// Dark, at rest, position unknown. ResumeAsked homes and goes on.
+/// Dark, at rest, position unknown. ResumeAsked and RetryAsked home and go on.
 struct Faulted {
   LayerIndex next;
   bool maybe_exposed = false;
@@ -134,9 +136,18 @@ struct WrongTemperature {
   double celsius = 0;
   bool is_hot = false;  ///< else cold
 };
-struct PauseAsked {};
-struct ResumeAsked {};
-struct CancelAsked {};
+/// Words of an operator, each journalled before anything moves on it; `by` is the operator's name.
+struct PauseAsked {
+  std::string by;
+};
+struct ResumeAsked {
+  std::string by;
+};
+struct CancelAsked {
+  std::string by;
+};
+/// The runner's own answer to a fault with the light certainly off; nobody's word.
+struct RetryAsked {};
 struct DecisionMade {
   Decision decision{};
   std::string by;  ///< who decided, for the journal and the record: "policy", or the operator's name
@@ -146,9 +157,9 @@ struct StopAsked {
   bool let_exposure_end = false;  ///< false: dark at once; a layer under way was then perhaps exposed
 };
 
-using PrintEvent =
-    std::variant<StartAsked, MoveDone, MaskLoaded, TimerDone, ExposureDone, ExposureRefused, DeviceFailed,
-                 InterlockOpened, WrongTemperature, PauseAsked, ResumeAsked, CancelAsked, DecisionMade, StopAsked>;
+using PrintEvent = std::variant<StartAsked, MoveDone, MaskLoaded, TimerDone, ExposureDone, ExposureRefused,
+                                DeviceFailed, InterlockOpened, WrongTemperature, PauseAsked, ResumeAsked, CancelAsked,
+                                RetryAsked, DecisionMade, StopAsked>;
 
 // ---- commands, carried out in order; one that fails drops those behind it and becomes DeviceFailed
 // -------------------
@@ -166,7 +177,17 @@ enum class JournalStep : std::uint8_t {
   DecidedExposed,  ///< maybe exposed: counts as exposed
   Finished,        ///< every layer made and the part raised; a print that broke off before is raised at its resumption
   Stopped,         ///< an orderly stop of the site; `layer` is the next one. Absent after a crash
+  // Words of operators, synced before the command is answered; `by` says whose.
+  Approved,     ///< may begin; `by` is "automatic" where the site's policy starts every job
+  PauseAsked,   ///< no further exposure until Resumed
+  Resumed,      ///< goes on
+  CancelAsked,  ///< never another exposure
+  Cancelled,    ///< ended so
+  Faulted,      ///< went dark and held by itself; `why` is the cause
+  SetAside,     ///< what was damaged in this journal lies beside it; `why` says what is missing
 };
+/// Of JournalStep.
+inline constexpr int kJournalSteps = static_cast<int>(JournalStep::SetAside) + 1;
 
 struct LightOff {};
 struct HoldStage {};
@@ -193,7 +214,8 @@ struct Expose {
 struct WriteJournal {
   JournalStep step{};
   LayerIndex layer;
-  std::string by;  ///< Decided* only: who decided
+  std::string by;   ///< Decided* and operators' words: whose
+  std::string why;  ///< Faulted only: the cause
 };
 
 using PrintCommand = std::variant<LightOff, HoldStage, GoHome, MoveTo, LoadMask, StartTimer, Expose, WriteJournal>;

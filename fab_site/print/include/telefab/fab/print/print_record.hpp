@@ -26,6 +26,15 @@ struct LayerRecord {
   friend bool operator==(const LayerRecord&, const LayerRecord&) = default;
 };
 
+/// A word of an operator, or of the site's policy, about the print.
+struct OrderRecord {
+  std::string word;  ///< "approved", "pause-asked", "resumed", "cancel-asked", "set-aside"
+  std::string by;
+  std::string why;  ///< what was said to it, such as why a held job was let through; may be empty
+  Nanoseconds wall{};
+  friend bool operator==(const OrderRecord&, const OrderRecord&) = default;
+};
+
 enum class PrintOutcome : std::uint8_t { Done, Cancelled, Faulted };
 [[nodiscard]] std::string_view name_of(PrintOutcome outcome);
 
@@ -43,6 +52,8 @@ struct PrintRecord {
   std::string stage;
   std::map<std::string, std::string> provenance;  ///< what the daemon knows: digests of scan and contours, transform...
   std::vector<LayerRecord> layers;                ///< in order of exposure
+  std::vector<OrderRecord> orders;                ///< in order
+  std::vector<std::string> gaps;                  ///< where the print's journal does not cover it
   friend bool operator==(const PrintRecord&, const PrintRecord&) = default;
 };
 
@@ -51,7 +62,7 @@ struct PrintRecord {
 [[nodiscard]] Result<PrintRecord> print_record_from_json(std::string_view text);
 
 /// What is wrong with a finished record against the plan it claims: every layer of the plan made exactly once and in
-/// order, at its Z, with its mask, for its time. Empty: nothing. One line a finding.
+/// order, at its Z, with its mask, for its time, by a journal without gaps. Empty: nothing. One line a finding.
 [[nodiscard]] std::vector<std::string> compare(const PrintRecord& record, const PrintPlan& plan);
 
 /// The record sealed: {"record":..., "sha256":..., "ed25519":...,"public_key":...}; the signature only with a key.

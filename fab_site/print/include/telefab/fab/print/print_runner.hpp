@@ -27,22 +27,42 @@ class MaskSource {
   MaskSource() = default;
 };
 
-/// The operator's hand on a running print. Threads: all methods may be called from any thread.
+/// What became of an operator's word: it is in the journal and holds, or why it is not; nothing where the print had
+/// ended before it took it, so that it is to be kept elsewhere. Called once, on the runner's thread or on that of
+/// close().
+using WordKept = std::function<void(const std::optional<Result<void>>& outcome)>;
+
+/// The operator's hand on a running print. `by`: who says it, for the journal and the record. Threads: all methods may
+/// be called from any thread.
 class PrintControl {
  public:
-  void pause() { ask(PauseAsked{}); }
-  void resume() { ask(ResumeAsked{}); }
-  void cancel() { ask(CancelAsked{}); }
-  /// `by`: who decides, for the journal and the record. Changes nothing where no layer is in doubt.
-  void decide(Decision decision, std::string by) { ask(DecisionMade{decision, std::move(by)}); }
-  void open_interlock() { ask(InterlockOpened{}); }
+  struct Wish {
+    PrintEvent event;
+    WordKept kept;
+  };
+  PrintControl() = default;
+  ~PrintControl() { close(); }
+  PrintControl(const PrintControl&) = delete;
+  PrintControl& operator=(const PrintControl&) = delete;
+
+  void pause(std::string by = {}, WordKept kept = {}) { ask(PauseAsked{std::move(by)}, std::move(kept)); }
+  void resume(std::string by = {}, WordKept kept = {}) { ask(ResumeAsked{std::move(by)}, std::move(kept)); }
+  void cancel(std::string by = {}, WordKept kept = {}) { ask(CancelAsked{std::move(by)}, std::move(kept)); }
+  /// Changes nothing where no layer is in question.
+  void decide(Decision decision, std::string by, WordKept kept = {}) {
+    ask(DecisionMade{decision, std::move(by)}, std::move(kept));
+  }
+  void open_interlock() { ask(InterlockOpened{}, {}); }
   /// The oldest wish not yet taken.
-  [[nodiscard]] std::optional<PrintEvent> take();
+  [[nodiscard]] std::optional<Wish> take();
+  /// Nobody takes wishes any more: those that wait, and those to come, are told so.
+  void close();
 
  private:
-  void ask(PrintEvent event);
+  void ask(PrintEvent event, WordKept kept);
   std::mutex mutex_;
-  std::deque<PrintEvent> wishes_;
+  std::deque<Wish> wishes_;
+  bool is_closed_ = false;
 };
 
 /// What the print does when nobody is asked.
@@ -86,9 +106,10 @@ class PrintRunner {
 
   /// Prints, or goes on where the journal ends, until done, cancelled or faulted beyond recovery; a stop request
   /// lets an exposure under way end (PrintPolicy::longest_last_light), else goes dark and holds at once, and leaves the
-  /// print resumable (Faulted, its cause Cancelled). Returns the record of what
-  /// happened, that of a finished print again without light or motion; fails only when nothing could be begun:
-  /// InvalidInput (plan), NotTrusted (journal of another plan), Device* (light could not be switched off).
+  /// print resumable (Faulted, its cause Cancelled). A journal whose standing order is Pause or Cancel is left as it
+  /// is: no light, no motion. Returns the record of what happened, that of a finished print again without light or
+  /// motion; fails only when nothing could be begun: InvalidInput (plan), NotTrusted (journal of another plan, or
+  /// damaged), Device* (light could not be switched off).
   [[nodiscard]] Result<PrintRecord> run(const PrintPlan& plan, const PrintPolicy& policy, PrintControl& control,
                                         const PrintSink& sink, std::stop_token stop);
 
