@@ -11,8 +11,8 @@ Option declare(VerbOptions& options, SliceParameters& into, const SliceParameter
   if (const auto* flag = std::get_if<SliceParameter::Flag>(&row.field)) return options.flag(name, into.**flag, help);
   if (const auto* number = std::get_if<SliceParameter::Number>(&row.field))
     return options.add(name, into.**number, help);
-  const Option choice = options.add(name, into.*std::get<SliceParameter::Choice>(row.field), help)
-                            .shows_words({row.choices.begin(), row.choices.end()});
+  const Option choice = options.add(name, into.*std::get<SliceParameter::Choice>(row.field), help);
+  if (!row.choices.empty()) choice.shows_words({row.choices.begin(), row.choices.end()});
   return row.fallback.empty() ? choice : choice.shows_default(std::string{row.fallback});
 }
 

@@ -117,8 +117,10 @@ Result<void> validate_value(const SliceParameters& parameters, const SliceParame
   }
   if (const auto* choice = std::get_if<SliceParameter::Choice>(&row.field)) {
     const std::string& value = *(parameters.**choice);
-    if (std::ranges::find(row.choices, value) == row.choices.end())
-      return bad(row.key, fmt::format("\"{}\" is not known; there are: {}", value, fmt::join(row.choices, ", ")));
+    if (row.choices.empty() ? value.empty() : std::ranges::find(row.choices, value) == row.choices.end())
+      return bad(row.key, fmt::format("\"{}\" is not known; there are: {}", value,
+                                      row.choices.empty() ? std::string{row.form}
+                                                          : fmt::format("{}", fmt::join(row.choices, ", "))));
   }
   return {};
 }
@@ -214,6 +216,7 @@ std::string slice_parameter_list_json() {
     if (!row.unit.empty()) entry["unit"] = row.unit;
     if (std::holds_alternative<SliceParameter::Number>(row.field)) entry["range"] = text_of(row.range);
     if (!row.choices.empty()) entry["choices"] = row.choices;
+    if (!row.form.empty()) entry.update({{"form", row.form}, {"example", row.example}});
     if (!row.fallback.empty()) entry["default"] = row.fallback;
     list.push_back(std::move(entry));
   }
@@ -230,6 +233,7 @@ std::string slice_parameter_schema_json() {
       if (!std::isinf(row.range.most)) schema["maximum"] = row.range.most;
     }
     if (!row.choices.empty()) schema["enum"] = row.choices;
+    if (!row.example.empty()) schema["example"] = row.example;
     if (!row.fallback.empty()) schema["default"] = row.fallback;
   }
   return Json{{"type", "object"}, {"additionalProperties", false}, {"properties", properties}}.dump();

@@ -34,7 +34,7 @@ TEST(SliceParameters, EveryRowChangesWhatIsSliced) {
   const std::string usual = fingerprint(job_parameters_of({}, machine()).value());
   for (const SliceParameter& row : slice_parameter_table()) {
     std::vector<std::string_view> values{row.choices.begin(), row.choices.end()};
-    if (values.empty()) values.emplace_back();
+    if (values.empty()) values.emplace_back(row.example);
     int changed = 0;
     for (const std::string_view value : values) {
       SliceParameters parameters;
@@ -55,7 +55,7 @@ TEST(SliceParameters, OfAJobAndOfACommandLineAreReadAlike) {
   SliceParameters all;
   for (const SliceParameter& row : slice_parameter_table())
     if (row.key != "scale" && row.key != "fit")
-      set_unusual(all, row, row.choices.empty() ? std::string_view{} : row.choices.front());
+      set_unusual(all, row, row.choices.empty() ? row.example : row.choices.front());
   const auto read = slice_parameters_from_json(to_json(all));
   ASSERT_TRUE(read) << read.error().what;
   EXPECT_EQ(*read, all);

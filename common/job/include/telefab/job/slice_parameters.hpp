@@ -48,7 +48,9 @@ struct SliceParameter {
   std::string_view help;                           ///< a phrase; what happens where it is left out, unless `fallback`
   std::string_view unit = {};                      ///< of a number, "mm"; empty: none
   Range range = {};                                ///< of a number
-  std::span<const std::string_view> choices = {};  ///< of a choice: all there are
+  std::span<const std::string_view> choices = {};  ///< of a choice: all there are; none: a text of that `form`
+  std::string_view form = {};                      ///< of a text, "all | largest | N"; the scan site reads it
+  std::string_view example = {};                   ///< of a text: a legal one that is not the fallback
   std::string_view fallback = {};                  ///< of a choice: the one taken where it is left out
   std::array<std::string_view, 2> not_with = {};   ///< keys it excludes, told at the later of the two rows
 };

@@ -4,6 +4,7 @@
 #include <string>
 #include <telefab/base/clock.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
+#include <telefab/fab/print/print_runner.hpp>
 #include <telefab/fab/print/start_rule.hpp>
 #include <telefab/service/site_runtime.hpp>
 
