@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <fmt/format.h>
+#include <array>
 #include <cstdlib>
 #include <exception>
 #include <memory>
@@ -17,15 +18,29 @@
 namespace telefab {
 namespace {
 
-/// Turns SIGINT and SIGTERM into a stop request, outside of signal-handler rules: the signals are blocked in every
-/// thread and one thread waits for them.
+/// What asks a program to end: an operator, the service, a terminal that closes, power that goes, a limit reached.
+constexpr std::array kEndings{SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGPWR, SIGXCPU};
+/// What would end it by default and asks for nothing. A peer that goes away, and a file that may not grow, are error
+/// codes of write(), not the end of the process.
+constexpr std::array kStrays{SIGPIPE, SIGXFSZ, SIGUSR1, SIGUSR2, SIGALRM, SIGPROF, SIGVTALRM, SIGPOLL, SIGSTKFLT};
+
+/// Whoever started the program wants the signal ignored, as nohup does.
+bool is_ignored(int signal) {
+  struct sigaction now {};
+  return ::sigaction(signal, nullptr, &now) == 0 && now.sa_handler == SIG_IGN;
+}
+
+/// Turns what asks the program to end into a stop request, outside of signal-handler rules: the signals are blocked in
+/// every thread and one thread waits for them. No other signal that can be caught ends it in the midst of an exposure.
 class SignalStop {
  public:
   SignalStop() {
     sigemptyset(&signals_);
-    sigaddset(&signals_, SIGINT);
-    sigaddset(&signals_, SIGTERM);
+    for (const int signal : kEndings)
+      if (signal == SIGTERM || !is_ignored(signal)) sigaddset(&signals_, signal);
     pthread_sigmask(SIG_BLOCK, &signals_, nullptr);
+    for (const int signal : kStrays) ::signal(signal, SIG_IGN);
+    for (int signal = SIGRTMIN; signal <= SIGRTMAX; ++signal) ::signal(signal, SIG_IGN);
     waiter_ = std::jthread{[this](std::stop_token ended) {
       pthread_setname_np(pthread_self(), "signals");
       while (!ended.stop_requested()) {

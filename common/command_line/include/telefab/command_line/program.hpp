@@ -10,7 +10,8 @@
 
 namespace telefab {
 
-/// What a verb does once its options are read. The token is stopped by SIGINT and SIGTERM.
+/// What a verb does once its options are read. The token is stopped by SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGPWR and
+/// SIGXCPU; other signals that can be caught end nothing.
 using VerbBody = std::function<Result<ExitCode>(std::stop_token)>;
 
 /// One verb of a program, e.g. `telefab-scan slice`. `declare` adds the verb's options to its own sub-command and
