@@ -235,6 +235,7 @@ Result<PlanSummary> plan_pass(const LayerStack& stack, const MachineProfile& pro
   const Nanoseconds supported = clock.now();
 
   PlanSummary summary = summary_of(stack, *supports, machine, options);
+  summary.plan.profile = digest_of_light(profile);  // as it stands on disk, not as exposed deeper for this plan
   if (auto ok = fits(stack, machine, summary.part_layers + summary.elevation_layers); !ok)
     return tl::unexpected{ok.error()};
   MaskRounds rounds{stack, *supports, machine, options, sink, summary};

@@ -50,6 +50,17 @@ double layer_seconds(const MachineProfile::Motion& motion, std::chrono::microsec
          motion.lift_mm / motion.lower_speed_mm_per_s + motion.settle_s;
 }
 
+Result<void> PrintPlan::fits(const MachineProfile& now) const {
+  if (profile == digest_of_light(now)) return {};
+  if (profile == Digest{})
+    return fail(ErrorCode::Conflict,
+                fmt::format("the plan does not say which profile of {} it was made for; plan the job again", machine));
+  return fail(ErrorCode::Conflict, fmt::format("the profile of {} was changed since the job was planned, so its masks "
+                                               "and exposures no longer hold: put the profile back, or submit the job "
+                                               "again",
+                                               machine));
+}
+
 std::string to_json(const PrintPlan& plan) {
   Json layers = Json::array();
   for (const PlannedLayer& l : plan.layers)
@@ -67,6 +78,7 @@ std::string to_json(const PrintPlan& plan) {
             {"lower_speed_mm_per_s", plan.motion.lower_speed_mm_per_s},
             {"settle_s", plan.motion.settle_s},
             {"layers", std::move(layers)}});
+  if (plan.profile != Digest{}) j["profile_sha256"] = to_hex(plan.profile);  // plans of 0.1 keep their bytes
   return j.dump(1) + "\n";
 }
 
@@ -82,6 +94,11 @@ Result<PrintPlan> print_plan_from_json(std::string_view text) {
       const auto masks = mask_method_from_name(j.at("masks").get<std::string>());
       if (!masks) return fail_in("print plan, masks", masks.error());
       plan.masks = *masks;
+    }
+    if (j.contains("profile_sha256")) {
+      const auto profile = digest_from_hex(j.at("profile_sha256").get<std::string>());
+      if (!profile) return fail_in("print plan, profile_sha256", profile.error());
+      plan.profile = *profile;
     }
     plan.mask_size = {j.at("mask_width_px").get<std::uint32_t>(), j.at("mask_height_px").get<std::uint32_t>()};
     plan.z_travel_mm = j.at("z_travel_mm").get<double>();

@@ -74,6 +74,31 @@ TEST(PrintPlanJson, StatesHowTheMasksWereMadeAndRefusesAWayItDoesNotKnow) {
   EXPECT_FALSE(print_plan_from_json(std::string{unknown}.replace(unknown.find("\"blend-waves\""), 13, "3")));
 }
 
+TEST(PrintPlan, IsPrintedByNoOtherProfileThanTheOneItWasMadeFor) {
+  MachineProfile machine;
+  machine.name = "m";
+  machine.projection.irradiance_mw_per_cm2 = 3;
+  PrintPlan plan = two_layers();
+  EXPECT_EQ(plan.fits(machine).error().code, ErrorCode::Conflict) << "a plan of 0.1 says nothing of its profile";
+  plan.profile = digest_of_light(machine);
+  EXPECT_TRUE(plan.fits(machine));
+  EXPECT_EQ(*print_plan_from_json(to_json(plan)), plan);
+  const auto after = [&](auto change) {
+    MachineProfile changed = machine;
+    change(changed);
+    return plan.fits(changed);
+  };
+  EXPECT_TRUE(after([](MachineProfile& m) { m.devices.speed_up = 100; }));
+  EXPECT_TRUE(after([](MachineProfile& m) { m.devices.stage_serial = "A2"; }));
+  EXPECT_TRUE(after([](MachineProfile& m) { m.description = "the one by the window"; }));
+  EXPECT_THAT(after([](MachineProfile& m) { m.projection.irradiance_mw_per_cm2 = 9; }).error().what,
+              testing::HasSubstr("was changed since the job was planned"));
+  EXPECT_FALSE(after([](MachineProfile& m) { m.layers.exposure_s = 4; }));
+  EXPECT_FALSE(after([](MachineProfile& m) { m.resin.penetration_mm = 0.5; }));
+  EXPECT_FALSE(after([](MachineProfile& m) { m.motion.settle_s = 9; }));
+  EXPECT_FALSE(after([](MachineProfile& m) { m.devices.led_current = 9; }));
+}
+
 TEST(PrintPlan, NamesTheLayerThatIsWrong) {
   const auto wrong = [](auto change) {
     PrintPlan plan = two_layers();

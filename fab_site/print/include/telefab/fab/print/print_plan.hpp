@@ -27,11 +27,14 @@ struct PrintPlan {
   std::string machine;
   /// How the masks were made; none: planned by a version that did not say.
   std::optional<MaskMethod> masks;
+  Digest profile;  ///< digest_of_light of the machine it was planned for; zero: of a version that did not keep it
   PixelSize mask_size;
   MachineProfile::Motion motion;
   double z_travel_mm = 0;
   std::vector<PlannedLayer> layers;
   friend bool operator==(const PrintPlan&, const PrintPlan&) = default;
+  /// Conflict, with what to do, where the machine is no longer the one it was planned for.
+  [[nodiscard]] Result<void> fits(const MachineProfile& now) const;
   /// Layers in order, z rising and within travel, exposures finite. InvalidInput names the layer.
   [[nodiscard]] Result<void> validate() const;
 };
