@@ -16,10 +16,13 @@ VerbBody declare_command(VerbOptions& options, JobCommand command) {
     std::string job;
     std::string who;
     std::string as;
+    std::vector<std::string> although;
   };
   auto o = std::make_shared<Options>();
   declare_common(options, o->common);
-  options.add("JOB", o->job, "id of the job").required();
+  const bool is_of_machine = command == JobCommand::Cleared;
+  options.add(is_of_machine ? "MACHINE" : "JOB", o->job, is_of_machine ? "name of the machine" : "id of the job")
+      .required();
   options.add("--who", o->who, "your name for the audit log; with --tls the certificate's name counts")
       .environment("USER");
   if (command == JobCommand::Resume)
@@ -28,16 +31,25 @@ VerbBody declare_command(VerbOptions& options, JobCommand command) {
              "exposed | dark: what to take a layer for that was perhaps exposed when the print broke off: "
              "exposed goes on with the next layer, dark exposes it again; `telefab watch` says when this is asked")
         .one_of({"exposed", "dark"});
-  return [o, command](std::stop_token stop) -> Result<ExitCode> {
+  if (command == JobCommand::Approve)
+    options
+        .add("--although", o->although,
+             "NAME of what holds the job, as its page and the answer to a plain approval list it; give every one. "
+             "It is kept with your name in the as-built record")
+        .separated_by(',');
+  return [o, command, is_of_machine](std::stop_token stop) -> Result<ExitCode> {
     JobCommand asked = command;
     if (o->as == "exposed") asked = JobCommand::ResumeExposed;
     if (o->as == "dark") asked = JobCommand::ResumeAgain;
+    if (is_of_machine && !is_job_id(o->job))
+      return fail(ErrorCode::NotFound, fmt::format("no machine \"{}\": `telefab machines` lists them", o->job));
     if (!is_job_id(o->job))
       return fail(ErrorCode::NotFound, fmt::format("no job \"{}\": `telefab jobs` lists them", o->job));
     auto client = connect(o->common, std::move(stop));
     if (!client) return tl::unexpected{client.error()};
+    const std::string although = fmt::format("{}", fmt::join(o->although, ",")).substr(0, kMaxNameBytes);
     const std::string who = o->who.substr(0, kMaxNameBytes);
-    auto jobs = (*client)->ask<Jobs>(Command{(*client)->next_request(), o->job, asked, who});
+    auto jobs = (*client)->ask<Jobs>(Command{(*client)->next_request(), o->job, asked, who, although});
     if (!jobs) return tl::unexpected{jobs.error()};
     for (const Job& job : jobs->jobs) write_output(fmt::format("{}\n", o->common.json ? to_json(job) : to_line(job)));
     return ExitCode::Ok;
@@ -49,6 +61,7 @@ VerbBody declare_command(VerbOptions& options, JobCommand command) {
 VerbBody declare_approve(VerbOptions& options) { return declare_command(options, JobCommand::Approve); }
 VerbBody declare_pause(VerbOptions& options) { return declare_command(options, JobCommand::Pause); }
 VerbBody declare_resume(VerbOptions& options) { return declare_command(options, JobCommand::Resume); }
+VerbBody declare_cleared(VerbOptions& options) { return declare_command(options, JobCommand::Cleared); }
 VerbBody declare_cancel(VerbOptions& options) { return declare_command(options, JobCommand::Cancel); }
 
 }  // namespace telefab::client

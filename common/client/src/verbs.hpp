@@ -12,6 +12,7 @@ namespace telefab::client {
 [[nodiscard]] VerbBody declare_approve(VerbOptions& options);
 [[nodiscard]] VerbBody declare_pause(VerbOptions& options);
 [[nodiscard]] VerbBody declare_resume(VerbOptions& options);
+[[nodiscard]] VerbBody declare_cleared(VerbOptions& options);
 [[nodiscard]] VerbBody declare_cancel(VerbOptions& options);
 [[nodiscard]] VerbBody declare_report(VerbOptions& options);
 [[nodiscard]] VerbBody declare_sites(VerbOptions& options);

@@ -55,6 +55,8 @@ std::string_view name_of(JobCommand command) {
       return "resume as exposed";
     case JobCommand::ResumeAgain:
       return "resume as dark";
+    case JobCommand::Cleared:
+      return "cleared";
   }
   return "cancel";
 }

@@ -14,6 +14,7 @@ const allowed = {
   approve: (s) => s === "awaiting-approval",
   pause: (s) => s === "printing",
   resume: (s) => s === "paused",
+  cleared: () => true,
   cancel: (s) => !["done", "failed", "cancelled"].includes(s),
 };
 
@@ -24,6 +25,8 @@ function duration(seconds) {
 }
 
 async function get(path) {
+  const said = action === "approve" ? await approval() : as ? { as } : {};
+  if (!said) return;
   const answer = await fetch(path);
   const body = await answer.json();
   if (!answer.ok) throw new Error(body.error ? body.error.what : answer.statusText);
@@ -63,6 +66,7 @@ function showJob() {
   for (const button of document.querySelectorAll("[data-action]")) {
     button.disabled = !allowed[button.dataset.action](job.state);
     // A layer in doubt is a question: its two answers stand in the place of the plain button.
+    if (button.dataset.action === "cleared") button.hidden = !job.waits_for_platform;
     if (button.dataset.action === "resume") button.hidden = Boolean(job.in_doubt) !== Boolean(button.dataset.as);
   }
   site.showJob(job);
@@ -97,6 +101,16 @@ function choose(id) {
   showDetails();
 }
 
+// What holds a job is named by whoever lets it through, so it is shown first. Null: the operator would rather not.
+async function approval() {
+  const { items } = await get(`/v1/jobs/${state.chosen}/preflight`).catch(() => ({ items: [] }));
+  const held = items.filter((item) => item.verdict === "held");
+  if (!held.length) return {};
+  const why = held.map((item) => `${item.name}: ${item.text}`).join("\n");
+  return confirm(`This job is held:\n${why}\nLet it print all the same? Your approval names this in the record.`)
+    ? { although: [...new Set(held.map((item) => item.name))] } : null;
+}
+
 async function act(action, as) {
   if (!state.token) {
     state.waiting = [action, as];
@@ -105,10 +119,11 @@ async function act(action, as) {
     return;
   }
   if (action === "cancel" && !confirm("Cancel this job? The print cannot be taken up again.")) return;
-  const answer = await fetch(`/v1/jobs/${state.chosen}/${action}`, {
+  const machine = state.jobs.find((j) => j.id === state.chosen)?.machine;
+  const answer = await fetch(action === "cleared" ? `/v1/machines/${machine}/cleared` : `/v1/jobs/${state.chosen}/${action}`, {
     method: "POST",
     headers: { Authorization: `Bearer ${state.token}` },
-    body: as ? JSON.stringify({ as }) : undefined,
+    body: Object.keys(said).length ? JSON.stringify(said) : undefined,
   });
   if (answer.status === 401) {
     state.token = "";

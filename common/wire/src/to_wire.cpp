@@ -108,6 +108,7 @@ void write(const Command& value, v1::Command& proto) {
   proto.set_job(value.job);
   proto.set_action(static_cast<v1::Action>(value.command));
   proto.set_who(value.who);
+  proto.set_although(value.although);
 }
 void write(const AskFiles& value, v1::AskFiles& proto) {
   proto.set_request(number_of(value.request));

@@ -11,6 +11,7 @@
 #include <telefab/fab/formats/mask_export.hpp>
 #include <telefab/fab/mask/raster.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/planning/preflight.hpp>
 #include <telefab/geometry/contour_lines.hpp>
 #include <telefab/image/png.hpp>
 
@@ -28,6 +29,7 @@ struct Options {
   std::string out;
   MachineChoice machine;
   bool no_supports = false;
+  std::vector<std::string> although;
 };
 
 /// What is exported: a plan with its masks, or contours alone.
@@ -150,6 +152,18 @@ Result<std::uint32_t> export_as_asked(const Options& o, const std::stop_token& s
   return job->layer_count;
 }
 
+/// A held plan goes to no other printer unless what holds it is named.
+Result<void> may_leave(const Options& o) {
+  std::error_code error;
+  if (!fs::is_directory(o.from, error)) return {};  // contours alone: no supports and no masks that could be held
+  const auto preflight = preflight_in(o.from);
+  if (!preflight) return tl::unexpected{preflight.error()};
+  const auto why = let_through(*preflight, fmt::format("{}", fmt::join(o.although, ",")));
+  if (!why) return fail_in(o.from, why.error());
+  if (!why->empty()) write_note(fmt::format("telefab-fab: held, and exported {}\n", *why));
+  return {};
+}
+
 }  // namespace
 
 VerbBody declare_export(VerbOptions& options) {
@@ -162,6 +176,11 @@ VerbBody declare_export(VerbOptions& options) {
       .required()
       .one_of({"sl1", "nanodlp", "3mf", "cli", "cli-binary", "svg", "jsonl", "png"});
   options.add("--out", o->out, "file, or folder for png").required();
+  options
+      .add("--although", o->although,
+           "NAME of what holds the plan (telefab-fab plan lists it); give every one. A held plan is not exported "
+           "without")
+      .separated_by(',');
   options.flag("--no-supports", o->no_supports, "contours of a plan: the part alone, at its height above the base");
   declare_machine_choice(options, o->machine,
                          "machine whose pixels and platform are used; default: the one it was planned or sliced for",
@@ -173,6 +192,11 @@ VerbBody declare_export(VerbOptions& options) {
       "Pictures in sl1 and nanodlp are turned as projection.orientation of the machine says; the archive states it.\n"
       "The same input gives the same bytes. A file appears whole or not at all.");
   return [o](std::stop_token stop) -> Result<ExitCode> {
+    if (const auto may = may_leave(*o); !may) {
+      if (may.error().code != ErrorCode::NotPermitted) return tl::unexpected{may.error()};
+      write_note(fmt::format("telefab-fab: {}\n", may.error().what));
+      return ExitCode::NotCertified;
+    }
     const auto layers = export_as_asked(*o, stop);
     clear_progress();
     if (!layers) return tl::unexpected{layers.error()};

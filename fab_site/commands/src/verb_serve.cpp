@@ -16,6 +16,7 @@ VerbBody declare_serve(VerbOptions& options) {
     std::string after_crash = "ask";
     std::string after_restart = "go-on";
     double within_min = 10;
+    std::string platform = "by-machine";
     MaskOptions masks;
   };
   auto o = std::make_shared<Options>();
@@ -44,10 +45,18 @@ VerbBody declare_serve(VerbOptions& options) {
            "minutes after which a print that broke off, or a job that waits in the queue, no longer goes on by itself")
       .within(0.0, 1e6)
       .shows_default();
+  options
+      .add("--platform", o->platform,
+           "cleared-by-operator | automatic | by-machine: whether the next job waits until an operator says that the "
+           "last part is off the platform (telefab cleared MACHINE); by-machine: for real devices alone")
+      .one_of({"cleared-by-operator", "automatic", "by-machine"})
+      .shows_default();
   declare_mask_options(options, o->masks);
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (auto ok = apply(o->masks, o->config.planning); !ok) return tl::unexpected{ok.error()};
     o->config.start_on_approval = o->start == "on-approval";
+    if (o->platform == "cleared-by-operator") o->config.platform = PlatformPolicy::ClearedByOperator;
+    if (o->platform == "automatic") o->config.platform = PlatformPolicy::Automatic;
     StartPolicy& at_start = o->config.at_start;
     if (o->after_crash == "exposed") at_start.maybe_exposed = Decision::TreatAsExposed;
     if (o->after_crash == "again") at_start.maybe_exposed = Decision::ExposeAgain;

@@ -8,6 +8,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/base/version.hpp>
 #include <telefab/command_line/machine_choice.hpp>
+#include <telefab/fab/planning/preflight.hpp>
 
 #include "accuracy.hpp"
 #include "plan_print.hpp"
@@ -26,7 +27,9 @@ bool is_device_trouble(ErrorCode code) {
 }
 
 /// What an operator can put right at the site; likewise.
-bool is_site_trouble(ErrorCode code) { return code == ErrorCode::StorageFailed || code == ErrorCode::NotTrusted; }
+bool is_site_trouble(ErrorCode code) {
+  return code == ErrorCode::StorageFailed || code == ErrorCode::NotTrusted || code == ErrorCode::Conflict;
+}
 
 constexpr auto kRetryEvery = std::chrono::seconds{10};
 constexpr const char* kAutomatic = "automatic";  ///< whose word a job prints by where no operator is asked
@@ -97,7 +100,9 @@ Result<void> FabSite::start_web() {
       [this](const NewJob& upload, std::function<void(Result<Job>)> done) {
         later([this, upload, done = std::move(done)] { done(take_upload(upload)); });
       },
-      [this](const std::string& job) { return is_in_doubt(job); });
+      [this](const std::string& job) {
+        return JobQuestions{is_in_doubt(job), waits_for_platform(job)};
+      });
   std::string three_js;
   if (const auto library = read_file(kThreeJs, kMaxThreeJsBytes))
     three_js.assign(reinterpret_cast<const char*>(library->data()), library->size());
@@ -476,6 +481,9 @@ void FabSite::predict(const std::string& job, std::stop_token stop) {
 }
 
 void FabSite::print(const std::string& job, std::stop_token stop) {
+  const auto found = store().find(job);
+  if (!found || is_final(found->state)) return;
+  if (const auto known = find_machine(machines_, found->machine); known && !take_platform(*found, *known)) return;
   // Not before the store says so: what the next start knows of this print begins there.
   ledger_->move(job, JobState::Printing, "");
   if (const auto now = store().find(job); !now || now->state != JobState::Printing) {
@@ -522,6 +530,10 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
     if (!record && (is_device_trouble(record.error().code) || is_site_trouble(record.error().code)))
       return move(job, JobState::Paused, record.error().what + "; telefab resume tries again");
     if (!record) return end_job(job, JobState::Failed, record.error().what);
+    // Nothing was made: the platform is as empty as before.
+    if (const auto ended = store().find(job);
+        ended && record->layers.empty() && record->outcome != PrintOutcome::Faulted)
+      if (auto cleared = platforms_.clear(ended->machine); !cleared) log_warning(cleared.error().what, {job});
     counters_->change(job, [&](JobCounters& c) { c.layers_printed = record->next.count(); });
     switch (record->outcome) {
       case PrintOutcome::Done:
@@ -543,6 +555,7 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
 
 void FabSite::command(const Command& command, std::function<void(Result<Job>)> done) {
   const std::string& id = command.job;
+  if (command.command == JobCommand::Cleared) return done(clear_platform(id));
   const auto job = store().find(id);
   if (!job) return done(job);
   const auto refuse = [&](std::string_view why) {
@@ -564,7 +577,7 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
   switch (command.command) {
     case JobCommand::Approve:
       if (job->state != JobState::AwaitingApproval) return refuse("there is nothing to approve");
-      return answer(put_on_machine(*job, {JournalStep::Approved, command.who, {}, {}}));
+      return answer(approve(*job, command));
     case JobCommand::Pause:
       if (job->state != JobState::Printing) return refuse("only a print can be paused");
       if (control) return tell_print(command, control, done);
@@ -582,7 +595,69 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
     case JobCommand::Cancel:
       if (control) return tell_print(command, control, done);
       return answer(cancel(*job, command.who));
+    case JobCommand::Cleared:
+      break;  // about a machine, not a job
   }
+}
+
+// ---- the platform ----------------------------------------------------------------------------------------------
+
+bool FabSite::take_platform(const Job& job, const MachineProfile& machine) {
+  const auto there = platforms_.part_on(machine.name);
+  const bool is_own = there && *there == job.id;
+  const bool is_free = there && !*there;
+  if (is_own) return true;
+  if (needs_clearing(config_.platform, machine) && !is_free) {
+    const std::string occupant = there ? **there : there.error().what;
+    later([this, job, occupant] { wait_for_platform(job, occupant); });
+    return false;
+  }
+  if (auto taken = platforms_.occupy(machine.name, job.id); !taken) {
+    log_warning(taken.error().what, {job.id});
+    later([this, id = job.id] { loop_.after(kRetryEvery, [this, id] { device_->add(id); }); });
+    return false;
+  }
+  return true;
+}
+
+void FabSite::wait_for_platform(const Job& job, const std::string& occupant) {
+  const auto now = store().find(job.id);
+  if (!now || is_final(now->state)) return;
+  {
+    const std::lock_guard lock{control_mutex_};
+    for_platform_.insert(job.id);
+  }
+  move(job.id, now->state,
+       fmt::format("waits for an empty platform: the part of {} is on that of {}; take it off, then telefab cleared {}",
+                   occupant, job.machine, job.machine));
+}
+
+Result<Job> FabSite::clear_platform(const std::string& machine) {
+  if (const auto known = find_machine(machines_, machine); !known) return tl::unexpected{known.error()};
+  const auto there = platforms_.part_on(machine);
+  if (!there) return tl::unexpected{there.error()};
+  if (!*there) return fail(ErrorCode::Conflict, fmt::format("the platform of {} is empty already", machine));
+  auto occupant = store().find(**there);
+  if (occupant && !is_final(occupant->state))
+    return fail(ErrorCode::Conflict, fmt::format("job {} is {} on the platform of {}; cancel it first", occupant->id,
+                                                 name_of(occupant->state), machine));
+  if (auto cleared = platforms_.clear(machine); !cleared) return tl::unexpected{cleared.error()};
+  std::set<std::string> waiting;
+  {
+    const std::lock_guard lock{control_mutex_};
+    waiting.swap(for_platform_);
+  }
+  for (const std::string& id : waiting) device_->add(id);  // those of other machines wait again
+  if (occupant) return occupant;
+  Job forgotten;  // the job list no longer knows it; the platform is empty all the same
+  forgotten.id = **there;
+  forgotten.machine = machine;
+  return forgotten;
+}
+
+bool FabSite::waits_for_platform(const std::string& job) {
+  const std::lock_guard lock{control_mutex_};
+  return for_platform_.contains(job);
 }
 
 void FabSite::tell_print(const Command& command, const std::shared_ptr<PrintControl>& control,
@@ -626,6 +701,16 @@ Result<void> FabSite::put_on_machine(const Job& job, const PrintWord& word) {
   return {};
 }
 
+Result<void> FabSite::approve(const Job& job, const Command& command) {
+  const auto folder = folder_.job(job.id);
+  if (!folder) return tl::unexpected{folder.error()};
+  const auto preflight = preflight_in(*folder / "plan");
+  if (!preflight) return tl::unexpected{preflight.error()};
+  const auto why = let_through(*preflight, command.although);
+  if (!why) return fail_in(fmt::format("job {}", job.id), why.error());
+  return put_on_machine(job, {JournalStep::Approved, command.who, *why, {}});
+}
+
 Result<void> FabSite::pause(const Job& job, const std::string& who) {
   if (auto kept = keep(job, {JournalStep::PauseAsked, who, {}, {}}); !kept) return kept;
   device_->drop(job.id);
@@ -638,6 +723,10 @@ Result<void> FabSite::cancel(const Job& job, const std::string& who) {
   planner_->drop(job.id);
   predictor_->drop(job.id);
   device_->drop(job.id);
+  {
+    const std::lock_guard lock{control_mutex_};
+    for_platform_.erase(job.id);
+  }
   end_job(job.id, JobState::Cancelled, fmt::format("by {}", who));
   return {};
 }

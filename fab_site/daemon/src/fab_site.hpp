@@ -13,6 +13,7 @@
 #include <telefab/service/service_notifier.hpp>
 #include <telefab/service/site_ledger.hpp>
 
+#include "platforms.hpp"
 #include "print_orders.hpp"
 #include "scan_session.hpp"
 #include "site_keys.hpp"
@@ -54,7 +55,8 @@ class FabSite final : public FabDesk {
         clock_{clock},
         machines_{std::move(machines)},
         config_{std::move(config)},
-        site_keys_{config_.site_keys.empty() ? config_.serve.tls_folder : config_.site_keys} {}
+        site_keys_{config_.site_keys.empty() ? config_.serve.tls_folder : config_.site_keys},
+        platforms_{folder_.path() / "platforms"} {}
   [[nodiscard]] Result<void> start();
   [[nodiscard]] Result<void> start_web();
   [[nodiscard]] Result<void> take_up(const Job& job);
@@ -87,6 +89,13 @@ class FabSite final : public FabDesk {
   [[nodiscard]] Result<void> keep(const Job& job, const PrintWord& word);
   /// Approves or resumes a job that is not on its machine, and puts it there.
   [[nodiscard]] Result<void> put_on_machine(const Job& job, const PrintWord& word);
+  /// Whether the job may go on its machine now; false: another part is on the platform, and the job waits.
+  [[nodiscard]] bool take_platform(const Job& job, const MachineProfile& machine);
+  void wait_for_platform(const Job& job, const std::string& occupant);
+  /// An operator says that the platform of the machine is empty. The job whose part was on it.
+  [[nodiscard]] Result<Job> clear_platform(const std::string& machine);
+  [[nodiscard]] bool waits_for_platform(const std::string& job);
+  [[nodiscard]] Result<void> approve(const Job& job, const Command& command);
   /// Of a job that is not on its machine, or not yet.
   [[nodiscard]] Result<void> pause(const Job& job, const std::string& who);
   [[nodiscard]] Result<void> cancel(const Job& job, const std::string& who);
@@ -105,6 +114,7 @@ class FabSite final : public FabDesk {
   std::vector<MachineProfile> machines_;
   FabSiteConfig config_;
   SiteKeys site_keys_;
+  Platforms platforms_;
   std::unique_ptr<SiteLedger> ledger_;
   net::Loop loop_;
   std::unique_ptr<LiveCounters> counters_;
@@ -112,7 +122,8 @@ class FabSite final : public FabDesk {
   std::mutex analysed_mutex_;
   std::map<std::string, std::shared_ptr<LayerStream>> analysed_;  ///< of jobs to be planned; guarded by analysed_mutex_
   std::mutex control_mutex_;
-  std::set<std::string> in_doubt_;  ///< jobs whose next layer was perhaps exposed; guarded by control_mutex_
+  std::set<std::string> for_platform_;  ///< jobs that wait for an empty platform; guarded by control_mutex_
+  std::set<std::string> in_doubt_;      ///< jobs whose next layer was perhaps exposed; guarded by control_mutex_
   /// Guarded by control_mutex_, which is also held while a word goes into the journal of a job that does not print.
   std::string printing_;
   std::shared_ptr<PrintControl> control_;       ///< of the job being printed; guarded by control_mutex_

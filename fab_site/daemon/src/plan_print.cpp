@@ -5,6 +5,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include <telefab/base/file.hpp>
 #include <telefab/base/version.hpp>
 #include <telefab/fab/drivers/make_devices.hpp>
@@ -86,6 +88,20 @@ Result<void> keep_as_built(const std::filesystem::path& folder, const PrintRecor
   return write_file_atomically(folder / "report" / "as-built.json", *sealed);
 }
 
+/// A held job is printed on the word of somebody who knew what holds it, and on no other.
+Result<void> check_let_through(const std::filesystem::path& folder, const PrintJournal& journal) {
+  const auto preflight = preflight_in(folder / "plan");
+  if (!preflight) return tl::unexpected{preflight.error()};
+  const auto orders = journal.orders();
+  const bool is_known = std::any_of(orders.begin(), orders.end(), [](const OrderRecord& o) {
+    return o.word == name_of(JournalStep::Approved) && !o.why.empty();
+  });
+  if (preflight->holds() && !is_known)
+    return fail(ErrorCode::Conflict,
+                fmt::format("the job is held: {}; nobody has let it through", preflight->why_held()));
+  return {};
+}
+
 }  // namespace
 
 Result<void> go_dark(const MachineProfile& machine) {
@@ -101,6 +117,7 @@ Result<PrintRecord> print_from(const std::filesystem::path& folder, const Machin
                                std::atomic<std::uint64_t>& beats, std::stop_token stop) {
   const auto job = PlannedJob::open(folder / "plan");
   if (!job) return tl::unexpected{job.error()};
+  if (const auto fits = (*job)->plan().fits(machine); !fits) return tl::unexpected{fits.error()};
   const auto clock = make_clock(machine);
   auto devices = make_devices(machine, *clock);
   if (!devices) return tl::unexpected{devices.error()};
@@ -108,6 +125,7 @@ Result<PrintRecord> print_from(const std::filesystem::path& folder, const Machin
   if (!file) return tl::unexpected{file.error()};
   auto journal = PrintJournal::open(std::move(*file));
   if (!journal) return tl::unexpected{journal.error()};
+  if (auto may = check_let_through(folder, *journal); !may) return tl::unexpected{may.error()};
   PrintPolicy scaled = policy;
   // A machine that runs faster than real time is looked at less often in its own time.
   if (is_simulated(machine))

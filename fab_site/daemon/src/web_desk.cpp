@@ -116,7 +116,9 @@ JobView WebDesk::view_of(const Job& job) {
   view.machine = job.machine;
   view.state = job.state;
   view.message = job.message;
-  view.in_doubt = job.state == JobState::Paused && is_in_doubt_(job.id);
+  const JobQuestions questions = questions_(job.id);
+  view.in_doubt = job.state == JobState::Paused && questions.in_doubt;
+  view.waits_for_platform = questions.waits_for_platform;
   // Until the plan is on disk there is no print layer to look at.
   view.layers = !is_before(job.state, JobState::AwaitingApproval) ? c.print_layers : 0;
   view.layers_received = c.layers_sent;
@@ -278,6 +280,27 @@ Result<void> WebDesk::act(std::string_view id, JobCommand action, std::string_vi
   command.job = id;
   command.who = who;
   command.command = action;
+  const auto job = command_and_wait(post_, command);
+  if (!job) return tl::unexpected{job.error()};
+  return {};
+}
+
+Result<void> WebDesk::approve(std::string_view id, std::string_view although, std::string_view who) {
+  Command command;
+  command.job = id;
+  command.command = JobCommand::Approve;
+  command.who = who;
+  command.although = although;
+  const auto job = command_and_wait(post_, command);
+  if (!job) return tl::unexpected{job.error()};
+  return {};
+}
+
+Result<void> WebDesk::clear_platform(std::string_view machine, std::string_view who) {
+  Command command;
+  command.job = machine;
+  command.command = JobCommand::Cleared;
+  command.who = who;
   const auto job = command_and_wait(post_, command);
   if (!job) return tl::unexpected{job.error()};
   return {};

@@ -16,8 +16,13 @@ namespace telefab::fab {
 /// An uploaded job, its layers on disk: hands it to the daemon's loop; the answer comes on the loop's thread.
 using UploadPost = std::function<void(const NewJob&, std::function<void(Result<Job>)>)>;
 
-/// Whether a layer of the job was perhaps exposed and nobody has decided yet. Any thread.
-using DoubtAsker = std::function<bool(const std::string& job)>;
+/// What a job waits for that only somebody at the machine knows.
+struct JobQuestions {
+  bool in_doubt = false;            ///< a layer was perhaps exposed, and nobody has decided yet
+  bool waits_for_platform = false;  ///< another part is on the platform
+};
+/// Any thread.
+using QuestionAsker = std::function<JobQuestions(const std::string& job)>;
 
 /// The daemon as its web page sees it: reads the store and the job folders itself, passes commands on. Lives on the
 /// thread "web"; keeps the layers of the job last looked at.
@@ -25,13 +30,13 @@ class WebDesk final : public JobDesk {
  public:
   /// Store and folder must outlive the desk.
   WebDesk(JobStore& store, const DataFolder& folder, std::vector<MachineProfile> machines, CommandPost post,
-          UploadPost uploaded, DoubtAsker is_in_doubt)
+          UploadPost uploaded, QuestionAsker questions)
       : store_{store},
         folder_{folder},
         machines_{std::move(machines)},
         post_{std::move(post)},
         uploaded_{std::move(uploaded)},
-        is_in_doubt_{std::move(is_in_doubt)} {}
+        questions_{std::move(questions)} {}
 
   Result<std::vector<JobView>> jobs() override;
   Result<JobView> job(std::string_view id) override;
@@ -44,6 +49,8 @@ class WebDesk final : public JobDesk {
   Result<std::vector<std::byte>> accuracy_png(std::string_view id) override;
   Result<std::string> layer_json(std::string_view id, std::uint32_t layer) override;
   Result<void> act(std::string_view id, JobCommand action, std::string_view who) override;
+  Result<void> approve(std::string_view id, std::string_view although, std::string_view who) override;
+  Result<void> clear_platform(std::string_view machine, std::string_view who) override;
   Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) override;
   std::string devices_json() override;
   std::uint64_t revision() override { return store_.revision(); }
@@ -76,7 +83,7 @@ class WebDesk final : public JobDesk {
   std::vector<MachineProfile> machines_;
   CommandPost post_;
   UploadPost uploaded_;
-  DoubtAsker is_in_doubt_;
+  QuestionAsker questions_;
   std::optional<Sheets> sheets_;
   std::map<std::string, Light> lights_;  ///< by job
 };

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <set>
+#include <telefab/base/file.hpp>
 #include <telefab/fab/planning/preflight.hpp>
 
 namespace telefab::fab {
@@ -332,6 +334,77 @@ std::string to_text(const Preflight& preflight) {
   for (const PreflightItem& item : preflight.items)
     text += fmt::format("  {:<9} {:<13} {}\n", name_of(item.verdict), item.name, item.text);
   return text;
+}
+
+Result<Preflight> preflight_from_json(std::string_view text) {
+  try {
+    Preflight preflight;
+    const auto all = nlohmann::json::parse(text);
+    for (const auto& value : all.at("items")) {
+      PreflightItem item;
+      item.name = value.at("name").get<std::string>();
+      item.text = value.at("text").get<std::string>();
+      item.unit = value.value("unit", "");
+      if (value.contains("value") && value["value"].is_number()) item.value = value["value"].get<double>();
+      if (value.contains("layer")) item.layer = LayerIndex{value["layer"].get<std::uint32_t>()};
+      if (value.contains("place"))
+        item.place = Point2{value["place"].at(0).get<double>(), value["place"].at(1).get<double>()};
+      const auto verdict = value.at("verdict").get<std::string>();
+      // What is not understood holds.
+      item.verdict = Verdict::Held;
+      for (const Verdict known : {Verdict::Passed, Verdict::Warning, Verdict::NotKnown})
+        if (name_of(known) == verdict) item.verdict = known;
+      preflight.items.push_back(std::move(item));
+    }
+    if (all.at("verdict") != "passed" && !preflight.holds())
+      return fail(ErrorCode::InvalidInput, "preflight: it is held, but no item of it is");
+    return preflight;
+  } catch (const nlohmann::json::exception& e) {
+    return fail(ErrorCode::InvalidInput, std::string{"preflight: not as expected: "} + e.what());
+  }
+}
+
+Result<Preflight> preflight_in(const std::filesystem::path& folder) {
+  constexpr std::uint64_t kLargestPreflight = 64U << 20U;
+  const auto path = folder / "preflight.json";
+  const auto bytes = read_file(path, kLargestPreflight);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  auto preflight = preflight_from_json({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
+  if (!preflight) return fail_in(path.string(), preflight.error());
+  return preflight;
+}
+
+Result<std::string> let_through(const Preflight& preflight, std::string_view names) {
+  std::set<std::string, std::less<>> named;
+  for (std::string_view rest = names; !rest.empty();) {
+    const std::size_t end = std::min(rest.find(','), rest.size());
+    const std::string_view name = rest.substr(0, end);
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+    const bool is_known = std::any_of(preflight.items.begin(), preflight.items.end(),
+                                      [&](const PreflightItem& item) { return item.name == name; });
+    if (!is_known)
+      return fail(ErrorCode::InvalidInput, fmt::format("--although {}: nothing that is asked of a job before printing "
+                                                       "has this name",
+                                                       name));
+    named.emplace(name);
+  }
+  std::vector<std::string> reasons, unnamed;
+  std::set<std::string> missing;
+  for (const PreflightItem& item : preflight.items) {
+    if (item.verdict != PreflightItem::Verdict::Held) continue;
+    const std::string reason = fmt::format("{}: {}", item.name, item.text);
+    if (named.contains(item.name)) {
+      reasons.push_back(reason);
+    } else {
+      unnamed.push_back(reason);
+      missing.insert(item.name);
+    }
+  }
+  if (!unnamed.empty())
+    return fail(ErrorCode::NotPermitted,
+                fmt::format("the job is held: {}. To let it through all the same: --although {}",
+                            fmt::join(unnamed, "; "), fmt::join(missing, ",")));
+  return reasons.empty() ? std::string{} : fmt::format("although {}", fmt::join(reasons, "; "));
 }
 
 }  // namespace telefab::fab

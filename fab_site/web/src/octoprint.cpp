@@ -157,7 +157,8 @@ WebResponse octoprint_command(const WebRequest& request, JobDesk& desk) {
   const JobView* job = on_machine(*jobs);
   const auto is = [job](JobState state) { return job && job->state == state; };
   std::optional<JobCommand> wanted;
-  if (command == "start") {
+  const bool starts = command == "start";
+  if (starts) {
     wanted = JobCommand::Approve;
   } else if (command == "cancel") {
     wanted = JobCommand::Cancel;
@@ -169,7 +170,7 @@ WebResponse octoprint_command(const WebRequest& request, JobDesk& desk) {
   } else if (command == "restart") {
     return octoprint_problem(409, "a print of resin cannot be begun again from its first layer; send the file again");
   }
-  if (!wanted)
+  if (!wanted && !starts)
     return octoprint_problem(400,
                              R"(the body must be JSON with "command": start, cancel, restart or pause, and for pause )"
                              R"("action": pause, resume or toggle)");
@@ -177,7 +178,9 @@ WebResponse octoprint_command(const WebRequest& request, JobDesk& desk) {
   if ((wanted == JobCommand::Pause && is(JobState::Paused)) || (wanted == JobCommand::Resume && is(JobState::Printing)))
     return {204, "application/json", ""};
   if (!job || is_final(job->state)) return octoprint_problem(409, "there is no job on the machine");
-  if (auto done = desk.act(job->id, *wanted, "web"); !done) return octoprint_problem(done.error());
+  // What holds a job is named on the page; a program that sends files names nothing.
+  if (auto done = starts ? desk.approve(job->id, "", "web") : desk.act(job->id, *wanted, "web"); !done)
+    return octoprint_problem(done.error());
   return {204, "application/json", ""};
 }
 

@@ -23,6 +23,7 @@ json to_json(const JobView& job) {
              {"state", name_of(job.state)},
              {"message", job.message},
              {"in_doubt", job.in_doubt},
+             {"waits_for_platform", job.waits_for_platform},
              {"layers", job.layers},
              {"layers_received", job.layers_received},
              {"layers_printed", job.layers_printed},
@@ -72,6 +73,31 @@ WebResponse show_events(const Call& call) {
 template <JobCommand action>
 WebResponse act(const Call& call) {
   if (const auto done = call.desk.act(call.arguments.id, action, "web"); !done) return web_problem(done.error());
+  return show_job(call);
+}
+
+WebResponse clear_platform(const Call& call) {
+  if (const auto done = call.desk.clear_platform(call.arguments.id, "web"); !done) return web_problem(done.error());
+  return {200, "application/json", call.desk.devices_json()};
+}
+
+/// An empty body approves what nothing holds; {"although":["islands"]} also names what holds it.
+WebResponse approve(const Call& call) {
+  std::string although;
+  if (!call.request.body.empty()) {
+    const json body = json::parse(call.request.body, nullptr, false);
+    const auto names = body.is_object() ? body.find("although") : body.end();
+    const bool is_right =
+        body.is_object() && (body.empty() || (body.size() == 1 && names != body.end() && names->is_array()));
+    if (!is_right) return web_problem(400, "invalid-input", R"(the body is empty or {"although":["NAME"]})");
+    if (!body.empty())
+      for (const json& name : *names) {
+        if (!name.is_string())
+          return web_problem(400, "invalid-input", R"(the body is empty or {"although":["NAME"]})");
+        although += (although.empty() ? "" : ",") + name.get<std::string>();
+      }
+  }
+  if (const auto done = call.desk.approve(call.arguments.id, although, "web"); !done) return web_problem(done.error());
   return show_job(call);
 }
 
@@ -126,10 +152,12 @@ const std::vector<Row>& rows() {
        [](const Call& c) { return web_json(c.desk.layer_json(c.arguments.id, c.arguments.layer)); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}/mask.png", "grey mask of one layer"},
        [](const Call& c) { return as_png(c.desk.mask_png(c.arguments.id, c.arguments.layer)); }},
-      {{"POST", "/v1/jobs/{id}/approve", "let a job that waits for approval print", true}, act<JobCommand::Approve>},
+      {{"POST", "/v1/jobs/{id}/approve", "let a job that waits for approval print", true}, approve},
       {{"POST", "/v1/jobs/{id}/pause", "stop before the next exposure, lifted", true}, act<JobCommand::Pause>},
       {{"POST", "/v1/jobs/{id}/resume", "go on with the next layer", true}, resume},
       {{"POST", "/v1/jobs/{id}/cancel", "end the job", true}, act<JobCommand::Cancel>},
+      {{"POST", "/v1/machines/{id}/cleared", "say that the part is off the platform of a machine", true},
+       clear_platform},
       {{"GET", "/metrics", "gauges for Prometheus"},
        [](const Call& c) -> WebResponse {
          const auto jobs = c.desk.jobs();

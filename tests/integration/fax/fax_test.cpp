@@ -219,6 +219,29 @@ TEST_F(Fax, StartsAPrintOnlyAfterApprovalWhereTheFabSaysSo) {
   EXPECT_EQ(watch->finish(), 0) << watch->errors();
 }
 
+TEST_F(Fax, PrintsNoPlanOfAnotherProfile) {
+  start_fab({"--start", "on-approval"});
+  start_scan();
+  const std::string job = submit_torus();
+  const auto watch = telefab_begun({"watch", job});
+  EXPECT_THAT(watch->wait_for_error_line("approve"), HasSubstr("ready"));
+  kill_fab();
+  const auto toml = folder() / "machines" / "toy.toml";
+  const std::string sound = text_of(toml);
+  std::string brighter = sound;
+  brighter.replace(brighter.find("irradiance_mw_per_cm2 = 3.0"), 27, "irradiance_mw_per_cm2 = 9.0");
+  std::ofstream{toml} << brighter;
+  start_fab({"--start", "on-approval"});
+  EXPECT_EQ(telefab({"approve", job, "--site", fab_site()}).code, 0);
+  EXPECT_THAT(watch->wait_for_error_line("profile"), HasSubstr("was changed since the job was planned"));
+  EXPECT_EQ(text_of(folder() / "fab" / "jobs" / job / "journal").find("exposing"), std::string::npos);
+  kill_fab();
+  std::ofstream{toml} << sound;
+  start_fab({"--start", "on-approval"});
+  EXPECT_EQ(telefab({"resume", job, "--site", fab_site()}).code, 0);
+  EXPECT_EQ(watch->finish(), 0) << watch->errors();
+}
+
 TEST_F(Fax, PlansEveryJobWithTheMasksTheFabWasToldToMake) {
   start_fab({"--masks", "cover"});
   start_scan();
@@ -243,9 +266,35 @@ TEST_F(Fax, HoldsAJobWithAnIslandUntilAnOperatorOfTheFabLetsItThroughByName) {
   const auto watch = telefab_begun({"watch", job});
   EXPECT_THAT(watch->wait_for_error_line("island"),
               testing::AllOf(HasSubstr("awaiting-approval"), HasSubstr("approve")));
-  const Outcome approved = telefab({"approve", job, "--site", fab_site(), "--who", "Ada"});
+  const Outcome plain = telefab({"approve", job, "--site", fab_site(), "--who", "Ada"});
+  EXPECT_NE(plain.code, 0);
+  const std::size_t names = plain.errors.find("--although ");
+  ASSERT_NE(names, std::string::npos) << plain.errors;
+  std::string although = plain.errors.substr(names + 11);
+  although = although.substr(0, although.find_first_of(" \n"));
+  const auto plan = (folder() / "fab" / "jobs" / job / "plan").string();
+  const auto export_plan = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> words{std::string{::getenv("TELEFAB_BIN")} + "/telefab-fab",
+                                   "export",
+                                   plan,
+                                   "--format",
+                                   "nanodlp",
+                                   "--machines",
+                                   (folder() / "machines").string(),
+                                   "--out",
+                                   (folder() / "other.nanodlp").string()};
+    words.insert(words.end(), more.begin(), more.end());
+    return run(words);
+  };
+  EXPECT_EQ(export_plan({}).code, 8);
+  EXPECT_FALSE(std::filesystem::exists(folder() / "other.nanodlp"));
+  EXPECT_EQ(export_plan({"--although", although}).code, 0) << export_plan({"--although", although}).errors;
+  const Outcome approved = telefab({"approve", job, "--site", fab_site(), "--who", "Ada", "--although", although});
   EXPECT_EQ(approved.code, 0) << approved.errors;
   EXPECT_EQ(watch->finish(), 0) << watch->errors();
+  const json record = json::parse(text_of(folder() / "fab" / "jobs" / job / "report" / "as-built.json"))["record"];
+  EXPECT_EQ(record["orders"][0]["by"], "Ada");
+  EXPECT_THAT(record["orders"][0]["why"].get<std::string>(), StartsWith("although islands"));
   // Who let it through stays on record.
   std::string audit;
   for (const auto& entry : std::filesystem::recursive_directory_iterator{folder()})

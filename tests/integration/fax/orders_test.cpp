@@ -191,5 +191,28 @@ TEST_F(Orders, ABackupOfTheJournalIsAskedAbout) {
   EXPECT_GE(lights() + seen, 10u);
 }
 
+TEST_F(Orders, TheNextJobWaitsForAnEmptyPlatformOverRestarts) {
+  const std::vector<std::string> options{"--platform", "cleared-by-operator"};
+  start_fab(options);
+  start_scan();
+  const std::string first = submit_torus();
+  EXPECT_EQ(at_fab({"watch", first}).code, 0);
+  job = submit_torus();
+  const auto waits = [&] { return says().find("empty platform") != std::string::npos; };
+  ASSERT_TRUE(await(waits)) << says();
+  EXPECT_EQ(lights(), 0u);
+  kill_fab();
+  start_fab(options);
+  ASSERT_TRUE(await(waits)) << says();
+  expect_dark();
+  EXPECT_EQ(at_fab({"cleared", "nobody"}).code, 7);
+  const Outcome cleared = at_fab({"cleared", "toy", "--who", "ana"});
+  EXPECT_EQ(cleared.code, 0) << cleared.errors;
+  EXPECT_EQ(at_fab({"watch", job}).code, 0) << says();
+  EXPECT_GT(lights(), 0u);
+  const std::string audit = text_of(folder() / "fab" / "audit.log");
+  EXPECT_THAT(audit, HasSubstr("cleared toy"));
+}
+
 }  // namespace
 }  // namespace telefab::test

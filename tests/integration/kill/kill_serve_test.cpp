@@ -103,7 +103,7 @@ stage_serial = "{}"
     store->reset();
     auto journal = PrintJournal::open(std::move(*open_journal_file(job_folder() / "journal")));
     ASSERT_TRUE(journal) << journal.error().what;
-    ASSERT_TRUE(journal->write({JournalStep::Approved, {}, clock.wall(), {}, "ana", {}, {}}));
+    ASSERT_TRUE(journal->write({JournalStep::Approved, {}, clock.wall(), {}, "ana", {}, "although anything: a test"}));
     fs::copy(folder() / "fab", folder() / "template", fs::copy_options::recursive);
     auto planned = PlannedJob::open(job_folder() / "plan");
     ASSERT_TRUE(planned) << planned.error().what;

@@ -195,5 +195,35 @@ TEST_F(PreflightTest, JsonTellsVerdictsValuesAndPlaces) {
   EXPECT_TRUE(found);
 }
 
+TEST(Preflight, LetsAHeldJobThroughOnlyByTheNameOfEverythingThatHoldsIt) {
+  using Verdict = PreflightItem::Verdict;
+  Preflight preflight;
+  preflight.items = {{"size", Verdict::Passed, "3 mm", 3, "mm", {}, {}},
+                     {"islands", Verdict::Held, "1 found", 1, "findings", LayerIndex{4}, Point2{1, 2}},
+                     {"supports", Verdict::Held, "2 found", 2, "findings", {}, {}}};
+  EXPECT_EQ(let_through(preflight, "").error().code, ErrorCode::NotPermitted);
+  EXPECT_NE(let_through(preflight, "").error().what.find("--although islands,supports"), std::string::npos);
+  EXPECT_EQ(let_through(preflight, "islands").error().code, ErrorCode::NotPermitted);
+  EXPECT_EQ(let_through(preflight, "islnds,supports").error().code, ErrorCode::InvalidInput);
+  const auto why = let_through(preflight, "supports,islands");
+  ASSERT_TRUE(why) << why.error().what;
+  EXPECT_EQ(*why, "although islands: 1 found; supports: 2 found");
+  preflight.items[1].verdict = preflight.items[2].verdict = Verdict::Warning;
+  EXPECT_EQ(*let_through(preflight, ""), "");
+}
+
+TEST(Preflight, ComesBackFromItsJsonAndHoldsWhatItDoesNotUnderstand) {
+  using Verdict = PreflightItem::Verdict;
+  Preflight preflight;
+  preflight.items = {{"islands", Verdict::Held, "1 found", 1, "findings", LayerIndex{4}, Point2{1, 2}},
+                     {"time", Verdict::NotKnown, "?", {}, "s", {}, {}}};
+  const auto back = preflight_from_json(to_json(preflight));
+  ASSERT_TRUE(back) << back.error().what;
+  EXPECT_EQ(to_json(*back), to_json(preflight));
+  EXPECT_TRUE(preflight_from_json(R"({"verdict":"held","items":[{"name":"a","verdict":"??","text":""}]})")->holds());
+  for (const char* text : {"", "[]", "{}", R"({"verdict":"held","items":[]})", R"({"verdict":"passed","items":[{}]})"})
+    EXPECT_FALSE(preflight_from_json(text)) << text;
+}
+
 }  // namespace
 }  // namespace telefab::fab

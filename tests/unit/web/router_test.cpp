@@ -104,6 +104,19 @@ TEST(WebRouter, RefusesAnyOtherWordAboutTheLayerInDoubt) {
   }
 }
 
+TEST(WebRouter, ApprovesWhatIsHeldOnlyByTheNamesInTheBody) {
+  RecordingDesk desk;
+  const auto approve = [&](const char* body) {
+    return answer({"POST", "/v1/jobs/job-1/approve", "Bearer secret", "application/json", body}, desk, kOptions).status;
+  };
+  EXPECT_EQ(approve(R"({"although":["islands","supports"]})"), 200U);
+  ASSERT_EQ(desk.approvals.size(), 1U);
+  EXPECT_EQ(desk.approvals[0].second, "islands,supports");
+  for (const char* body : {"[]", R"({"although":"islands"})", R"({"although":[1]})", R"({"other":[]})", "{"})
+    EXPECT_EQ(approve(body), 400U) << body;
+  EXPECT_EQ(desk.approvals.size(), 1U);
+}
+
 TEST(WebRouter, SaysConflictWithTheReasonOfTheDesk) {
   RecordingDesk desk;
   const WebResponse response = answer(ask("POST", "/v1/jobs/job-1/approve", "Bearer secret"), desk, kOptions);

@@ -36,7 +36,8 @@ inline constexpr std::array kJobStates{JobState::Queued,   JobState::Slicing,   
 [[nodiscard]] bool is_final(JobState state);
 /// Whether a job is in state `a` earlier in its life than in `b`; by kJobStates, not by the numbers.
 [[nodiscard]] bool is_before(JobState a, JobState b);
-/// Forward along the list, Printing <-> Paused, Ready -> AwaitingApproval, and from every state that is not final to Failed and Cancelled.
+/// Forward along the list, Printing <-> Paused, Ready -> AwaitingApproval, and from every state that is not final to
+/// Failed and Cancelled.
 [[nodiscard]] bool may_follow(JobState from, JobState to);
 
 /// What somebody may have done to a job. Numbers go over the wire: never renumber.
@@ -47,6 +48,7 @@ enum class JobCommand : std::uint8_t {
   Cancel = 4,
   ResumeExposed = 5,  ///< resume; a layer that was perhaps exposed counts as exposed
   ResumeAgain = 6,    ///< resume; such a layer is exposed again
+  Cleared = 7,        ///< about a machine, whose name is in Command::job: its platform is empty
 };
 [[nodiscard]] std::string_view name_of(JobCommand command);
 

@@ -77,9 +77,10 @@ struct Jobs {
 };
 struct Command {
   RequestId request{};
-  std::string job;
+  std::string job;  ///< Cleared: the machine
   JobCommand command = JobCommand::Pause;
   std::string who;
+  std::string although;  ///< Approve only: names of what holds the job and is let through, separated by commas
 };
 struct AskFiles {
   RequestId request{};

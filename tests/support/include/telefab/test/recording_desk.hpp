@@ -42,7 +42,15 @@ class RecordingDesk : public JobDesk {
   }
   [[nodiscard]] Result<void> act(std::string_view id, JobCommand action, std::string_view) override {
     actions.emplace_back(std::string{id}, action);
-    if (action == JobCommand::Approve) return fail(ErrorCode::Conflict, "the job does not wait for approval");
+    return {};
+  }
+  [[nodiscard]] Result<void> approve(std::string_view id, std::string_view although, std::string_view) override {
+    approvals.emplace_back(std::string{id}, std::string{although});
+    if (although.empty()) return fail(ErrorCode::Conflict, "the job does not wait for approval");
+    return {};
+  }
+  [[nodiscard]] Result<void> clear_platform(std::string_view machine, std::string_view) override {
+    cleared.emplace_back(machine);
     return {};
   }
   [[nodiscard]] Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) override {
@@ -59,6 +67,8 @@ class RecordingDesk : public JobDesk {
     bool start;
   };
   std::vector<std::pair<std::string, JobCommand>> actions;
+  std::vector<std::pair<std::string, std::string>> approvals;  ///< job, although
+  std::vector<std::string> cleared;                            ///< machines
   std::vector<File> files;
 
  private:

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <cstdint>
 #include <stop_token>
 #include <string>
 #include <telefab/base/clock.hpp>
@@ -10,12 +11,20 @@
 
 namespace telefab::fab {
 
+/// Who says that a platform is empty before the next part is begun on it.
+enum class PlatformPolicy : std::uint8_t {
+  ByMachine,          ///< an operator for real devices, nobody for virtual ones
+  ClearedByOperator,  ///< an operator: `telefab cleared MACHINE`, the page, the API
+  Automatic,          ///< nobody: a robot takes the parts off, or none is made
+};
+
 struct FabSiteConfig {
   ServeOptions serve;
   std::string site_keys;           ///< folder with SITE.sign.pub; empty: the --tls folder, or none without TLS
   PlanOptions planning;            ///< of every job; name, registration and regions are its own
   bool start_on_approval = false;  ///< a planned job waits for `telefab approve`
-  StartPolicy at_start;            ///< what may light by itself when the site starts
+  PlatformPolicy platform = PlatformPolicy::ByMachine;
+  StartPolicy at_start;  ///< what may light by itself when the site starts
 };
 
 /// The daemon of the fab site, until the stop is requested. The calling thread is the network's. Fails as soon as

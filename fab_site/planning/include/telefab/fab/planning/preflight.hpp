@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <telefab/fab/planning/plan_job.hpp>
 
 namespace telefab::fab {
@@ -36,6 +38,16 @@ struct Preflight {
 [[nodiscard]] std::string to_json(const Preflight& preflight);
 /// A line an item, for a terminal.
 [[nodiscard]] std::string to_text(const Preflight& preflight);
+
+/// As to_json wrote it. InvalidInput names the key.
+[[nodiscard]] Result<Preflight> preflight_from_json(std::string_view text);
+/// That of a plan folder. NotFound: planned by a version that kept none.
+[[nodiscard]] Result<Preflight> preflight_in(const std::filesystem::path& folder);
+
+/// The reason for which a held job is let through all the same, to be kept: "although islands: 1 found; ...". `names`,
+/// separated by commas, must name every item that holds it. Empty: nothing holds it. NotPermitted says which items are
+/// not named; InvalidInput: a name that is no item's.
+[[nodiscard]] Result<std::string> let_through(const Preflight& preflight, std::string_view names);
 
 /// Size, certificates, registration of the scan's views where it is stated, dose, walls and gaps too fine for the
 /// pixels or too weak for a small error of the dose, islands and loose supports, hollows

@@ -18,6 +18,7 @@ struct JobView {
   JobState state{};
   std::string message;                ///< why it failed, what it waits for; may be empty
   bool in_doubt = false;              ///< paused because a layer was perhaps exposed: somebody must say whether it was
+  bool waits_for_platform = false;    ///< another part is on the platform: somebody must take it off and say so
   std::uint32_t layers = 0;           ///< of the print, supports included; 0: not known yet
   std::uint32_t layers_received = 0;  ///< of the part
   std::uint32_t layers_printed = 0;
@@ -67,6 +68,11 @@ class JobDesk {
   [[nodiscard]] virtual Result<std::string> layer_json(std::string_view id, std::uint32_t layer) = 0;
   /// Conflict where the state does not allow it. `who` goes into the audit log.
   [[nodiscard]] virtual Result<void> act(std::string_view id, JobCommand action, std::string_view who) = 0;
+  /// Lets a planned job print. `although`: names of what holds it, separated by commas. NotPermitted: something that
+  /// holds it is not named; Conflict: it waits for no approval.
+  [[nodiscard]] virtual Result<void> approve(std::string_view id, std::string_view although, std::string_view who) = 0;
+  /// The platform of the machine was emptied. Conflict: it is empty already, or its part is still being made.
+  [[nodiscard]] virtual Result<void> clear_platform(std::string_view machine, std::string_view who) = 0;
   /// Makes a job of the bytes of a .tfc file; its id. Printed as soon as it is planned where `start`, else it waits for
   /// approval. InvalidInput: not a .tfc file, or damaged; NotFound: for a machine this fab has not.
   [[nodiscard]] virtual Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) = 0;

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "platforms.hpp"
+
+#include <fmt/format.h>
+
+#include <telefab/base/file.hpp>
+#include <telefab/fab/drivers/make_devices.hpp>
+
+namespace telefab::fab {
+
+bool needs_clearing(PlatformPolicy policy, const MachineProfile& machine) {
+  if (policy == PlatformPolicy::ByMachine) return !is_simulated(machine);
+  return policy == PlatformPolicy::ClearedByOperator;
+}
+
+Result<std::optional<std::string>> Platforms::part_on(const std::string& machine) const {
+  constexpr std::uint64_t kLongestName = 4096;
+  const auto bytes = read_file(folder_ / machine, kLongestName);
+  if (!bytes && bytes.error().code == ErrorCode::NotFound) return std::optional<std::string>{};
+  if (!bytes) return fail_in("whether the platform is empty", bytes.error());
+  std::string job{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+  while (job.ends_with('\n')) job.pop_back();
+  if (job.empty()) return std::optional<std::string>{};
+  return std::optional{std::move(job)};
+}
+
+Result<void> Platforms::occupy(const std::string& machine, const std::string& job) const {
+  std::error_code error;
+  std::filesystem::create_directories(folder_, error);
+  if (error)
+    return fail(ErrorCode::StorageFailed,
+                fmt::format("cannot make the folder {}: {}", folder_.string(), error.message()));
+  return write_file_atomically(folder_ / machine, job + "\n");
+}
+
+Result<void> Platforms::clear(const std::string& machine) const {
+  return write_file_atomically(folder_ / machine, std::string_view{"\n"});
+}
+
+}  // namespace telefab::fab
