@@ -74,6 +74,7 @@ Result<Completion> complete_cloud(const PointCloud& cloud, const CompletionOptio
   const auto around = look_around(near, cloud.points, cloud.normals, stop);
   if (!around) return tl::unexpected{around.error()};
   Completion completion;
+  completion.areas = around->area;
   const float spacing = median_of(around->spacing);
   completion.spacing = static_cast<double>(spacing);
   if (!(spacing > 0)) return completion;

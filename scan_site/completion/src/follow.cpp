@@ -20,6 +20,8 @@ constexpr float kPitchesAway = 3;
 /// Finest and coarsest cells: 1/4 and 1024 median spacings.
 constexpr int kFinest = -2;
 constexpr int kCoarsest = 10;
+/// A virtual sample this near to the place beyond a rim, in spacings, has taken it up.
+constexpr float kBesideRim = 1.5F;
 /// What lies farther from the cloud's box than this part of its longest side is not followed.
 constexpr float kBeyondBox = 0.3F;
 /// About a gap all nodes are as far as the rim: their errors add up.
@@ -72,6 +74,26 @@ class Follower {
   }
 
   void seed(const Rim& rim) { frontier_.push_back(cell_at(rim.probe, base_level(measured_.spacings[rim.sample]))); }
+  /// All cells about the probe: where the surface bends away from the plane of the rim.
+  void seed_widely(const Rim& rim) {
+    const Place middle = cell_at(rim.probe, base_level(measured_.spacings[rim.sample]));
+    for (int z = -1; z <= 1; ++z)
+      for (int y = -1; y <= 1; ++y)
+        for (int x = -1; x <= 1; ++x)
+          frontier_.push_back({middle.level, {middle.at[0] + x, middle.at[1] + y, middle.at[2] + z}});
+  }
+  /// The rims beside which no virtual sample lies yet.
+  [[nodiscard]] std::vector<Rim> rims_without_samples(std::span<const Rim> rims) const {
+    std::vector<Vector3f> points;
+    for (const VirtualSample& s : completion_.samples) points.push_back(s.point);
+    const KdTree near{points};
+    std::vector<Rim> left;
+    for (const Rim& rim : rims) {
+      const float reach = kBesideRim * measured_.spacings[rim.sample];
+      if (points.empty() || near.nearest(rim.probe).squared_distance > reach * reach) left.push_back(rim);
+    }
+    return left;
+  }
 
   /// One wave: every cell of the frontier is looked at, and hands on to its neighbours. False: nothing is left.
   bool step() {
@@ -114,58 +136,56 @@ class Follower {
            *std::max_element(cell.at.begin(), cell.at.end()) < kMostCells;
   }
 
+  /// The level that the distance of the nearest sample from the middle of a cell asks for, and that distance.
+  struct Demand {
+    int level = 0;
+    float gap = 0;
+  };
+  [[nodiscard]] Demand demand_at(const Place& cell) const {
+    const Neighbour nearest = measured_.near.nearest(position(cell, 0.5F));
+    Demand demand{base_level(measured_.spacings[nearest.index]), std::sqrt(nearest.squared_distance)};
+    while (demand.level < kCoarsest && demand.gap > kPitchesAway * pitch(demand.level + 1)) ++demand.level;
+    return demand;
+  }
+  static Place parent_of(const Place& cell) {
+    return {cell.level + 1, {cell.at[0] >> 1, cell.at[1] >> 1, cell.at[2] >> 1}};
+  }
+
   /// The cells of the frontier that have the size their distance from the samples asks for; for the others those of
-  /// the right size go to the next frontier.
+  /// the right size go to the next frontier. A cell is parted exactly where its own middle asks for smaller ones, so
+  /// that parent and child never send to each other what neither takes.
   std::vector<Place> sized_cells() {
-    struct Fate {
-      bool kept = false;
-      int level = 0;
-    };
+    enum class Fate : std::uint8_t { Outside, TooWide, Kept, Parted, Joined };
     std::vector<Fate> fates(frontier_.size());
-    std::vector<std::uint8_t> wide(frontier_.size(), 0);
     tbb::parallel_for(tbb::blocked_range<std::size_t>{0, frontier_.size(), 64}, [&](const auto& range) {
       for (std::size_t i = range.begin(); i < range.end(); ++i) {
         const Place& cell = frontier_[i];
-        if (!in_region(cell)) {
-          fates[i].level = cell.level;
-          continue;
-        }
-        const Neighbour nearest = measured_.near.nearest(position(cell, 0.5F));
-        const float gap = std::sqrt(nearest.squared_distance);
-        int level = base_level(measured_.spacings[nearest.index]);
-        while (level < kCoarsest && gap > kPitchesAway * pitch(level + 1)) ++level;
-        wide[i] = gap > most_gap_;
-        fates[i] = {level == cell.level && !wide[i], level};
+        const Demand demand = demand_at(cell);
+        if (!in_region(cell))
+          fates[i] = Fate::Outside;
+        else if (demand.gap > most_gap_)
+          fates[i] = Fate::TooWide;
+        else if (demand.level < cell.level)
+          fates[i] = Fate::Parted;
+        else if (cell.level < kCoarsest && demand_at(parent_of(cell)).level > cell.level)
+          fates[i] = Fate::Joined;
+        else
+          fates[i] = Fate::Kept;
       }
     });
     std::vector<Place> cells;
     std::vector<Place> resized;
     for (std::size_t i = 0; i < frontier_.size(); ++i) {
-      if (wide[i]) {
-        completion_.too_wide = true;
-        continue;
-      }
-      if (fates[i].kept)
-        cells.push_back(frontier_[i]);
-      else
-        resize(frontier_[i], fates[i].level, resized);
+      const Place& cell = frontier_[i];
+      if (fates[i] == Fate::TooWide) completion_.too_wide = true;
+      if (fates[i] == Fate::Kept) cells.push_back(cell);
+      if (fates[i] == Fate::Joined) resized.push_back(parent_of(cell));
+      if (fates[i] != Fate::Parted) continue;
+      const Place half{cell.level - 1, {2 * cell.at[0], 2 * cell.at[1], 2 * cell.at[2]}};
+      for (unsigned c = 0; c < 8; ++c) resized.push_back(corner_of(half, c));
     }
     frontier_ = std::move(resized);
     return cells;
-  }
-
-  static void resize(const Place& cell, int level, std::vector<Place>& to) {
-    if (level == cell.level) return;
-    if (level > cell.level) {
-      const int up = level - cell.level;
-      to.push_back({level, {cell.at[0] >> up, cell.at[1] >> up, cell.at[2] >> up}});
-      return;
-    }
-    // One level at a time: each child asks anew.
-    for (unsigned c = 0; c < 8; ++c) {
-      const Place half{cell.level - 1, {2 * cell.at[0], 2 * cell.at[1], 2 * cell.at[2]}};
-      to.push_back(corner_of(half, c));
-    }
   }
 
   void value_corners(const std::vector<Place>& cells) {
@@ -270,18 +290,23 @@ Result<void> follow_surface(const MeasuredSide& measured, std::span<const Rim> r
                             float most_gap, std::size_t most_samples, Completion& completion,
                             const ProgressSink& progress, std::stop_token stop) {
   Follower follower{measured, reach, most_gap, completion};
-  for (const Rim& rim : rims) follower.seed(rim);
-  while (follower.step()) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while closing gaps of the scan");
-    if (completion.samples.size() > most_samples) {
-      completion.samples.resize(most_samples);
-      completion.too_many = true;
-      break;
+  const auto follow = [&]() -> Result<void> {
+    while (follower.step()) {
+      if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while closing gaps of the scan");
+      if (completion.samples.size() > most_samples) {
+        completion.samples.resize(most_samples);
+        completion.too_many = true;
+        break;
+      }
+      report(progress, WorkStage::ClosingGaps,
+             static_cast<double>(completion.samples.size()) / static_cast<double>(most_samples));
     }
-    report(progress, WorkStage::ClosingGaps,
-           static_cast<double>(completion.samples.size()) / static_cast<double>(most_samples));
-  }
-  return {};
+    return {};
+  };
+  for (const Rim& rim : rims) follower.seed(rim);
+  if (auto ok = follow(); !ok || completion.too_many) return ok;
+  for (const Rim& rim : follower.rims_without_samples(rims)) follower.seed_widely(rim);
+  return follow();
 }
 
 }  // namespace telefab::scan

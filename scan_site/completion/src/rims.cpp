@@ -16,12 +16,20 @@ namespace {
 using Eigen::Vector3f;
 
 constexpr std::size_t kAreaNeighbours = 10;
+constexpr std::size_t kLeastIsland = 4;
+/// The third neighbour is a spacing away; more than so many times its distance the spacing is not.
+constexpr float kThirdSpacings = 1.3F;
 constexpr std::size_t kRimNeighbours = 16;
 /// Among so many the neighbours on the same side of a thin wall are looked for.
 constexpr std::size_t kLookedAt = 28;
 /// A sample in the middle of its neighbours leans by less, one at a straight rim by .42.
 constexpr float kLeastLean = 0.12F;
 constexpr float kLeanRange = 0.30F;
+/// Normals that agree by less belong to another face; so far from a sample, and so deep below its plane, in spacings,
+/// it is the face beyond an edge and not the other side of a wall.
+constexpr float kFaceCos = 0.5F;
+constexpr float kEdgeSpacings = 2;
+constexpr float kEdgeDepth = 1;
 /// A sector of the tangent plane this wide without a neighbour is a gap.
 constexpr float kLeastSector = std::numbers::pi_v<float> / 2;
 
@@ -52,6 +60,21 @@ Sector widest_sector(std::span<const Vector3f> offsets, const Vector3f& normal) 
   return widest;
 }
 
+/// Whether the surface turns over an edge there instead of ending: a sample of another face lies beside, not below.
+bool turns_over(const Vector3f& offset, const Vector3f& own, const Vector3f& other, const Vector3f& way,
+                float spacing) {
+  return own.dot(other) < kFaceCos && offset.dot(way) > 0 && offset.norm() < kEdgeSpacings * spacing &&
+         std::abs(offset.dot(own)) < kEdgeDepth * spacing;
+}
+
+/// How many of the found neighbours belong to the same island: where the distance doubles from one to the next, the
+/// far ones lie across a gap and tell nothing of the spacing here.
+std::size_t island_of(std::span<const Neighbour> found) {
+  for (std::size_t k = kLeastIsland; k < found.size(); ++k)
+    if (found[k].squared_distance > 4 * found[k - 1].squared_distance && found[k - 1].squared_distance > 0) return k;
+  return found.size();
+}
+
 template <class Each>
 void each_in_leaf_order(const KdTree& near, const std::stop_token& stop, Each&& each) {
   const auto order = near.leaf_order();
@@ -75,10 +98,12 @@ Result<Surroundings> look_around(const KdTree& near, std::span<const Vector3f> p
   around.lean.resize(points.size());
   around.spacing.resize(points.size());
   std::vector<std::array<std::uint32_t, kAreaNeighbours + 1>> neighbours(points.size());
+  std::vector<float> third(points.size());  // distance of the third neighbour
   each_in_leaf_order(near, stop, [&](std::uint32_t i) {
     std::array<Neighbour, kAreaNeighbours + 1> found;
-    const std::size_t count = near.nearest(points[i], found);
-    for (std::size_t k = 0; k < found.size(); ++k) neighbours[i][k] = found[std::min(k, count - 1)].index;
+    const std::size_t count = island_of({found.data(), near.nearest(points[i], found)});
+    for (std::size_t k = 0; k < found.size(); ++k) neighbours[i][k] = found[k % count].index;
+    third[i] = std::sqrt(found[std::min<std::size_t>(3, count - 1)].squared_distance);
     Vector3f offset = Vector3f::Zero();
     for (std::size_t k = 0; k < count; ++k) offset += points[found[k].index] - points[i];
     offset /= static_cast<float>(std::max<std::size_t>(1, count - 1));
@@ -92,8 +117,15 @@ Result<Surroundings> look_around(const KdTree& near, std::span<const Vector3f> p
   });
   each_in_leaf_order(near, stop, [&](std::uint32_t i) {
     float sum = 0;
-    for (const std::uint32_t k : neighbours[i]) sum += around.area[k];
-    around.spacing[i] = std::sqrt(sum / static_cast<float>(neighbours[i].size()));
+    std::array<float, kAreaNeighbours + 1> near_ones;
+    for (std::size_t k = 0; k < near_ones.size(); ++k) {
+      sum += around.area[neighbours[i][k]];
+      near_ones[k] = third[neighbours[i][k]];
+    }
+    std::nth_element(near_ones.begin(), near_ones.begin() + near_ones.size() / 2, near_ones.end());
+    // The disc of a few samples in the middle of a gap is mostly gap.
+    around.spacing[i] = std::min(std::sqrt(sum / static_cast<float>(near_ones.size())),
+                                 kThirdSpacings * near_ones[near_ones.size() / 2]);
   });
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while looking for gaps of the scan");
   return around;
@@ -116,6 +148,9 @@ Result<std::vector<Rim>> find_rims(const KdTree& near, std::span<const Vector3f>
     const Sector sector = widest_sector({offsets.data(), used}, normals[i]);
     if (sector.width < kLeastSector) return;
     const float spacing = around.spacing[i];
+    for (std::size_t k = 0; k < count; ++k)
+      if (turns_over(points[found[k].index] - points[i], normals[i], normals[found[k].index], sector.middle, spacing))
+        return;
     const Vector3f probe = points[i] + reach.probe * spacing * sector.middle;
     const float covered = reach.covered * spacing;
     if (near.nearest(probe).squared_distance < covered * covered) return;

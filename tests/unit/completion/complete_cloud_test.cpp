@@ -56,6 +56,31 @@ TEST(Completion, GivesACompleteBallAndTorusNoSample) {
   EXPECT_EQ(completed(sampled_torus(20, 6, 0.5F, [](const Vector3f&) { return true; })).samples.size(), 0u);
 }
 
+// The surface turns over an edge; it does not end there.
+TEST(Completion, GivesEdgesNoSample) {
+  for (const double degrees : {90.0, 40.0}) {
+    // A prism of two faces that meet in an edge, and of what closes it, cut off far away.
+    Sampled wedge;
+    const double half = degrees * std::numbers::pi / 360;
+    std::mt19937 random{11};
+    std::uniform_real_distribution<float> jitter{-0.1F, 0.1F};
+    for (const float side : {-1.F, 1.F})
+      for (int i = 0; i < 40; ++i)
+        for (int k = 0; k < 60; ++k) {
+          const float along = (static_cast<float>(i) + 0.5F) * 0.5F + jitter(random);
+          const float up = (static_cast<float>(k) + 0.5F) * 0.5F + jitter(random);
+          const auto c = static_cast<float>(std::cos(half)), s = static_cast<float>(std::sin(half));
+          wedge.points.emplace_back(along * c, side * along * s, up);
+          wedge.normals.emplace_back(-s, side * c, 0);
+        }
+    for (const VirtualSample& s : completed(wedge).samples) {
+      if (s.point.z() < 2 || s.point.z() > 28) continue;  // the open ends are closed
+      EXPECT_GT(std::hypot(s.point.x(), s.point.y()), 1.5F)
+          << "at the edge of " << degrees << " degrees, z " << s.point.z();
+    }
+  }
+}
+
 TEST(Completion, FillsAHoleInABallWithinItsBound) {
   const Completion found = completed(open_ball(0.9F));
   ASSERT_GT(found.samples.size(), 100u);

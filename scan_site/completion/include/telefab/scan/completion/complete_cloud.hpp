@@ -36,7 +36,8 @@ struct VirtualSample {
 /// The surface where the scan shows none.
 struct Completion {
   std::vector<VirtualSample> samples;
-  std::size_t rim_samples = 0;  ///< measured samples at whose side the surface ends
+  std::vector<float> areas;     ///< each measured sample stands for (sample_areas)
+  std::size_t rim_samples = 0;  ///< measured samples beside which the surface ends
   double spacing = 0;           ///< median of the measured samples
   double largest_gap = 0;       ///< of the virtual samples
   bool too_wide = false;        ///< a gap was wider than most_gap: it is filled from its rim only
