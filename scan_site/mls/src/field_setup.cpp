@@ -34,6 +34,8 @@ constexpr double kEven = 1.3;
 /// Widths stay within these factors of the median one.
 constexpr double kNarrowest = 0.25;
 constexpr double kWidest = 16;
+/// Kernel width over spacing, at least, of samples in a gap: they lie on a grid, but one a cell.
+constexpr double kGapFactor = 1.2;
 /// Kernel width over spacing while noise is measured and outliers are sought.
 constexpr double kTrialFactor = 2;
 
@@ -93,7 +95,8 @@ void scale_field(FieldParts& parts, double factor, const KernelChoice& choice) {
   const double reference = factor * choice.spacing_mm;
   for (SampleGrid& band : parts.bands) band.scale_widths(static_cast<float>(factor));
   parts.slots = slots_for(choice.spacing_mm, reference);
-  parts.scale = choice.adaptive ? ScaleTable{parts.bands, parts.origin, reference} : ScaleTable{reference};
+  parts.scale =
+      choice.adaptive || parts.gap_bands > 0 ? ScaleTable{parts.bands, parts.origin, reference} : ScaleTable{reference};
 }
 
 /// Kernel width over spacing for a noise given in spacings. The unbiased surface wants it narrow: 0.9 on clean scans
@@ -231,6 +234,30 @@ Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, st
   parts.form = form_of(options.surface);
   setup.bounds = bounds_of(parts);
   return setup;
+}
+
+FieldSetup completed_by(const FieldSetup& setup, std::span<const GapSample> others) {
+  FieldSetup completed = setup;
+  if (others.empty()) return completed;
+  FieldParts& parts = completed.field;
+  const double factor = std::max(kGapFactor, setup.choice.kernel_mm / setup.choice.spacing_mm);
+  std::vector<Eigen::Vector3f> points, normals;
+  std::vector<float> widths;
+  for (const GapSample& s : others) {
+    points.push_back((s.point_mm - parts.origin).cast<float>());
+    normals.push_back(s.normal.cast<float>());
+    widths.push_back(static_cast<float>(factor * s.spacing_mm));
+  }
+  const auto widest = static_cast<double>(*std::max_element(widths.begin(), widths.end()));
+  SampleGrid grid{std::move(points), std::move(normals), widths, kCellSpacings * widest / factor};
+  widths.resize(grid.size());
+  for (std::uint32_t i = 0; i < grid.size(); ++i) widths[i] = grid.width(i);
+  std::vector<SampleGrid> bands = bands_of(std::move(grid), std::move(widths));
+  parts.gap_bands = bands.size();
+  for (SampleGrid& band : bands) parts.bands.push_back(std::move(band));
+  parts.scale = ScaleTable{parts.bands, parts.origin, parts.scale.reference_mm()};
+  completed.bounds = bounds_of(parts);
+  return completed;
 }
 
 FieldSetup with_wider_kernel(const FieldSetup& setup, double factor) {

@@ -39,6 +39,7 @@ struct FieldParts {
   Vec3 origin = Vec3::Zero();  ///< of every band's grid
   /// Samples whose widths differ by less than a factor of about two, each in a grid that fits them.
   std::vector<SampleGrid> bands;
+  std::size_t gap_bands = 0;  ///< the last ones: samples that nobody measured
   ScaleTable scale{1};
   KernelForm form = KernelForm::Unbiased;
   KernelSet kernels{};

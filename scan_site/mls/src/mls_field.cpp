@@ -57,6 +57,11 @@ std::unique_ptr<MlsField> MlsField::with_wider_kernel(double factor) const {
       new MlsField{std::make_unique<const Parts>(Parts{scan::with_wider_kernel(parts_->setup, factor)})}};
 }
 
+std::unique_ptr<MlsField> MlsField::completed_by(std::span<const GapSample> others) const {
+  return std::unique_ptr<MlsField>{
+      new MlsField{std::make_unique<const Parts>(Parts{scan::completed_by(parts_->setup, others)})}};
+}
+
 std::unique_ptr<FieldCursor> MlsField::cursor() const { return std::make_unique<MlsCursor>(parts_->setup.field); }
 Box3 MlsField::bounds() const { return parts_->setup.bounds; }
 double MlsField::kernel_width_mm(const Vec3& point_mm) const { return parts_->setup.field.scale.width_mm(point_mm); }
@@ -104,12 +109,15 @@ void MlsField::rising_samples(double low_mm, double high_mm, double least_nz, Su
     std::sort(keys.begin(), keys.end());
   found.points.resize(keys.size());
   found.normals.resize(keys.size());
+  const SampleGrid* const first_gap = field.bands.data() + (field.bands.size() - field.gap_bands);
+  found.in_gap.assign(field.gap_bands > 0 ? keys.size() : 0, 0);
   for (std::size_t k = 0; k < keys.size(); ++k) {
     auto i = static_cast<std::uint32_t>(keys[k]);
     const SampleGrid* band = field.bands.data();
     for (; i >= band->size(); ++band) i -= band->size();
     found.points[k] = field.origin + band->place(i).cast<double>();
     found.normals[k] = band->normal(i).cast<double>();
+    if (band >= first_gap) found.in_gap[k] = 1;
   }
 }
 

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <stop_token>
 #include <string_view>
 #include <telefab/base/result.hpp>
@@ -34,6 +35,14 @@ struct MlsOptions {
 struct SurfaceSamples {
   std::vector<Vec3> points;
   std::vector<Vec3> normals;
+  std::vector<std::uint8_t> in_gap = {};  ///< 1: nobody measured it (GapSample); empty: all are measured
+};
+
+/// A sample that nobody measured, on the surface continued across a gap of the scan.
+struct GapSample {
+  Vec3 point_mm = Vec3::Zero();
+  Vec3 normal = Vec3::Zero();
+  double spacing_mm = 0;  ///< > 0; of such samples about it
 };
 
 /// How the kernel was chosen; for the report.
@@ -57,6 +66,9 @@ class MlsField final : public ScalarField {
   ~MlsField() override;
   /// The field of the same samples with kernels `factor` times as wide, factor > 0. Copies the samples.
   [[nodiscard]] std::unique_ptr<MlsField> with_wider_kernel(double factor) const;
+  /// The field of the same samples and of others in its gaps, whose kernels follow their own spacing. How the kernel
+  /// was chosen stays as the measured samples alone say. Copies the samples.
+  [[nodiscard]] std::unique_ptr<MlsField> completed_by(std::span<const GapSample> others) const;
 
   [[nodiscard]] std::unique_ptr<FieldCursor> cursor() const override;
   [[nodiscard]] Box3 bounds() const override;
