@@ -94,11 +94,10 @@ std::string sentence_of(const LayerCertificate& certificate) {
   switch (d.reason) {
     case DoubtReason::ContoursLeftOut:
       if (d.size_mm == 0) return "open contours were left out";
-      return fmt::format(
-          "open contour, left out: the scan has a gap of {:.3g} mm here, bridges of up to {:.3g} mm are allowed",
-          d.size_mm, d.other_mm);
+      return fmt::format("open contour, left out: the scan has a gap of {:.3g} mm here", d.size_mm);
     case DoubtReason::GapBridged:
-      return fmt::format("open contour: the scan has a gap of {:.3g} mm here, closed by a straight line", d.size_mm);
+      return fmt::format("open contour: the scan has a gap of {:.3g} mm here, closed by the side that all samples tell",
+                         d.size_mm);
     case DoubtReason::ContourOpen:
       return "a contour does not close: the scan has a gap here";
     case DoubtReason::RepeatsLayer:

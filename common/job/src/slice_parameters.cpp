@@ -17,6 +17,7 @@ using Range = SliceParameter::Range;
 
 constexpr std::array<std::string_view, 4> kUnits{"mm", "cm", "m", "in"};
 constexpr std::array<std::string_view, 6> kAxes{"x", "-x", "y", "-y", "z", "-z"};
+constexpr std::array<std::string_view, 2> kBases{"scanned", "flat"};
 constexpr std::array<std::string_view, 3> kMethods{"auto", "reeb", "grid"};
 constexpr std::array<std::string_view, 4> kSurfaces{"unbiased", "paper", "paper-literal", "imls"};
 constexpr std::array<std::string_view, 2> kCodings{"exact", "curve"};
@@ -49,15 +50,19 @@ const std::array kTable{
                    .not_with = {"scale"}},
     SliceParameter{
         .key = "up", .field = &P::up, .help = "axis of the scan that points up", .choices = kAxes, .fallback = "z"},
-    SliceParameter{.key = "close_base",
-                   .field = &P::close_base,
-                   .help = "close a scan without underside at the platform: layers below its rim repeat the lowest "
-                           "closed one"},
-    SliceParameter{.key = "bridge_mm",
-                   .field = &P::bridge_mm,
-                   .help = "close gaps of contours up to this wide by straight lines; default: two kernel widths",
-                   .unit = "mm",
-                   .range = {.most = kMaxCoordinateMm}},
+    SliceParameter{.key = "complete",
+                   .field = &P::complete,
+                   .help =
+                       "continue the surface across gaps of the scan: auto, off, or how far from the nearest sample, "
+                       "in mm",
+                   .fallback = "auto",
+                   .form = "auto | off | MM",
+                   .example = "3.5"},
+    SliceParameter{.key = "base",
+                   .field = &P::base,
+                   .help = "scanned, or flat: the part is cut at the platform, nothing is missing below",
+                   .choices = kBases,
+                   .fallback = "scanned"},
     SliceParameter{.key = "layer_mm",
                    .field = &P::layer_mm,
                    .help = "layer thickness; default: the machine's",

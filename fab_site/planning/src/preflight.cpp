@@ -50,8 +50,8 @@ PreflightItem certificates_of(const LayerStack& stack, const PlanSummary& summar
                             stack.layers().size(), item.layer->count(), sentence_of(first->certificate));
     if (lacking > 0)
       item.text = fmt::format(
-          "{} of {} layers lack contours of the object; the first, layer {}: {}; scan it there again, or slice with a "
-          "wider --bridge-mm",
+          "{} of {} layers lack contours of the object; the first, layer {}: {}; scan it there again, or slice "
+          "with --complete auto",
           lacking, stack.layers().size(), item.layer->count(), sentence_of(first->certificate));
   } else if (unchecked > 0) {
     item.verdict = Verdict::NotKnown;

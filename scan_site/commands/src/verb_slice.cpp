@@ -161,11 +161,9 @@ void print_gaps(const std::vector<LayerGap>& gaps) {
       if (!widest || g.size_mm > widest->size_mm) widest = &g;
     }
     if (!widest) continue;
-    write_output(fmt::format(
-        "{} gaps of contours {}; widest {:.3g} mm in layer {} at ({:.2f}, {:.2f}){}\n", count,
-        bridged ? "closed by straight lines" : "left open, and their contours out", widest->size_mm,
-        widest->layer.count(), widest->place.x_mm, widest->place.y_mm,
-        bridged ? "" : fmt::format("; --bridge-mm {:.3g} closes them", std::ceil(10 * widest->size_mm) / 10)));
+    write_output(fmt::format("{} gaps of contours {}; widest {:.3g} mm in layer {} at ({:.2f}, {:.2f})\n", count,
+                             bridged ? "closed by the side that all samples tell" : "left open, and their contours out",
+                             widest->size_mm, widest->layer.count(), widest->place.x_mm, widest->place.y_mm));
   }
 }
 
@@ -184,9 +182,11 @@ void print_summary(const SliceReport& report) {
   write_output(fmt::format("{} layers, {} contours, {} vertices in {:.2f} s ({})\n", report.layers_cut, report.contours,
                            report.vertices, seconds, stages));
   for (const std::string& warning : report.warnings) write_output(fmt::format("warning: {}\n", warning));
-  if (report.base_layers > 0)
-    write_output(fmt::format("base: the lowest {} layers repeat layer {}, closed at the platform\n", report.base_layers,
-                             report.base_layers));
+  if (const CompletionSummary& added = report.completion; added.virtual_samples > 0)
+    write_output(
+        fmt::format("gaps of the scan closed with {} samples nobody measured, up to {:.3g} mm from the nearest "
+                    "measured one; wrong by {:.2g} mm at most (19 of 20)\n",
+                    added.virtual_samples, added.largest_gap_mm, added.largest_error_mm));
   print_gaps(report.gaps);
   write_output(fmt::format("{} layers certified ({} marched), {} flagged\n", report.certified,
                            report.certified_by_march, report.flagged.size()));

@@ -31,11 +31,7 @@ std::uint64_t key_of(Node n) {
 class GridTracer {
  public:
   GridTracer(PlaneCursor& plane, Point2 origin, double pitch_mm, const GridOptions& options)
-      : plane_{plane},
-        origin_{origin},
-        pitch_mm_{pitch_mm},
-        tolerance_mm_{0.01 * options.chord_mm},
-        bridge_mm_{options.bridge_mm} {}
+      : plane_{plane}, origin_{origin}, pitch_mm_{pitch_mm}, tolerance_mm_{0.01 * options.chord_mm} {}
 
   void seed(Point2 p) {
     const Node cell{static_cast<std::int64_t>(std::floor((p.x_mm - origin_.x_mm) / pitch_mm_)),
@@ -60,11 +56,10 @@ class GridTracer {
     return {};
   }
 
-  /// Rings along the crossings. Ends near enough to each other are joined, shortest links first; a contour that stays
-  /// open is left out.
+  /// Rings along the crossings. A contour that does not close is left out, and its gap listed.
   std::vector<std::vector<PlaneSample>> link(std::vector<ContourGap>& gaps) {
     for (const Node cell : crossing_) link_cell(cell);
-    close_gaps(gaps);
+    list_gaps(gaps);
     std::vector<std::vector<PlaneSample>> rings;
     std::vector<bool> used(vertices_.size(), false);
     for (std::uint32_t end = 0; end < vertices_.size(); ++end)
@@ -174,34 +169,16 @@ class GridTracer {
       join(on(e), on((e + (solid ? 1 : 3)) % 4));
     }
   }
-  void close_gaps(std::vector<ContourGap>& gaps) {
+  /// Ends of open contours, each with its distance to the nearest beginning of one.
+  void list_gaps(std::vector<ContourGap>& gaps) const {
     std::vector<std::uint32_t> ends, starts;
     for (std::uint32_t v = 0; v < vertices_.size(); ++v) {
       if (next_[v] == kNone && previous_[v] != kNone) ends.push_back(v);
       if (previous_[v] == kNone && next_[v] != kNone) starts.push_back(v);
     }
-    struct Link {
-      double gap_mm;
-      std::uint32_t end, start;
-    };
-    std::vector<Link> links;
-    for (const std::uint32_t e : ends)
-      for (const std::uint32_t s : starts)
-        if (const double gap = distance_mm(vertices_[e].at, vertices_[s].at); gap <= bridge_mm_)
-          links.push_back({gap, e, s});
-    std::sort(links.begin(), links.end(), [](const Link& a, const Link& b) {
-      return a.gap_mm != b.gap_mm ? a.gap_mm < b.gap_mm : a.end != b.end ? a.end < b.end : a.start < b.start;
-    });
-    for (const Link& link : links) {
-      if (next_[link.end] != kNone || previous_[link.start] != kNone) continue;
-      join(link.end, link.start);
-      gaps.push_back({vertices_[link.end].at, link.gap_mm, true});
-    }
     for (const std::uint32_t e : ends) {
-      if (next_[e] != kNone) continue;
       double nearest = std::numeric_limits<double>::infinity();
-      for (const std::uint32_t s : starts)
-        if (previous_[s] == kNone) nearest = std::min(nearest, distance_mm(vertices_[e].at, vertices_[s].at));
+      for (const std::uint32_t s : starts) nearest = std::min(nearest, distance_mm(vertices_[e].at, vertices_[s].at));
       gaps.push_back({vertices_[e].at, nearest, false});
     }
   }
@@ -210,7 +187,6 @@ class GridTracer {
   Point2 origin_;
   double pitch_mm_;
   double tolerance_mm_;
-  double bridge_mm_;
   KeyTable node_numbers_, cell_numbers_, edge_numbers_;
   std::vector<PlaneSample> nodes_;
   std::vector<bool> cell_crosses_;
@@ -219,13 +195,11 @@ class GridTracer {
   std::vector<std::uint32_t> next_, previous_;
 };
 
-Doubt doubt_of(const ContourGap& gap, double bridge_mm) {
-  if (gap.bridged) return {.reason = DoubtReason::GapBridged, .place = gap.place, .size_mm = gap.size_mm};
+Doubt doubt_of(const ContourGap& gap) {
   // Where no other end is left to be joined, the size is unknown.
   return {.reason = DoubtReason::ContoursLeftOut,
           .place = gap.place,
-          .size_mm = std::isfinite(gap.size_mm) ? gap.size_mm : 0,
-          .other_mm = bridge_mm};
+          .size_mm = std::isfinite(gap.size_mm) ? gap.size_mm : 0};
 }
 
 }  // namespace
@@ -251,10 +225,7 @@ Result<LayerTrace> trace_by_grid(const ScalarField& field, FieldCursor& cursor, 
   }
   if (auto ok = tracer.grow(stop); !ok) return tl::unexpected{ok.error()};
   auto rings = tracer.link(trace.gaps);
-  // What is missing first: a certificate has room for one reason.
-  for (const bool bridged : {false, true})
-    for (const ContourGap& gap : trace.gaps)
-      if (gap.bridged == bridged) trace.faults.push_back(doubt_of(gap, options.bridge_mm));
+  for (const ContourGap& gap : trace.gaps) trace.faults.push_back(doubt_of(gap));
   for (auto& ring : rings) {
     if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while tracing");
     refine(ring, plane, options.chord_mm);

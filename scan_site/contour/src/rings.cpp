@@ -75,9 +75,6 @@ Result<void> GridOptions::validate() const {
     return fail(ErrorCode::InvalidInput, fmt::format("chord tolerance {} mm is not in (0, 1]", chord_mm));
   if (!(pitch_kernels > 0 && pitch_kernels <= 1))
     return fail(ErrorCode::InvalidInput, fmt::format("grid pitch {} kernel widths is not in (0, 1]", pitch_kernels));
-  if (!(bridge_mm >= 0 && bridge_mm <= kMaxCoordinateMm))
-    return fail(ErrorCode::InvalidInput,
-                fmt::format("a bridge of {} mm is not in [0, {}]", bridge_mm, kMaxCoordinateMm));
   return {};
 }
 

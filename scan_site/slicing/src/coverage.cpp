@@ -68,6 +68,8 @@ Coverage coverage_of(const ScalarField& field, FieldCursor& cursor, double z_mm,
     const double most = std::min(kFarthestKernels * width, kExplainedKernels * width + kExplainedNoises * noise_mm);
     const auto on = set_down(cursor, sample, width, most);
     if (!on) {
+      // Nobody measured it: it vouches for nothing.
+      if (!samples.in_gap.empty() && samples.in_gap[i] != 0) continue;
       ++coverage.unexplained;
       if (!coverage.place) coverage.place = place_of(sample);
     } else if (const auto there = follow_to_plane(cursor, *on, z_mm, width)) {

@@ -31,7 +31,10 @@ Result<void> take_words(const SliceParameters& asked, SliceRequest& slice) {
   if (auto ok = take(asked.units, millimetres_per, slice.unit_mm); !ok) return ok;
   if (auto ok = take(asked.up, up_axis_from, slice.up); !ok) return ok;
   if (auto ok = take(asked.method, trace_method_from, slice.method); !ok) return ok;
-  return take(asked.surface, surface_kind_from, slice.mls.surface);
+  if (auto ok = take(asked.surface, surface_kind_from, slice.mls.surface); !ok) return ok;
+  if (asked.complete)
+    if (auto ok = complete_gaps_as(*asked.complete, slice); !ok) return ok;
+  return asked.base ? base_as(*asked.base, slice) : Result<void>{};
 }
 
 /// Chords and coding share one bound of the error, which is less than a pixel.
@@ -59,8 +62,6 @@ Result<JobParameters> job_parameters_of(const SliceParameters& asked, const Mach
   slice.height_mm = asked.height_mm;
   slice.scale = asked.scale;
   slice.fit = asked.fit;
-  slice.close_base = asked.close_base;
-  slice.bridge_mm = asked.bridge_mm;
   slice.layer_mm = asked.layer_mm;
   slice.chord_mm = asked.chord_mm;
   slice.mls.kernel_mm = asked.kernel_mm;

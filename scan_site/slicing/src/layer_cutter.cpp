@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "layer_cutter.hpp"
 
+#include <cmath>
 #include <limits>
 #include <telefab/scan/contour/layer_checks.hpp>
 #include <telefab/scan/contour/reeb_marcher.hpp>
@@ -118,13 +119,32 @@ Result<std::optional<Doubt>> LayerCutter::disagreement(const Candidate& candidat
 Result<LayerCutter::Candidate> LayerCutter::gridded(double z_mm, std::stop_token stop) {
   GridOptions options;
   options.chord_mm = setting_.chord_mm;
-  options.bridge_mm = setting_.bridge_mm;
   auto trace = trace_by_grid(setting_.field, *cursor_, z_mm, {near_.points, near_.normals}, options, stop);
   if (!trace) return tl::unexpected{trace.error()};
+  if (!trace->gaps.empty() && setting_.closed) {
+    trace = closed(*trace, z_mm, options, stop);
+    if (!trace) return tl::unexpected{trace.error()};
+  }
   Candidate candidate;
   candidate.trace = std::move(*trace);
   judge(candidate, z_mm);
   return candidate;
+}
+
+Result<LayerTrace> LayerCutter::closed(const LayerTrace& open, double z_mm, const GridOptions& options,
+                                       std::stop_token stop) {
+  if (!closed_cursor_) closed_cursor_ = setting_.closed->cursor();
+  auto whole = trace_by_grid(*setting_.closed, *closed_cursor_, z_mm, {near_.points, near_.normals}, options, stop);
+  if (!whole) return whole;
+  whole->evaluations += open.evaluations;
+  for (ContourGap gap : open.gaps) {
+    gap.bridged = true;
+    whole->faults.push_back({.reason = DoubtReason::GapBridged,
+                             .place = gap.place,
+                             .size_mm = std::isfinite(gap.size_mm) ? gap.size_mm : 0});
+    whole->gaps.push_back(gap);
+  }
+  return whole;
 }
 
 Result<void> LayerCutter::classify(Layer& layer) const {
@@ -172,19 +192,24 @@ void LayerCutter::gather(double z_mm) {
   setting_.samples(z_mm - setting_.band_mm, z_mm + setting_.band_mm, near_);
   steep_.points.clear();
   steep_.normals.clear();
+  steep_.in_gap.clear();
   std::size_t kept = 0;
   for (std::size_t i = 0; i < near_.points.size(); ++i) {
     const Vec3 point = near_.points[i];
     const Vec3 normal = near_.normals[i];
     if (std::abs(point.z() - z_mm) > setting_.band_kernels * setting_.field.kernel_width_mm(point)) continue;
     near_.points[kept] = point;
-    near_.normals[kept++] = normal;
+    near_.normals[kept] = normal;
+    if (!near_.in_gap.empty()) near_.in_gap[kept] = near_.in_gap[i];
+    ++kept;
     if (std::abs(normal.z()) > kSteepNz) continue;
     steep_.points.push_back(point);
     steep_.normals.push_back(normal);
+    if (!near_.in_gap.empty()) steep_.in_gap.push_back(near_.in_gap[i]);
   }
   near_.points.resize(kept);
   near_.normals.resize(kept);
+  if (!near_.in_gap.empty()) near_.in_gap.resize(kept);
 }
 
 Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token stop) {
@@ -244,7 +269,8 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
   std::optional<Doubt> unsettled;
   // Of a noisy scan the other kernels tell more.
   if (setting_.topology && (setting_.sparse || setting_.other_kernels.empty()))
-    if (const auto edge = setting_.topology->rounded_near(z_mm))
+    if (const auto edge = setting_.measured ? setting_.topology->rounded_near(z_mm, setting_.measured)
+                                            : setting_.topology->rounded_near(z_mm))
       unsettled = {DoubtReason::EdgeTooSharp, Point2{edge->x(), edge->y()}};
   if (certified && !unsettled) {
     auto found = disagreement(*chosen, z_mm, seeds, stop);

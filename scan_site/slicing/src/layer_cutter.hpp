@@ -13,6 +13,8 @@ namespace telefab::scan {
 /// What all layers of a part share. Immutable while layers are cut; outlives the cutter.
 struct CutSetting {
   const ScalarField& field;
+  /// The same field, answering everywhere: asked where contours of `field` do not close. None: they are left out.
+  const ScalarField* closed = nullptr;
   const HeightTopology* topology = nullptr;  ///< none: nothing is predicted
   /// Samples with low <= z <= high, rising in z.
   std::function<void(double low_mm, double high_mm, SurfaceSamples& found)> samples;
@@ -27,10 +29,11 @@ struct CutSetting {
   /// methods that agree on the field then prove nothing, only the critical points do.
   bool sparse = false;
   double chord_mm = 0.014;
-  double bridge_mm = 0;  ///< gaps up to this wide are closed by a straight line
   TraceMethod method = TraceMethod::Auto;
   /// The same samples seen with other kernels. Where they show other contours, the scan does not settle the layer.
   std::vector<const ScalarField*> other_kernels = {};
+  /// Whether the scan shows the surface at a place; none: everywhere.
+  std::function<bool(const Vec3& place_mm)> measured = {};
   /// What each edge of a contour at this height rests on, one run an edge; none: all is measured.
   std::function<std::vector<SurfaceRun>(const Contour& contour, double z_mm)> surface = {};
 };
@@ -52,6 +55,9 @@ class LayerCutter {
   struct Candidate;
   [[nodiscard]] Result<Candidate> marched(double z_mm, std::span<const Vec3> seeds, std::stop_token stop);
   [[nodiscard]] Result<Candidate> gridded(double z_mm, std::stop_token stop);
+  /// Closes what `open` leaves open; each gap stays a fault.
+  [[nodiscard]] Result<LayerTrace> closed(const LayerTrace& open, double z_mm, const GridOptions& options,
+                                          std::stop_token stop);
   void judge(Candidate& candidate, double z_mm);
   [[nodiscard]] static bool better_founded(const Candidate& grid, const Candidate& march);
   /// A place where the surface passes from below the plane to above it, so that something must be cut; none where there
@@ -67,6 +73,7 @@ class LayerCutter {
 
   const CutSetting& setting_;
   std::unique_ptr<FieldCursor> cursor_;
+  std::unique_ptr<FieldCursor> closed_cursor_;               ///< made when first needed
   std::vector<std::unique_ptr<FieldCursor>> other_cursors_;  ///< of the other kernels
   SurfaceSamples near_;
   SurfaceSamples steep_;  ///< those of near_ that must lie beside a contour

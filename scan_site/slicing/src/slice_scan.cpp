@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
 #include <telefab/base/clock.hpp>
 #include <telefab/geometry/limits.hpp>
@@ -17,6 +18,8 @@
 #include <telefab/scan/slicing/slice_scan.hpp>
 #include <telefab/scan/topology/height_topology.hpp>
 
+#include "closed_field.hpp"
+#include "completed_scan.hpp"
 #include "layer_cutter.hpp"
 #include "openness.hpp"
 
@@ -50,10 +53,6 @@ constexpr std::array kKernelFactors{0.8, 1.25};
 constexpr double kSparseShare = 0.03;
 /// its contours must be the same with these kernels.
 constexpr std::array kSparseKernelFactors{0.65, 1.5};
-/// Gaps of a contour up to this many kernel widths are closed unasked.
-constexpr double kBridgeKernels = 2;
-/// An open base is looked for in this part of the height: the lowest quarter.
-constexpr std::uint32_t kBaseShare = 4;
 
 /// Spacing that varies by more than this leaves room for a feature, or a whole wall, that no sample shows.
 constexpr double kMostUneven = 5;
@@ -98,45 +97,14 @@ Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) 
   return from(kNearLevel);
 }
 
-/// The lowest layers of an open scan: below the ragged rim of its base each repeats the first layer that closes.
-struct Base {
-  std::uint32_t layers = 0;
-  CutLayer above;  ///< the layer repeated
-
-  [[nodiscard]] CutLayer copy(LayerIndex index, double z_mm) const {
-    CutLayer cut;
-    cut.layer = above.layer;
-    cut.layer.index = index;
-    cut.layer.z_mm = z_mm;
-    cut.layer.certificate.flag({.reason = DoubtReason::RepeatsLayer, .number = layers});
-    return cut;
-  }
-};
-
-Result<Base> find_base(const CutSetting& setting, const StackHeader& header, std::stop_token stop) {
-  const std::uint32_t highest = header.layer_count / kBaseShare;
-  LayerCutter cutter{setting};
-  for (std::uint32_t i = 0; i <= highest; ++i) {
-    const LayerIndex index{i};
-    auto cut = cutter.cut(index, cut_height_mm(index, header.layer_thickness_mm), stop);
-    if (!cut) return tl::unexpected{cut.error()};
-    if (cut->gaps.empty() && !cut->layer.contours.empty()) return Base{i, std::move(*cut)};
-  }
-  return fail(
-      ErrorCode::InvalidInput,
-      fmt::format("the base cannot be closed: none of the lowest {} layers has closed contours only; the scan is "
-                  "open at its sides too",
-                  highest + 1));
-}
-
 struct Block {
   std::uint32_t first = 0;
   Result<std::vector<CutLayer>> cut;
 };
 
-Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, const Base& base,
-                        std::array<std::uint32_t, 2> range, unsigned threads, const LayerSink& sink,
-                        const ProgressSink& progress, std::stop_token stop, SliceReport& report) {
+Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, std::array<std::uint32_t, 2> range,
+                        unsigned threads, const LayerSink& sink, const ProgressSink& progress, std::stop_token stop,
+                        SliceReport& report) {
   std::stop_source halt;
   const std::stop_callback link{stop, [&] { halt.request_stop(); }};
   Result<void> outcome;
@@ -161,10 +129,6 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, co
     for (std::uint32_t i = first; i < std::min(end, first + kBlock); ++i) {
       const LayerIndex index{i};
       const double z_mm = cut_height_mm(index, header.layer_thickness_mm);
-      if (i < base.layers) {
-        cut.push_back(base.copy(index, z_mm));
-        continue;
-      }
       auto layer = cutter->cut(index, z_mm, halt.get_token());
       if (!layer) {
         block->cut = fail_in(fmt::format("layer {}", i), layer.error());
@@ -266,13 +230,21 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   if (!field) return fail_in(name, field.error());
   result.kernel = (*field)->kernel();
   result.surface = std::string{name_of(request.mls.surface)};
+  clock.lap("surface");
+
+  auto scan_closed = CompletedScan::of(**field, request, progress, stop);
+  if (!scan_closed) return tl::unexpected{scan_closed.error()};
+  const CompletedScan& completed = **scan_closed;
+  result.open = completed.openness();
+  result.completion = completed.summary();
+  if (auto ok = completed.check(request); !ok) return fail_in(name, ok.error());
+  for (std::string& warning : completed.warnings(request)) result.warnings.push_back(std::move(warning));
+  if (const auto samples = completed.gap_samples(); !samples.empty()) *field = (*field)->completed_by(samples);
+  clock.lap("gaps");
+
   const Box3 box = (*field)->bounds();
   header.bounds = {{box.min.x(), box.min.y()}, {box.max.x(), box.max.y()}};
   if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
-  result.open = openness_of(**field);
-  if (const auto warning = warning_of(result.open)) result.warnings.push_back(*warning);
-  clock.lap("surface");
-
   std::optional<HeightTopology> topology;
   if (request.method != TraceMethod::Grid) {
     telefab::report(progress, WorkStage::FindingTopology, 0);
@@ -302,8 +274,10 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       // Narrower than 0.9 spacings a field has holes.
       if (const double factor = std::max(wanted, 0.9 / spacings); std::abs(factor - 1) > 0.05)
         others.push_back((*field)->with_wider_kernel(factor));
+  const ClosedField closed{**field, completed};
   CutSetting setting{
       .field = **field,
+      .closed = &closed,
       .topology = topology ? &*topology : nullptr,
       .samples = [&](double low, double high, SurfaceSamples& found) { (*field)->samples_between(low, high, found); },
       .band_mm = kBandKernels * (*field)->widest_kernel_mm(),
@@ -313,20 +287,15 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       .noise_mm = kernel.noise_mm,
       .sparse = sparse,
       .chord_mm = request.chord_mm.value_or(request.machine.chord_tolerance_mm()),
-      .bridge_mm = request.bridge_mm.value_or(kBridgeKernels * kernel.kernel_mm),
       .method = request.method,
-      .other_kernels = {}};
+      .other_kernels = {},
+      // An edge that nobody measured is completed, and said to be: it is as sharp as it was made.
+      .measured = [&](const Vec3& place_mm) { return completed.is_measured(place_mm, **field); },
+      .surface = [&](const Contour& contour, double z_mm) { return completed.surface_of(contour, z_mm, **field); }};
   if (const auto warning = warning_of(kernel)) result.warnings.push_back(*warning);
   for (const auto& other : others) setting.other_kernels.push_back(other.get());
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
-  Base base;
-  if (request.close_base) {
-    auto found = find_base(setting, header, stop);
-    if (!found) return fail_in(name, found.error());
-    base = std::move(*found);
-    result.base_layers = base.layers;
-  }
-  if (auto ok = cut_layers(setting, header, base, range, threads, sink, progress, stop, result); !ok)
+  if (auto ok = cut_layers(setting, header, range, threads, sink, progress, stop, result); !ok)
     return tl::unexpected{ok.error()};
   clock.lap("contours");
   return result;
@@ -338,6 +307,25 @@ Result<TraceMethod> trace_method_from(std::string_view name) {
   for (const auto& [method, text] : kMethods)
     if (name == text) return method;
   return fail(ErrorCode::InvalidInput, fmt::format("no method named \"{}\"; there are auto, reeb, grid", name));
+}
+
+Result<void> base_as(std::string_view text, SliceRequest& request) {
+  if (text != "flat" && text != "scanned")
+    return fail(ErrorCode::InvalidInput, fmt::format("a base is flat or scanned, not \"{}\"", text));
+  request.flat_base = text == "flat";
+  return {};
+}
+
+Result<void> complete_gaps_as(std::string_view text, SliceRequest& request) {
+  request.complete = text != "off";
+  request.most_gap_mm.reset();
+  if (text == "auto" || text == "off") return {};
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size())
+    return fail(ErrorCode::InvalidInput, fmt::format("\"{}\" is not auto, off or a number of millimetres", text));
+  request.most_gap_mm = value;
+  return {};
 }
 
 Result<UpAxis> up_axis_from(std::string_view name) {
@@ -363,9 +351,9 @@ Result<void> SliceRequest::validate() const {
     return fail(ErrorCode::InvalidInput, fmt::format("layer thickness {} mm is not in (0, 1]", *layer_mm));
   if (!positive(chord_mm, 1))
     return fail(ErrorCode::InvalidInput, fmt::format("chord tolerance {} mm is not in (0, 1]", *chord_mm));
-  if (bridge_mm && !(*bridge_mm >= 0 && *bridge_mm <= kMaxCoordinateMm))
+  if (!positive(most_gap_mm, kMaxCoordinateMm))
     return fail(ErrorCode::InvalidInput,
-                fmt::format("a bridge of {} mm is not in [0, {}]", *bridge_mm, kMaxCoordinateMm));
+                fmt::format("a gap of {} mm is not in (0, {}]", *most_gap_mm, kMaxCoordinateMm));
   if (threads > 1024) return fail(ErrorCode::InvalidInput, fmt::format("{} threads; at most 1024", threads));
   return mls.validate();
 }

@@ -140,8 +140,12 @@ bool HeightTopology::is_near_critical(double z_mm) const {
 }
 
 std::optional<Vec3> HeightTopology::rounded_near(double z_mm) const {
+  return rounded_near(z_mm, [](const Vec3&) { return true; });
+}
+
+std::optional<Vec3> HeightTopology::rounded_near(double z_mm, const std::function<bool(const Vec3&)>& counts) const {
   for (const RoundedInterval& r : parts_.rounded)
-    if (r.low_mm <= z_mm && z_mm <= r.high_mm) return r.place_mm;
+    if (r.low_mm <= z_mm && z_mm <= r.high_mm && counts(r.place_mm)) return r.place_mm;
   return std::nullopt;
 }
 

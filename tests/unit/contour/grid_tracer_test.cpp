@@ -88,37 +88,22 @@ TEST(GridTracer, KeepsTheChordToleranceAndEveryVertexOnTheSurface) {
   }
 }
 
-TEST(GridTracer, ClosesAGapAsWideAsTheBridgeAndSaysWhere) {
+TEST(GridTracer, LeavesAContourOutThatDoesNotCloseAndSaysWhere) {
   const Shape open = gapped(sphere(20, 1), {20, 0, 0}, 2);
   const SurfaceSamples samples = sample_surface(*open, {.spacing_mm = 0.8, .holes = {{{20, 0, 0}, 2}}});
-  const LayerTrace layer = traced(*open, samples, 0, {.bridge_mm = 6});
-  ASSERT_EQ(layer.contours.size(), 1U);
-  ASSERT_EQ(layer.gaps.size(), 1U);
-  EXPECT_TRUE(layer.gaps[0].bridged);
-  EXPECT_NEAR(layer.gaps[0].size_mm, 4, 1.1);  // the hole and at most half a kernel width at each side
-  EXPECT_NEAR(layer.gaps[0].place.x_mm, 20, 0.3);
-  ASSERT_EQ(layer.faults.size(), 1U);
-  EXPECT_EQ(layer.faults[0].reason, DoubtReason::GapBridged);
-  const double missing = std::numbers::pi * 400 - layer.contours[0].signed_area_mm2();
-  EXPECT_GT(missing, 0.2);
-  EXPECT_LT(missing, 1.2);
-}
-
-TEST(GridTracer, LeavesAContourOutWhoseGapIsWiderThanTheBridge) {
-  const Shape open = gapped(sphere(20, 1), {20, 0, 0}, 2);
-  const SurfaceSamples samples = sample_surface(*open, {.spacing_mm = 0.8, .holes = {{{20, 0, 0}, 2}}});
-  const LayerTrace layer = traced(*open, samples, 0, {.bridge_mm = 2});
+  const LayerTrace layer = traced(*open, samples, 0, {});
   EXPECT_TRUE(layer.contours.empty());
   ASSERT_EQ(layer.gaps.size(), 1U);
   EXPECT_FALSE(layer.gaps[0].bridged);
+  EXPECT_NEAR(layer.gaps[0].size_mm, 4, 1.1);  // the hole and at most half a kernel width at each side
+  EXPECT_NEAR(layer.gaps[0].place.x_mm, 20, 0.3);
   ASSERT_EQ(layer.faults.size(), 1U);
   EXPECT_EQ(layer.faults[0].reason, DoubtReason::ContoursLeftOut);
 }
 
 TEST(GridTracer, RefusesOptionsWithoutMeaning) {
-  for (const GridOptions& bad :
-       {GridOptions{.chord_mm = 0}, GridOptions{.chord_mm = 2}, GridOptions{.pitch_kernels = 0},
-        GridOptions{.pitch_kernels = 2}, GridOptions{.bridge_mm = -1}, GridOptions{.bridge_mm = std::nan("")}})
+  for (const GridOptions& bad : {GridOptions{.chord_mm = 0}, GridOptions{.chord_mm = 2},
+                                 GridOptions{.pitch_kernels = 0}, GridOptions{.pitch_kernels = 2}})
     EXPECT_FALSE(bad.validate());
 }
 

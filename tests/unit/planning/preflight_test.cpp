@@ -168,7 +168,7 @@ TEST_F(PreflightTest, HoldsAJobWhoseLayersLackContours) {
   EXPECT_EQ(certificates.verdict, Verdict::Held);
   EXPECT_EQ(certificates.layer, LayerIndex{2 + summary.elevation_layers});
   EXPECT_THAT(certificates.text, HasSubstr("1 of"));
-  EXPECT_THAT(certificates.text, HasSubstr("--bridge-mm"));
+  EXPECT_THAT(certificates.text, HasSubstr("--complete"));
 }
 
 TEST_F(PreflightTest, TellsTheRegistrationErrorWhereTheScanStatesIt) {

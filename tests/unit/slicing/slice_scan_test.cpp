@@ -248,18 +248,113 @@ TEST(SliceScan, BelievesAFormatThatStatesItsUnit) {
   EXPECT_NEAR(report->size_mm[2], 20, 0.5);
 }
 
-TEST(SliceScan, FlagsAScanWithAGapInsteadOfGuessing) {
+TEST(SliceScan, CarriesTheSurfaceAcrossAGapAndSaysWhere) {
   const auto torn =
       test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.7, .holes = {{{10, 0, 0}, 4}}, .seed = 12});
   const Outcome outcome = slice(text_of(torn), request_for());
   ASSERT_TRUE(outcome.report) << outcome.report.error().what;
-  EXPECT_FALSE(outcome.report->flagged.empty());
-  for (const Layer& layer : outcome.layers)
-    if (std::abs(layer.z_mm - 10) < 2.5) {
-      EXPECT_EQ(layer.certificate.verdict, LayerCertificate::Verdict::Doubtful) << layer.z_mm;
-      ASSERT_TRUE(layer.certificate.doubt);
-      EXPECT_TRUE(layer.certificate.doubt->place);
+  EXPECT_TRUE(outcome.report->gaps.empty());
+  EXPECT_GT(outcome.report->completion.virtual_samples, 20U);
+  EXPECT_NEAR(outcome.report->completion.largest_gap_mm, 4, 0.5);
+  // The middle of the ball, wherever the box of its samples put it.
+  const Transform4& placed = outcome.report->header.scan_to_build;
+  const Vec3 centre{placed[3], placed[7], placed[11]};
+  for (const Layer& layer : outcome.layers) {
+    ASSERT_EQ(layer.contours.size(), 1U) << layer.z_mm;
+    double gap_mm = 0, error_mm = 0;
+    for (const SurfaceRun& run : layer.contours[0].runs()) {
+      gap_mm = std::max(gap_mm, run.gap_mm);
+      error_mm = std::max(error_mm, run.error_mm);
     }
+    const double radius2 = 100 - std::pow(layer.z_mm - centre.z(), 2);
+    if (std::abs(layer.z_mm - centre.z()) > 8.5) continue;
+    EXPECT_NEAR(layer.contours[0].signed_area_mm2(), std::numbers::pi * radius2, 0.02 * 314) << layer.z_mm;
+    if (std::abs(layer.z_mm - centre.z()) < 2.5) {
+      EXPECT_EQ(layer.certificate.verdict, LayerCertificate::Verdict::Completed) << layer.z_mm;
+      EXPECT_GT(gap_mm, 1.5);
+      for (const Point2& p : layer.contours[0].vertices())
+        EXPECT_LT(std::abs(std::hypot(p.x_mm - centre.x(), p.y_mm - centre.y()) - std::sqrt(radius2)),
+                  std::max(error_mm, 0.1));
+    } else if (std::abs(layer.z_mm - centre.z()) > 6) {
+      EXPECT_EQ(layer.certificate.verdict, LayerCertificate::Verdict::Measured) << layer.z_mm;
+    }
+  }
+}
+
+TEST(SliceScan, CompletesNothingWhereNothingIsMissing) {
+  SliceRequest request = request_for();
+  const Outcome asked = slice(torus_text(), request);
+  request.complete = false;
+  const Outcome off = slice(torus_text(), request);
+  ASSERT_TRUE(asked.report && off.report);
+  EXPECT_EQ(asked.report->completion.virtual_samples, 0U);
+  EXPECT_EQ(asked.layers, off.layers);
+  for (const Layer& layer : asked.layers) EXPECT_NE(layer.certificate.verdict, LayerCertificate::Verdict::Completed);
+}
+
+TEST(SliceScan, LeavesNothingOutThoughItMayNotComplete) {
+  const auto torn =
+      test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .holes = {{{10, 0, 0}, 4}}, .seed = 12});
+  SliceRequest request = request_for();
+  request.complete = false;
+  const Outcome outcome = slice(text_of(torn), request);
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  EXPECT_EQ(outcome.report->completion.virtual_samples, 0U);
+  const Layer& middle = outcome.layers[outcome.layers.size() / 2];
+  ASSERT_EQ(middle.contours.size(), 1U);
+  EXPECT_EQ(middle.certificate.verdict, LayerCertificate::Verdict::Doubtful);
+  ASSERT_TRUE(middle.certificate.doubt);
+  EXPECT_EQ(middle.certificate.doubt->reason, DoubtReason::GapBridged);
+  EXPECT_NEAR(middle.certificate.doubt->size_mm, 7.5, 1.5);
+  // Flat: the cap's chord is cut off.
+  EXPECT_LT(middle.contours[0].signed_area_mm2(), 314);
+  EXPECT_GT(middle.contours[0].signed_area_mm2(), 295);
+  EXPECT_NE(to_json(*outcome.report).find("\"bridged\":true"), std::string::npos);
+}
+
+TEST(SliceScan, ClosesGapsAsFarAsAsked) {
+  EXPECT_TRUE(complete_gaps_as("auto", *std::make_unique<SliceRequest>()));
+  SliceRequest request = request_for();
+  ASSERT_TRUE(complete_gaps_as("off", request));
+  EXPECT_FALSE(request.complete);
+  ASSERT_TRUE(complete_gaps_as("2.5", request));
+  EXPECT_TRUE(request.complete);
+  EXPECT_EQ(request.most_gap_mm, 2.5);
+  EXPECT_FALSE(complete_gaps_as("wide", request));
+  EXPECT_FALSE(complete_gaps_as("2mm", request));
+  request.most_gap_mm = -1;
+  EXPECT_FALSE(request.validate());
+}
+
+TEST(SliceScan, GivesTheSameCompletedLayersOnAnyNumberOfThreadsAndForAnyRange) {
+  const std::string torn =
+      text_of(test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.7, .holes = {{{10, 0, 0}, 4}}, .seed = 12}));
+  SliceRequest request = request_for();
+  request.threads = 1;
+  const Outcome one = slice(torn, request);
+  request.threads = 8;
+  const Outcome eight = slice(torn, request);
+  ASSERT_TRUE(one.report && eight.report);
+  EXPECT_EQ(one.layers, eight.layers);
+  request.layers = {{18, 19}};
+  const Outcome part = slice(torn, request);
+  ASSERT_EQ(part.layers.size(), 2U);
+  EXPECT_EQ(part.layers[0], one.layers[18]);
+}
+
+TEST(SliceScan, RefusesAScanOfOneSideAndSaysWhatToDo) {
+  const auto ball = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .seed = 15});
+  test::SurfaceSamples front;
+  for (std::size_t i = 0; i < ball.points.size(); ++i)
+    if (ball.points[i].x() > 2) {
+      front.points.push_back(ball.points[i]);
+      front.normals.push_back(ball.normals[i]);
+    }
+  const Outcome refused = slice(text_of(front), request_for());
+  ASSERT_FALSE(refused.report);
+  EXPECT_EQ(refused.report.error().code, ErrorCode::InvalidInput);
+  EXPECT_NE(refused.report.error().what.find("towards -x"), std::string::npos) << refused.report.error().what;
+  EXPECT_NE(refused.report.error().what.find("scan that side too"), std::string::npos);
 }
 
 /// A ball standing on a ragged rim: nothing of it was scanned below a slanted plane.
@@ -282,7 +377,7 @@ TEST(SliceScan, SaysThatAScanHasNoUndersideAndWhatToDo) {
   ASSERT_TRUE(open.report) << open.report.error().what;
   ASSERT_EQ(open.report->warnings.size(), 1U);
   EXPECT_NE(open.report->warnings[0].find("facing down"), std::string::npos) << open.report->warnings[0];
-  EXPECT_NE(open.report->warnings[0].find("--close-base"), std::string::npos);
+  EXPECT_NE(open.report->warnings[0].find("scan that side too"), std::string::npos);
   // The missing cap has a base circle of radius 8.
   EXPECT_NEAR(open.report->open.missing_mm2.z(), -64 * std::numbers::pi, 30);
   const Outcome closed = slice(torus_text(), request);
@@ -290,69 +385,44 @@ TEST(SliceScan, SaysThatAScanHasNoUndersideAndWhatToDo) {
   EXPECT_TRUE(closed.report->warnings.empty());
 }
 
-TEST(SliceScan, ClosesTheBaseAtThePlatformOnRequestOnly) {
-  const std::string scan = text_of(bust());
-  SliceRequest request = request_for();
-  const Outcome open = slice(scan, request);
-  ASSERT_TRUE(open.report) << open.report.error().what;
-  EXPECT_TRUE(open.layers.front().contours.empty());
-  EXPECT_FALSE(open.report->gaps.empty());
-  EXPECT_FALSE(open.report->gaps[0].bridged);
-  request.close_base = true;
-  const Outcome closed = slice(scan, request);
-  ASSERT_TRUE(closed.report) << closed.report.error().what;
-  const std::uint32_t base = closed.report->base_layers;
-  ASSERT_GT(base, 0U);
-  ASSERT_LT(base, 8U);  // the rim rises by 1.6 mm
-  for (std::uint32_t i = 0; i < base; ++i) {
-    EXPECT_EQ(closed.layers[i].contours, closed.layers[base].contours);
-    EXPECT_EQ(closed.layers[i].certificate.verdict, LayerCertificate::Verdict::Doubtful);
-    EXPECT_EQ(closed.layers[i].certificate.doubt->reason, DoubtReason::RepeatsLayer);
+TEST(SliceScan, LetsAScanWithoutUndersideEndAtThePlatform) {
+  const Outcome outcome = slice(text_of(bust()), request_for());
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  EXPECT_TRUE(outcome.report->gaps.empty());
+  // The walls go on below the ragged rim, which rises by 1.6 mm: every layer is a disc.
+  for (const Layer& layer : outcome.layers) {
+    ASSERT_EQ(layer.contours.size(), 1U) << layer.z_mm;
+    EXPECT_FALSE(layer.contours[0].is_hole());
   }
-  EXPECT_TRUE(closed.report->gaps.empty());
-  for (std::size_t i = base; i < closed.layers.size(); ++i) EXPECT_EQ(closed.layers[i], open.layers[i]);
-  request.threads = 8;
-  request.layers = {{1, 2}};
-  const Outcome part = slice(scan, request);
-  ASSERT_EQ(part.layers.size(), 2U);
-  EXPECT_EQ(part.layers[0], closed.layers[1]);
+  const double lowest = outcome.layers.front().contours[0].signed_area_mm2();
+  EXPECT_NEAR(lowest, std::numbers::pi * (100 - 6.8 * 6.8), 0.25 * lowest);
 }
 
-TEST(SliceScan, RefusesToCloseABaseUnderOpenSides) {
-  auto open = bust();
-  test::SurfaceSamples torn;
-  for (std::size_t i = 0; i < open.points.size(); ++i)
-    if (open.points[i].x() < 5) {
-      torn.points.push_back(open.points[i]);
-      torn.normals.push_back(open.normals[i]);
+TEST(SliceScan, TakesAHalfWithoutUndersideForAFlatBaseOnRequestOnly) {
+  const auto ball = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .seed = 15});
+  test::SurfaceSamples dome;
+  for (std::size_t i = 0; i < ball.points.size(); ++i)
+    if (ball.points[i].z() > 0) {
+      dome.points.push_back(ball.points[i]);
+      dome.normals.push_back(ball.normals[i]);
     }
   SliceRequest request = request_for();
-  request.close_base = true;
-  const Outcome outcome = slice(text_of(torn), request);
-  ASSERT_FALSE(outcome.report);
-  EXPECT_NE(outcome.report.error().what.find("open at its sides too"), std::string::npos)
-      << outcome.report.error().what;
-}
-
-TEST(SliceScan, BridgesWideGapsOnRequestAndListsEach) {
-  const auto torn =
-      test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .holes = {{{10, 0, 0}, 4}}, .seed = 12});
-  SliceRequest request = request_for();
-  request.layers = {{20, 20}};
-  const Outcome left = slice(text_of(torn), request);
-  ASSERT_TRUE(left.report) << left.report.error().what;
-  EXPECT_TRUE(left.layers[0].contours.empty());
-  ASSERT_EQ(left.report->gaps.size(), 1U);
-  EXPECT_FALSE(left.report->gaps[0].bridged);
-  request.bridge_mm = 9;
-  const Outcome bridged = slice(text_of(torn), request);
-  ASSERT_TRUE(bridged.report) << bridged.report.error().what;
-  EXPECT_EQ(bridged.layers[0].contours.size(), 1U);
-  ASSERT_EQ(bridged.report->gaps.size(), 1U);
-  EXPECT_TRUE(bridged.report->gaps[0].bridged);
-  EXPECT_NEAR(bridged.report->gaps[0].size_mm, 7.5, 1.5);
-  EXPECT_EQ(bridged.layers[0].certificate.verdict, LayerCertificate::Verdict::Doubtful);
-  EXPECT_NE(to_json(*bridged.report).find("\"bridged\":true"), std::string::npos);
+  const Outcome refused = slice(text_of(dome), request);
+  ASSERT_FALSE(refused.report);
+  EXPECT_NE(refused.report.error().what.find("facing down"), std::string::npos) << refused.report.error().what;
+  EXPECT_NE(refused.report.error().what.find("--base flat"), std::string::npos) << refused.report.error().what;
+  ASSERT_TRUE(base_as("flat", request));
+  const Outcome cut = slice(text_of(dome), request);
+  ASSERT_TRUE(cut.report) << cut.report.error().what;
+  EXPECT_TRUE(cut.report->warnings.empty());
+  EXPECT_TRUE(cut.report->gaps.empty());
+  for (const Layer& layer : cut.layers) {
+    ASSERT_EQ(layer.contours.size(), 1U) << layer.z_mm;
+    if (layer.z_mm < 8) {
+      EXPECT_NEAR(layer.contours[0].signed_area_mm2(), std::numbers::pi * (100 - layer.z_mm * layer.z_mm), 16);
+    }
+  }
+  EXPECT_FALSE(base_as("round", request));
 }
 
 TEST(SliceScan, TurnsTheNamedAxisUpWithoutMirroring) {

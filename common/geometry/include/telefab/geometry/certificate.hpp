@@ -17,8 +17,8 @@ struct ContourCount {
 
 /// Why a layer is doubtful. Numbers go over the wire: never renumber. Behind each: which numbers of Doubt it uses.
 enum class DoubtReason : std::uint8_t {
-  ContoursLeftOut = 1,    ///< open contours are missing: size_mm of the gap, other_mm the widest bridge allowed
-  GapBridged = 2,         ///< a straight line closes a gap of size_mm
+  ContoursLeftOut = 1,    ///< open contours are missing: size_mm of the gap
+  GapBridged = 2,         ///< a gap of size_mm is closed by the side that all samples together tell
   ContourOpen = 3,        ///< a contour does not close
   RepeatsLayer = 4,       ///< the base was closed by repeating layer `number`
   ContoursCross = 5,      ///< contours cross or touch

@@ -19,8 +19,8 @@ struct SliceParameters {
   bool fit = false;
   std::optional<std::string> units;
   std::optional<std::string> up;
-  bool close_base = false;
-  std::optional<double> bridge_mm;
+  std::optional<std::string> complete;
+  std::optional<std::string> base;
   std::optional<double> layer_mm;
   std::optional<double> chord_mm;
   std::optional<std::string> method;
@@ -49,9 +49,9 @@ struct SliceParameter {
   std::string_view unit = {};                      ///< of a number, "mm"; empty: none
   Range range = {};                                ///< of a number
   std::span<const std::string_view> choices = {};  ///< of a choice: all there are; none: a text of that `form`
+  std::string_view fallback = {};                  ///< of a choice: the one taken where it is left out
   std::string_view form = {};                      ///< of a text, "all | largest | N"; the scan site reads it
   std::string_view example = {};                   ///< of a text: a legal one that is not the fallback
-  std::string_view fallback = {};                  ///< of a choice: the one taken where it is left out
   std::array<std::string_view, 2> not_with = {};   ///< keys it excludes, told at the later of the two rows
 };
 

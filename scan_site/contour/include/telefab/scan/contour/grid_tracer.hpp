@@ -15,15 +15,14 @@ namespace telefab::scan {
 struct GridOptions {
   double chord_mm = 0.014;     ///< (0, 1]; a chord leaves the surface's section by this at most (paper: ds)
   double pitch_kernels = 0.5;  ///< (0, 1]; grid pitch of marching squares in kernel widths
-  double bridge_mm = 0;        ///< >= 0; ends of open contours this near to each other are joined by a straight line
   [[nodiscard]] Result<void> validate() const;
 };
 
 /// Where a contour stays open because no sample is near.
 struct ContourGap {
   Point2 place;          ///< one end
-  double size_mm = 0;    ///< to the end that is, or would be, joined to it
-  bool bridged = false;  ///< false: wider than the bridge allowed, the contour is left out
+  double size_mm = 0;    ///< to the nearest beginning of an open contour
+  bool bridged = false;  ///< something else than this field closed it; false: the contour is left out
 };
 
 /// The rings found in one plane, canonical order, outer counter-clockwise, holes clockwise.

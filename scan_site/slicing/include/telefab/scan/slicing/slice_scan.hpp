@@ -40,13 +40,19 @@ struct SliceRequest {
   std::optional<double> layer_mm;   ///< (0, 1]; none: the machine's layer thickness
   TraceMethod method = TraceMethod::Auto;
   MlsOptions mls;
-  std::optional<double> chord_mm;                      ///< (0, 1]; none: a tenth of the pixel pitch
-  std::optional<double> bridge_mm;                     ///< >= 0; none: two kernel widths; wider gaps stay open
-  bool close_base = false;                             ///< an open underside ends at the platform
-  unsigned threads = 0;                                ///< 0: one a core
+  bool complete = true;               ///< gaps of the scan are closed before it is sliced
+  bool flat_base = false;             ///< an underside without samples is no fault: the part ends flat at the platform
+  std::optional<double> most_gap_mm;  ///< > 0; how far from the nearest sample. None: a quarter of the part's diagonal
+  std::optional<double> chord_mm;     ///< (0, 1]; none: a tenth of the pixel pitch
+  unsigned threads = 0;               ///< 0: one a core
   std::optional<std::array<std::uint32_t, 2>> layers;  ///< first and last layer to be cut; none: all
   [[nodiscard]] Result<void> validate() const;
 };
+
+/// "flat" or "scanned" (SliceRequest::flat_base). Fails: InvalidInput.
+[[nodiscard]] Result<void> base_as(std::string_view text, SliceRequest& request);
+/// "auto", "off", or a distance in millimetres (SliceRequest::complete, most_gap_mm). Fails: InvalidInput.
+[[nodiscard]] Result<void> complete_gaps_as(std::string_view text, SliceRequest& request);
 
 /// Where time went, seconds of wall clock.
 struct StageTime {
@@ -67,7 +73,7 @@ struct LayerGap {
   double z_mm = 0;
   Point2 place;
   double size_mm = 0;
-  bool bridged = false;  ///< false: the contour was left out
+  bool bridged = false;  ///< closed by the side that all samples tell; false: the contour was left out
 };
 
 /// What the samples of a scan leave open. The area vectors of a closed surface add up to nothing (divergence theorem):
@@ -76,6 +82,14 @@ struct Openness {
   double seen_mm2 = 0;              ///< area the samples stand for
   Vec3 missing_mm2 = Vec3::Zero();  ///< area vector of the surface not seen, outward; build frame
   [[nodiscard]] double share() const { return seen_mm2 > 0 ? missing_mm2.norm() / seen_mm2 : 0; }
+};
+
+/// What was added to the scan where it has gaps.
+struct CompletionSummary {
+  std::size_t rim_samples = 0;  ///< measured samples beside which the surface ends
+  std::size_t virtual_samples = 0;
+  double largest_gap_mm = 0;    ///< largest distance of one of them to the nearest measured sample
+  double largest_error_mm = 0;  ///< it may be wrong by so much
 };
 
 struct SliceReport {
@@ -94,7 +108,7 @@ struct SliceReport {
   SurfaceShares shares;        ///< what the contours of all layers rest on
   std::vector<LayerGap> gaps;  ///< of all layers, from below
   Openness open;
-  std::uint32_t base_layers = 0;      ///< lowest layers that repeat the one above them (close_base)
+  CompletionSummary completion;
   std::vector<std::string> warnings;  ///< about the scan as a whole, for people
   std::uint64_t contours = 0;
   std::uint64_t vertices = 0;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <functional>
 #include <limits>
 #include <optional>
 #include <span>
@@ -157,6 +158,8 @@ class HeightTopology {
   [[nodiscard]] bool is_near_critical(double z_mm) const;
   /// Where the plane passes beside a rounded edge; none elsewhere.
   [[nodiscard]] std::optional<Vec3> rounded_near(double z_mm) const;
+  /// The same of edges whose place counts.
+  [[nodiscard]] std::optional<Vec3> rounded_near(double z_mm, const std::function<bool(const Vec3&)>& counts) const;
   /// True within `within_mm` of a height where points and graph contradict each other.
   [[nodiscard]] bool is_doubtful(double z_mm, double within_mm) const;
   /// One seed a contour where predicted_contours has a value; fewer or more where it has none. Ordered by arc.

@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "completed_scan.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "openness.hpp"
+
+namespace telefab::scan {
+namespace {
+
+/// The winding number is asked at every so many-th vertex,
+constexpr std::size_t kProbed = 5;
+/// and the contour is doubtful about the failures where they are more than this share.
+constexpr double kMostFailures = 0.01;
+/// (one alone proves nothing, unless it is all there is),
+constexpr double kFewestFailures = 1;
+/// Probes on either side, in spacings: on walls thinner than two of them and at sharp edges the far ones come out on
+/// the other side.
+constexpr std::array kProbeSpacings{1.F, 0.5F, 0.25F, 2.F};
+/// Where no virtual sample says otherwise.
+constexpr double kErrorOfGap = 0.4;
+
+PointCloud cleaned_samples(const MlsField& field) {
+  SurfaceSamples all;
+  const Box3 box = field.bounds();
+  field.samples_between(box.min.z(), box.max.z(), all);
+  PointCloud cloud;
+  cloud.origin = (box.min + box.max) / 2;
+  cloud.points.reserve(all.points.size());
+  cloud.normals.reserve(all.points.size());
+  for (std::size_t i = 0; i < all.points.size(); ++i) {
+    cloud.points.push_back((all.points[i] - cloud.origin).cast<float>());
+    cloud.normals.push_back(all.normals[i].cast<float>());
+  }
+  return cloud;
+}
+
+/// Solid is on the left: outward is to the right.
+Point2 outward_at(std::span<const Point2> ring, std::size_t i) {
+  const Point2 a = ring[(i + ring.size() - 1) % ring.size()], b = ring[(i + 1) % ring.size()];
+  const double x = b.y_mm - a.y_mm, y = a.x_mm - b.x_mm, length = std::hypot(x, y);
+  return length > 0 ? Point2{x / length, y / length} : Point2{};
+}
+
+/// What is missing beside what the request says will be.
+Openness unasked(Openness open, const SliceRequest& request) {
+  if (request.flat_base) open.missing_mm2.z() = std::max(0.0, open.missing_mm2.z());
+  return open;
+}
+
+}  // namespace
+
+CompletedScan::CompletedScan(PointCloud measured, Completion completion)
+    : origin_{measured.origin}, measured_count_{measured.size()}, completion_{std::move(completion)} {
+  areas_ = std::move(completion_.areas);
+  for (std::size_t i = 0; i < measured_count_; ++i) {
+    seen_mm2_ += static_cast<double>(areas_[i]);
+    missing_mm2_ -= static_cast<double>(areas_[i]) * measured.normals[i].cast<double>();
+  }
+  if (!completion_.samples.empty()) near_measured_ = std::make_unique<KdTree>(measured.points);
+  for (const VirtualSample& s : completion_.samples) {
+    measured.points.push_back(s.point);
+    measured.normals.push_back(s.normal);
+    areas_.push_back(s.spacing * s.spacing);
+  }
+  near_ = std::make_unique<KdTree>(measured.points);
+  tree_ = std::make_unique<WindingTree>(measured.points, measured.normals, areas_);
+  normals_ = std::move(measured.normals);
+}
+
+Result<std::unique_ptr<CompletedScan>> CompletedScan::of(const MlsField& measured, const SliceRequest& request,
+                                                         const ProgressSink& progress, std::stop_token stop) {
+  PointCloud cloud = cleaned_samples(measured);
+  Completion completion;
+  if (!request.complete) {
+    completion.areas = sample_areas(cloud.points, cloud.normals);
+  } else {
+    CompletionOptions options;
+    options.noise = measured.kernel().noise_mm;
+    options.most_gap = request.most_gap_mm;
+    auto found = complete_cloud(cloud, options, progress, stop);
+    if (!found) return tl::unexpected{found.error()};
+    completion = std::move(*found);
+  }
+  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while closing gaps of the scan");
+  return std::unique_ptr<CompletedScan>{new CompletedScan{std::move(cloud), std::move(completion)}};
+}
+
+std::vector<GapSample> CompletedScan::gap_samples() const {
+  std::vector<GapSample> samples;
+  samples.reserve(completion_.samples.size());
+  for (const VirtualSample& s : completion_.samples)
+    samples.push_back({origin_ + s.point.cast<double>(), s.normal.cast<double>(), static_cast<double>(s.spacing)});
+  return samples;
+}
+
+Openness CompletedScan::openness() const { return {seen_mm2_, missing_mm2_}; }
+
+CompletionSummary CompletedScan::summary() const {
+  CompletionSummary summary{completion_.rim_samples, completion_.samples.size(), completion_.largest_gap, 0};
+  for (const VirtualSample& s : completion_.samples)
+    summary.largest_error_mm = std::max(summary.largest_error_mm, static_cast<double>(s.error()));
+  return summary;
+}
+
+Result<void> CompletedScan::check(const SliceRequest& request) const {
+  if (!request.complete) return {};
+  if (const auto why = refusal_of(unasked(openness(), request))) return fail(ErrorCode::InvalidInput, *why);
+  return {};
+}
+
+std::vector<std::string> CompletedScan::warnings(const SliceRequest& request) const {
+  std::vector<std::string> said;
+  if (auto open = warning_of(unasked(openness(), request))) said.push_back(std::move(*open));
+  if (completion_.too_wide)
+    said.push_back(
+        "a gap of the scan is wider than what is closed (--complete MM closes wider ones): its middle is "
+        "taken as flat");
+  if (completion_.too_many)
+    said.push_back(
+        fmt::format("the gaps of the scan are larger than what it shows: closing them ended after {} samples "
+                    "nobody measured; scan what is missing, or cut the scan to the part wanted",
+                    completion_.samples.size()));
+  return said;
+}
+
+CompletedScan::Side CompletedScan::side_of(const Vec3& place_mm) const {
+  const Eigen::Vector3f place = local(place_mm);
+  return {std::sqrt(static_cast<double>(near_->nearest(place).squared_distance)),
+          static_cast<double>(tree_->winding(place))};
+}
+
+bool CompletedScan::is_measured(const Vec3& place_mm, const ScalarField& field) const {
+  if (!near_measured_) return true;
+  return std::sqrt(static_cast<double>(near_measured_->nearest(local(place_mm)).squared_distance)) <=
+         field.kernel_width_mm(place_mm);
+}
+
+SurfaceRun CompletedScan::edge_at(Point2 vertex, double z_mm, const ScalarField& field) const {
+  const Vec3 place_mm{vertex.x_mm, vertex.y_mm, z_mm};
+  const Eigen::Vector3f place = local(place_mm);
+  const Neighbour nearest = near_->nearest(place);
+  const auto distance = [](const Neighbour& n) { return std::sqrt(static_cast<double>(n.squared_distance)); };
+  const double width = field.kernel_width_mm(place_mm);
+  const bool is_virtual = nearest.index >= measured_count_;
+  if (!is_virtual && distance(nearest) <= width) return {};
+  const double gap = is_virtual ? distance(near_measured_->nearest(place)) : distance(nearest);
+  if (gap <= width) return {};
+  double share = kErrorOfGap;
+  if (is_virtual) {
+    const VirtualSample& sample = completion_.samples[nearest.index - measured_count_];
+    if (sample.gap > 0) share = static_cast<double>(sample.error() / sample.gap);
+  }
+  return {SurfaceClass::Completed, 1, gap, share * gap};
+}
+
+bool CompletedScan::sides_agree(Point2 vertex, double z_mm, Point2 outward) const {
+  const Eigen::Vector3f place = local({vertex.x_mm, vertex.y_mm, z_mm});
+  const Neighbour nearest = near_->nearest(place);
+  const float spacing = std::sqrt(areas_[nearest.index]);
+  const Eigen::Vector3f in_plane{static_cast<float>(outward.x_mm), static_cast<float>(outward.y_mm), 0};
+  for (const Eigen::Vector3f& normal : {normals_[nearest.index], in_plane})
+    for (const float spacings : kProbeSpacings) {
+      const Eigen::Vector3f way = spacings * spacing * normal;
+      if (tree_->winding(place - way) > 0.5F && tree_->winding(place + way) < 0.5F) return true;
+    }
+  return false;
+}
+
+std::vector<SurfaceRun> CompletedScan::surface_of(const Contour& contour, double z_mm, const ScalarField& field) const {
+  const auto vertices = contour.vertices();
+  const std::size_t count = vertices.size();
+  std::vector<SurfaceRun> runs(count);
+  if (near_measured_) {
+    std::vector<SurfaceRun> at(count);
+    for (std::size_t i = 0; i < count; ++i) at[i] = edge_at(vertices[i], z_mm, field);
+    for (std::size_t i = 0; i < count; ++i) {
+      const SurfaceRun& next = at[(i + 1) % count];
+      runs[i] = next.gap_mm > at[i].gap_mm ? next : at[i];
+    }
+  }
+  std::size_t asked = 0;
+  std::vector<std::size_t> failed;
+  for (std::size_t i = 0; i < count; i += kProbed, ++asked)
+    if (!sides_agree(vertices[i], z_mm, outward_at(vertices, i))) failed.push_back(i);
+  const double most = std::max(kFewestFailures, kMostFailures * static_cast<double>(asked));
+  if (static_cast<double>(failed.size()) <= std::min(most, 0.5 * static_cast<double>(asked))) return runs;
+  for (const std::size_t i : failed)
+    for (std::size_t k = 0; k < std::min(count, 2 * kProbed); ++k) {
+      SurfaceRun& run = runs[(i + count - std::min(count, kProbed) + k) % count];
+      run.kind = SurfaceClass::Doubtful;
+    }
+  return runs;
+}
+
+}  // namespace telefab::scan
