@@ -121,6 +121,31 @@ RingCount MeshTruth::rings(double z, double least_width) const {
   return count;
 }
 
+std::vector<std::array<Point2, 2>> MeshTruth::section(double z) const {
+  std::vector<std::array<Point2, 2>> segments;
+  const auto place = [&](std::uint32_t i, std::uint32_t j) {
+    // From below always, so that neighbours meet in the same point.
+    const Vec3& a = corners_[corners_[i].z() <= corners_[j].z() ? i : j];
+    const Vec3& b = corners_[corners_[i].z() <= corners_[j].z() ? j : i];
+    const Vec3 p = a + (z - a.z()) / (b.z() - a.z()) * (b - a);
+    return Point2{p.x(), p.y()};
+  };
+  for (const auto& f : faces_) {
+    std::array<Point2, 2> segment{};
+    bool crosses = false;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t a = f[k], b = f[(k + 1) % 3];
+      if ((corners_[a].z() > z) == (corners_[b].z() > z)) continue;
+      crosses = true;
+      segment[corners_[b].z() > z ? 1 : 0] = place(a, b);
+    }
+    if (!crosses) continue;
+    if (outward_ < 0) std::swap(segment[0], segment[1]);
+    segments.push_back(segment);
+  }
+  return segments;
+}
+
 double MeshTruth::distance(const Vec3& place) const {
   if (!nearest_) {
     nearest_ = std::make_unique<Nearest>();

@@ -38,6 +38,8 @@ class MeshTruth {
   /// Rings of the section at z, but those whose area over a quarter of their length is below `least_width`; faces that
   /// point inward are taken as pointing outward.
   [[nodiscard]] RingCount rings(double z, double least_width = 0) const;
+  /// The section at z as one segment a face, solid on the left; in no order.
+  [[nodiscard]] std::vector<std::array<Point2, 2>> section(double z) const;
   /// Distance to the nearest face.
   [[nodiscard]] double distance(const Vec3& place) const;
   /// Corners with the mean normals of their faces.

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Closed meshes as clouds, damaged as scanners do, sliced, and held against the mesh: distances along the contours,
+// volume wrong, layers wrong, layers certified, error of completed stretches against the bound they state. Run by hand.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <telefab/base/file.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
+#include <telefab/scan/formats/write_cloud.hpp>
+#include <telefab/scan/slicing/slice_scan.hpp>
+
+#include "damage.hpp"
+#include "mesh_truth.hpp"
+#include "section.hpp"
+
+namespace telefab::campaign {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Every so many-th layer is held against the mesh.
+constexpr std::uint32_t kJudged = 10;
+constexpr double kHeightMm = 75;
+constexpr double kLayerMm = 0.15;
+constexpr double kStepMm = 0.25;
+/// Layers whose true count changes within this share of the height are nobody's fault.
+constexpr double kCriticalShare = 0.004;
+
+struct Setup {
+  std::vector<std::string> meshes;
+  std::vector<std::string> damages{"whole",  "holes3", "holes5",    "off3", "off10",
+                                   "noise1", "noise2", "density10", "two",  "all"};
+  std::vector<std::uint64_t> seeds{1};
+  bool complete = true;
+  bool reasons = false;
+  std::string save;
+};
+
+Result<MeshTruth> read_mesh(const fs::path& path) {
+  const auto bytes = read_file(path, 1ULL << 32U);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  scan::ReadOptions options;
+  options.keep_faces = true;
+  const auto file = scan::read_scan_file(*bytes, path.filename().string(), options, {});
+  if (!file) return tl::unexpected{file.error()};
+  std::vector<Vec3> corners;
+  for (const auto& p : file->cloud.points) corners.push_back(file->cloud.origin + p.cast<double>());
+  MeshTruth mesh{corners, file->faces};
+  if (!mesh.closed()) return fail(ErrorCode::InvalidInput, "no closed mesh");
+  return mesh;
+}
+
+double rank(std::vector<double>& values, double share) {
+  if (values.empty()) return 0;
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
+
+struct Judgement {
+  std::vector<double> off_mm;
+  std::vector<double> error_shares;  ///< of completed edges: distance over the error they state
+  double truth_mm2 = 0, wrong_mm2 = 0;
+  int wrong = 0, wrong_certified = 0, critical = 0;
+
+  void judge(const Layer& layer, const MeshTruth& truth) {
+    const auto found = segments_of(layer.contours);
+    const auto exact = truth.section(layer.z_mm);
+    const SectionAreas areas = compare_sections(found, exact, 0.1);
+    truth_mm2 += areas.truth_mm2;
+    wrong_mm2 += areas.wrong_mm2;
+    for (const Point2& p : along(found, kStepMm)) off_mm.push_back(truth.distance({p.x_mm, p.y_mm, layer.z_mm}));
+    for (const Contour& ring : layer.contours) {
+      std::size_t edge = 0;
+      for (const SurfaceRun& run : one_an_edge(ring.runs(), ring.vertices().size())) {
+        const Point2 p = ring.vertices()[edge++];
+        if (run.kind == SurfaceClass::Completed && run.error_mm > 0)
+          error_shares.push_back(truth.distance({p.x_mm, p.y_mm, layer.z_mm}) / run.error_mm);
+      }
+    }
+    RingCount count;
+    for (const Contour& ring : layer.contours) ++(ring.is_hole() ? count.holes : count.outers);
+    if (count == truth.rings(layer.z_mm)) return;
+    const double near = kCriticalShare * kHeightMm;
+    if (!(truth.rings(layer.z_mm - near) == truth.rings(layer.z_mm + near))) {
+      ++critical;
+      return;
+    }
+    ++wrong;
+    wrong_certified += layer.certificate.is_certified() ? 1 : 0;
+  }
+};
+
+Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string& damage_name, std::uint64_t seed,
+                 const Setup& setup) {
+  const auto damage = Damage::named(damage_name, seed);
+  if (!damage) return tl::unexpected{damage.error()};
+  const scan::PointCloud whole = mesh.as_scanned();
+  const scan::PointCloud cloud = damaged(whole, *damage);
+  const auto [low, high] = std::minmax_element(whole.points.begin(), whole.points.end(),
+                                               [](const auto& a, const auto& b) { return a.z() < b.z(); });
+  scan::SliceRequest request;
+  request.machine.name = "campaign";
+  request.machine.platform = {1e4, 1e4, 1e4};
+  request.machine.projection.pixel_pitch_mm = 0.14;
+  request.scale = kHeightMm / static_cast<double>(high->z() - low->z());
+  request.layer_mm = kLayerMm;
+  request.complete = setup.complete;
+  std::vector<Layer> layers;
+  const auto take = [&](const StackHeader&, Layer&& layer) -> Result<void> {
+    layers.push_back(std::move(layer));
+    return {};
+  };
+  const auto bytes = scan::write_ply(cloud, {}, "campaign");
+  if (!setup.save.empty())
+    if (auto ok =
+            write_file_atomically(fmt::format("{}/{}_{}_{}.ply", setup.save, path.stem().string(), damage_name, seed),
+                                  std::span<const std::byte>{bytes});
+        !ok)
+      return ok;
+  const auto began = std::chrono::steady_clock::now();
+  const auto report = scan::slice_scan(bytes, path.filename().string(), request, take, {}, {});
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+  if (!report) return tl::unexpected{report.error()};
+  const MeshTruth truth = mesh.moved(report->header.scan_to_build);
+  Judgement found;
+  for (const Layer& layer : layers)
+    if (layer.index.count() % kJudged == kJudged / 2) found.judge(layer, truth);
+  double mean = 0;
+  for (const double d : found.off_mm) mean += d / static_cast<double>(found.off_mm.size());
+  const double percent = 100 / kHeightMm;
+  const auto seconds_of = [&](std::string_view stage) {
+    double sum = 0;
+    for (const auto& t : report->times) sum += t.stage == stage ? t.seconds : 0;
+    return sum;
+  };
+  fmt::print(
+      "{:18} {:10} {:2} {:7} {:6} {:6.2f} {:4}/{:3}/{:3} {:5} {:4} {:4} {:3} {:6.4f} {:6.4f} {:6.3f} {:5.3f} {:6.2f} "
+      "{:6.2f} {:6.2f}\n",
+      path.stem().string(), damage_name, seed, cloud.size(), report->completion.virtual_samples,
+      100 * report->open.share(), report->certified - report->completed, report->completed, report->flagged.size(),
+      report->contours, found.wrong, found.wrong_certified, found.critical, percent * mean,
+      percent * rank(found.off_mm, 0.95), 100 * found.wrong_mm2 / found.truth_mm2, rank(found.error_shares, 0.95),
+      seconds_of("gaps"), seconds_of("contours"), seconds);
+  if (setup.reasons)
+    for (const auto& f : report->flagged)
+      fmt::print("    {} z {:.2f}: {}\n", f.layer.count(), f.z_mm, sentence_of(f.certificate));
+  std::fflush(stdout);
+  return {};
+}
+
+int run(const Setup& setup) {
+  fmt::print("{:18} {:10} {:2} {:7} {:6} {:6} {:12} {:5} {:4} {:4} {:3} {:6} {:6} {:6} {:5} {:6} {:6} {:6}\n", "mesh",
+             "damage", "s", "points", "added", "open%", "meas/comp/dbt", "rings", "WRG", "cert", "cr", "mean%", "95%",
+             "xor%", "err95", "gaps s", "cont s", "all s");
+  for (const std::string& name : setup.meshes) {
+    const auto mesh = read_mesh(name);
+    if (!mesh) {
+      fmt::print("{}: {}\n", name, mesh.error().what);
+      continue;
+    }
+    for (const std::string& damage : setup.damages)
+      for (const std::uint64_t seed : setup.seeds)
+        if (auto done = row(name, *mesh, damage, seed, setup); !done)
+          fmt::print("{:18} {:10} {:2} not sliced: {}\n", fs::path{name}.stem().string(), damage, seed,
+                     done.error().what);
+  }
+  return 0;
+}
+
+}  // namespace
+}  // namespace telefab::campaign
+
+int main(int argc, char** argv) {
+  telefab::campaign::Setup setup;
+  CLI::App options{"Slices closed meshes as damaged clouds and holds every tenth layer against the mesh."};
+  options.add_option("MESH", setup.meshes, "closed meshes (PLY, OFF, STL)")->required();
+  options.add_option("--damage", setup.damages, "whole,holes3,holes5,off3,off10,noise1,noise2,density10,two,all")
+      ->delimiter(',');
+  options.add_option("--seeds", setup.seeds)->delimiter(',');
+  options.add_flag("!--off", setup.complete, "slice without closing gaps");
+  options.add_flag("--reasons", setup.reasons, "also list flagged layers");
+  options.add_option("--save", setup.save, "folder for the damaged clouds");
+  CLI11_PARSE(options, argc, argv);
+  return telefab::campaign::run(setup);
+}
