@@ -22,6 +22,7 @@ Result<double> millimetres_per(std::string_view unit) {
 
 PointCloud scaled(PointCloud cloud, double factor) {
   cloud.origin *= factor;
+  cloud.rounding *= factor;
   if (cloud.unit_mm) *cloud.unit_mm /= factor;
   for (Eigen::Vector3f& p : cloud.points) p = (p.cast<double>() * factor).cast<float>();
   return cloud;

@@ -8,6 +8,7 @@
 #include <cctype>
 #include <string>
 #include <telefab/base/text.hpp>
+#include <telefab/scan/formats/face_samples.hpp>
 
 #include "readers.hpp"
 #include "text_cursor.hpp"
@@ -44,12 +45,26 @@ bool looks_like_obj(std::string_view text) {
   return false;
 }
 
+/// The first line that is no comment of a PCD file is its version; some writers leave it out.
+bool looks_like_pcd(std::string_view text) {
+  TextCursor lines{text.substr(0, 65536)};
+  FieldCursor first{lines.take_full_line()};
+  const auto is = [](std::string_view word, std::string_view name) {
+    return std::equal(word.begin(), word.end(), name.begin(), name.end(),
+                      [](unsigned char a, unsigned char b) { return std::toupper(a) == std::toupper(b); });
+  };
+  const std::string_view key = first.take_word();
+  if (is(key, "FIELDS") || is(key, "COLUMNS")) return true;
+  const std::string_view version = first.take_word();
+  return is(key, "VERSION") && (version == ".7" || version == "0.7" || version == ".6" || version == "0.6" ||
+                                version == ".5" || version == "0.5");
+}
+
 /// By content where content can tell, else by suffix, else text.
 ScanFormat format_of(std::span<const std::byte> bytes, std::string_view file_name) {
   const std::string_view text = as_text(bytes);
   if (text.starts_with("ply\n") || text.starts_with("ply\r")) return ScanFormat::Ply;
-  if (text.starts_with("# .PCD") || text.starts_with("VERSION .7") || text.starts_with("VERSION 0.7"))
-    return ScanFormat::Pcd;
+  if (looks_like_pcd(text)) return ScanFormat::Pcd;
   if (text.starts_with("ASTM-E57")) return ScanFormat::E57;
   if (text.starts_with("LASF")) return ScanFormat::Las;
   if (looks_like_stl(bytes)) return ScanFormat::Stl;
@@ -154,16 +169,22 @@ Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_vi
   const FormatRow& row = row_of(format_of(bytes, file_name));
   auto file = row.read(bytes, options, stop);
   if (!file) return within(file.error());
+  for (ScanNote& note : file->cloud.notes) note.text = to_printable(note.text);
   return file;
+}
+
+PointCloud cloud_of(ScanFile file) {
+  if (auto note = faces_without_points(file)) file.cloud.notes.push_back(std::move(*note));
+  PointCloud cloud = std::move(file.cloud);
+  settle_normals(cloud);
+  return without_duplicates(std::move(cloud));
 }
 
 Result<PointCloud> read_cloud(std::span<const std::byte> bytes, std::string_view file_name, const ReadOptions& options,
                               std::stop_token stop) {
   auto file = read_scan_file(bytes, file_name, options, stop);
   if (!file) return tl::unexpected{file.error()};
-  PointCloud cloud = std::move(file->cloud);
-  settle_normals(cloud);
-  return without_duplicates(std::move(cloud));
+  return cloud_of(std::move(*file));
 }
 
 }  // namespace telefab::scan

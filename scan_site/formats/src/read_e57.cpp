@@ -191,6 +191,10 @@ Result<void> take_points(const E57Scan& scan, const Wanted& wanted, const std::v
       continue;
     }
     Vec3 p{position[0].value(i), position[1].value(i), position[2].value(i)};
+    if (row && column && (wanted.spherical ? p.x() == 0 : p.isZero(0))) {  // a cell of the grid that saw nothing
+      builder.add_empty_return();
+      continue;
+    }
     if (wanted.spherical) p = cartesian_of(p);
     if (scan.pose) p = *scan.pose * p;
     if (row && column) grid.take(row->value(i), column->value(i), builder.size());

@@ -19,6 +19,22 @@ void add_facets(ScanBuilder& builder) {
     builder.add_face(std::array<std::uint64_t, 3>{i, i + 1, i + 2});
 }
 
+/// Says once that numbers have a decimal comma, and are read so.
+class CommaWatch {
+ public:
+  explicit CommaWatch(ScanBuilder& builder) : builder_{builder} {}
+  void look_at(const FieldCursor& fields, std::string_view line) {
+    if (said_ || !fields.saw_decimal_comma()) return;
+    said_ = true;
+    builder_.note(ScanRemark::DecimalComma,
+                  fmt::format("numbers have a decimal comma: the first line that has is {}", line.substr(0, 60)));
+  }
+
+ private:
+  ScanBuilder& builder_;
+  bool said_ = false;
+};
+
 tl::unexpected<Error> cancelled() { return fail(ErrorCode::Cancelled, "stopped while reading points"); }
 
 std::optional<Vec3> take_vec(FieldCursor& fields) {
@@ -39,6 +55,7 @@ Result<ScanFile> read_binary_stl(std::span<const std::byte> bytes, const ReadOpt
   const bool swapped = std::endian::native == std::endian::big;
   const auto facets = load<std::uint32_t>(bytes.data() + 80, swapped);
   ScanBuilder builder{ScanFormat::Stl, options};
+  builder.points_are_corners();
   if (facets > (bytes.size() - kStlHead) / kStlFacet)
     return fail(ErrorCode::InvalidInput,
                 fmt::format("STL: {} facets are claimed but {} bytes follow; the file is truncated", facets,
@@ -59,17 +76,22 @@ Result<ScanFile> read_text_stl(std::span<const std::byte> bytes, const ReadOptio
                                const std::stop_token& stop) {
   TextCursor lines{as_text(bytes)};
   ScanBuilder builder{ScanFormat::Stl, options};
+  builder.points_are_corners();
+  CommaWatch commas{builder};
   bool ended = false;
   for (std::size_t i = 0; !lines.at_end(); ++i) {
     if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled();
-    FieldCursor fields{lines.take_line()};
+    const std::string_view line = lines.take_line();
+    FieldCursor fields{line, CommaRule::Decimal};
     const std::string_view word = fields.take_word();
     if (word == "endsolid") ended = true;
     if (word == "solid") ended = false;
     if (word != "vertex") continue;
     const auto point = take_vec(fields);
-    if (!point)
-      return fail(ErrorCode::InvalidInput, fmt::format("STL line {}: a vertex needs 3 numbers", lines.line_number()));
+    if (!point || !fields.at_end())
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("STL line {}: a vertex needs 3 numbers{}", lines.line_number(), about_commas(line)));
+    commas.look_at(fields, line);
     builder.add(*point);
   }
   if (!ended) return fail(ErrorCode::InvalidInput, "STL: no 'endsolid'; the file is truncated");
@@ -96,6 +118,8 @@ Result<ScanFile> read_off(std::span<const std::byte> bytes, const ReadOptions& o
                 fmt::format("OFF line {}: the numbers of vertices and faces are expected", lines.line_number()));
   const bool has_normals = magic.find('N') != std::string_view::npos;
   ScanBuilder builder{ScanFormat::Off, options};
+  if (*faces > 0) builder.points_are_corners();
+  CommaWatch commas{builder};
   if (auto room = builder.expect(*vertices, lines.bytes_left() + 1, has_normals ? 12 : 6); !room)
     return tl::unexpected{room.error()};
   for (std::uint64_t i = 0; i < *vertices; ++i) {
@@ -104,12 +128,13 @@ Result<ScanFile> read_off(std::span<const std::byte> bytes, const ReadOptions& o
     if (line.empty())
       return fail(ErrorCode::InvalidInput,
                   fmt::format("the file ends after {} of {} vertices: it is truncated", i, *vertices));
-    FieldCursor fields{line};
+    FieldCursor fields{line, CommaRule::Decimal};
     const auto point = take_vec(fields);
     const auto normal = point && has_normals ? take_vec(fields) : std::optional{Vec3{Vec3::Zero()}};
     if (!point || !normal)
-      return fail(ErrorCode::InvalidInput,
-                  fmt::format("OFF line {}: vertex {} needs {} numbers", lines.line_number(), i, has_normals ? 6 : 3));
+      return fail(ErrorCode::InvalidInput, fmt::format("OFF line {}: vertex {} needs {} numbers{}", lines.line_number(),
+                                                       i, has_normals ? 6 : 3, about_commas(line)));
+    commas.look_at(fields, line);
     builder.add(*point);
     if (has_normals) builder.add_normal(*normal);
   }
@@ -134,33 +159,59 @@ Result<ScanFile> read_off(std::span<const std::byte> bytes, const ReadOptions& o
   return std::move(builder).finish();
 }
 
+namespace {
+
+/// The corner "7", "7/2" or "-1//3" of a face as an index of the vertices so far; nothing if it is none.
+std::optional<std::uint64_t> obj_corner(std::string_view corner, std::size_t vertices) {
+  FieldCursor number{corner.substr(0, corner.find('/'))};
+  const auto index = number.take<std::int64_t>();
+  if (!index || *index == 0) return std::nullopt;
+  const std::int64_t at = *index > 0 ? *index - 1 : static_cast<std::int64_t>(vertices) + *index;
+  return at >= 0 ? std::optional{static_cast<std::uint64_t>(at)} : std::nullopt;
+}
+
+}  // namespace
+
 Result<ScanFile> read_obj(std::span<const std::byte> bytes, const ReadOptions& options, const std::stop_token& stop) {
   TextCursor lines{as_text(bytes)};
   ScanBuilder builder{ScanFormat::Obj, options};
+  CommaWatch commas{builder};
   std::size_t normals = 0;
   bool normals_by_vertex = true;  // until a face says that vertex i has another normal than i
+  std::vector<std::uint64_t> corners;
   for (std::size_t i = 0; !lines.at_end(); ++i) {
     if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled();
-    FieldCursor fields{lines.take_line()};
+    const std::string_view line = lines.take_line();
+    FieldCursor fields{line, CommaRule::Decimal};
     const std::string_view key = fields.take_word();
     if (key == "v" || key == "vn") {
       const auto v = take_vec(fields);
       if (!v)
         return fail(ErrorCode::InvalidInput,
-                    fmt::format("OBJ line {}: '{}' needs 3 numbers", lines.line_number(), key));
+                    fmt::format("OBJ line {}: '{}' needs 3 numbers{}", lines.line_number(), key, about_commas(line)));
+      commas.look_at(fields, line);
       if (key == "v") {
         builder.add(*v);
       } else {
         builder.add_normal(*v);
         ++normals;
       }
-    } else if (key == "f" && normals > 0 && normals_by_vertex) {
+    } else if (key == "f") {
+      builder.points_are_corners();
+      if (!builder.keeps_faces() && (normals == 0 || !normals_by_vertex)) continue;
+      corners.clear();
       while (!fields.at_end()) {
         const std::string_view corner = fields.take_word();
         const std::size_t slash = corner.rfind('/');
         normals_by_vertex &=
             slash != std::string_view::npos && corner.substr(0, corner.find('/')) == corner.substr(slash + 1);
+        const auto index = obj_corner(corner, builder.size());
+        if (!index && builder.keeps_faces())
+          return fail(ErrorCode::InvalidInput,
+                      fmt::format("OBJ line {}: '{}' names no vertex", lines.line_number(), corner.substr(0, 40)));
+        corners.push_back(index.value_or(0));
       }
+      builder.add_face(corners);
     }
   }
   if (normals != builder.size() || !normals_by_vertex) builder.forget_normals();

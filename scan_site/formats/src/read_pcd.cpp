@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
+#include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <string>
 
@@ -11,6 +13,15 @@
 
 namespace telefab::scan {
 namespace {
+
+char upper(char c) { return static_cast<char>(std::toupper(static_cast<unsigned char>(c))); }
+bool same_letter(char a, char b) { return upper(a) == upper(b); }
+
+std::string in_capitals(std::string_view word) {
+  std::string text{word};
+  std::transform(text.begin(), text.end(), text.begin(), upper);
+  return text;
+}
 
 struct PcdField {
   std::string name;
@@ -35,7 +46,7 @@ struct PcdHeader {
 
   [[nodiscard]] const PcdField* field(std::string_view name) const {
     for (const PcdField& f : fields)
-      if (f.name == name) return &f;
+      if (f.count > 0 && std::equal(f.name.begin(), f.name.end(), name.begin(), name.end(), same_letter)) return &f;
     return nullptr;
   }
 };
@@ -66,7 +77,7 @@ Result<void> complete(PcdHeader& header) {
   constexpr std::uint64_t kMaxRecord = 1U << 16;
   for (PcdField& f : header.fields) {
     const auto type = type_of(f.kind, f.size);
-    if (!type || f.count == 0 || f.count > kMaxRecord)
+    if (!type || f.count > kMaxRecord)
       return fail(ErrorCode::InvalidInput, fmt::format("PCD field {}: type {} of size {} and count {} is not known",
                                                        f.name.substr(0, 40), f.kind, f.size, f.count));
     f.type = *type;
@@ -90,7 +101,7 @@ Result<PcdHeader> read_header(std::string_view text) {
   bool has_points = false;
   while (!lines.at_end()) {
     FieldCursor words{lines.take_line()};
-    const std::string_view key = words.take_word();
+    const std::string key = in_capitals(words.take_word());
     const auto bad = [&](std::string_view why) {
       return fail(ErrorCode::InvalidInput, fmt::format("PCD header, line {}: {}", lines.line_number(), why));
     };
@@ -101,7 +112,7 @@ Result<PcdHeader> read_header(std::string_view text) {
         if (key == "TYPE") {
           const std::string_view word = words.take_word();
           if (word.size() != 1) return bad("TYPE must have one letter a field");
-          f.kind = word[0];
+          f.kind = upper(word[0]);
           continue;
         }
         const auto number = words.take<std::uint64_t>();
@@ -120,6 +131,8 @@ Result<PcdHeader> read_header(std::string_view text) {
       if (at.allFinite()) header.viewpoint = at;
     } else if (key == "DATA") {
       header.encoding = words.take_word();
+      std::transform(header.encoding.begin(), header.encoding.end(), header.encoding.begin(),
+                     [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
       header.body_offset = text.size() - lines.bytes_left();
       if (!has_points) header.points = header.width * header.height;
       if (auto done = complete(header); !done) return tl::unexpected{done.error()};
@@ -142,17 +155,15 @@ class RecordTaker {
     view_.point_at.reserve(header.points);
   }
   void take(const Vec3& position, const Vec3& normal) {
-    if (!position.array().isNaN().any()) {
-      if (organised_) view_.point_at.push_back(static_cast<std::int32_t>(builder_.size()));
-      builder_.add(position);
-      builder_.add_normal(normal);
-      return;
-    }
-    if (organised_) view_.point_at.push_back(RangeView::kEmpty);
-    builder_.add_empty_return();
+    if (organised_) view_.point_at.push_back(static_cast<std::int32_t>(builder_.size()));
+    builder_.add(position);
+    builder_.add_normal(normal);
   }
   void finish(bool has_normals) {
-    if (organised_) builder_.add_view(std::move(view_));
+    if (organised_) {
+      builder_.add_view(std::move(view_));
+      builder_.zeros_are_no_return();
+    }
     if (!has_normals) builder_.forget_normals();
   }
 
@@ -184,21 +195,39 @@ Result<void> take_records(const PcdHeader& header, const Columns& columns, Recor
   return {};
 }
 
+/// One record a line.
 Result<void> take_text(std::string_view body, const PcdHeader& header, const Columns& columns, RecordTaker& taker,
-                       const std::stop_token& stop) {
-  FieldCursor fields{body};
+                       ScanBuilder& builder, const std::stop_token& stop) {
+  TextCursor lines{body};
   std::vector<double> record(header.record_columns);
+  bool decimal_comma = false;
   for (std::uint64_t i = 0; i < header.points; ++i) {
     if (i % kStopEvery == 0 && stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while reading points");
+    const std::string_view line = lines.take_full_line();
+    if (line.empty())
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("the file ends within point {} of {}: it is truncated", i, header.points));
+    FieldCursor fields{line, CommaRule::Decimal};
     for (double& number : record) {
       const auto value = fields.take<double>();
       if (!value && fields.at_end())
-        return fail(ErrorCode::InvalidInput,
-                    fmt::format("the file ends within point {} of {}: it is truncated", i, header.points));
+        return fail(
+            ErrorCode::InvalidInput,
+            fmt::format("point {}: the line '{}' has less than the {} values of a point{}{}", i, line.substr(0, 60),
+                        record.size(), lines.at_end() ? "; the file is truncated" : "", about_commas(line)));
       if (!value)
         return fail(ErrorCode::InvalidInput,
-                    fmt::format("point {}: '{}' is no number", i, fields.take_word().substr(0, 40)));
+                    fmt::format("point {}: '{}' is not a number", i, fields.take_word().substr(0, 40)));
       number = *value;
+    }
+    if (!fields.at_end())
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("point {}: the line '{}' has more than the {} values of a point{}", i, line.substr(0, 60),
+                              record.size(), about_commas(line)));
+    if (fields.saw_decimal_comma() && !decimal_comma) {
+      decimal_comma = true;
+      builder.note(ScanRemark::DecimalComma,
+                   fmt::format("numbers have a decimal comma: the first line that has is {}", line.substr(0, 60)));
     }
     Vec3 position, normal = Vec3::Zero();
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -256,7 +285,7 @@ Result<ScanFile> read_pcd(std::span<const std::byte> bytes, const ReadOptions& o
   const bool swapped = std::endian::native == std::endian::big;
   Result<void> done;
   if (h.encoding == "ascii")
-    done = take_text(as_text(body), h, columns, taker, stop);
+    done = take_text(as_text(body), h, columns, taker, builder, stop);
   else if (h.encoding == "binary")
     done = take_records(h, columns, taker, stop, [&](const PcdField& f, std::uint64_t i) {
       return load_as_double(body.data() + i * h.record_bytes + f.offset, f.type, swapped);

@@ -2,7 +2,9 @@
 #include <fmt/format.h>
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
+#include <string>
 
 #include "ply_header.hpp"
 #include "readers.hpp"
@@ -28,11 +30,14 @@ Result<VertexColumns> find_columns(const PlyElement& vertex) {
   for (std::size_t i = 0; i < vertex.properties.size(); ++i) {
     const PlyProperty& p = vertex.properties[i];
     if (p.count_type) continue;
+    std::string name = p.name;
+    std::transform(name.begin(), name.end(), name.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      if (p.name == kPosition[axis]) columns.position[axis] = static_cast<int>(i);
-      if (p.name == kNormal[axis] || p.name == kLongNormal[axis]) columns.normal[axis] = static_cast<int>(i);
+      if (name == kPosition[axis]) columns.position[axis] = static_cast<int>(i);
+      if (name == kNormal[axis] || name == kLongNormal[axis]) columns.normal[axis] = static_cast<int>(i);
     }
-    if (p.name == "confidence") columns.confidence = static_cast<int>(i);
+    if (name == "confidence") columns.confidence = static_cast<int>(i);
   }
   if (*std::min_element(columns.position.begin(), columns.position.end()) < 0)
     return fail(ErrorCode::InvalidInput, "element vertex has no properties x, y and z");
@@ -104,6 +109,7 @@ class PlyBody {
         grid.emplace(header_, element.count);
         done = read_grid(element, *grid);
       } else if (!element.properties.empty()) {
+        if (element.count > 0 && (element.name == "face" || element.name == "tristrips")) builder_.points_are_corners();
         done = skip(element);
       }
       if (!done) return fail_in("element " + element.name.substr(0, 40), done.error());
@@ -113,6 +119,7 @@ class PlyBody {
       auto view = std::move(*grid).finish(builder_.size());
       if (!view) return tl::unexpected{view.error()};
       builder_.add_view(std::move(*view));
+      builder_.zeros_are_no_return();
     }
     return std::move(builder_).finish();
   }
@@ -253,27 +260,41 @@ class BinaryPly final : public PlyBody {
   std::vector<std::uint64_t> corners_;
 };
 
+/// A vertex stands in a line of its own; what the other elements hold is walked over word by word.
 class AsciiPly final : public PlyBody {
  public:
   AsciiPly(std::string_view body, const PlyHeader& header, const ReadOptions& options, const std::stop_token& stop)
-      : PlyBody{header, options, stop}, fields_{body} {}
+      : PlyBody{header, options, stop}, lines_{body} {}
 
  private:
-  std::uint64_t bytes_left() const override { return fields_.rest().size(); }
+  std::uint64_t bytes_left() const override { return lines_.bytes_left(); }
 
   Result<void> read_vertices(const PlyElement& element, const VertexColumns& columns) override {
     std::vector<double> record(element.properties.size());
+    bool decimal_comma = false;
     for (std::uint64_t i = 0; i < element.count; ++i) {
       if (stopped(i)) return cancelled();
+      const std::string_view line = take_row();
+      if (line.empty()) return truncated(i);
+      FieldCursor fields{line, CommaRule::Decimal};
       for (std::size_t k = 0; k < element.properties.size(); ++k) {
         const PlyProperty& p = element.properties[k];
         if (p.count_type) {
-          if (!skip_list()) return bad_number(i);
+          if (!skip_list(fields)) return bad_row(i, line, fields);
           continue;
         }
-        const auto value = fields_.take<double>();
-        if (!value) return bad_number(i);
+        const auto value = fields.take<double>();
+        if (!value) return bad_row(i, line, fields);
         record[k] = *value;
+      }
+      if (!fields.at_end())
+        return fail(ErrorCode::InvalidInput,
+                    fmt::format("item {}: '{}' has more than the {} values of a vertex{}", i, line.substr(0, 60),
+                                element.properties.size(), about_commas(line)));
+      if (fields.saw_decimal_comma() && !decimal_comma) {
+        decimal_comma = true;
+        builder_.note(ScanRemark::DecimalComma,
+                      fmt::format("numbers have a decimal comma: the first vertex that has is {}", line.substr(0, 60)));
       }
       add_record(builder_, columns, record.data());
     }
@@ -281,44 +302,81 @@ class AsciiPly final : public PlyBody {
   }
 
   Result<void> read_grid(const PlyElement& element, GridFiller& grid) override {
+    FieldCursor fields = rest();
     for (std::uint64_t i = 0; i < element.count; ++i) {
       if (stopped(i)) return cancelled();
-      const auto count = fields_.take<std::uint64_t>();
-      if (!count) return bad_number(i);
+      const auto count = fields.take<std::uint64_t>();
+      if (!count) return bad_number(i, fields);
       if (*count > 1) return fail(ErrorCode::InvalidInput, fmt::format("cell {} holds {} points", i, *count));
       std::optional<std::int64_t> index;
       if (*count == 1) {
-        index = fields_.take<std::int64_t>();
-        if (!index) return bad_number(i);
+        index = fields.take<std::int64_t>();
+        if (!index) return bad_number(i, fields);
       }
       grid.add_cell(index);
     }
+    lines_ = TextCursor{fields.rest()};
     return {};
   }
 
   Result<void> skip(const PlyElement& element) override {
+    FieldCursor fields = rest();
     for (std::uint64_t i = 0; i < element.count; ++i) {
       if (stopped(i)) return cancelled();
-      for (const PlyProperty& p : element.properties)
-        if (p.count_type ? !skip_list() : fields_.take_word().empty()) return bad_number(i);
+      for (const PlyProperty& p : element.properties) {
+        const bool is_face =
+            builder_.keeps_faces() && element.name == "face" && p.count_type && p.name.starts_with("vertex_ind");
+        if (is_face ? !take_face(fields) : p.count_type ? !skip_list(fields) : fields.take_word().empty())
+          return bad_number(i, fields);
+      }
     }
+    lines_ = TextCursor{fields.rest()};
     return {};
   }
 
-  [[nodiscard]] bool skip_list() {
-    const auto count = fields_.take<std::uint64_t>();
+  /// The next line that is not blank; empty at the end.
+  std::string_view take_row() {
+    while (!lines_.at_end()) {
+      const std::string_view line = lines_.take_line();
+      if (line.find_first_not_of(" \t") != std::string_view::npos) return line;
+    }
+    return {};
+  }
+  [[nodiscard]] FieldCursor rest() const { return FieldCursor{lines_.rest()}; }
+  [[nodiscard]] bool take_face(FieldCursor& fields) {
+    const auto count = fields.take<std::uint64_t>();
+    corners_.clear();
+    for (std::uint64_t k = 0; count && k < *count; ++k) {
+      const auto corner = fields.take<std::uint64_t>();
+      if (!corner) return false;
+      corners_.push_back(*corner);
+    }
+    builder_.add_face(corners_);
+    return count.has_value();
+  }
+  [[nodiscard]] static bool skip_list(FieldCursor& fields) {
+    const auto count = fields.take<std::uint64_t>();
     if (!count) return false;
     for (std::uint64_t i = 0; i < *count; ++i)
-      if (fields_.take_word().empty()) return false;
+      if (fields.take_word().empty()) return false;
     return true;
   }
-  [[nodiscard]] tl::unexpected<Error> bad_number(std::uint64_t item) {
-    if (fields_.at_end()) return truncated(item);
-    return fail(ErrorCode::InvalidInput,
-                fmt::format("item {}: '{}' is no number", item, fields_.take_word().substr(0, 40)));
+  [[nodiscard]] tl::unexpected<Error> bad_row(std::uint64_t item, std::string_view line, FieldCursor& fields) const {
+    if (fields.at_end() && lines_.at_end()) return truncated(item);
+    if (fields.at_end())
+      return fail(
+          ErrorCode::InvalidInput,
+          fmt::format("item {}: the line '{}' ends before the vertex does; each must stand in a line of its own{}",
+                      item, line.substr(0, 60), about_commas(line)));
+    return bad_number(item, fields);
+  }
+  [[nodiscard]] static tl::unexpected<Error> bad_number(std::uint64_t item, FieldCursor& fields) {
+    if (fields.at_end()) return truncated(item);
+    const std::string_view word = fields.take_word();
+    return fail(ErrorCode::InvalidInput, fmt::format("item {}: '{}' is not a number", item, word.substr(0, 40)));
   }
 
-  FieldCursor fields_;
+  TextCursor lines_;
   std::vector<std::uint64_t> corners_;
 };
 

@@ -12,7 +12,7 @@ namespace {
 /// Numbers of one line, or nothing if there are not exactly `N`.
 template <int N>
 std::optional<Eigen::Matrix<double, N, 1>> numbers(std::string_view line) {
-  FieldCursor fields{line};
+  FieldCursor fields{line, CommaRule::Decimal};
   Eigen::Matrix<double, N, 1> out;
   for (int i = 0; i < N; ++i) {
     const auto value = fields.take<double>();
@@ -59,6 +59,7 @@ Result<void> read_view(TextCursor& lines, const PtxHeader& header, ScanBuilder& 
   const std::uint64_t cells = std::uint64_t{header.rows} * header.columns;
   if (auto room = builder.expect(cells, lines.bytes_left() + 1, 8); !room) return room;
   view.point_at.assign(cells, RangeView::kEmpty);
+  bool decimal_comma = false;
   for (std::uint32_t column = 0; column < header.columns; ++column) {
     if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while reading points");
     for (std::uint32_t row = 0; row < header.rows; ++row) {
@@ -66,12 +67,19 @@ Result<void> read_view(TextCursor& lines, const PtxHeader& header, ScanBuilder& 
       if (line.empty())
         return fail(ErrorCode::InvalidInput,
                     fmt::format("the file ends in column {} of {}: it is truncated", column, header.columns));
-      FieldCursor fields{line};
+      FieldCursor fields{line, CommaRule::Decimal};
       Eigen::RowVector4d p{0, 0, 0, 1};
       for (int axis = 0; axis < 3; ++axis) {
         const auto value = fields.take<double>();
-        if (!value) return fail(ErrorCode::InvalidInput, fmt::format("line {}: x y z expected", lines.line_number()));
+        if (!value)
+          return fail(ErrorCode::InvalidInput,
+                      fmt::format("line {}: x y z expected{}", lines.line_number(), about_commas(line)));
         p[axis] = *value;
+      }
+      if (fields.saw_decimal_comma() && !decimal_comma) {
+        decimal_comma = true;
+        builder.note(ScanRemark::DecimalComma,
+                     fmt::format("numbers have a decimal comma: the first line that has is {}", line.substr(0, 60)));
       }
       if (p.head<3>().isZero(0)) {
         builder.add_empty_return();

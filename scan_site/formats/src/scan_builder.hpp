@@ -16,6 +16,7 @@ class ScanBuilder {
   /// Fails: InvalidInput (the file is shorter than it claims), TooLarge.
   [[nodiscard]] Result<void> expect(std::uint64_t count, std::uint64_t bytes_left, std::uint64_t bytes_each);
 
+  /// A point that is NaN is left out in finish(), with its normal, its place in views and its faces.
   void add(const Vec3& point) { points_.push_back(point); }
   void add_normal(const Vec3& normal) { normals_.push_back(normal.cast<float>()); }
   void add_confidence(float value) { confidence_.push_back(value); }
@@ -26,15 +27,24 @@ class ScanBuilder {
   /// Says what unit the format asks for, millimetres.
   void state_unit(double millimetres) { unit_mm_ = millimetres; }
   void add_empty_return() { ++empty_returns_; }
+  /// The points stand in a grid of cells: 0 0 0 is a cell that saw nothing.
+  void zeros_are_no_return() { zeros_are_no_return_ = true; }
+  /// The points are corners of faces; any of them may be 0 0 0.
+  void points_are_corners() { points_are_corners_ = true; }
+  void note(ScanRemark remark, std::string text) { notes_.push_back({remark, std::move(text)}); }
   [[nodiscard]] std::size_t size() const { return points_.size(); }
 
   /// Drops the normals: the file turned out to have none that can be told to belong to the points.
   void forget_normals() { normals_.clear(); }
 
-  /// Fails: InvalidInput (no point, a point that is not finite or beyond 1e12, a face that names no point).
+  /// Fails: InvalidInput (no point, a point that is infinite or beyond 1e12, a face that names no point).
   [[nodiscard]] Result<ScanFile> finish() &&;
 
  private:
+  void leave_out_unseen();
+  [[nodiscard]] bool has_zero_heap() const;
+  [[nodiscard]] std::vector<Eigen::Vector3f> unit_normals(std::span<const Eigen::Vector3f> points);
+
   ScanFormat format_;
   ReadOptions options_;
   std::vector<Vec3> points_;
@@ -44,6 +54,9 @@ class ScanBuilder {
   std::vector<std::array<std::uint32_t, 3>> faces_;
   std::size_t empty_returns_ = 0;
   std::optional<double> unit_mm_;
+  bool zeros_are_no_return_ = false;
+  bool points_are_corners_ = false;
+  std::vector<ScanNote> notes_;
 };
 
 }  // namespace telefab::scan

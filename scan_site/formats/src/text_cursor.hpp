@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <array>
 #include <charconv>
 #include <cstddef>
 #include <cstring>
@@ -23,6 +24,7 @@ class TextCursor {
 
   [[nodiscard]] bool at_end() const { return at_ == end_; }
   [[nodiscard]] std::size_t bytes_left() const { return static_cast<std::size_t>(end_ - at_); }
+  [[nodiscard]] std::string_view rest() const { return {at_, bytes_left()}; }
   [[nodiscard]] std::size_t line_number() const { return line_; }  ///< of the line last taken, from 1
 
   /// The next line without its end ("\n" or "\r\n"); empty at the end of the text.
@@ -52,11 +54,26 @@ class TextCursor {
   std::size_t line_ = 0;
 };
 
+/// The end of a message about a line that has commas, where they may be what is wrong with it.
+[[nodiscard]] inline std::string_view about_commas(std::string_view line) {
+  return line.find(',') == std::string_view::npos ? "" : "; do its numbers have a decimal comma? Write a point";
+}
+
+/// What a comma within a number is.
+enum class CommaRule {
+  Mark,    ///< it parts two numbers
+  Decimal  ///< "12,5" is 12.5, where the format parts numbers by blanks; a word with more commas, or a point, is parted
+};
+
 /// Takes words and numbers off the front of one piece of text. Blanks, tabs, line ends,
 /// commas and semicolons part them.
 class FieldCursor {
  public:
-  explicit FieldCursor(std::string_view text) : at_{text.data()}, end_{text.data() + text.size()} {}
+  explicit FieldCursor(std::string_view text, CommaRule commas = CommaRule::Mark)
+      : at_{text.data()}, end_{text.data() + text.size()}, commas_{commas} {}
+
+  /// A number with a decimal comma was taken.
+  [[nodiscard]] bool saw_decimal_comma() const { return saw_decimal_comma_; }
 
   [[nodiscard]] bool at_end() {
     skip();
@@ -76,6 +93,9 @@ class FieldCursor {
   template <class T>
   [[nodiscard]] std::optional<T> take() {
     skip();
+    if constexpr (std::is_floating_point_v<T>)
+      if (commas_ == CommaRule::Decimal)
+        if (const auto value = take_decimal_comma()) return static_cast<T>(*value);
     const char* from = at_;
     if (from != end_ && *from == '+') ++from;
     T value{};
@@ -97,6 +117,26 @@ class FieldCursor {
   void skip() {
     while (at_ != end_ && parts(*at_)) ++at_;
   }
+  /// The next word if it is a number with one comma, between digits, and no point.
+  std::optional<double> take_decimal_comma() {
+    std::array<char, 64> word{};
+    std::size_t size = 0, comma = 0;
+    for (const char* at = at_; at != end_ && *at != ' ' && *at != '\t' && *at != '\n' && *at != '\r' && *at != ';';
+         ++at, ++size) {
+      if (size == word.size() || *at == '.') return std::nullopt;
+      if (*at == ',' && comma != 0) return std::nullopt;
+      if (*at == ',') comma = size;
+      word[size] = *at == ',' ? '.' : *at;
+    }
+    const auto is_digit = [&](std::size_t i) { return i < size && word[i] >= '0' && word[i] <= '9'; };
+    if (comma == 0 || !is_digit(comma - 1) || !is_digit(comma + 1)) return std::nullopt;
+    FieldCursor with_point{{word.data(), size}};
+    const auto value = with_point.take<double>();
+    if (!value || !with_point.at_end()) return std::nullopt;
+    at_ += size;
+    saw_decimal_comma_ = true;
+    return value;
+  }
   static bool overflows(const char* from, const char* stop) {
     const std::string_view text{from, static_cast<std::size_t>(stop - from)};
     const std::size_t e = text.find_first_of("eE");
@@ -105,6 +145,8 @@ class FieldCursor {
 
   const char* at_;
   const char* end_;
+  CommaRule commas_;
+  bool saw_decimal_comma_ = false;
 };
 
 }  // namespace telefab::scan

@@ -172,9 +172,10 @@ void add_ply(const Points& points, std::vector<HostileFile>& out) {
   bad("claims_too_much_to_count.ply", ply_head("ascii", "99999999999999999999999") + body, "");
   bad("claims_minus_one.ply", ply_head("ascii", "-1") + body, "");
   bad("claims_none.ply", ply_head("ascii", "0"), "no point");
-  bad("nan.ply", ply_head("ascii", "3") + "0 0 0\nnan 0 0\n1 1 1\n", "point 1");
+  out.push_back({"nan.ply", ply_head("ascii", "3") + "0 0 0\nnan 0 0\n1 1 1\n", 2, ""});
+  bad("rows_over_line_ends.ply", ply_head("ascii", "3") + "0 0 0 1\n0 0 1 1\n1\n", "more than the 3 values");
   bad("infinite.ply", ply_head("ascii", "3") + "0 0 0\n0 inf 0\n1 1 1\n", "point 1");
-  bad("all_nan.ply", ply_head("binary_little_endian", "8") + std::string(96, '\xFF'), "finite");
+  bad("all_nan.ply", ply_head("binary_little_endian", "8") + std::string(96, '\xFF'), "none of the 8 points");
   bad("beyond_any_object.ply", ply_head("ascii", "2") + "0 0 0\n1e300 0 0\n", "1e+12");
   bad("word_for_number.ply", ply_head("ascii", "2") + "0 0 0\n1 one 1\n", "");
   bad("unknown_type.ply", ply_head("ascii", n, "property quux x\nproperty float y\nproperty float z\n") + body, "");
@@ -248,7 +249,7 @@ void add_text(const Points& points, std::vector<HostileFile>& out) {
   bad("nul_bytes.xyz", with(body, 10, std::string_view{"\0\0\0", 3}), "");
   bad("bad_utf8.xyz", body + "\xC3\x28 \xFF 3\n", "line 241");
   bad("count_1e15.pts", "1000000000000000\n" + body, "claims");
-  bad("count_and_half.pts", "2.5\n" + body, "number of points");
+  bad("count_and_half.pts", "2.5\n" + body, "not a number of points");
   bad("picture.png", "\x89PNG\r\n\x1a\n" + std::string(100, '\0'), "");
   bad("page.html", "<!DOCTYPE html><html><body>404</body></html>", "");
   bad("archive.zip", "PK\x03\x04" + std::string(200, '\x14'), "");
@@ -314,7 +315,7 @@ void add_meshes(const Points& points, std::vector<HostileFile>& out) {
   bad("two_numbers.obj", "v 1 2\n", "");
   bad("no_vertex.obj", "o nothing\nvn 0 0 1\n", "");
   bad("claims_4e9.stl", stl_binary(points, UINT32_MAX), "");
-  bad("nan.stl", stl_binary(Points(3, {std::nan(""), 0, 0}), 1), "finite");
+  bad("nan.stl", stl_binary(Points(3, {std::nan(""), 0, 0}), 1), "none of the 3 points");
   bad("no_end.stl", instead(stl_text(points), "endsolid a\n", ""), "endsolid");
   bad("claims_1e19_cells.ptx", ptx_head("4294967295", "4294967295") + lines_of(points), "");
   bad("matrix_of_nan.ptx", ptx_head("24", "10", "nan") + lines_of(points), "");

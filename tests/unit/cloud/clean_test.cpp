@@ -62,6 +62,7 @@ TEST(Clean, RefusesOptionsAndCloudsItCannotUse) {
 TEST(WriteCloud, IsReadBackAsItWas) {
   PointCloud cloud = ball(0);
   cloud.normals.assign(cloud.size(), Eigen::Vector3f::UnitZ());
+  cloud.normals[7] = Eigen::Vector3f::UnitX();  // all the same they would be dropped
   cloud.confidence.assign(cloud.size(), 0.5F);
   cloud.confidence[0] = 1;
   const std::vector<PointColour> colours(cloud.size(), PointColour{1, 2, 3});

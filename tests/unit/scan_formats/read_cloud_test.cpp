@@ -117,8 +117,10 @@ TEST(ReadPly, SaysWhatIsWrong) {
       {"ply\nformat ascii 1.0\n", "end_header"},
       {ply_head("ascii", vertices), "truncated"},
       {ply_head("ascii", vertices) + "1 2 3\n4 5\n", "truncated"},
-      {ply_head("ascii", vertices) + "1 2 3\n4 five 6\n", "'five' is no number"},
-      {ply_head("ascii", vertices) + "1 2 3\n4 nan 6\n", "point 1"},
+      {ply_head("ascii", vertices) + "1 2 3\n4 five 6\n", "'five' is not a number"},
+      {ply_head("ascii", vertices) + "nan 2 3\n4 nan 6\n", "none of the 2 points is valid"},
+      {ply_head("ascii", vertices) + "1 2\n3 4\n5 6\n", "line of its own"},
+      {ply_head("ascii", vertices) + "1 2 3 4\n5 6\n", "more than the 3 values"},
       {ply_head("ascii", vertices) + "1 2 3\n1e300 5 6\n", "1e+300"},
       {ply_head("ascii", vertices) + "1 2 3\n1e999 5 6\n", "inf"},
       {ply_head("ascii", "element vertex 0\n" + std::string{kXyz}), "no point"},
@@ -236,14 +238,14 @@ TEST(ReadText, SaysWhatIsWrongAndInWhichLine) {
       {"3\n1 2 3\n4 5 6\n", "truncated"},
       {"1 2\n", "3 or more"},
       {"2\n1 2 3\n4 5 6\n0 0 1\n", "normals"},
-      {"-5\n1 2 3\n", "no number of points"},
-      {"1e18\n1 2 3\n", "no number of points"},
+      {"-5\n1 2 3\n", "not a number of points"},
+      {"1e18\n1 2 3\n", "not a number of points"},
       {"900000000000000\n1 2 3\n", "claims"},
       {std::string("\x7f"
                    "ELF\0\0",
                    6),
        "not known"},
-      {"1 2 nan\n", "point 0"},
+      {"1 2 nan\n", "none of the 1 points"},
   };
   for (const auto& [content, message] : cases) {
     const auto file = read(content);

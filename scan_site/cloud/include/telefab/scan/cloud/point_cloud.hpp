@@ -3,11 +3,27 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 namespace telefab::scan {
 
 using Vec3 = Eigen::Vector3d;
+
+/// What reading a scan found out that whoever made it should hear.
+enum class ScanRemark : std::uint8_t {
+  PointsLeftOut,      ///< NaN, or a mark of no return
+  NotNormals,         ///< what looked like normals, or was named so, is none
+  DecimalComma,       ///< numbers were written 12,34 and are read as 12.34
+  GuessedColumns,     ///< which column is what was told by the numbers alone
+  SeveralScans,       ///< the file holds more than one
+  CoarseCoordinates,  ///< positions are rounded to steps that are coarse against the spacing of the points
+  EmptyFaces          ///< the file is a mesh whose faces carry no points
+};
+struct ScanNote {
+  ScanRemark remark;
+  std::string text;  ///< one sentence, for people
+};
 
 /// Points of a scan, in the scanner's frame and the file's unit until scaled to millimetres by placement.
 /// Positions are float relative to `origin`, so that 24 bytes a point hold a scan anywhere on Earth.
@@ -19,6 +35,9 @@ struct PointCloud {
   std::vector<Eigen::Vector3f> normals;
   std::vector<float> confidence;
   std::optional<double> unit_mm;  ///< millimetres in one unit of the positions, where the file or somebody states it
+  double rounding =
+      0;  ///< step the positions were rounded to, where it is coarse against their spacing; unit of the positions
+  std::vector<ScanNote> notes;  ///< of the reader; lost where points are picked or merged
 
   [[nodiscard]] std::size_t size() const { return points.size(); }
   [[nodiscard]] bool has_normals() const { return !normals.empty(); }

@@ -20,7 +20,7 @@ enum class ScanFormat { Ply, Pcd, Text, Off, Stl, Obj, Ptx, E57, Las };
 
 struct ReadOptions {
   std::size_t max_points = 400'000'000;  ///< >= 1; a file that claims more is refused (TooLarge)
-  bool keep_faces = false;               ///< for the virtual digitizer and judges only: the way to layers knows no mesh
+  bool keep_faces = false;  ///< for the virtual digitizer, for points on faces and for judges: no mesh is ever sliced
 };
 
 /// One range image: which cell of the scanner's grid saw which point of the cloud.
@@ -36,22 +36,23 @@ struct RangeView {
   }
 };
 
-/// A scan file as it stands: points in file order, duplicates kept. Every point is finite; a normal the file leaves
-/// out or gives as zero or NaN is the zero vector.
+/// A scan file as it stands: points in file order, duplicates kept. Every point is finite; those that are NaN, or 0 0 0
+/// in a grid of cells, are left out. A normal the file leaves out or gives as zero or NaN is the zero vector; normals
+/// that are all the same are none.
 struct ScanFile {
   ScanFormat format = ScanFormat::Text;
   PointCloud cloud;
   std::vector<RangeView> views;  ///< one a range image; empty for plain clouds
   std::vector<std::array<std::uint32_t, 3>>
-      faces;                      ///< corners as indices of points; filled if asked for: PLY, OFF, STL
-  std::size_t empty_returns = 0;  ///< points the file marks as not seen (NaN in PCD, 0 0 0 in PTX), invalid
-                                  ///< (E57) or withheld (LAS); left out
+      faces;                      ///< corners as indices of points; filled if asked for: PLY, OFF, STL, OBJ
+  std::size_t empty_returns = 0;  ///< points the file marks as not seen (NaN, 0 0 0 in a grid), invalid (E57) or
+                                  ///< withheld (LAS); left out
 };
 
 /// Reads PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text (XYZ, PTS, PWN, CSV), told apart by content, then by the suffix
 /// of `file_name`. Faces are skipped unless asked for. Memory is bounded by a small multiple of the bytes given. Fails:
-/// InvalidInput (empty, truncated, wrong magic, NaN, no point, coordinate beyond 1e12; says line or point), TooLarge
-/// (more than max_points), Cancelled.
+/// InvalidInput (empty, truncated, wrong magic, no point, a decimal comma that cannot be told from a mark, coordinate
+/// beyond 1e12; says line or point), TooLarge (more than max_points), Cancelled.
 [[nodiscard]] Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_view file_name,
                                               const ReadOptions& options, std::stop_token stop);
 
@@ -59,6 +60,9 @@ struct ScanFile {
 /// whose normal is missing are left out when they are under 1 %; else all normals are dropped, to be estimated.
 [[nodiscard]] Result<PointCloud> read_cloud(std::span<const std::byte> bytes, std::string_view file_name,
                                             const ReadOptions& options, std::stop_token stop);
+
+/// The cloud of a file made ready in the same way, with a note where its faces carry no points.
+[[nodiscard]] PointCloud cloud_of(ScanFile file);
 
 /// Merges points of equal position: the first keeps its place, normals are averaged, the higher confidence stays.
 [[nodiscard]] PointCloud without_duplicates(PointCloud cloud);
