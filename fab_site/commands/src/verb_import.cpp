@@ -53,6 +53,8 @@ Result<std::uint32_t> copy_tfc(std::span<const std::byte> bytes, const MachinePr
 
 void print_report(const ImportReport& r) {
   write_output(fmt::format("{}: {} rings with {} vertices\n", name_of(r.format), r.rings, r.vertices));
+  if (r.heights_in_millionths)
+    write_output("the heights of the file (slic3r:z) are millionths of millimetres and were multiplied\n");
   if (std::abs(r.lowered_mm) > 1e-3)
     write_output(fmt::format("the lowest layer began at {:.3f} mm and lies on the platform now\n", r.lowered_mm));
   if (r.turned_rings != 0)

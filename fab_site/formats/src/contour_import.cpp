@@ -249,6 +249,7 @@ Result<Import> import_contours(std::span<const std::byte> bytes, const MachinePr
   ImportReport done;
   done.format = *format;
   done.skipped_hatches = raw->skipped_hatches;
+  done.heights_in_millionths = raw->heights_in_millionths;
   done.lowered_mm = *bottom;
   StackHeader header;
   header.machine = machine.name;
@@ -276,6 +277,10 @@ Result<Import> import_contours(std::span<const std::byte> bytes, const MachinePr
     layers.push_back(std::move(layer));
     report(progress, WorkStage::SortingContours, static_cast<double>(layers.size()) / header.layer_count);
   }
+  if (done.rings == 0)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("none of the {} layers has a ring that encloses anything; there is nothing to print",
+                            header.layer_count));
   auto stack = LayerStack::from_layers(std::move(header), std::move(layers));
   if (!stack) return tl::unexpected{stack.error()};
   return Import{std::move(*stack), done};

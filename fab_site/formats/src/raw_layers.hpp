@@ -36,6 +36,7 @@ class RawLayers {
 
   std::optional<double> bottom_mm;  ///< lower side of the lowest layer, where the file says so
   std::uint64_t skipped_hatches = 0;
+  bool heights_in_millionths = false;  ///< of the file, which are multiplied here
 
  private:
   std::map<std::int64_t, RawLayer> layers_;  ///< by steps of 0.1 micrometres

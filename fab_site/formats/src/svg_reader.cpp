@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "number_reader.hpp"
 #include "stated_unit.hpp"
@@ -162,9 +163,30 @@ class PathReader {
   std::vector<std::vector<Point2>> rings_;
 };
 
+/// Slic3r 1.2 and later write heights in millionths of a millimetre's value ("1.5e-07" for 0.15 mm). A part whose
+/// highest layer lies below a micrometre is no part: there the heights are meant so.
+constexpr double kMillionths = 1e6;
+constexpr double kHighestMillionth = 1e-3;
+
+/// What the heights of the layers are to be multiplied by.
+Result<double> height_factor(std::string_view text) {
+  XmlReader xml{text};
+  double highest = 0;
+  for (;;) {
+    const auto tag = xml.next();
+    if (!tag) return tl::unexpected{tag.error()};
+    if (!*tag) break;
+    if (!(*tag)->start || (*tag)->name != "g") continue;
+    if (const auto z = (*tag)->attribute("z"))
+      if (const auto value = whole_number_text(*z)) highest = std::max(highest, *value);
+  }
+  return highest > 0 && highest < kHighestMillionth ? kMillionths : 1;
+}
+
 class SvgReader {
  public:
-  SvgReader(std::string_view text, std::optional<double> unit_mm) : xml_{text}, said_mm_{unit_mm} {}
+  SvgReader(std::string_view text, std::optional<double> unit_mm, double height_factor)
+      : xml_{text}, said_mm_{unit_mm}, height_factor_{height_factor} {}
 
   Result<RawLayers> read() {
     for (;;) {
@@ -173,6 +195,7 @@ class SvgReader {
       if (!*tag) break;
       if (auto ok = (*tag)->start ? start(**tag) : end(); !ok) return tl::unexpected{ok.error()};
     }
+    raw_.heights_in_millionths = height_factor_ != 1;
     return std::move(raw_);
   }
 
@@ -201,14 +224,20 @@ class SvgReader {
     const auto top = whole_number_text(*z);
     if (!top) return bad(xml_.at(), "slic3r:z is not a number");
     // Heights are millimetres whatever the drawing's unit is.
-    auto layer = raw_.at(*top);
+    const double top_mm = *top * height_factor_;
+    auto layer = raw_.at(top_mm);
     if (!layer) return tl::unexpected{layer.error()};
+    if (std::abs((*layer)->top_mm - top_mm) > 1e-9)
+      return bad(xml_.at(),
+                 fmt::format("layers at {:g} and {:g} mm are one: slic3r:z must be the upper side of a layer in "
+                             "millimetres",
+                             (*layer)->top_mm, top_mm));
     layer_ = *layer;
     layer_level_ = level_;
     if (const auto height = tag.attribute("layer-height"))
-      if (const auto value = whole_number_text(*height); value && (!lowest_ || *top < *lowest_)) {
-        lowest_ = *top;
-        raw_.bottom_mm = *top - *value;
+      if (const auto value = whole_number_text(*height); value && (!lowest_ || top_mm < *lowest_)) {
+        lowest_ = top_mm;
+        raw_.bottom_mm = top_mm - *value * height_factor_;
       }
     return {};
   }
@@ -240,6 +269,7 @@ class SvgReader {
 
   XmlReader xml_;
   std::optional<double> said_mm_;
+  double height_factor_;
   Drawing drawing_;
   RawLayers raw_;
   RawLayer* layer_ = nullptr;
@@ -252,7 +282,9 @@ class SvgReader {
 }  // namespace
 
 Result<RawLayers> read_svg(std::string_view text, std::optional<double> unit_mm) {
-  return SvgReader{text, unit_mm}.read();
+  const auto factor = height_factor(text);
+  if (!factor) return tl::unexpected{factor.error()};
+  return SvgReader{text, unit_mm, *factor}.read();
 }
 
 }  // namespace telefab::fab

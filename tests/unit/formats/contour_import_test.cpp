@@ -346,6 +346,34 @@ TEST(ImportSvg, RefusesWhatItWouldReadWrongly) {
   EXPECT_THAT(why(deep), HasSubstr("levels"));
 }
 
+std::string layers_at(std::initializer_list<const char*> heights) {
+  std::string body;
+  for (const char* z : heights) body += std::string{"<g slic3r:z=\""} + z + "\"><path d=\"M1 1L9 1 9 9 1 9z\"/></g>\n";
+  return svg(body);
+}
+
+TEST(ImportSvg, TakesHeightsInMillionthsAsSlic3rWritesThem) {
+  for (const auto& heights : {std::initializer_list<const char*>{"1e-07", "2e-07", "3e-07"},
+                              {"0.0000001", "0.0000002", "0.0000003"},
+                              {"1e-7", "2e-7", "3e-7"}}) {
+    const auto import = read(layers_at(heights));
+    ASSERT_TRUE(import) << import.error().what;
+    EXPECT_EQ(import->stack.header().layer_count, 3U);
+    EXPECT_TRUE(import->report.heights_in_millionths);
+    EXPECT_EQ(import->report.rings, 3U);
+  }
+  const auto plain = read(layers_at({"0.1", "0.2", "0.3"}));
+  ASSERT_TRUE(plain) << plain.error().what;
+  EXPECT_FALSE(plain->report.heights_in_millionths);
+}
+
+TEST(ImportSvg, RefusesHeightsInNoUnitAndPartsWithoutARing) {
+  EXPECT_THAT(why(layers_at({"0.1", "0.10000001", "0.2"})), HasSubstr("slic3r:z"));
+  EXPECT_THAT(why(layers_at({"0.0001", "0.0002", "0.0035"})), HasSubstr("layer 1 reaches"));
+  EXPECT_THAT(why(svg(svg_layer("<path d=\"M1 1L9 1 9 9 1 9z M1 1L9 1 9 9 1 9z\"/>"))), HasSubstr("ring"));
+  EXPECT_FALSE(read(svg(svg_layer(""))));
+}
+
 TEST(ImportThreeMf, PlacesObjectsAsTheBuildSays) {
   const auto import =
       read(package(model(slices(kSliceSquare), "<item objectid=\"2\" transform=\"0 1 0 -1 0 0 0 0 1 20 10 0\"/>")));

@@ -32,11 +32,12 @@ struct ImportReport {
   ImportFormat format = ImportFormat::Cli;
   std::uint64_t rings = 0;
   std::uint64_t vertices = 0;
-  std::uint64_t turned_rings = 0;     ///< whose direction did not tell an outer ring from a hole as their nesting does
-  std::uint64_t dropped_rings = 0;    ///< of fewer than three places
-  std::uint64_t skipped_hatches = 0;  ///< fill lines of a CLI file
-  std::uint32_t rebuilt_layers = 0;   ///< where rings touched or several parts met, and were united
-  double lowered_mm = 0;              ///< the lowest layer was put on the platform from this height
+  std::uint64_t turned_rings = 0;      ///< whose direction did not tell an outer ring from a hole as their nesting does
+  std::uint64_t dropped_rings = 0;     ///< of fewer than three places
+  std::uint64_t skipped_hatches = 0;   ///< fill lines of a CLI file
+  std::uint32_t rebuilt_layers = 0;    ///< where rings touched or several parts met, and were united
+  bool heights_in_millionths = false;  ///< the file gives heights in millionths of their millimetres, as Slic3r does
+  double lowered_mm = 0;               ///< the lowest layer was put on the platform from this height
 };
 
 struct Import {
@@ -48,8 +49,8 @@ struct Import {
 /// without gaps; the lowest one is put on the platform. Rings may have any direction: what an odd number of rings of
 /// one part surrounds is solid; parts are united. Certificates come out as Unchecked, Imported.
 /// Fails: InvalidInput (not readable, no unit, curves, open lines, crossing rings with layer and place, wrong thickness
-/// with both figures, outside of the platform), TooLarge (limits.hpp; an archive that unpacks to more than 1 GiB or
-/// 200 times its size), Cancelled. Safe on any bytes: sizes are checked before memory is taken.
+/// with both figures, outside of the platform, a part without a ring), TooLarge (limits.hpp; an archive that unpacks to
+/// more than 1 GiB or 200 times its size), Cancelled. Safe on any bytes: sizes are checked before memory is taken.
 [[nodiscard]] Result<Import> import_contours(std::span<const std::byte> bytes, const MachineProfile& machine,
                                              const ImportOptions& options, const ProgressSink& progress,
                                              std::stop_token stop);
