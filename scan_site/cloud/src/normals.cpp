@@ -65,34 +65,6 @@ void judge(NormalReport& report, std::span<const Eigen::Vector3f> points, const 
   report.neighbour_agreement = neighbour_agreement(points, graph);
 }
 
-/// Given normals are turned by the piece, and only on good evidence: where the outside is seen by it, where not by the
-/// volume that the whole cloud encloses.
-std::vector<std::uint32_t> points_to_flip(const SurfaceGraph& graph, const Orientation& chosen,
-                                          std::span<const Eigen::Vector3f> points) {
-  std::vector<std::size_t> size(chosen.pieces, 0), turned(chosen.pieces, 0);
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    ++size[chosen.piece[i]];
-    turned[chosen.piece[i]] += chosen.turned[i] ? 1 : 0;
-    middle += points[i].cast<double>() / static_cast<double>(points.size());
-  }
-  const auto seen_inward = [&](std::size_t i) {
-    const std::uint32_t p = chosen.piece[i];
-    return chosen.outside_decides[p] && turned[p] * 2 > size[p];
-  };
-  double enclosed = 0;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const double flux =
-        static_cast<double>(graph.area[i]) * (points[i].cast<double>() - middle).dot(graph.normal[i].cast<double>());
-    enclosed += seen_inward(i) ? -flux : flux;
-  }
-  std::vector<std::uint32_t> flipped;
-  for (std::uint32_t i = 0; i < points.size(); ++i) {
-    if (chosen.outside_decides[chosen.piece[i]] ? seen_inward(i) : enclosed < 0) flipped.push_back(i);
-  }
-  return flipped;
-}
-
 }  // namespace
 
 Result<void> NormalOptions::validate() const {
@@ -105,36 +77,46 @@ Result<NormalResult> with_normals(PointCloud cloud, const NormalOptions& options
   if (auto valid = options.validate(); !valid) return tl::unexpected{valid.error()};
   auto graph = build_surface_graph(cloud.points, static_cast<std::size_t>(options.neighbours), stop);
   if (!graph) return tl::unexpected{graph.error()};
+  return with_normals(std::move(cloud), std::make_shared<SurfaceGraph>(std::move(*graph)), options, stop);
+}
+
+Result<NormalResult> with_normals(PointCloud cloud, std::shared_ptr<SurfaceGraph> graph, const NormalOptions& options,
+                                  std::stop_token stop) {
+  if (auto valid = options.validate(); !valid) return tl::unexpected{valid.error()};
   NormalReport report;
-  report.estimated = !cloud.has_normals() || !options.keep_given;
-  if (!report.estimated) graph->normal = cloud.normals;
+  report.estimated = true;
   std::vector<std::int8_t> side = look_outside(cloud.points, *graph);
   auto chosen = choose_sides(cloud.points, *graph, side, stop);
   if (!chosen) return tl::unexpected{chosen.error()};
   report.pieces = chosen->pieces;
   report.uncertain_points = chosen->uncertain_points;
-  if (report.estimated) {
-    for (std::size_t i = 0; i < cloud.size(); ++i)
-      if (chosen->turned[i]) {
-        graph->normal[i] = -graph->normal[i];
-        side[i] = static_cast<std::int8_t>(-side[i]);
-      }
-  } else {
-    for (const std::uint32_t i : points_to_flip(*graph, *chosen, cloud.points)) {
+  for (std::size_t i = 0; i < cloud.size(); ++i)
+    if (chosen->turned[i]) {
       graph->normal[i] = -graph->normal[i];
       side[i] = static_cast<std::int8_t>(-side[i]);
-      ++report.flipped_points;
     }
-  }
   judge(report, cloud.points, *graph, side);
-  cloud.normals = std::move(graph->normal);
-  return NormalResult{std::move(cloud), report};
+  cloud.normals = graph->normal;
+  return NormalResult{std::move(cloud), report, std::move(side)};
+}
+
+Result<std::shared_ptr<SurfaceGraph>> surface_graph_of(const PointCloud& cloud, std::stop_token stop) {
+  auto graph = build_surface_graph(cloud.points, static_cast<std::size_t>(NormalOptions{}.neighbours), stop);
+  if (!graph) return tl::unexpected{graph.error()};
+  return std::make_shared<SurfaceGraph>(std::move(*graph));
+}
+
+SurfaceFacts facts_of(const SurfaceGraph& graph) {
+  SurfaceFacts facts{graph.area, graph.normal, graph.neighbour, graph.k, {}, 0};
+  facts.piece = pieces_of(graph, facts.pieces);
+  return facts;
 }
 
 std::string to_json(const NormalReport& report) {
   return fmt::format(
-      R"({{"estimated":{},"pieces":{},"flipped_points":{},"neighbour_agreement":{:.6f},"outside_agreement":{:.6f},"outside_known":{:.6f},"uncertain_points":{}}})",
-      report.estimated, report.pieces, report.flipped_points, report.neighbour_agreement, report.outside_agreement,
+      R"({{"estimated":{},"pieces":{},"flipped_points":{},"disagreeing_points":{},"replaced_points":{},"winding_agreement":{:.6f},"by_winding":{},"neighbour_agreement":{:.6f},"outside_agreement":{:.6f},"outside_known":{:.6f},"uncertain_points":{}}})",
+      report.estimated, report.pieces, report.flipped_points, report.disagreeing_points, report.replaced_points,
+      report.winding_agreement, report.by_winding, report.neighbour_agreement, report.outside_agreement,
       report.outside_known, report.uncertain_points);
 }
 

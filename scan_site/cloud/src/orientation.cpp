@@ -203,24 +203,6 @@ Patches sure_patches(std::vector<Edge>& edges, std::size_t points) {
   return patches;
 }
 
-/// Points that any chain of neighbours joins, numbered 0.. in the order of their first point.
-std::vector<std::uint32_t> pieces_of(const SurfaceGraph& graph, std::size_t& count) {
-  SignedSets sets{graph.size()};
-  for (std::uint32_t i = 0; i < graph.size(); ++i)
-    for (const std::uint32_t j : graph.neighbours_of(i)) {
-      const std::uint32_t a = sets.find(i).root, b = sets.find(j).root;
-      if (a != b) sets.join(a, b, false);
-    }
-  std::vector<std::uint32_t> piece(graph.size()), number(graph.size(), UINT32_MAX);
-  count = 0;
-  for (std::uint32_t i = 0; i < graph.size(); ++i) {
-    const std::uint32_t root = sets.find(i).root;
-    if (number[root] == UINT32_MAX) number[root] = static_cast<std::uint32_t>(count++);
-    piece[i] = number[root];
-  }
-  return piece;
-}
-
 /// What one piece says about its own side when the outside does not.
 struct PieceMembers {
   std::vector<std::uint32_t> points;
@@ -273,6 +255,23 @@ bool lies_in_solid(std::span<const Eigen::Vector3f> points, const SurfaceGraph& 
 }
 
 }  // namespace
+
+std::vector<std::uint32_t> pieces_of(const SurfaceGraph& graph, std::size_t& count) {
+  SignedSets sets{graph.size()};
+  for (std::uint32_t i = 0; i < graph.size(); ++i)
+    for (const std::uint32_t j : graph.neighbours_of(i)) {
+      const std::uint32_t a = sets.find(i).root, b = sets.find(j).root;
+      if (a != b) sets.join(a, b, false);
+    }
+  std::vector<std::uint32_t> piece(graph.size()), number(graph.size(), UINT32_MAX);
+  count = 0;
+  for (std::uint32_t i = 0; i < graph.size(); ++i) {
+    const std::uint32_t root = sets.find(i).root;
+    if (number[root] == UINT32_MAX) number[root] = static_cast<std::uint32_t>(count++);
+    piece[i] = number[root];
+  }
+  return piece;
+}
 
 Result<Orientation> choose_sides(std::span<const Eigen::Vector3f> points, const SurfaceGraph& graph,
                                  std::span<const std::int8_t> outward_side, const std::stop_token& stop) {

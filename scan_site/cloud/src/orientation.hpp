@@ -33,4 +33,7 @@ struct Orientation {
 [[nodiscard]] Result<Orientation> choose_sides(std::span<const Eigen::Vector3f> points, const SurfaceGraph& graph,
                                                std::span<const std::int8_t> outward_side, const std::stop_token& stop);
 
+/// Points that any chain of neighbours joins, numbered 0.. in the order of their first point; `count` of them.
+[[nodiscard]] std::vector<std::uint32_t> pieces_of(const SurfaceGraph& graph, std::size_t& count);
+
 }  // namespace telefab::scan

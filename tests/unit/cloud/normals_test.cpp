@@ -90,44 +90,13 @@ TEST(Normals, EstimatedComeNearTheTrueOnes) {
   EXPECT_EQ(made->report.uncertain_points, 0U);
 }
 
-TEST(Normals, GivenAreKeptWhenTheyPointOutward) {
+TEST(Normals, AreEstimatedWhateverTheCloudHas) {
   Truth truth = samples_of(test::torus(10, 3, 40, 1), 0.7);
-  truth.cloud.normals = truth.normals;
+  truth.cloud.normals.assign(truth.normals.size(), Eigen::Vector3f::UnitX());
   const auto made = with_normals(truth.cloud, {}, {});
   ASSERT_TRUE(made);
-  EXPECT_EQ(made->cloud.normals, truth.normals);
-  EXPECT_EQ(made->report.flipped_points, 0U);
-  EXPECT_FALSE(made->report.estimated);
-}
-
-TEST(Normals, GivenAreFlippedAndReportedWhenTheyPointInward) {
-  Truth truth = samples_of(test::torus(10, 3, 40, 1), 0.7);
-  for (const auto& n : truth.normals) truth.cloud.normals.emplace_back(-n);
-  const auto made = with_normals(truth.cloud, {}, {});
-  ASSERT_TRUE(made);
-  EXPECT_EQ(made->cloud.normals, truth.normals);
-  EXPECT_EQ(made->report.flipped_points, truth.normals.size());
-}
-
-TEST(Normals, OfAVoidAreNotFlippedWhenGiven) {
-  Truth truth = samples_of(test::hollow_sphere(10, 3, 1), 0.6);
-  truth.cloud.normals = truth.normals;
-  const auto made = with_normals(truth.cloud, {}, {});
-  ASSERT_TRUE(made);
-  EXPECT_EQ(made->report.flipped_points, 0U);
-}
-
-TEST(Normals, DisagreementOfGivenOnesIsReported) {
-  Truth truth = samples_of(test::sphere(10, 1), 0.7);
-  truth.cloud.normals = truth.normals;
-  const auto before = with_normals(truth.cloud, {}, {});
-  for (std::size_t i = 0; i < truth.normals.size(); i += 4) truth.cloud.normals[i] = -truth.normals[i];
-  const auto after = with_normals(truth.cloud, {}, {});
-  ASSERT_TRUE(before && after);
-  EXPECT_GT(before->report.neighbour_agreement, 0.999);
-  EXPECT_LT(after->report.neighbour_agreement, 0.8);
-  EXPECT_NEAR(after->report.outside_agreement, 0.75, 0.02);
-  EXPECT_EQ(after->report.flipped_points, 0U) << "a piece is flipped as a whole or not at all";
+  EXPECT_TRUE(made->report.estimated);
+  for (std::size_t i = 0; i < truth.normals.size(); ++i) ASSERT_GT(made->cloud.normals[i].dot(truth.normals[i]), 0.9F);
 }
 
 TEST(Normals, AreTheSameOnOneThreadAndOnMany) {

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <telefab/scan/cloud/sift.hpp>
+#include <vector>
+
+#include "surface_graph.hpp"
+
+namespace telefab::scan {
+
+/// Points numbered by the piece they are of; pieces in the order of their first point.
+struct PieceMap {
+  std::vector<std::uint32_t> of;
+  std::vector<std::size_t> size;
+};
+
+/// Points scattered in space: far from their neighbours, which lie on no common plane with them.
+[[nodiscard]] std::vector<bool> scattered_points(std::span<const Eigen::Vector3f> points, const SurfaceGraph& graph);
+
+/// Joins neighbours within three local reaches (five spacings), and then what is left apart and has points enough
+/// within six spacings of the whole cloud, so that the lines of a line scanner are one piece. Points marked in `apart`
+/// are joined to nothing.
+[[nodiscard]] PieceMap find_pieces(std::span<const Eigen::Vector3f> points, const SurfaceGraph& graph,
+                                   const std::vector<bool>& apart);
+
+/// A plane that holds many of the points, beyond all others on every side, with the others on one side of it.
+struct GroundPlane {
+  Eigen::Vector3d place, up;
+  double share = 0;
+  double thickness = 0;  ///< points nearer to the plane than this are of it
+};
+[[nodiscard]] std::optional<GroundPlane> find_ground(std::span<const Eigen::Vector3f> points,
+                                                     const SurfaceGraph& graph);
+
+}  // namespace telefab::scan

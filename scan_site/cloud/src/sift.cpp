@@ -1,0 +1,314 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/scan/cloud/sift.hpp>
+
+#include <fmt/format.h>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <numeric>
+
+#include "pieces.hpp"
+#include "surface_graph.hpp"
+
+namespace telefab::scan {
+namespace {
+
+constexpr std::size_t kLeastPoints = 30;  ///< fewer are no surface
+constexpr double kFlat = 1e-9;            ///< least over all of the scatter of points on one plane (squares)
+constexpr std::size_t kNeighbours = 16;   ///< as the normals want them
+constexpr std::size_t kLeastPiece = 30, kMostSpeck = 100;  ///< a piece has so many points, or this share of all,
+constexpr double kSpeckShare = 0.001;
+constexpr double kMostStrays = 0.25;    ///< where strays would be more, the cloud is sparse and none is one
+constexpr std::size_t kSceneParts = 8;  ///< a scene has so many pieces,
+constexpr double kScenePiece = 0.9;     ///< the largest of which holds less than this share
+constexpr double kSmallPiece = 0.05;    ///< of the points; a smaller one that sets the size is named
+constexpr double kMuchLarger = 1.25;
+
+Box box_of(const PointCloud& cloud, std::span<const std::uint32_t> points) {
+  Eigen::Vector3f low = cloud.points[points[0]], high = low;
+  for (const std::uint32_t i : points) {
+    low = low.cwiseMin(cloud.points[i]);
+    high = high.cwiseMax(cloud.points[i]);
+  }
+  return {cloud.origin + low.cast<double>(), cloud.origin + high.cast<double>()};
+}
+
+Box box_of(const PointCloud& cloud) {
+  std::vector<std::uint32_t> all(cloud.size());
+  std::iota(all.begin(), all.end(), 0U);
+  return box_of(cloud, all);
+}
+
+PointCloud only(PointCloud cloud, const std::vector<bool>& keep) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    if (!keep[i]) continue;
+    cloud.points[kept] = cloud.points[i];
+    if (cloud.has_normals()) cloud.normals[kept] = cloud.normals[i];
+    if (!cloud.confidence.empty()) cloud.confidence[kept] = cloud.confidence[i];
+    ++kept;
+  }
+  cloud.points.resize(kept);
+  if (cloud.has_normals()) cloud.normals.resize(kept);
+  if (!cloud.confidence.empty()) cloud.confidence.resize(kept);
+  return cloud;
+}
+
+/// A surface encloses something only if its points lie to all sides of their middle.
+Result<void> check_shape(std::span<const Eigen::Vector3f> points) {
+  if (points.size() < kLeastPoints)
+    return fail(ErrorCode::InvalidInput, fmt::format("{} points are too few for a surface; at least {} are needed",
+                                                     points.size(), kLeastPoints));
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d square = Eigen::Matrix3d::Zero();
+  for (const Eigen::Vector3f& p : points) {
+    const Eigen::Vector3d d = (p - points[0]).cast<double>();
+    sum += d;
+    square += d * d.transpose();
+  }
+  const Eigen::Matrix3d scatter = square - sum * sum.transpose() / static_cast<double>(points.size());
+  const Eigen::Vector3d spread = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>{scatter}.eigenvalues();
+  const double all = spread.sum();
+  if (!(all > 0)) return fail(ErrorCode::InvalidInput, "all points lie in one place");
+  if (spread[1] < kFlat * all)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("all {} points lie on one line: that is no surface", points.size()));
+  if (spread[0] < kFlat * all)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("all {} points lie in one plane: a sheet encloses nothing; scan all sides of the object",
+                            points.size()));
+  return {};
+}
+
+/// Which piece is how large, largest first; equal ones in the order of their first point.
+std::vector<std::uint32_t> by_size(const PieceMap& map) {
+  std::vector<std::uint32_t> order(map.size.size());
+  std::iota(order.begin(), order.end(), 0U);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::uint32_t l, std::uint32_t r) { return map.size[l] > map.size[r]; });
+  return order;
+}
+
+class Sifter {
+ public:
+  Sifter(PointCloud cloud, const SiftOptions& options, const std::stop_token& stop)
+      : options_{options}, stop_{stop}, cloud_{std::move(cloud)} {}
+
+  Result<SiftResult> sift() {
+    report_.points_in = cloud_.size();
+    if (options_.crop)
+      if (auto done = crop(*options_.crop); !done) return tl::unexpected{done.error()};
+    if (auto sound = check_shape(cloud_.points); !sound) return tl::unexpected{sound.error()};
+    report_.before = box_of(cloud_);
+    if (auto done = build_graph(); !done) return tl::unexpected{done.error()};
+    keep_.assign(cloud_.size(), true);
+    const std::vector<bool> on_ground = mark_ground();
+    if (auto done = choose_pieces(on_ground); !done) return tl::unexpected{done.error()};
+    if (std::find(keep_.begin(), keep_.end(), false) != keep_.end()) {
+      cloud_ = only(std::move(cloud_), keep_);
+      if (auto sound = check_shape(cloud_.points); !sound) return fail_in("what is left of the scan", sound.error());
+      if (auto done = build_graph(); !done) return tl::unexpected{done.error()};
+    }
+    report_.after = box_of(cloud_);
+    return SiftResult{std::move(cloud_), std::move(report_), std::move(graph_)};
+  }
+
+ private:
+  Result<void> crop(const Box& box) {
+    std::vector<bool> inside(cloud_.size());
+    for (std::size_t i = 0; i < cloud_.size(); ++i) inside[i] = is_within(box, i);
+    const Box all = box_of(cloud_);
+    cloud_ = only(std::move(cloud_), inside);
+    report_.cropped = report_.points_in - cloud_.size();
+    if (cloud_.size() > 0) return {};
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("no point lies within the crop ({:.6g}, {:.6g}, {:.6g}) to ({:.6g}, {:.6g}, {:.6g}); the "
+                            "scan reaches from ({:.6g}, {:.6g}, {:.6g}) to ({:.6g}, {:.6g}, {:.6g}), unit of the file",
+                            box.low.x(), box.low.y(), box.low.z(), box.high.x(), box.high.y(), box.high.z(),
+                            all.low.x(), all.low.y(), all.low.z(), all.high.x(), all.high.y(), all.high.z()));
+  }
+
+  [[nodiscard]] bool is_within(const Box& box, std::size_t i) const {
+    const Vec3 p = cloud_.origin + cloud_.points[i].cast<double>();
+    return (p.array() >= box.low.array()).all() && (p.array() <= box.high.array()).all();
+  }
+
+  Result<void> build_graph() {
+    auto graph = build_surface_graph(cloud_.points, kNeighbours, stop_);
+    if (!graph) return tl::unexpected{graph.error()};
+    graph_ = std::make_shared<SurfaceGraph>(std::move(*graph));
+    return {};
+  }
+
+  std::vector<bool> mark_ground() {
+    std::vector<bool> on_ground(cloud_.size(), false);
+    const auto ground = find_ground(cloud_.points, *graph_);
+    if (!ground) return on_ground;
+    report_.ground = Ground{ground->share, ground->up, options_.pieces > 0};
+    if (options_.pieces == 0) return on_ground;
+    for (std::size_t i = 0; i < cloud_.size(); ++i)
+      on_ground[i] = std::abs((cloud_.points[i].cast<double>() - ground->place).dot(ground->up)) < ground->thickness;
+    return on_ground;
+  }
+
+  Result<void> choose_pieces(const std::vector<bool>& on_ground) {
+    std::vector<bool> apart = on_ground;
+    const std::vector<bool> scattered =
+        options_.keep_outliers ? std::vector<bool>(cloud_.size(), false) : scattered_points(cloud_.points, *graph_);
+    for (std::size_t i = 0; i < apart.size(); ++i) apart[i] = apart[i] || scattered[i];
+    const PieceMap map = find_pieces(cloud_.points, *graph_, apart);
+    const auto least = static_cast<std::size_t>(
+        std::clamp(kSpeckShare * static_cast<double>(cloud_.size()), double{kLeastPiece}, double{kMostSpeck}));
+    std::size_t strays = 0;
+    for (std::size_t i = 0; i < cloud_.size(); ++i) strays += !on_ground[i] && map.size[map.of[i]] < least ? 1 : 0;
+    const bool drop =
+        !options_.keep_outliers && static_cast<double>(strays) <= kMostStrays * static_cast<double>(cloud_.size());
+    std::vector<bool> chosen(map.size.size(), false);
+    std::size_t count = 0;
+    for (const std::uint32_t p : by_size(map)) {
+      const bool is_piece = map.size[p] >= least;
+      if (!is_piece && drop) continue;
+      chosen[p] = options_.pieces == 0 || (is_piece && count < options_.pieces);
+      if (is_piece) ++count;
+    }
+    if (options_.pieces > 0 && count == 0)
+      return fail(ErrorCode::InvalidInput, "no piece of the scan has enough points to be one; give --pieces all");
+    for (std::size_t i = 0; i < cloud_.size(); ++i) {
+      const bool wanted = chosen[map.of[i]] && !on_ground[i];
+      keep_[i] = wanted && (!options_.surface_box || is_within(*options_.surface_box, i));
+      if (keep_[i]) continue;
+      const bool stray = wanted || (!on_ground[i] && map.size[map.of[i]] < least);
+      ++(stray ? report_.strays : report_.in_other_pieces);
+    }
+    list_pieces(map, chosen, least);
+    return {};
+  }
+
+  void list_pieces(const PieceMap& map, const std::vector<bool>& chosen, std::size_t least) {
+    std::vector<std::vector<std::uint32_t>> members(map.size.size());
+    for (std::uint32_t i = 0; i < map.of.size(); ++i)
+      if (map.size[map.of[i]] >= least) members[map.of[i]].push_back(i);
+    for (const std::uint32_t p : by_size(map))
+      if (!members[p].empty()) report_.pieces.push_back({map.size[p], box_of(cloud_, members[p]), chosen[p]});
+    if (!report_.pieces.empty())
+      report_.is_scene = report_.pieces.size() >= kSceneParts && static_cast<double>(report_.pieces[0].points) <
+                                                                     kScenePiece * static_cast<double>(cloud_.size());
+  }
+
+  const SiftOptions& options_;
+  const std::stop_token& stop_;
+  PointCloud cloud_;
+  SiftReport report_;
+  std::shared_ptr<SurfaceGraph> graph_;
+  std::vector<bool> keep_;
+};
+
+std::string sizes(const Vec3& v) { return fmt::format("{:.4g} x {:.4g} x {:.4g}", v.x(), v.y(), v.z()); }
+
+/// A small piece that makes the whole much larger than the rest.
+std::optional<std::string> size_setter(const SiftReport& report) {
+  std::size_t all = 0;
+  for (const Piece& p : report.pieces) all += p.kept ? p.points : 0;
+  for (std::size_t i = 1; i < report.pieces.size(); ++i) {
+    const Piece& small = report.pieces[i];
+    if (!small.kept || static_cast<double>(small.points) > kSmallPiece * static_cast<double>(all)) continue;
+    Box rest = report.pieces[0].box;
+    for (std::size_t k = 1; k < report.pieces.size(); ++k) {
+      if (k == i || !report.pieces[k].kept) continue;
+      rest.low = rest.low.cwiseMin(report.pieces[k].box.low);
+      rest.high = rest.high.cwiseMax(report.pieces[k].box.high);
+    }
+    if ((report.after.size() - kMuchLarger * rest.size()).maxCoeff() <= 0) continue;
+    return fmt::format(
+        "a piece of {} points ({:.1f} %) makes the scan {} instead of {} units large; --pieces largest "
+        "leaves it out",
+        small.points, 100 * static_cast<double>(small.points) / static_cast<double>(all), sizes(report.after.size()),
+        sizes(rest.size()));
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+Result<Box> crop_box_from(std::string_view text) {
+  std::array<double, 6> numbers{};
+  const char* at = text.data();
+  const char* const end = at + text.size();
+  for (std::size_t i = 0; i < 6; ++i) {
+    while (at != end && *at == ' ') ++at;
+    const auto [after, fault] = std::from_chars(at, end, numbers[i]);
+    const bool ends_well = i == 5 ? after == end : after != end && *after == ',';
+    if (fault != std::errc{} || !std::isfinite(numbers[i]) || !ends_well)
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("a crop is x0,y0,z0,x1,y1,z1: six numbers in the unit of the file, as in "
+                              "-10,-10,0,10,10,25; this is \"{}\"",
+                              text.substr(0, 80)));
+    at = after + 1;
+  }
+  const Vec3 a{numbers[0], numbers[1], numbers[2]}, b{numbers[3], numbers[4], numbers[5]};
+  return Box{a.cwiseMin(b), a.cwiseMax(b)};
+}
+
+Result<std::uint32_t> pieces_from(std::string_view text) {
+  if (text == "all") return 0U;
+  if (text == "largest") return 1U;
+  std::uint32_t count = 0;
+  const auto [after, fault] = std::from_chars(text.data(), text.data() + text.size(), count);
+  if (fault != std::errc{} || after != text.data() + text.size() || count == 0)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("pieces are all, largest, or how many of the largest; not \"{}\"", text.substr(0, 40)));
+  return count;
+}
+
+Result<SiftResult> sift_cloud(PointCloud cloud, const SiftOptions& options, std::stop_token stop) {
+  return Sifter{std::move(cloud), options, stop}.sift();
+}
+
+std::vector<std::string> sentences_of(const SiftReport& r) {
+  std::vector<std::string> said;
+  if (r.cropped > 0)
+    said.push_back(fmt::format("{} of {} points lie outside the crop and are left out", r.cropped, r.points_in));
+  if (r.strays > 0) {
+    std::string text = fmt::format("{} of {} points belong to no surface and are left out", r.strays, r.points_in);
+    const Vec3 moved = (r.after.low - r.before.low).cwiseAbs().cwiseMax((r.after.high - r.before.high).cwiseAbs());
+    if (moved.maxCoeff() > 0 && r.in_other_pieces == 0)
+      text += fmt::format(": the box shrinks from {} to {} units, its sides move by up to {:.4g}",
+                          sizes(r.before.size()), sizes(r.after.size()), moved.maxCoeff());
+    said.push_back(text + " (--keep-outliers keeps them)");
+  }
+  if (r.in_other_pieces > 0)
+    said.push_back(fmt::format("{} points of other pieces{} are left out", r.in_other_pieces,
+                               r.ground && r.ground->left_out ? " and of the ground" : ""));
+  if (r.ground && !r.ground->left_out)
+    said.push_back(fmt::format(
+        "a plane holds {:.0f} % of the points and the object stands on it; leave it out with --pieces largest "
+        "or --crop",
+        100 * r.ground->share));
+  if (r.is_scene)
+    said.push_back(
+        fmt::format("this looks like a scene, not one object: {} pieces, the largest with {:.0f} % of the "
+                    "points; --pieces largest keeps that one, --crop what lies in a box",
+                    r.pieces.size(), 100 * static_cast<double>(r.pieces[0].points) / static_cast<double>(r.points_in)));
+  if (auto setter = size_setter(r)) said.push_back(std::move(*setter));
+  return said;
+}
+
+std::string to_json(const SiftReport& r) {
+  const auto place = [](const Vec3& v) { return fmt::format("[{:.9g},{:.9g},{:.9g}]", v.x(), v.y(), v.z()); };
+  const auto box = [&](const Box& b) { return fmt::format("[{},{}]", place(b.low), place(b.high)); };
+  constexpr std::size_t kListed = 20;
+  std::string pieces;
+  for (std::size_t i = 0; i < std::min(kListed, r.pieces.size()); ++i)
+    pieces += fmt::format(R"({}{{"points":{},"box":{},"kept":{}}})", i == 0 ? "" : ",", r.pieces[i].points,
+                          box(r.pieces[i].box), r.pieces[i].kept);
+  const std::string ground = r.ground ? fmt::format(R"({{"share":{:.4g},"up":{},"left_out":{}}})", r.ground->share,
+                                                    place(r.ground->up), r.ground->left_out)
+                                      : std::string{"null"};
+  return fmt::format(
+      R"({{"points_in":{},"cropped":{},"strays":{},"in_other_pieces":{},"piece_count":{},"pieces":[{}],"ground":{},"scene":{},"box_before":{},"box_after":{}}})",
+      r.points_in, r.cropped, r.strays, r.in_other_pieces, r.pieces.size(), pieces, ground, r.is_scene, box(r.before),
+      box(r.after));
+}
+
+}  // namespace telefab::scan

@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <random>
+#include <telefab/scan/cloud/sift.hpp>
+
+namespace telefab::scan {
+namespace {
+
+using testing::HasSubstr;
+
+void add_ball(PointCloud& cloud, const Vec3& middle, double radius, std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const double z = 1 - (2 * static_cast<double>(i) + 1) / static_cast<double>(count);
+    const double turn = std::numbers::pi * (3 - std::sqrt(5.)) * static_cast<double>(i), r = std::sqrt(1 - z * z);
+    const Vec3 n{r * std::cos(turn), r * std::sin(turn), z};
+    cloud.points.push_back((middle + radius * n).cast<float>());
+  }
+}
+
+PointCloud ball(std::size_t count = 2500) {
+  PointCloud cloud;
+  add_ball(cloud, {0, 0, 0}, 10, count);
+  return cloud;
+}
+
+double uniform(std::mt19937_64& dice) { return static_cast<double>(dice() >> 11U) * 0x1p-53; }
+
+SiftResult sifted(const PointCloud& cloud, const SiftOptions& options = {}) {
+  auto result = sift_cloud(cloud, options, {});
+  EXPECT_TRUE(result) << result.error().what;
+  return result ? std::move(*result) : SiftResult{};
+}
+
+/// Strays of every number, far and near, alone and in clumps.
+class Strays : public testing::TestWithParam<std::tuple<int, double, double>> {};
+
+TEST_P(Strays, SetNeitherSizeNorPlace) {
+  const auto [count, distance, clump] = GetParam();
+  for (const Vec3& way : {Vec3{0, 0, -1}, Vec3{1, 0, 0}, Vec3{-0.6, 0.64, 0.48}}) {
+    PointCloud cloud = ball();
+    std::mt19937_64 dice{3};
+    for (int i = 0; i < count; ++i) {
+      const Vec3 off{uniform(dice), uniform(dice), uniform(dice)};
+      cloud.points.insert(cloud.points.begin() + static_cast<std::ptrdiff_t>(dice() % cloud.size()),
+                          (distance * way + clump * off).cast<float>());
+    }
+    const SiftResult result = sifted(cloud);
+    EXPECT_EQ(result.report.strays, static_cast<std::size_t>(count));
+    EXPECT_EQ(result.cloud.size(), 2500U);
+    EXPECT_LT((result.report.after.size() - Vec3::Constant(20)).cwiseAbs().maxCoeff(), 0.05);
+    EXPECT_THAT(sentences_of(result.report).at(0), HasSubstr("belong to no surface"));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Counts, Strays,
+                         testing::Combine(testing::Values(1, 2, 5, 12, 25), testing::Values(25., 60., 400., 1e5),
+                                          testing::Values(0.3, 2.)));
+
+TEST(Sift, LeavesACleanCloudAsItIs) {
+  const PointCloud cloud = ball();
+  const SiftResult result = sifted(cloud);
+  EXPECT_EQ(result.cloud.points, cloud.points);
+  EXPECT_EQ(result.report.strays, 0U);
+  EXPECT_EQ(result.report.pieces.size(), 1U);
+  EXPECT_FALSE(result.report.ground);
+  EXPECT_TRUE(sentences_of(result.report).empty());
+}
+
+TEST(Sift, KeepsStraysWhenAsked) {
+  PointCloud cloud = ball();
+  cloud.points.emplace_back(0, 0, -400);
+  EXPECT_EQ(sifted(cloud, {.keep_outliers = true}).cloud.size(), 2501U);
+}
+
+TEST(Sift, DropsPointsScatteredInSpace) {
+  for (const double share : {0.01, 0.05}) {
+    PointCloud cloud = ball(10'000);
+    std::mt19937_64 dice{9};
+    std::size_t far = 0;
+    for (int i = 0; i < static_cast<int>(10'000 * share); ++i) {
+      const Vec3 p = 60 * Vec3{uniform(dice) - 0.5, uniform(dice) - 0.5, uniform(dice) - 0.5};
+      cloud.points.push_back(p.cast<float>());
+      far += std::abs(p.norm() - 10) > 5 ? 1 : 0;
+    }
+    const SiftResult result = sifted(cloud);
+    EXPECT_GE(result.report.strays, far * 99 / 100) << share;
+    EXPECT_LT((result.report.after.size() - Vec3::Constant(20)).cwiseAbs().maxCoeff(), 8) << share;
+  }
+}
+
+TEST(Sift, KeepsEveryPieceAndChoosesTheLargestWhenAsked) {
+  PointCloud cloud = ball();
+  add_ball(cloud, {40, 0, 0}, 3, 300);
+  add_ball(cloud, {-30, 0, 8}, 1, 60);
+  const SiftResult all = sifted(cloud);
+  EXPECT_EQ(all.cloud.size(), cloud.size());
+  ASSERT_EQ(all.report.pieces.size(), 3U);
+  EXPECT_EQ(all.report.pieces[1].points, 300U);
+  EXPECT_THAT(sentences_of(all.report).at(0), HasSubstr("a piece of 60 points"));
+  EXPECT_EQ(sifted(cloud, {.pieces = 1}).cloud.size(), 2500U);
+  EXPECT_EQ(sifted(cloud, {.pieces = 2}).cloud.size(), 2800U);
+  const SiftResult one = sifted(cloud, {.pieces = 1});
+  EXPECT_EQ(one.report.in_other_pieces, 360U);
+  EXPECT_FALSE(one.report.pieces[1].kept);
+}
+
+TEST(Sift, TakesTheLinesOfALineScannerForOnePiece) {
+  for (const double apart : {5., 10., 25.}) {
+    PointCloud cloud;  // a tube: points dense along rings, rings far apart
+    const double step = 0.1, ring = step * apart;
+    for (int k = 0; k < 60; ++k)
+      for (int i = 0; i < 628; ++i)
+        cloud.points.emplace_back(10 * std::cos(i * step / 10), 10 * std::sin(i * step / 10), k * ring);
+    const SiftResult result = sifted(cloud);
+    EXPECT_EQ(result.cloud.size(), cloud.size()) << apart;
+    EXPECT_EQ(result.report.pieces.size(), 1U) << apart;
+  }
+}
+
+TEST(Sift, CropsInTheFrameOfTheFile) {
+  PointCloud cloud = ball();
+  cloud.origin = {1000, -500, 20};
+  const auto box = crop_box_from("1000,-510,10,1010,-490,30");
+  ASSERT_TRUE(box);
+  const SiftResult half = sifted(cloud, {.crop = *box});
+  EXPECT_NEAR(static_cast<double>(half.cloud.size()), 1250, 15);
+  EXPECT_EQ(half.report.cropped, 2500 - half.cloud.size());
+  const auto none = sift_cloud(cloud, {.crop = Box{{0, 0, 0}, {1, 1, 1}}}, {});
+  ASSERT_FALSE(none);
+  EXPECT_THAT(none.error().what, HasSubstr("the scan reaches from (990"));
+}
+
+TEST(Sift, NamesTheGroundAndLeavesItOutWithAPieceChosen) {
+  PointCloud cloud = ball();
+  for (Eigen::Vector3f& p : cloud.points) p.z() += 10;
+  std::erase_if(cloud.points, [](const auto& p) { return p.z() < 0.5F; });
+  const std::size_t object = cloud.size();
+  for (int i = -50; i <= 50; ++i)
+    for (int k = -50; k <= 50; ++k)
+      if (i * i + k * k > 16)
+        cloud.points.emplace_back(0.6F * static_cast<float>(i), 0.6F * static_cast<float>(k), 0.F);
+  const SiftResult all = sifted(cloud);
+  ASSERT_TRUE(all.report.ground);
+  EXPECT_GT(all.report.ground->up.z(), 0.99);
+  EXPECT_EQ(all.cloud.size(), cloud.size());
+  EXPECT_THAT(sentences_of(all.report).at(0), HasSubstr("the object stands on it"));
+  const SiftResult alone = sifted(cloud, {.pieces = 1});
+  EXPECT_GT(alone.cloud.size(), object * 9 / 10);
+  EXPECT_LE(alone.cloud.size(), object);
+}
+
+TEST(Sift, TakesNoFlatFaceForGround) {
+  PointCloud block;
+  for (int i = 0; i <= 32; ++i)
+    for (int k = 0; k <= 32; ++k)
+      for (const float z : {0.F, 8.F}) {
+        const float u = 0.25F * static_cast<float>(i), v = 0.25F * static_cast<float>(k);
+        block.points.emplace_back(u, v, z);
+        block.points.emplace_back(u, z, v);
+        block.points.emplace_back(z, u, v);
+      }
+  EXPECT_FALSE(sifted(block).report.ground);
+}
+
+TEST(Sift, SaysThatAScatteringOfPiecesIsAScene) {
+  PointCloud cloud;
+  for (int i = 0; i < 12; ++i) add_ball(cloud, {30. * i, 0, 0}, 5, 400);
+  const SiftResult result = sifted(cloud);
+  EXPECT_TRUE(result.report.is_scene);
+  EXPECT_THAT(sentences_of(result.report).at(0), HasSubstr("looks like a scene"));
+}
+
+TEST(Sift, AnswersDegenerateCloudsWithOneClearError) {
+  const auto why = [](const std::vector<Eigen::Vector3f>& points) {
+    PointCloud cloud;
+    cloud.points = points;
+    const auto result = sift_cloud(cloud, {}, {});
+    return result ? std::string{"no error"} : result.error().what;
+  };
+  std::vector<Eigen::Vector3f> line, rows, plane, tilted;
+  for (int i = 0; i < 100; ++i) {
+    const auto f = static_cast<float>(i);
+    line.emplace_back(f, 2 * f, -f);
+    rows.emplace_back(f, static_cast<float>(i % 2), 3.F);
+    plane.emplace_back(static_cast<float>(i % 10), static_cast<float>(i / 10), 0.F);
+    tilted.emplace_back(static_cast<float>(i % 10), static_cast<float>(i / 10), 0.5F * static_cast<float>(i % 10));
+  }
+  for (const std::size_t count : {0U, 1U, 2U, 3U, 12U, 29U})
+    EXPECT_THAT(why({line.begin(), line.begin() + static_cast<std::ptrdiff_t>(count)}), HasSubstr("too few"));
+  EXPECT_THAT(why(line), HasSubstr("on one line"));
+  for (const auto& flat : {rows, plane, tilted}) EXPECT_THAT(why(flat), HasSubstr("in one plane"));
+  EXPECT_THAT(why(std::vector<Eigen::Vector3f>(500, {1, 2, 3})), HasSubstr("in one place"));
+}
+
+TEST(CropBox, IsReadFromTextOrRefused) {
+  const auto box = crop_box_from("10,-2.5,3, -1,2,1e1");
+  ASSERT_TRUE(box) << box.error().what;
+  EXPECT_EQ(box->low, Vec3(-1, -2.5, 3));
+  EXPECT_EQ(box->high, Vec3(10, 2, 10));
+  for (const char* text : {"", "1,2,3", "1,2,3,4,5,6,7", "a,2,3,4,5,6", "1;2;3;4;5;6", "1,2,3,4,5,nan", "1,2,3,4,5,"})
+    EXPECT_FALSE(crop_box_from(text)) << text;
+  EXPECT_EQ(pieces_from("largest").value(), 1U);
+  EXPECT_EQ(pieces_from("all").value(), 0U);
+  EXPECT_EQ(pieces_from("3").value(), 3U);
+  for (const char* text : {"", "0", "-1", "most", "2.5"}) EXPECT_FALSE(pieces_from(text)) << text;
+}
+
+}  // namespace
+}  // namespace telefab::scan
