@@ -236,7 +236,7 @@ namespace {
 Result<Doubt> decode_doubt(RangeDecoder& coder, ChunkModels& models) {
   Doubt d;
   const std::uint32_t reason = models.note.decode(coder, kReason);
-  if (reason < 1 || reason > static_cast<std::uint32_t>(DoubtReason::EarlierRelease))
+  if (reason < 1 || reason > static_cast<std::uint32_t>(kLastDoubtReason))
     return broken("a certificate with an unknown reason");
   d.reason = static_cast<DoubtReason>(reason);
   d.number = models.note.decode(coder, kNumber);

@@ -84,6 +84,10 @@ std::string_view name_of(DoubtReason reason) {
       return "winding-disagrees";
     case DoubtReason::EarlierRelease:
       return "earlier-release";
+    case DoubtReason::CoordinatesRounded:
+      return "coordinates-rounded";
+    case DoubtReason::FacesEmpty:
+      return "faces-empty";
   }
   return "unknown";
 }
@@ -137,6 +141,10 @@ std::string sentence_of(const LayerCertificate& certificate) {
           d.number);
     case DoubtReason::EarlierRelease:
       return "flagged by an earlier release, which said why in words that are not kept";
+    case DoubtReason::CoordinatesRounded:
+      return fmt::format("the coordinates of the scan are rounded to {:.2g} mm", d.size_mm);
+    case DoubtReason::FacesEmpty:
+      return "the faces of the file carry no points, and points are all that is taken";
   }
   return "flagged for a reason unknown here";
 }

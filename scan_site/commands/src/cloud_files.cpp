@@ -6,6 +6,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/scan/cloud/units.hpp>
+#include <telefab/scan/slicing/orient_cloud.hpp>
 
 namespace telefab::scan {
 
@@ -16,6 +17,7 @@ Result<PointCloud> load_cloud(const std::string& path, const std::string& unit, 
   if (!bytes) return tl::unexpected{bytes.error()};
   auto cloud = read_cloud(*bytes, name_of_file(path), {}, stop);
   if (!cloud) return cloud;
+  for (const ScanNote& note : cloud->notes) write_note(fmt::format("note: {}: {}\n", name_of_file(path), note.text));
   if (!unit.empty()) {
     const auto stated = millimetres_per(unit);
     if (!stated) return tl::unexpected{stated.error()};
@@ -32,13 +34,12 @@ Result<PointCloud> load_cloud(const std::string& path, const std::string& unit, 
 Result<PointCloud> load_oriented(const std::string& path, const std::string& unit, std::stop_token stop) {
   auto cloud = load_cloud(path, unit, stop);
   if (!cloud) return tl::unexpected{cloud.error()};
-  auto oriented = with_normals(std::move(*cloud), {}, stop);
+  auto oriented = orient_cloud(std::move(*cloud), stop);
   if (!oriented) return fail_in(name_of_file(path), oriented.error());
   const NormalReport& r = oriented->report;
-  if (r.flipped_points > 0)
-    write_note(
-        fmt::format("note: {}: {} normals pointed inward and were turned\n", name_of_file(path), r.flipped_points));
-  if (r.neighbour_agreement < 0.98)
+  for (const std::string& warning : oriented->warnings)
+    write_note(fmt::format("note: {}: {}\n", name_of_file(path), warning));
+  if (r.estimated && r.neighbour_agreement < 0.98)
     write_note(
         fmt::format("note: {}: only {:.1f} % of neighbouring normals agree; the orientation is doubtful in places\n",
                     name_of_file(path), 100 * r.neighbour_agreement));

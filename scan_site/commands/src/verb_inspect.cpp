@@ -19,8 +19,9 @@ namespace {
 constexpr std::uint64_t kMaxScanBytes = 64ULL << 30U;
 
 /// What decides where the scan stands and what its surface is; nothing is cut here.
-constexpr std::array<std::string_view, 8> kPlacing{"height_mm", "scale",   "fit",       "units",
-                                                   "up",        "surface", "kernel_mm", "keep_outliers"};
+constexpr std::array<std::string_view, 11> kPlacing{"height_mm", "scale",     "fit",          "units",
+                                                    "up",        "crop",      "pieces",       "sample_faces",
+                                                    "surface",   "kernel_mm", "keep_outliers"};
 
 struct Options {
   std::string cloud;
@@ -39,7 +40,7 @@ void print_table(const Inspection& inspection, double noise_mm) {
                            k.kernel_mm, k.adaptive ? " (median, by local spacing)" : "", k.spacing_mm, k.noise_mm,
                            k.dropped_samples, inspection.surface));
 
-  if (inspection.scale_doubt) write_output(fmt::format("warning: {}\n", *inspection.scale_doubt));
+  for (const std::string& warning : inspection.warnings) write_output(fmt::format("warning: {}\n", warning));
 
   constexpr std::array kKinds{CriticalKind::Minimum, CriticalKind::BottomSaddle, CriticalKind::TopSaddle,
                               CriticalKind::Maximum};
@@ -87,7 +88,8 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const auto asked = job_parameters_of(o.asked, machine.value_or(MachineProfile{}), Contours::Plain);
   if (!asked) return tl::unexpected{asked.error()};
   const SliceRequest& slice = asked->slice;
-  const InspectRequest request{machine, slice.height_mm, slice.scale, slice.unit_mm, slice.fit, slice.up, slice.mls};
+  const InspectRequest request{slice.intake,  machine,   slice.height_mm, slice.scale,
+                               slice.unit_mm, slice.fit, slice.up,        slice.mls};
 
   const auto scan = read_file(o.cloud, kMaxScanBytes);
   if (!scan) return tl::unexpected{scan.error()};

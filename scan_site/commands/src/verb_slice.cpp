@@ -181,7 +181,6 @@ void print_summary(const SliceReport& report) {
                            report.surface));
   write_output(fmt::format("{} layers, {} contours, {} vertices in {:.2f} s ({})\n", report.layers_cut, report.contours,
                            report.vertices, seconds, stages));
-  for (const std::string& warning : report.warnings) write_output(fmt::format("warning: {}\n", warning));
   if (const CompletionSummary& added = report.completion; added.virtual_samples > 0)
     write_output(
         fmt::format("gaps of the scan closed with {} samples nobody measured, up to {:.3g} mm from the nearest "
@@ -222,6 +221,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (shown >= 0) write_note(fmt::format("\r{:20}\r", ""));
   if (!report) return tl::unexpected{report.error()};
 
+  for (const std::string& warning : report->warnings) write_note(fmt::format("warning: {}\n", warning));
   const std::string json = to_json(*report);
   if (auto ok = outputs.write(json); !ok) return tl::unexpected{ok.error()};
   if (o.json)

@@ -3,12 +3,9 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <telefab/base/clock.hpp>
 #include <telefab/geometry/limits.hpp>
-#include <telefab/scan/cloud/normals.hpp>
-#include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/inspect/inspect_scan.hpp>
-#include <telefab/scan/slicing/placement.hpp>
+#include <telefab/scan/slicing/placed_surface.hpp>
 
 namespace telefab::scan {
 
@@ -30,46 +27,35 @@ Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_vie
   if (auto ok = place.validate(); !ok) return tl::unexpected{ok.error()};
 
   std::vector<StageTime> times;
-  const SystemClock clock;
-  Nanoseconds since = clock.now();
-  const auto lap = [&](std::string stage) {
-    const Nanoseconds now = clock.now();
-    times.push_back({std::move(stage), std::chrono::duration<double>(now - since).count()});
-    since = now;
-  };
-  telefab::report(progress, WorkStage::ReadingScan, 0);
-  auto cloud = read_cloud(scan, name, ReadOptions{}, stop);
-  if (!cloud) return tl::unexpected{cloud.error()};
-  const std::size_t points = cloud->size();
-  lap("reading");
-  telefab::report(progress, WorkStage::FindingNormals, 0);
-  auto oriented = with_normals(std::move(*cloud), NormalOptions{}, stop);
-  if (!oriented) return tl::unexpected{oriented.error()};
-  lap("normals");
-  auto placed = place_on_platform(std::move(oriented->cloud), place);
-  if (!placed) return fail_in(name, placed.error());
-  if (!request.machine) placed->cloud.origin -= Vec3{kMaxCoordinateMm / 2, kMaxCoordinateMm / 2, 0};
-  telefab::report(progress, WorkStage::FittingSurface, 0);
-  auto field = MlsField::from_cloud(std::move(placed->cloud), request.mls, stop);
-  if (!field) return fail_in(name, field.error());
-  lap("surface");
+  StageClock clock{times};
+  IntakeOptions intake = request.intake;
+  intake.sift.keep_outliers |= !request.mls.drop_outliers;
+  intake.about_origin = !request.machine;
+  auto surface = surface_of(scan, name, intake, place, progress, clock, stop);
+  if (!surface) return tl::unexpected{surface.error()};
+  const PreparedScan& prepared = surface->prepared;
+  const MlsField& field = *surface->field;
+  clock.lap("surface");
 
   telefab::report(progress, WorkStage::FindingTopology, 0);
   SurfaceSamples all;
-  const Box3 box = (*field)->bounds();
-  (*field)->samples_between(box.min.z(), box.max.z(), all);
+  const Box3 box = field.bounds();
+  field.samples_between(box.min.z(), box.max.z(), all);
   TopologyOptions options;
-  options.noise_mm = (*field)->kernel().noise_mm;
-  auto topology = analyse_height(**field, all.points, all.normals, options, stop);
+  options.noise_mm = field.kernel().noise_mm;
+  auto topology = analyse_height(field, all.points, all.normals, options, stop);
   if (!topology) return fail_in(name, topology.error());
-  lap("topology");
+  clock.lap("topology");
+  std::vector<std::string> warnings = prepared.warnings;
+  if (surface->placed.scale_doubt) warnings.push_back(*surface->placed.scale_doubt);
   return Inspection{.scan_name = std::string{name},
-                    .points = points,
-                    .kernel = (*field)->kernel(),
+                    .points = prepared.points,
+                    .kernel = field.kernel(),
                     .surface = std::string{name_of(request.mls.surface)},
-                    .size_mm = placed->size_mm,
-                    .scale_doubt = placed->scale_doubt,
-                    .normals_json = to_json(oriented->report),
+                    .size_mm = surface->placed.size_mm,
+                    .sift = prepared.sift,
+                    .warnings = std::move(warnings),
+                    .normals_json = to_json(prepared.normals),
                     .samples = std::move(all.points),
                     .normals = std::move(all.normals),
                     .topology = std::move(*topology),
@@ -88,6 +74,8 @@ std::string to_json(const Inspection& inspection) {
   const KernelChoice& k = inspection.kernel;
   json["kernel"] = {{"kernel_mm", k.kernel_mm}, {"adaptive", k.adaptive},     {"spacing_mm", k.spacing_mm},
                     {"noise_mm", k.noise_mm},   {"unevenness", k.unevenness}, {"dropped_samples", k.dropped_samples}};
+  json["sift"] = Json::parse(to_json(inspection.sift), nullptr, false);
+  json["warnings"] = inspection.warnings;
   json["normals"] = Json::parse(inspection.normals_json, nullptr, false);
   json["euler"] = t.euler();
   json["euler_is_certain"] = t.euler_is_certain();

@@ -36,6 +36,7 @@ struct CutSetting {
   std::function<bool(const Vec3& place_mm)> measured = {};
   /// What each edge of a contour at this height rests on, one run an edge; none: all is measured.
   std::function<std::vector<SurfaceRun>(const Contour& contour, double z_mm)> surface = {};
+  std::optional<Doubt> known_doubt = {};  ///< of the scan as a whole: no layer of it can be vouched for
 };
 
 struct CutLayer {

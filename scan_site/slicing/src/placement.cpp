@@ -62,7 +62,9 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
     return fail(ErrorCode::InvalidInput, "the scan has coordinates that are not finite");
   if (!(size.z() > 0) || !(size.x() > 0) || !(size.y() > 0))
     return fail(ErrorCode::InvalidInput,
-                fmt::format("the scan is flat: its box is {} x {} x {} units", size.x(), size.y(), size.z()));
+                fmt::format("the scan is flat: its box is {} x {} x {} units{}", size.x(), size.y(), size.z(),
+                            scan.rounding > 0 ? fmt::format("; its coordinates are rounded to {:g}", scan.rounding)
+                                              : std::string{}));
 
   const MachineProfile::Platform& platform = request.machine.platform;
   const Vec3 room{platform.width_mm, platform.depth_mm, platform.z_travel_mm};
@@ -96,6 +98,7 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   Placement placed;
   placed.size_mm = size_mm;
   placed.scale_doubt = std::move(doubt);
+  placed.unit_is_stated = request.unit_mm || scan.unit_mm;
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c) placed.scan_to_build[static_cast<std::size_t>(4 * r + c)] = scale * turn(r, c);
     placed.scan_to_build[static_cast<std::size_t>(4 * r + 3)] = shift[r];
@@ -107,6 +110,7 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   placed.cloud = std::move(scan);
   placed.cloud.origin = origin;
   placed.cloud.unit_mm = 1;
+  placed.cloud.rounding *= scale;
   return placed;
 }
 

@@ -30,8 +30,10 @@ std::string to_json(const SliceReport& report) {
                     {"bridged", g.bridged}});
   ordered_json times = ordered_json::object();
   for (const StageTime& t : report.times) times[t.stage] = t.seconds;
-  ordered_json normals = ordered_json::parse(report.normals_json, nullptr, /*allow_exceptions=*/false);
-  if (normals.is_discarded()) normals = nullptr;
+  const auto parsed = [](const std::string& text) {
+    ordered_json value = ordered_json::parse(text, nullptr, /*allow_exceptions=*/false);
+    return value.is_discarded() ? ordered_json(nullptr) : value;
+  };
   const ordered_json root{
       {"scan", h.scan_name},
       {"machine", h.machine},
@@ -50,7 +52,8 @@ std::string to_json(const SliceReport& report) {
         {"width_mm", report.kernel.kernel_mm},
         {"adaptive", report.kernel.adaptive},
         {"dropped_samples", report.kernel.dropped_samples}}},
-      {"normals", normals},
+      {"sift", parsed(to_json(report.sift))},
+      {"normals", parsed(report.normals_json)},
       {"certified", report.certified},
       {"certified_by_march", report.certified_by_march},
       {"completed", report.completed},

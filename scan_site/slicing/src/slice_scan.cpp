@@ -10,11 +10,8 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <telefab/base/clock.hpp>
 #include <telefab/geometry/limits.hpp>
-#include <telefab/scan/cloud/normals.hpp>
-#include <telefab/scan/formats/read_cloud.hpp>
-#include <telefab/scan/slicing/placement.hpp>
+#include <telefab/scan/slicing/placed_surface.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 #include <telefab/scan/topology/height_topology.hpp>
 
@@ -22,6 +19,7 @@
 #include "completed_scan.hpp"
 #include "layer_cutter.hpp"
 #include "openness.hpp"
+#include "written_check.hpp"
 
 namespace telefab::scan {
 namespace {
@@ -57,6 +55,17 @@ constexpr std::array kSparseKernelFactors{0.65, 1.5};
 /// Spacing that varies by more than this leaves room for a feature, or a whole wall, that no sample shows.
 constexpr double kMostUneven = 5;
 
+/// Rounding this coarse (in spacings) leaves no contour to be trusted.
+constexpr double kCoarseRounding = 0.3;
+
+/// What is wrong with the scan as a whole, so that no layer of it can be vouched for.
+std::optional<Doubt> doubt_of(const KernelChoice& kernel, const PreparedScan& scan, double rounding_mm) {
+  if (scan.has_empty_faces) return Doubt{.reason = DoubtReason::FacesEmpty};
+  if (rounding_mm > kCoarseRounding * kernel.spacing_mm)
+    return Doubt{.reason = DoubtReason::CoordinatesRounded, .size_mm = rounding_mm};
+  return std::nullopt;
+}
+
 std::optional<std::string> warning_of(const KernelChoice& kernel) {
   if (kernel.unevenness <= kMostUneven) return std::nullopt;
   return fmt::format(
@@ -64,21 +73,6 @@ std::optional<std::string> warning_of(const KernelChoice& kernel) {
       "points",
       kernel.unevenness);
 }
-
-class StageClock {
- public:
-  explicit StageClock(std::vector<StageTime>& times) : times_{times}, since_{clock_.now()} {}
-  void lap(std::string stage) {
-    const Nanoseconds now = clock_.now();
-    times_.push_back({std::move(stage), std::chrono::duration<double>(now - since_).count()});
-    since_ = now;
-  }
-
- private:
-  SystemClock clock_;
-  std::vector<StageTime>& times_;
-  Nanoseconds since_;
-};
 
 Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) {
   TopologyOptions options;
@@ -104,7 +98,7 @@ struct Block {
 
 Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, std::array<std::uint32_t, 2> range,
                         unsigned threads, const LayerSink& sink, const ProgressSink& progress, std::stop_token stop,
-                        SliceReport& report) {
+                        WrittenCheck& check, SliceReport& report) {
   std::stop_source halt;
   const std::stop_callback link{stop, [&] { halt.request_stop(); }};
   Result<void> outcome;
@@ -148,6 +142,8 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, st
     }
     for (CutLayer& cut : *block->cut) {
       Layer& layer = cut.layer;
+      check.look_at(layer);
+      if (setting.known_doubt && layer.certificate.is_certified()) layer.certificate.flag(*setting.known_doubt);
       const LayerCertificate& certificate = layer.certificate;
       ++report.layers_cut;
       report.evaluations += cut.evaluations;
@@ -188,22 +184,23 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
                           unsigned threads, const LayerSink& sink, const ProgressSink& progress, std::stop_token stop) {
   SliceReport result;
   StageClock clock{result.times};
-  telefab::report(progress, WorkStage::ReadingScan, 0);
-  auto cloud = read_cloud(scan, name, ReadOptions{}, stop);
-  if (!cloud) return tl::unexpected{cloud.error()};
-  result.points = cloud->size();
-  clock.lap("reading");
-
-  telefab::report(progress, WorkStage::FindingNormals, 0);
-  auto oriented = with_normals(std::move(*cloud), NormalOptions{}, stop);
-  if (!oriented) return tl::unexpected{oriented.error()};
-  result.normals_json = to_json(oriented->report);
-  clock.lap("normals");
-
-  auto placed = place_on_platform(std::move(oriented->cloud), request);
-  if (!placed) return fail_in(name, placed.error());
+  IntakeOptions intake = request.intake;
+  intake.sift.keep_outliers |= !request.mls.drop_outliers;
+  auto surface = surface_of(scan, name, intake, request, progress, clock, stop);
+  if (!surface) return tl::unexpected{surface.error()};
+  PreparedScan& prepared = surface->prepared;
+  Placement* const placed = &surface->placed;
+  std::unique_ptr<MlsField>* const field = &surface->field;
+  result.points = prepared.points;
+  result.sift = std::move(prepared.sift);
+  result.normals_json = to_json(prepared.normals);
+  result.warnings = prepared.warnings;
   result.size_mm = {placed->size_mm.x(), placed->size_mm.y(), placed->size_mm.z()};
-  if (placed->scale_doubt) result.warnings.push_back(*placed->scale_doubt);
+  if (placed->scale_doubt) {
+    if (!placed->unit_is_stated)
+      return fail(ErrorCode::InvalidInput, fmt::format("{}: {}", name, *placed->scale_doubt));
+    result.warnings.push_back(*placed->scale_doubt);
+  }
   StackHeader& header = result.header;
   header.machine = request.machine.name;
   header.layer_thickness_mm = request.layer_mm.value_or(request.machine.layers.thickness_mm);
@@ -223,11 +220,6 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       return fail(ErrorCode::InvalidInput,
                   fmt::format("layers {}:{} are not in 0:{}", range[0], range[1], header.layer_count - 1));
   }
-  clock.lap("placement");
-
-  telefab::report(progress, WorkStage::FittingSurface, 0);
-  auto field = MlsField::from_cloud(std::move(placed->cloud), request.mls, stop);
-  if (!field) return fail_in(name, field.error());
   result.kernel = (*field)->kernel();
   result.surface = std::string{name_of(request.mls.surface)};
   clock.lap("surface");
@@ -291,13 +283,18 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       .other_kernels = {},
       // An edge that nobody measured is completed, and said to be: it is as sharp as it was made.
       .measured = [&](const Vec3& place_mm) { return completed.is_measured(place_mm, **field); },
-      .surface = [&](const Contour& contour, double z_mm) { return completed.surface_of(contour, z_mm, **field); }};
+      .surface = [&](const Contour& contour, double z_mm) { return completed.surface_of(contour, z_mm, **field); },
+      .known_doubt = doubt_of(kernel, prepared, placed->cloud.rounding)};
   if (const auto warning = warning_of(kernel)) result.warnings.push_back(*warning);
   for (const auto& other : others) setting.other_kernels.push_back(other.get());
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
-  if (auto ok = cut_layers(setting, header, range, threads, sink, progress, stop, result); !ok)
+  WrittenCheck check{placed->size_mm, kernel.spacing_mm};
+  if (auto ok = cut_layers(setting, header, range, threads, sink, progress, stop, check, result); !ok)
     return tl::unexpected{ok.error()};
   clock.lap("contours");
+  auto verdict = check.verdict(header, result.layers_cut == header.layer_count);
+  if (!verdict) return fail_in(name, verdict.error());
+  for (std::string& said : *verdict) result.warnings.push_back(std::move(said));
   return result;
 }
 

@@ -97,7 +97,7 @@ TEST(ValidateLayer, HoldsTheVerdictAgainstWhatTheContoursRestOn) {
 }
 
 TEST(LayerCertificate, IsIncompleteWhereContoursAreMissingAndOnlyThere) {
-  for (std::uint8_t n = 1; n <= static_cast<std::uint8_t>(DoubtReason::EarlierRelease); ++n) {
+  for (std::uint8_t n = 1; n <= static_cast<std::uint8_t>(kLastDoubtReason); ++n) {
     LayerCertificate certificate;
     certificate.flag({static_cast<DoubtReason>(n)});
     const bool lacks = certificate.doubt->reason == DoubtReason::ContoursLeftOut ||

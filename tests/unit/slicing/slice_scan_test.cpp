@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <numbers>
+#include <random>
 #include <telefab/scan/slicing/preview.hpp>
 #include <telefab/test/analytic_field.hpp>
 #include <telefab/test/las_file.hpp>
@@ -216,9 +217,12 @@ TEST(SliceScan, TakesTheUnitStatedAndDoubtsASizeHardlyMeant) {
   EXPECT_TRUE(stated->warnings.empty());
 
   const auto unstated = one_layer_of_a_ball(0.001, request_for());
-  ASSERT_TRUE(unstated) << unstated.error().what;
-  ASSERT_FALSE(unstated->warnings.empty());
-  EXPECT_NE(unstated->warnings[0].find("say --units m"), std::string::npos) << unstated->warnings[0];
+  ASSERT_FALSE(unstated) << "metres without a unit must not become a part of one layer";
+  EXPECT_EQ(unstated.error().code, ErrorCode::InvalidInput);
+  EXPECT_NE(unstated.error().what.find("say --units m"), std::string::npos) << unstated.error().what;
+  SliceRequest meant = request_for();
+  meant.unit_mm = 1;
+  EXPECT_TRUE(one_layer_of_a_ball(0.05, meant)) << "whoever states the unit is believed";
 
   SliceRequest sized = request_for();
   sized.height_mm = 20;
@@ -246,6 +250,101 @@ TEST(SliceScan, BelievesAFormatThatStatesItsUnit) {
   const auto report = slice(test::las_file(points, {.scale = Vec3::Constant(1e-6)}), request).report;  // LAS: metres
   ASSERT_TRUE(report) << report.error().what;
   EXPECT_NEAR(report->size_mm[2], 20, 0.5);
+}
+
+/// A ball of 10 mm as text, and what comes behind it.
+std::string ball_text(const std::string& more = {}) {
+  return text_of(test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .seed = 31})) + more;
+}
+
+TEST(SliceScan, LetsNoStrayPointSetSizePlaceOrLayerCount) {
+  SliceRequest request = request_for();
+  request.height_mm = 20;
+  const Outcome clean = slice(ball_text(), request);
+  ASSERT_TRUE(clean.report) << clean.report.error().what;
+  for (const std::string stray : {"0 0 -400 0 0 1\n", "0 0 22 0 0 1\n", "14 0 0 1 0 0\n", "13 0 0 1 0 0\n",
+                                  "0 0 14 0 0 1\n0.2 0 14 0 0 1\n", "500 500 500 0 0 1\n500 501 500 0 0 1\n"}) {
+    const Outcome with = slice(ball_text(stray), request);
+    ASSERT_TRUE(with.report) << stray << with.report.error().what;
+    EXPECT_EQ(with.layers.size(), clean.layers.size()) << stray;
+    EXPECT_NEAR(with.report->size_mm[0], clean.report->size_mm[0], 0.2) << stray;
+    EXPECT_EQ(with.report->certified, clean.report->certified) << stray;
+    EXPECT_GE(with.report->sift.strays, 1U) << stray;
+    ASSERT_FALSE(with.report->warnings.empty()) << stray;
+    EXPECT_NE(with.report->warnings[0].find("belong to no surface"), std::string::npos) << with.report->warnings[0];
+    EXPECT_NE(to_json(*with.report).find("\"strays\""), std::string::npos);
+  }
+  EXPECT_EQ(clean.report->sift.strays, 0U);
+}
+
+TEST(SliceScan, NeverEndsWellWithoutAContour) {
+  std::string shell;  // points all around, but no two on one surface: nothing that could be cut
+  std::mt19937_64 dice{77};
+  const auto place = [&] { return 0.02 * static_cast<double>(dice() % 1000); };
+  for (int i = 0; i < 400; ++i) {
+    const double x = place(), y = place(), z = place();
+    shell += fmt::format("{} {} {}\n", x, y, z);
+  }
+  const Outcome outcome = slice(shell, request_for());
+  if (outcome.report) {
+    EXPECT_GT(outcome.report->contours, 0U);
+    EXPECT_EQ(outcome.report->certified, 0U);
+  } else {
+    EXPECT_EQ(outcome.report.error().code, ErrorCode::InvalidInput);
+  }
+}
+
+TEST(SliceScan, KeepsTwoBodiesAndChoosesOne) {
+  auto both = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .seed = 31});
+  const auto small = test::sample_surface(*test::sphere(2, 1), {.spacing_mm = 0.3, .seed = 32});
+  for (std::size_t i = 0; i < small.points.size(); ++i) {
+    both.points.push_back(small.points[i] + Vec3{20, 0, 0});
+    both.normals.push_back(small.normals[i]);
+  }
+  SliceRequest request = request_for();
+  const Outcome all = slice(text_of(both), request);
+  ASSERT_TRUE(all.report) << all.report.error().what;
+  EXPECT_NEAR(all.report->size_mm[0], 32, 0.5);
+  EXPECT_EQ(all.layers[all.layers.size() / 2].contours.size(), 2U);
+  request.intake.sift.pieces = 1;
+  const Outcome one = slice(text_of(both), request);
+  ASSERT_TRUE(one.report) << one.report.error().what;
+  EXPECT_NEAR(one.report->size_mm[0], 20, 0.5);
+  request.intake.sift = {.crop = Box{{15, -5, -5}, {30, 5, 5}}};
+  const Outcome cropped = slice(text_of(both), request);
+  ASSERT_TRUE(cropped.report) << cropped.report.error().what;
+  EXPECT_NEAR(cropped.report->size_mm[0], 4, 0.3);
+}
+
+TEST(SliceScan, SamplesTheFacesOfADrawingForPointsWhenAsked) {
+  std::string box = "OFF\n8 12 0\n";  // a block of 20 x 12 x 8 mm: eight corners
+  for (int i = 0; i < 8; ++i) box += fmt::format("{} {} {}\n", i & 1 ? 20 : 0, i & 2 ? 12 : 0, i & 4 ? 8 : 0);
+  for (const char* face :
+       {"0 2 3", "0 3 1", "4 5 7", "4 7 6", "0 1 5", "0 5 4", "2 6 7", "2 7 3", "0 4 6", "0 6 2", "1 3 7", "1 7 5"})
+    box += fmt::format("3 {}\n", face);
+  SliceRequest request = request_for();
+  const Outcome plain = slice(box, request);
+  ASSERT_FALSE(plain.report);
+  EXPECT_NE(plain.report.error().what.find("too few"), std::string::npos) << plain.report.error().what;
+  request.intake.sample_faces = true;
+  request.layers = {{4, 4}};
+  const Outcome sampled = slice(box, request);
+  ASSERT_TRUE(sampled.report) << sampled.report.error().what;
+  EXPECT_GT(sampled.report->points, 90'000U);
+  ASSERT_EQ(sampled.layers[0].contours.size(), 1U);
+  EXPECT_NEAR(sampled.layers[0].contours[0].signed_area_mm2(), 240, 3);
+  EXPECT_FALSE(slice(ball_text(), request).report) << "there are no faces to sample";
+}
+
+TEST(SliceScan, FlagsAScanWhoseCoordinatesAreRounded) {
+  std::string text;
+  for (const Vec3& p : test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .seed = 31}).points)
+    text += fmt::format("{} {} {}\n", static_cast<float>(500000 + p.x()), static_cast<float>(5400000 + p.y()),
+                        static_cast<float>(120 + p.z()));
+  const Outcome outcome = slice(text, request_for());
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  EXPECT_EQ(outcome.report->certified, 0U);
+  EXPECT_NE(outcome.report->warnings.at(0).find("0.5 in y"), std::string::npos) << outcome.report->warnings[0];
 }
 
 TEST(SliceScan, CarriesTheSurfaceAcrossAGapAndSaysWhere) {

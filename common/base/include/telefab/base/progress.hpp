@@ -13,6 +13,7 @@ enum class WorkStage : std::uint8_t {
   AdjustingPoses,
   JudgingPoses,
   ReadingScan,
+  SiftingPoints,
   FindingNormals,
   FittingSurface,
   ClosingGaps,

@@ -17,25 +17,28 @@ struct ContourCount {
 
 /// Why a layer is doubtful. Numbers go over the wire: never renumber. Behind each: which numbers of Doubt it uses.
 enum class DoubtReason : std::uint8_t {
-  ContoursLeftOut = 1,    ///< open contours are missing: size_mm of the gap
-  GapBridged = 2,         ///< a gap of size_mm is closed by the side that all samples together tell
-  ContourOpen = 3,        ///< a contour does not close
-  RepeatsLayer = 4,       ///< the base was closed by repeating layer `number`
-  ContoursCross = 5,      ///< contours cross or touch
-  NestingWrong = 6,       ///< rings do not alternate as solid and hole
-  ContourMissing = 7,     ///< the surface passes through the plane, but no contour was found
-  SurfaceUncovered = 8,   ///< the surface at `number` samples reaches the plane beside every contour
-  SamplesOffSurface = 9,  ///< `number` samples near the plane lie on no surface and beside no contour
-  KernelsDisagree = 10,   ///< a kernel of size_mm finds `found`, one of other_mm finds `other`
-  EdgeTooSharp = 11,      ///< an edge sharper than the scan shows begins or ends near this height
-  EulerDiffers = 12,      ///< critical points predict another Euler number than the contours have (both: certificate)
-  MethodsDisagree = 13,   ///< at a critical height marching finds `found`, the grid `other`
-  NotCrossChecked = 14,   ///< too near to a critical height to be checked by one method alone
-  RingTooSmall = 15,      ///< a ring smaller than the coding lattice was left out
-  CrossOnLattice = 16,    ///< contours cross or touch on the coding lattice
-  WindingDisagrees = 17,  ///< at `number` points of contours the winding number tells inside and outside otherwise
-  EarlierRelease = 18,    ///< a file of an earlier release says so in words, which are not kept
+  ContoursLeftOut = 1,      ///< open contours are missing: size_mm of the gap
+  GapBridged = 2,           ///< a gap of size_mm is closed by the side that all samples together tell
+  ContourOpen = 3,          ///< a contour does not close
+  RepeatsLayer = 4,         ///< the base was closed by repeating layer `number`
+  ContoursCross = 5,        ///< contours cross or touch
+  NestingWrong = 6,         ///< rings do not alternate as solid and hole
+  ContourMissing = 7,       ///< the surface passes through the plane, but no contour was found
+  SurfaceUncovered = 8,     ///< the surface at `number` samples reaches the plane beside every contour
+  SamplesOffSurface = 9,    ///< `number` samples near the plane lie on no surface and beside no contour
+  KernelsDisagree = 10,     ///< a kernel of size_mm finds `found`, one of other_mm finds `other`
+  EdgeTooSharp = 11,        ///< an edge sharper than the scan shows begins or ends near this height
+  EulerDiffers = 12,        ///< critical points predict another Euler number than the contours have (both: certificate)
+  MethodsDisagree = 13,     ///< at a critical height marching finds `found`, the grid `other`
+  NotCrossChecked = 14,     ///< too near to a critical height to be checked by one method alone
+  RingTooSmall = 15,        ///< a ring smaller than the coding lattice was left out
+  CrossOnLattice = 16,      ///< contours cross or touch on the coding lattice
+  WindingDisagrees = 17,    ///< at `number` points of contours the winding number tells inside and outside otherwise
+  EarlierRelease = 18,      ///< a file of an earlier release says so in words, which are not kept
+  CoordinatesRounded = 19,  ///< the coordinates of the scan are rounded to size_mm, coarse against its spacing
+  FacesEmpty = 20,          ///< the faces of the file carry no points, and points are all that is taken
 };
+inline constexpr DoubtReason kLastDoubtReason = DoubtReason::FacesEmpty;
 /// One word with hyphens, for programs: "contours-left-out", ...
 [[nodiscard]] std::string_view name_of(DoubtReason reason);
 

@@ -19,6 +19,9 @@ struct SliceParameters {
   bool fit = false;
   std::optional<std::string> units;
   std::optional<std::string> up;
+  std::optional<std::string> crop;
+  std::optional<std::string> pieces;
+  bool sample_faces = false;
   std::optional<std::string> complete;
   std::optional<std::string> base;
   std::optional<double> layer_mm;

@@ -19,6 +19,7 @@ namespace telefab::scan {
 
 /// What to look at. With a machine the scan stands where it would be sliced; without one it is centred on x = y = 0.
 struct InspectRequest {
+  IntakeOptions intake;  ///< which points are the object
   std::optional<MachineProfile> machine;
   std::optional<double> height_mm;  ///< > 0; the scan's z extent becomes this
   std::optional<double> scale;      ///< > 0; millimetres per unit of the file; not with height_mm
@@ -35,7 +36,8 @@ struct Inspection {
   KernelChoice kernel;
   std::string surface;
   Vec3 size_mm = Vec3::Zero();
-  std::optional<std::string> scale_doubt;  ///< a size that looks wrong, and what to do
+  SiftReport sift;                    ///< what was left out before the size was taken
+  std::vector<std::string> warnings;  ///< about the file, what was left out and the size, for people
   std::string normals_json;
   std::vector<Vec3> samples;  ///< that carry the surface, build frame
   std::vector<Vec3> normals;  ///< one a sample, unit, outward

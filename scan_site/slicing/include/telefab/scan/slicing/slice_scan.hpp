@@ -14,6 +14,7 @@
 #include <telefab/geometry/layer.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/scan/mls/mls_field.hpp>
+#include <telefab/scan/slicing/prepare_scan.hpp>
 #include <vector>
 
 namespace telefab::scan {
@@ -32,6 +33,7 @@ enum class UpAxis : std::uint8_t { PlusX = 1, MinusX = 2, PlusY = 3, MinusY = 4,
 /// Everything that decides the layers. At most one of height, scale and fit; none: the file's own size.
 struct SliceRequest {
   MachineProfile machine;
+  IntakeOptions intake;             ///< which points are the object; strays stay where `mls` keeps its outliers
   std::optional<double> height_mm;  ///< > 0; the scan's z extent becomes this
   std::optional<double> scale;      ///< > 0; millimetres per unit of the file
   std::optional<double> unit_mm;    ///< > 0; millimetres in a unit of the file; none: as the file states it, or one
@@ -53,12 +55,6 @@ struct SliceRequest {
 [[nodiscard]] Result<void> base_as(std::string_view text, SliceRequest& request);
 /// "auto", "off", or a distance in millimetres (SliceRequest::complete, most_gap_mm). Fails: InvalidInput.
 [[nodiscard]] Result<void> complete_gaps_as(std::string_view text, SliceRequest& request);
-
-/// Where time went, seconds of wall clock.
-struct StageTime {
-  std::string stage;
-  double seconds = 0;
-};
 
 /// A layer that is not certified.
 struct FlaggedLayer {
@@ -99,6 +95,7 @@ struct SliceReport {
   std::string surface;  ///< name of the surface kind
   std::string method;
   std::array<double, 3> size_mm{};  ///< of the placed scan
+  SiftReport sift;                  ///< what was left out before the size was taken; frame and unit of the file
   std::string normals_json;         ///< report of the normals, as they came
   std::uint32_t layers_cut = 0;
   std::uint32_t certified = 0;  ///< measured or completed
@@ -127,8 +124,9 @@ using LayerSink = std::function<Result<void>(const StackHeader&, Layer&&)>;
 
 /// Scan file to layers: read, normals, placement (centred on the platform, bottom at z = 0), surface, topology,
 /// contours. Same request and bytes, same layers on any number of threads, and for any range of layers.
-/// Fails: InvalidInput (the file, the request, a part larger than the machine: both sizes in the message), TooLarge,
-/// Cancelled (within 0.2 s of the stop), or the sink's error.
+/// Fails: InvalidInput (the file, the request, a part larger than the machine: both sizes in the message; a size that
+/// is hardly meant where neither the file nor the request states a unit or a size; no contour at all, or in less than
+/// half of the height), TooLarge, Cancelled (within 0.2 s of the stop), or the sink's error.
 [[nodiscard]] Result<SliceReport> slice_scan(std::span<const std::byte> scan, std::string_view name,
                                              const SliceRequest& request, const LayerSink& sink,
                                              const ProgressSink& progress, std::stop_token stop);

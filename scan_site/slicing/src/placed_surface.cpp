@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/scan/slicing/placed_surface.hpp>
+
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+namespace telefab::scan {
+namespace {
+
+/// Sides of the box move by more than so many spacings where dropped points set it; tips move by less.
+constexpr double kMovedSpacings = 1.5;
+/// Dropped points that lie beyond the samples are strays while they are so few, and else a part too sparse to be
+/// sliced.
+constexpr std::size_t kFewStrays = 3;
+constexpr double kFewShare = 0.003;
+
+Box box_of_samples(const MlsField& field) {
+  const Box3 reach = field.bounds();
+  SurfaceSamples all;
+  field.samples_between(reach.min.z(), reach.max.z(), all);
+  Box box{all.points.front(), all.points.front()};
+  for (const Vec3& p : all.points) {
+    box.low = box.low.cwiseMin(p);
+    box.high = box.high.cwiseMax(p);
+  }
+  return box;
+}
+
+/// The box in the frame of the file, a little grown; turns between the frames are by right angles.
+Box to_file(const Box& box, const Transform4& scan_to_build, double margin_mm) {
+  const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> to_build{scan_to_build.data()};
+  const Eigen::Affine3d to_scan{Eigen::Affine3d{Eigen::Matrix4d{to_build}}.inverse()};
+  const Vec3 margin = Vec3::Constant(margin_mm);
+  const Vec3 a = to_scan * Vec3{box.low - margin}, b = to_scan * Vec3{box.high + margin};
+  return {a.cwiseMin(b), a.cwiseMax(b)};
+}
+
+Vec3 middle_of(const MachineProfile::Platform& platform) { return {platform.width_mm / 2, platform.depth_mm / 2, 0}; }
+
+Result<PlacedSurface> attempt(std::span<const std::byte> scan, std::string_view name, const IntakeOptions& intake,
+                              const SliceRequest& request, const ProgressSink& progress, StageClock& clock,
+                              std::stop_token stop) {
+  auto prepared = prepare_scan(scan, name, intake, progress, clock, stop);
+  if (!prepared) return tl::unexpected{prepared.error()};
+  PlacedSurface made;
+  auto placed = place_on_platform(std::move(prepared->cloud), request);
+  if (!placed) return fail_in(name, placed.error());
+  made.prepared = std::move(*prepared);
+  made.placed = std::move(*placed);
+  clock.lap("placement");
+  report(progress, WorkStage::FittingSurface, 0);
+  PointCloud cloud = std::move(made.placed.cloud);
+  if (intake.about_origin) cloud.origin -= middle_of(request.machine.platform);
+  made.placed.cloud = {};
+  made.placed.cloud.origin = cloud.origin;
+  made.placed.cloud.rounding = cloud.rounding;
+  auto field = MlsField::from_cloud(std::move(cloud), request.mls, stop);
+  if (!field) return fail_in(name, field.error());
+  made.field = std::move(*field);
+  return made;
+}
+
+}  // namespace
+
+Result<PlacedSurface> surface_of(std::span<const std::byte> scan, std::string_view name, const IntakeOptions& intake,
+                                 const SliceRequest& request, const ProgressSink& progress, StageClock& clock,
+                                 std::stop_token stop) {
+  auto made = attempt(scan, name, intake, request, progress, clock, stop);
+  if (!made || made->field->kernel().dropped_samples == 0 || !request.mls.drop_outliers) return made;
+  const Vec3& size = made->placed.size_mm;
+  const Vec3 middle = middle_of(request.machine.platform);
+  Box samples = box_of_samples(*made->field);
+  if (intake.about_origin) samples = {samples.low + middle, samples.high + middle};
+  const Vec3 low = middle - Vec3{size.x() / 2, size.y() / 2, 0};
+  const double moved_mm =
+      std::max((samples.low - low).cwiseAbs().maxCoeff(), (low + size - samples.high).cwiseAbs().maxCoeff());
+  const double spacing_mm = made->field->kernel().spacing_mm;
+  if (moved_mm <= kMovedSpacings * spacing_mm) return made;
+
+  IntakeOptions without = intake;
+  without.sift.surface_box = to_file(samples, made->placed.scan_to_build, 1e-3 * spacing_mm);
+  auto again = attempt(scan, name, without, request, progress, clock, stop);
+  if (!again) return again;
+  const std::size_t beyond = again->prepared.sift.strays - made->prepared.sift.strays;
+  const auto few = static_cast<std::size_t>(kFewShare * static_cast<double>(made->prepared.points));
+  return beyond <= std::max(kFewStrays, few) ? std::move(again) : std::move(made);
+}
+
+}  // namespace telefab::scan

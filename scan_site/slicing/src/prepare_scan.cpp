@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/scan/slicing/prepare_scan.hpp>
+
+#include <algorithm>
+#include <telefab/scan/formats/face_samples.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
+#include <telefab/scan/slicing/orient_cloud.hpp>
+
+namespace telefab::scan {
+namespace {
+
+Result<PointCloud> read_points(std::span<const std::byte> scan, std::string_view name, bool sample,
+                               std::stop_token stop) {
+  auto file = read_scan_file(scan, name, {.keep_faces = true}, stop);
+  if (!file) return tl::unexpected{file.error()};
+  if (!sample) return cloud_of(std::move(*file));
+  auto sampled = sample_faces(*file, stop);
+  if (!sampled) return fail_in(name, sampled.error());
+  return sampled;
+}
+
+}  // namespace
+
+void StageClock::lap(std::string stage) {
+  const Nanoseconds now = clock_.now();
+  times_.push_back({std::move(stage), std::chrono::duration<double>(now - since_).count()});
+  since_ = now;
+}
+
+Result<PreparedScan> prepare_scan(std::span<const std::byte> scan, std::string_view name, const IntakeOptions& options,
+                                  const ProgressSink& progress, StageClock& clock, std::stop_token stop) {
+  report(progress, WorkStage::ReadingScan, 0);
+  auto cloud = read_points(scan, name, options.sample_faces, stop);
+  if (!cloud) return tl::unexpected{cloud.error()};
+  PreparedScan prepared;
+  prepared.points = cloud->size();
+  for (const ScanNote& note : cloud->notes) {
+    prepared.warnings.push_back(note.text);
+    prepared.has_empty_faces |= note.remark == ScanRemark::EmptyFaces;
+  }
+  clock.lap("reading");
+
+  report(progress, WorkStage::SiftingPoints, 0);
+  auto sifted = sift_cloud(std::move(*cloud), options.sift, stop);
+  if (!sifted) return fail_in(name, sifted.error());
+  prepared.sift = std::move(sifted->report);
+  for (std::string& said : sentences_of(prepared.sift)) prepared.warnings.push_back(std::move(said));
+  clock.lap("sifting");
+
+  report(progress, WorkStage::FindingNormals, 0);
+  auto oriented = orient_cloud(std::move(sifted->cloud), std::move(sifted->graph), stop);
+  if (!oriented) return fail_in(name, oriented.error());
+  for (std::string& said : oriented->warnings) prepared.warnings.push_back(std::move(said));
+  prepared.normals = oriented->report;
+  prepared.cloud = std::move(oriented->cloud);
+  clock.lap("normals");
+  return prepared;
+}
+
+}  // namespace telefab::scan
