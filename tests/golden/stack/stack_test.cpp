@@ -53,7 +53,7 @@ TEST(GoldenStack, IsWrittenExactlyToTheSameFile) {
 }
 
 TEST(GoldenStack, IsWrittenAsCurvesToTheSameFile) {
-  EXPECT_EQ(file_digest(Coding::Curve), "3da97a3250dea263e8f654be63a72fafcc69868be51fa4c99713708ec45c0417");
+  EXPECT_EQ(file_digest(Coding::Curve), "445ea61ecd83d5c5661bda95d43e255cd9e1e24dfda267d1aa65ce1a8283ec36");
 }
 
 TEST(GoldenStack, BecomesTheSameMask) {

@@ -126,6 +126,7 @@ TEST_P(StackCodecProperty, KeepsEveryCurveWithinTheStatedErrorBothWays) {
   for (const double chord : {0.025, 0.1}) {
     CodecOptions options = kCurve;
     options.chord_error_pitch = chord;
+    options.total_error_pitch = chord + 0.04;
     const Coded coded = encode(stack, options);
     ASSERT_EQ(coded.layers.size(), 7U);
     const double bound_mm = (options.total_error_pitch - chord) * stack.header().pixel_pitch_mm + 1e-9;
@@ -221,6 +222,7 @@ TEST(StackEncoder, SpendsFarLessOnACurveThatMovesEvenlyThanOnANewOne) {
   for (std::uint32_t i = 0; i < 64; ++i) layers.push_back(layer_of(i, {ring_of({100, 80}, 20 + 0.05 * i, 30, 400)}));
   const auto bytes_of = [&](std::uint32_t layers_per_chunk) {
     CodecOptions options = kCurve;
+    options.total_error_pitch = 0.144;
     options.layers_per_chunk = layers_per_chunk;
     std::size_t bytes = 0;
     for (const Chunk& c : encode(LayerStack::from_layers(header, layers).value(), options).chunks)

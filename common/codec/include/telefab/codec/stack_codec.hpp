@@ -22,7 +22,7 @@ enum class Coding : std::uint32_t {
 struct CodecOptions {
   Coding coding = Coding::Curve;
   std::uint32_t layers_per_chunk = 64;  ///< [1, 64]; each chunk begins with a key layer; a loss costs at most one chunk
-  double total_error_pitch = 0.144;  ///< (chord_error_pitch, 1]; Curve: largest distance to the true section, both ways
+  double total_error_pitch = 0.065;  ///< (chord_error_pitch, 1]; Curve: largest distance to the true section, both ways
   double chord_error_pitch = 0.025;  ///< [0, 1); what the slicer's chords have used of it: its chord tolerance
   [[nodiscard]] Result<void> validate() const;
 };
