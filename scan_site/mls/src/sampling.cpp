@@ -14,8 +14,8 @@ namespace telefab::scan {
 namespace {
 
 constexpr std::size_t kNeighbours = 12;
-/// Rows farther apart than this, in spacings, are not looked for.
-constexpr float kWidestGap = 6;
+/// How far, in spacings, the next rows are looked for: farther where a direction shows no sample.
+constexpr std::array<float, 2> kGapReaches{6, 16};
 /// Nearer than this, in spacings, lies another view of the same place.
 constexpr float kSamePlace = 0.05F;
 /// Samples whose normals agree by less belong to another side of the part.
@@ -56,23 +56,33 @@ class Surroundings {
     const Eigen::Vector3f normal = grid_.normal(sample);
     const Eigen::Vector3f u = normal.unitOrthogonal();
     const Eigen::Vector3f v = normal.cross(u);
-    const float most = kWidestGap * kWidestGap * spacing * spacing;
-    std::array<float, 6> nearest;
-    nearest.fill(most);
-    grid_.visit(place, kWidestGap * spacing, [&](std::uint32_t first, std::uint32_t last) {
-      for (std::uint32_t k = first; k < last; ++k) {
-        const Eigen::Vector3f d = grid_.place(k) - place;
-        const float x = d.dot(u), y = d.dot(v);
-        const float flat = x * x + y * y;
-        if (flat >= most || flat < kSamePlace * kSamePlace * spacing * spacing) continue;
-        if (grid_.normal(k).dot(normal) < kSameSide) continue;
-        float& of_sector = nearest[sector(x, y)];
-        of_sector = std::min(of_sector, flat);
-      }
-    });
     float widest = 0;
-    for (std::size_t s = 0; s < 3; ++s)
-      if (const float near = std::min(nearest[s], nearest[s + 3]); near < most) widest = std::max(widest, near);
+    for (const float reach : kGapReaches) {
+      const float most = reach * reach * spacing * spacing;
+      std::array<float, 6> nearest;
+      nearest.fill(most);
+      grid_.visit(place, reach * spacing, [&](std::uint32_t first, std::uint32_t last) {
+        for (std::uint32_t k = first; k < last; ++k) {
+          const Eigen::Vector3f d = grid_.place(k) - place;
+          const float x = d.dot(u), y = d.dot(v);
+          const float flat = x * x + y * y;
+          if (flat >= most || flat < kSamePlace * kSamePlace * spacing * spacing) continue;
+          if (grid_.normal(k).dot(normal) < kSameSide) continue;
+          float& of_sector = nearest[sector(x, y)];
+          of_sector = std::min(of_sector, flat);
+        }
+      });
+      widest = 0;
+      bool all = true;
+      for (std::size_t s = 0; s < 3; ++s) {
+        const float near = std::min(nearest[s], nearest[s + 3]);
+        if (near < most)
+          widest = std::max(widest, near);
+        else
+          all = false;
+      }
+      if (all) break;
+    }
     return std::sqrt(widest);
   }
 

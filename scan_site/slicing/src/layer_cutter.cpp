@@ -188,6 +188,23 @@ std::optional<Point2> LayerCutter::wall_through(double z_mm) {
   return Point2{walls.points.front().x(), walls.points.front().y()};
 }
 
+std::optional<Point2> LayerCutter::walls_of_next_rows(double z_mm) {
+  const Box3 box = setting_.field.bounds();
+  SurfaceSamples rows;
+  for (double reach = setting_.band_mm; z_mm - reach > box.min.z() || z_mm + reach < box.max.z(); reach *= 2) {
+    setting_.samples(z_mm - reach, z_mm + reach, rows);
+    if (rows.points.empty() || rows.points.front().z() > z_mm || rows.points.back().z() < z_mm) continue;
+    const Vec3* below = nullptr;
+    for (std::size_t i = 0; i < rows.points.size(); ++i) {
+      if (std::abs(rows.normals[i].z()) > kSteepNz) continue;
+      if (rows.points[i].z() < z_mm) below = &rows.points[i];
+      if (rows.points[i].z() >= z_mm && below) return Point2{below->x(), below->y()};
+    }
+    return std::nullopt;
+  }
+  return std::nullopt;
+}
+
 void LayerCutter::gather(double z_mm) {
   setting_.samples(z_mm - setting_.band_mm, z_mm + setting_.band_mm, near_);
   steep_.points.clear();
@@ -267,8 +284,11 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
   }
 
   std::optional<Doubt> unsettled;
+  // Between rows of samples that the kernel does not span both methods find nothing, and so do the critical points.
+  if (certified && chosen->trace.contours.empty())
+    if (const auto place = walls_of_next_rows(z_mm)) unsettled = Doubt{DoubtReason::ContourMissing, *place};
   // Of a noisy scan the other kernels tell more.
-  if (setting_.topology && (setting_.sparse || setting_.other_kernels.empty()))
+  if (!unsettled && setting_.topology && (setting_.sparse || setting_.other_kernels.empty()))
     if (const auto edge = setting_.measured ? setting_.topology->rounded_near(z_mm, setting_.measured)
                                             : setting_.topology->rounded_near(z_mm))
       unsettled = {DoubtReason::EdgeTooSharp, Point2{edge->x(), edge->y()}};

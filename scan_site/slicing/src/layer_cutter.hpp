@@ -64,6 +64,9 @@ class LayerCutter {
   /// A place where the surface passes from below the plane to above it, so that something must be cut; none where there
   /// is no such place.
   [[nodiscard]] std::optional<Point2> wall_through(double z_mm);
+  /// For an empty layer: a place where the next samples below and above the plane, however far, are walls; none where
+  /// one side has none, or only tops and undersides.
+  [[nodiscard]] std::optional<Point2> walls_of_next_rows(double z_mm);
   /// The samples that have a say in the plane.
   void gather(double z_mm);
   /// What another kernel finds otherwise; none where all agree.

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A block sampled on an exact grid, steps of 0.1 to 1 mm x turns of 0 to 10 degrees x noises of 0 to 0.1 mm, sliced at
+// 0.15 mm: layers inside that are empty, certified, and certified with another count than one contour. Run by hand.
+#include <fmt/format.h>
+
+#include <telefab/scan/slicing/slice_scan.hpp>
+#include <telefab/test/grid_block.hpp>
+
+namespace telefab::campaign {
+namespace {
+
+struct Tally {
+  std::size_t inside = 0, empty = 0, certified = 0, wrong_certified = 0, wrong_flagged = 0;
+};
+
+Result<Tally> slice(const test::GridBlock& block) {
+  std::string text;
+  double low = 1e9, high = -1e9;
+  for (const Eigen::Vector3d& p : test::points_of(block)) {
+    text += fmt::format("{} {} {}\n", p.x(), p.y(), p.z());
+    low = std::min(low, p.z());
+    high = std::max(high, p.z());
+  }
+  scan::SliceRequest request;
+  request.machine.name = "bench";
+  request.machine.platform = {60, 40, 50};
+  request.machine.projection.pixel_pitch_mm = 0.1;
+  request.machine.layers.thickness_mm = 0.15;
+  Tally tally;
+  const double margin_mm = block.step_mm / 2 + 2 * block.noise_mm;
+  const scan::LayerSink sink = [&](const StackHeader&, Layer&& layer) -> Result<void> {
+    if (layer.z_mm < margin_mm || layer.z_mm > high - low - margin_mm) return {};
+    const bool certified = layer.certificate.is_certified();
+    ++tally.inside;
+    tally.empty += layer.contours.empty();
+    tally.certified += certified;
+    if (layer.contours.size() != 1) ++(certified ? tally.wrong_certified : tally.wrong_flagged);
+    return {};
+  };
+  const auto report = scan::slice_scan(std::as_bytes(std::span{text}), "block.xyz", request, sink, {}, {});
+  if (!report) return tl::unexpected{report.error()};
+  return tally;
+}
+
+int run() {
+  Tally all;
+  std::size_t cases = 0, refused = 0;
+  for (const double step : {0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0})
+    for (const double turn : {0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0})
+      for (const double noise : {0.0, 0.01, 0.02, 0.05, 0.1}) {
+        ++cases;
+        const auto tally = slice({step, turn, noise});
+        if (!tally) {
+          ++refused;
+          fmt::print("step {} turn {} noise {}: {}\n", step, turn, noise, tally.error().what);
+          continue;
+        }
+        if (tally->empty + tally->wrong_certified + tally->wrong_flagged > 0)
+          fmt::print(
+              "step {} turn {} noise {}: {} layers inside, {} empty, {} certified, wrong {} certified {} flagged\n",
+              step, turn, noise, tally->inside, tally->empty, tally->certified, tally->wrong_certified,
+              tally->wrong_flagged);
+        all.inside += tally->inside;
+        all.empty += tally->empty;
+        all.certified += tally->certified;
+        all.wrong_certified += tally->wrong_certified;
+        all.wrong_flagged += tally->wrong_flagged;
+      }
+  fmt::print("{} cases, {} refused; {} layers inside, {} empty, {} certified, wrong {} certified {} flagged\n", cases,
+             refused, all.inside, all.empty, all.certified, all.wrong_certified, all.wrong_flagged);
+  return all.empty + all.wrong_certified == 0 ? 0 : 1;
+}
+
+}  // namespace
+}  // namespace telefab::campaign
+
+int main() { return telefab::campaign::run(); }
