@@ -8,6 +8,7 @@
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/planning/preflight.hpp>
 
+#include "contour_limit_options.hpp"
 #include "mask_options.hpp"
 #include "read_stack.hpp"
 #include "verbs.hpp"
@@ -22,6 +23,7 @@ struct Options {
   MachineChoice machine;
   std::string out;
   MaskOptions masks;
+  ContourLimitOptions contour_limits;
   std::string supports = "auto";
   std::string stand = "auto";
   std::string hand_list;
@@ -38,6 +40,7 @@ Result<PlanOptions> plan_options(const Options& o) {
                            : o.stand == "never" ? SupportOptions::Stand::Never
                                                 : SupportOptions::Stand::Auto;
   options.threads = o.threads;
+  options.contour_limits = o.contour_limits.limits();
   if (!o.hand_list.empty()) {
     const auto text = read_file(o.hand_list, kMaxHandListBytes);
     if (!text) return tl::unexpected{text.error()};
@@ -89,6 +92,7 @@ VerbBody declare_plan(VerbOptions& options) {
   options.add("--out", o->out, "folder for masks, plan.json, supports.json, preview.png, report.json, preflight.json")
       .required();
   declare_mask_options(options, o->masks);
+  declare_contour_limits(options, o->contour_limits);
   options.add("--supports", o->supports, "none or auto").one_of({"none", "auto"}).shows_default();
   options.add("--stand", o->stand, "stand on the platform: auto (where the first layer is large enough), always, never")
       .one_of({"auto", "always", "never"})

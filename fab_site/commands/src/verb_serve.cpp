@@ -4,6 +4,7 @@
 #include <telefab/fab/daemon/serve_fab_site.hpp>
 #include <telefab/service/daemon_log.hpp>
 
+#include "contour_limit_options.hpp"
 #include "mask_options.hpp"
 #include "verbs.hpp"
 
@@ -18,6 +19,7 @@ VerbBody declare_serve(VerbOptions& options) {
     double within_min = 10;
     std::string platform = "by-machine";
     MaskOptions masks;
+    ContourLimitOptions contour_limits;
   };
   auto o = std::make_shared<Options>();
   o->config.serve = {"127.0.0.1:7420", "", "", "", "fab-site"};
@@ -52,8 +54,10 @@ VerbBody declare_serve(VerbOptions& options) {
       .one_of({"cleared-by-operator", "automatic", "by-machine"})
       .shows_default();
   declare_mask_options(options, o->masks);
+  declare_contour_limits(options, o->contour_limits);
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (auto ok = apply(o->masks, o->config.planning); !ok) return tl::unexpected{ok.error()};
+    o->config.planning.contour_limits = o->contour_limits.limits();
     o->config.start_on_approval = o->start == "on-approval";
     if (o->platform == "cleared-by-operator") o->config.platform = PlatformPolicy::ClearedByOperator;
     if (o->platform == "automatic") o->config.platform = PlatformPolicy::Automatic;

@@ -198,6 +198,7 @@ PlanSummary summary_of(const LayerStack& stack, const SupportPlan& supports, con
   summary.anchors = supports.anchors().size();
   summary.supports_json = to_json(supports);
   summary.registration_rms_mm = options.registration_rms_mm;
+  summary.contour_limits = options.contour_limits;
   summary.masks = options.masks;
   summary.mask_iterations = options.masks == MaskMethod::Cover ? 0 : options.mask_iterations;
   summary.pattern = options.pattern;

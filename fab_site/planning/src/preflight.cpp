@@ -7,6 +7,8 @@
 #include <telefab/base/file.hpp>
 #include <telefab/fab/planning/preflight.hpp>
 
+#include "preflight_contours.hpp"
+
 namespace telefab::fab {
 namespace {
 
@@ -26,39 +28,6 @@ PreflightItem size_of(const LayerStack& stack, const MachineProfile& machine, co
       fmt::format("{:.1f} x {:.1f} mm, {:.1f} mm high with its supports, fits {} x {} x {} mm",
                   std::max(0.0, all.max.x_mm - all.min.x_mm), std::max(0.0, all.max.y_mm - all.min.y_mm), height_mm,
                   machine.platform.width_mm, machine.platform.depth_mm, machine.platform.z_travel_mm);
-  return item;
-}
-
-PreflightItem certificates_of(const LayerStack& stack, const PlanSummary& summary) {
-  std::size_t flagged = 0, unchecked = 0, lacking = 0;
-  const Layer* first = nullptr;
-  for (const Layer& layer : stack.layers()) {
-    unchecked += layer.certificate.verdict == LayerCertificate::Verdict::Unchecked;
-    if (layer.certificate.verdict != LayerCertificate::Verdict::Doubtful) continue;
-    ++flagged;
-    const bool lacks = layer.certificate.is_incomplete();
-    // What is missing says more than what is in doubt.
-    if (!first || (lacks && lacking == 0)) first = &layer;
-    lacking += lacks;
-  }
-  PreflightItem item{"certificates", Verdict::Passed, {}, static_cast<double>(flagged), "layers", {}, {}};
-  if (first) {
-    item.verdict = lacking > 0 ? Verdict::Held : Verdict::Warning;
-    item.layer = LayerIndex{first->index.count() + summary.elevation_layers};
-    item.place = first->certificate.doubt->place;
-    item.text = fmt::format("{} of {} layers are flagged by the slicer; the first, layer {}: {}", flagged,
-                            stack.layers().size(), item.layer->count(), sentence_of(first->certificate));
-    if (lacking > 0)
-      item.text = fmt::format(
-          "{} of {} layers lack contours of the object; the first, layer {}: {}; scan it there again, or slice "
-          "with --complete auto",
-          lacking, stack.layers().size(), item.layer->count(), sentence_of(first->certificate));
-  } else if (unchecked > 0) {
-    item.verdict = Verdict::NotKnown;
-    item.text = fmt::format("{} layers carry no certificate: their contours come from elsewhere", unchecked);
-  } else {
-    item.text = fmt::format("all {} layers are certified", stack.layers().size());
-  }
   return item;
 }
 
@@ -280,6 +249,8 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
   auto& items = preflight.items;
   items.push_back(size_of(stack, machine, summary));
   items.push_back(certificates_of(stack, summary));
+  items.push_back(empty_layers_of(stack, summary));
+  items.push_back(surface_of(stack, summary));
   if (summary.registration_rms_mm > 0) items.push_back(registration_of(stack, summary));
   items.push_back(dose_of(stack, summary));
   items.push_back(masks_of(summary));

@@ -171,6 +171,44 @@ TEST_F(PreflightTest, HoldsAJobWhoseLayersLackContours) {
   EXPECT_THAT(certificates.text, HasSubstr("--complete"));
 }
 
+TEST_F(PreflightTest, HoldsAJobWithAnEmptyLayerInsideThePart) {
+  EXPECT_EQ(item("empty-layers").verdict, Verdict::Passed);
+  std::vector<Layer> layers{stack.layers().begin(), stack.layers().end()};
+  ASSERT_GE(layers.size(), 4U);
+  layers[2].contours.clear();
+  stack = LayerStack::from_layers(stack.header(), layers).value();
+  EXPECT_EQ(item("empty-layers").verdict, Verdict::Held);
+  EXPECT_EQ(item("empty-layers").layer, LayerIndex{2 + summary.elevation_layers});
+  // Empty ones at the top are no gap.
+  layers[2] = stack.layers()[1];
+  layers[2].index = LayerIndex{2};
+  layers[2].z_mm = stack.layers()[2].z_mm;
+  layers.back().contours.clear();
+  stack = LayerStack::from_layers(stack.header(), layers).value();
+  EXPECT_EQ(item("empty-layers").verdict, Verdict::Passed);
+}
+
+TEST_F(PreflightTest, HoldsCompletedContoursAgainstTheLimitsOfTheOperator) {
+  EXPECT_EQ(item("surface").verdict, Verdict::Passed);
+  std::vector<Layer> layers{stack.layers().begin(), stack.layers().end()};
+  Contour& ring = layers[1].contours[0];
+  ring = ring.with_runs(std::vector(ring.vertices().size(), SurfaceRun{SurfaceClass::Completed, 1, 3, 0.9})).value();
+  layers[1].certificate.verdict = LayerCertificate::Verdict::Completed;
+  stack = LayerStack::from_layers(stack.header(), layers).value();
+  EXPECT_EQ(item("surface").verdict, Verdict::Warning);
+  EXPECT_EQ(item("surface").layer, LayerIndex{1 + summary.elevation_layers});
+  EXPECT_THAT(item("surface").text, HasSubstr("up to 3.00 mm"));
+  summary.contour_limits = {.completed_share = 1, .doubtful_share = 0, .gap_mm = 3, .error_mm = 0.9};
+  EXPECT_EQ(item("surface").verdict, Verdict::Warning);
+  summary.contour_limits = {.error_mm = 0.8};
+  EXPECT_EQ(item("surface").verdict, Verdict::Held);
+  EXPECT_THAT(item("surface").text, HasSubstr("--most-error-mm"));
+  summary.contour_limits = {.gap_mm = 2.9};
+  EXPECT_EQ(item("surface").verdict, Verdict::Held);
+  summary.contour_limits = {.completed_share = 0.001};
+  EXPECT_EQ(item("surface").verdict, Verdict::Held);
+}
+
 TEST_F(PreflightTest, TellsTheRegistrationErrorWhereTheScanStatesIt) {
   const auto items = preflight_of(stack, machine, summary).items;
   EXPECT_TRUE(std::none_of(items.begin(), items.end(), [](const auto& each) { return each.name == "registration"; }));

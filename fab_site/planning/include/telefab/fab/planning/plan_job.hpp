@@ -17,6 +17,14 @@
 
 namespace telefab::fab {
 
+/// What an operator lets pass of contours that the scan does not show; the preflight holds a job that has more.
+struct ContourLimits {
+  std::optional<double> completed_share;  ///< [0, 1] of the contours' length; none: any
+  std::optional<double> doubtful_share;   ///< [0, 1] of the contours' length; none: any
+  std::optional<double> gap_mm;           ///< >= 0, from the nearest measured sample; none: any
+  std::optional<double> error_mm;         ///< >= 0, possible error of completed stretches; none: any
+};
+
 struct PlanOptions {
   std::string job = "job";  ///< name of the job in the plan
   MaskMethod masks = MaskMethod::BlendStack;
@@ -31,6 +39,7 @@ struct PlanOptions {
   /// bottom layers in proportion. 0: the profile's times hold.
   double cure_depth_layers = 0;
   double registration_rms_mm = 0;  ///< of the views the scan was put together from, as printed; 0: not stated
+  ContourLimits contour_limits;
   SupportOptions supports;
   std::shared_ptr<const PartRegions> regions;  ///< of the very layers, where they were analysed as they came
   int threads = 0;                             ///< 0 (all cores) to 1024; the plan is the same for any number
@@ -53,6 +62,7 @@ struct PlanSummary {
   SupportReport check;  ///< of the final masks
   ThinReport thin;      ///< of the part's contours and the final masks
   SupportFigures figures;
+  ContourLimits contour_limits;  ///< as the options had them
   std::size_t anchors = 0;
   std::uint32_t part_layers = 0;
   std::uint32_t elevation_layers = 0;
