@@ -189,6 +189,12 @@ void print_summary(const SliceReport& report) {
   print_gaps(report.gaps);
   write_output(fmt::format("{} layers certified ({} marched), {} flagged\n", report.certified,
                            report.certified_by_march, report.flagged.size()));
+  if (const SurfaceShares& s = report.shares; s.completed_mm + s.doubtful_mm > 0)
+    write_output(
+        fmt::format("{:.1f} % of the contours completed in {} certified layers, up to {:.2f} mm from a sample, "
+                    "possible error {:.2f} mm; {:.1f} % doubtful\n",
+                    100 * s.completed_mm / s.length_mm(), report.completed, s.largest_gap_mm, s.largest_error_mm,
+                    100 * s.doubtful_mm / s.length_mm()));
   constexpr std::size_t kShown = 5;
   for (std::size_t i = 0; i < report.flagged.size() && i < kShown; ++i) {
     const FlaggedLayer& f = report.flagged[i];

@@ -21,6 +21,24 @@ constexpr Colour kPaper{250, 250, 248};
 constexpr Colour kInk{40, 44, 52};
 constexpr Colour kMaterial{122, 160, 196};
 constexpr Colour kFlag{214, 69, 65};
+/// What contours rest on.
+constexpr Colour kMeasured{128, 132, 138};
+constexpr Colour kCompleted{230, 145, 20};
+constexpr Colour kDoubtful{208, 32, 32};
+/// Completed and doubtful stretches are drawn thicker, or they would not be seen.
+constexpr int kStretchWidth = 3;
+
+Colour colour_of(SurfaceClass kind) {
+  switch (kind) {
+    case SurfaceClass::Completed:
+      return kCompleted;
+    case SurfaceClass::Doubtful:
+      return kDoubtful;
+    case SurfaceClass::Measured:
+      break;
+  }
+  return kMeasured;
+}
 
 /// One byte of the way from a to b.
 Colour blend(Colour a, Colour b, double share) {
@@ -40,6 +58,29 @@ struct Preview::Picture {
   double section_scale = 1;
   double middle_x, middle_y, height_mm;
   int sections = 0;
+
+  /// The stretches of a ring, drawn at `ring`, that are not measured.
+  void stretches(const Contour& contour, std::span<const PixelPoint> ring) {
+    std::size_t edge = 0;
+    for (const SurfaceRun& run : contour.runs())
+      for (const std::size_t end = edge + run.edges; edge < end; ++edge)
+        if (run.kind != SurfaceClass::Measured)
+          canvas.line(ring[edge], ring[(edge + 1) % ring.size()], colour_of(run.kind), kStretchWidth);
+  }
+
+  void legend() {
+    double x = 16;
+    const double y = 24;
+    const auto entry = [&](Colour colour, std::string_view words) {
+      canvas.line({x, y - 5}, {x + 28, y - 5}, colour, kStretchWidth + 2);
+      canvas.text({x + 36, y}, words, kInk, 13);
+      x += 60 + 8.5 * static_cast<double>(words.size());
+    };
+    entry(kMeasured, "measured");
+    entry(kCompleted, "completed");
+    entry(kDoubtful, "doubtful");
+    entry(kFlag, "layer flagged");
+  }
 
   [[nodiscard]] PixelPoint seen(Point2 p, double z_mm) const {
     const double x = p.x_mm - middle_x;
@@ -85,7 +126,10 @@ void Preview::add(const Layer& layer) {
     if (!rings.empty()) {
       const Colour top = flagged ? kFlag : blend(kMaterial, {235, 243, 250}, share);
       p.canvas.fill(rings, top);
-      for (const auto& ring : rings) p.canvas.outline(ring, blend(top, kInk, 0.35), 1);
+      for (std::size_t r = 0; r < rings.size(); ++r) {
+        p.canvas.outline(rings[r], flagged ? blend(top, kInk, 0.35) : kMeasured, 1);
+        p.stretches(layer.contours[r], rings[r]);
+      }
     }
   }
   if (p.sections < kSections && share >= (p.sections + 0.5) / kSections) {
@@ -98,7 +142,10 @@ void Preview::add(const Layer& layer) {
                         corner.y_px + 105 - p.section_scale * (v.y_mm - p.middle_y)});
     }
     if (!rings.empty()) p.canvas.fill(rings, flagged ? kFlag : kMaterial);
-    for (const auto& ring : rings) p.canvas.outline(ring, kInk, 1);
+    for (std::size_t r = 0; r < rings.size(); ++r) {
+      p.canvas.outline(rings[r], kInk, 1);
+      p.stretches(layer.contours[r], rings[r]);
+    }
     p.canvas.text({corner.x_px, corner.y_px + 232}, fmt::format("{:.2f} mm: {} rings", layer.z_mm, rings.size()), kInk,
                   12);
     ++p.sections;
@@ -107,6 +154,7 @@ void Preview::add(const Layer& layer) {
 
 Result<std::vector<std::byte>> Preview::png() const {
   Picture& p = *picture_;
+  p.legend();
   p.canvas.text({16, kHeight - 16},
                 fmt::format("{}: {} layers of {} mm for {}", p.header.scan_name, p.header.layer_count,
                             p.header.layer_thickness_mm, p.header.machine),

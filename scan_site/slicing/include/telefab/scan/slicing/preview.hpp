@@ -8,7 +8,8 @@
 namespace telefab::scan {
 
 /// A picture of a stack for people, painted while its layers pass: left the part from above and in front, built up
-/// layer by layer (flagged layers red), right six of its sections.
+/// layer by layer (flagged layers red), right six of its sections. Contours are grey where they are measured, amber
+/// where completed, red where doubtful; a legend says so.
 class Preview {
  public:
   /// `first` and `last`: the layers that will come.
