@@ -74,7 +74,7 @@ struct Preview::Picture {
     const auto entry = [&](Colour colour, std::string_view words) {
       canvas.line({x, y - 5}, {x + 28, y - 5}, colour, kStretchWidth + 2);
       canvas.text({x + 36, y}, words, kInk, 13);
-      x += 60 + 8.5 * static_cast<double>(words.size());
+      x += 64 + 10.5 * static_cast<double>(words.size());
     };
     entry(kMeasured, "measured");
     entry(kCompleted, "completed");
