@@ -372,17 +372,6 @@ Digest digest_of_profile(MachineProfile profile) {
   return hasher.digest();
 }
 
-Digest digest_of_light(const MachineProfile& profile) {
-  MachineProfile relevant = profile;
-  relevant.description.clear();
-  relevant.devices = {};
-  relevant.devices.led_current = profile.devices.led_current;
-  relevant.devices.led_colour = profile.devices.led_colour;
-  Hasher hasher;
-  hasher.feed(to_toml(relevant));
-  return hasher.digest();
-}
-
 std::string describe_keys() {
   std::string text;
   for (const Key& key : keys())

@@ -481,9 +481,9 @@ void FabSite::predict(const std::string& job, std::stop_token stop) {
 }
 
 void FabSite::print(const std::string& job, std::stop_token stop) {
-  const auto found = store().find(job);
-  if (!found || is_final(found->state)) return;
-  if (const auto known = find_machine(machines_, found->machine); known && !take_platform(*found, *known)) return;
+  const auto next = store().find(job);
+  if (!next || is_final(next->state)) return;
+  if (const auto known = find_machine(machines_, next->machine); known && !take_platform(*next, *known)) return;
   // Not before the store says so: what the next start knows of this print begins there.
   ledger_->move(job, JobState::Printing, "");
   if (const auto now = store().find(job); !now || now->state != JobState::Printing) {

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <telefab/machine/profile_digest.hpp>
 
 #include "contact_sheet.hpp"
 #include "layer_work.hpp"

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <telefab/fab/print/print_plan.hpp>
+#include <telefab/machine/profile_digest.hpp>
 
 namespace telefab::fab {
 

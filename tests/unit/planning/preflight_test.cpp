@@ -234,7 +234,6 @@ TEST_F(PreflightTest, JsonTellsVerdictsValuesAndPlaces) {
 }
 
 TEST(Preflight, LetsAHeldJobThroughOnlyByTheNameOfEverythingThatHoldsIt) {
-  using Verdict = PreflightItem::Verdict;
   Preflight preflight;
   preflight.items = {{"size", Verdict::Passed, "3 mm", 3, "mm", {}, {}},
                      {"islands", Verdict::Held, "1 found", 1, "findings", LayerIndex{4}, Point2{1, 2}},
@@ -251,7 +250,6 @@ TEST(Preflight, LetsAHeldJobThroughOnlyByTheNameOfEverythingThatHoldsIt) {
 }
 
 TEST(Preflight, ComesBackFromItsJsonAndHoldsWhatItDoesNotUnderstand) {
-  using Verdict = PreflightItem::Verdict;
   Preflight preflight;
   preflight.items = {{"islands", Verdict::Held, "1 found", 1, "findings", LayerIndex{4}, Point2{1, 2}},
                      {"time", Verdict::NotKnown, "?", {}, "s", {}, {}}};

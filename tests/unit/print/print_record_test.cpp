@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <telefab/fab/print/print_journal.hpp>
 #include <telefab/fab/print/print_record.hpp>
+#include <telefab/machine/profile_digest.hpp>
 
 namespace telefab::fab {
 namespace {

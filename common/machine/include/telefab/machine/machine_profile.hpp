@@ -131,10 +131,6 @@ struct MachineProfile {
 /// The profile as both sites compare it, over its TOML text: what the virtual devices do is the fab's own matter.
 [[nodiscard]] Digest digest_of_profile(MachineProfile profile);
 
-/// All of the profile that decides about a plan's masks, exposures and motion, the light's current and colour included;
-/// a plan is printed by no other.
-[[nodiscard]] Digest digest_of_light(const MachineProfile& profile);
-
 /// One line a key: name, range, reason. For documentation and `--help`.
 [[nodiscard]] std::string describe_keys();
 

@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/machine/profile_digest.hpp>
+
+namespace telefab {
+
+Digest digest_of_light(const MachineProfile& profile) {
+  MachineProfile relevant = profile;
+  relevant.description.clear();
+  relevant.devices = {};
+  relevant.devices.led_current = profile.devices.led_current;
+  relevant.devices.led_colour = profile.devices.led_colour;
+  Hasher hasher;
+  hasher.feed(to_toml(relevant));
+  return hasher.digest();
+}
+
+}  // namespace telefab
