@@ -183,5 +183,34 @@ TEST(SurfaceKind, IsKnownByItsName) {
   EXPECT_FALSE(surface_kind_from("poisson"));
 }
 
+TEST(MlsField, SamplesInAGapCloseItAndCountInNoEstimate) {
+  const auto torn =
+      test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .holes = {{{10, 0, 0}, 4}}, .seed = 3});
+  const auto field = field_of(cloud_of(torn));
+  ASSERT_TRUE(field);
+  EXPECT_FALSE(field->cursor()->at({10, 0, 0}).in_reach);
+  // What belongs there, three times as coarse as the scan.
+  std::vector<GapSample> others;
+  for (const Vec3& p : test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 1.8, .seed = 4}).points)
+    if ((p - Vec3{10, 0, 0}).norm() < 4) others.push_back({p, p.normalized(), 1.8});
+  const auto whole = field->completed_by(others);
+  const auto in_gap = whole->cursor()->at({10, 0, 0});
+  EXPECT_TRUE(in_gap.in_reach);
+  EXPECT_NEAR(in_gap.value_mm, 0, 0.05);
+  EXPECT_NEAR(whole->cursor()->at({-10.1, 0, 0}).value_mm, field->cursor()->at({-10.1, 0, 0}).value_mm, 1e-5);
+  EXPECT_EQ(whole->kernel().noise_mm, field->kernel().noise_mm);
+  EXPECT_EQ(whole->kernel().spacing_mm, field->kernel().spacing_mm);
+  EXPECT_EQ(whole->kernel().unevenness, field->kernel().unevenness);
+  EXPECT_GT(whole->kernel_width_mm({10, 0, 0}), 1.5 * field->kernel_width_mm({-10, 0, 0}));
+  SurfaceSamples all;
+  whole->samples_between(-11, 11, all);
+  ASSERT_EQ(all.in_gap.size(), all.points.size());
+  EXPECT_EQ(static_cast<std::size_t>(std::count(all.in_gap.begin(), all.in_gap.end(), 1)), others.size());
+  for (std::size_t i = 0; i < all.points.size(); ++i)
+    EXPECT_EQ(all.in_gap[i] == 1, (all.points[i] - Vec3{10, 0, 0}).norm() < 4) << all.points[i].transpose();
+  field->samples_between(-11, 11, all);
+  EXPECT_TRUE(all.in_gap.empty());
+}
+
 }  // namespace
 }  // namespace telefab::scan
