@@ -21,6 +21,8 @@ constexpr double kFewestFailures = 1;
 /// Probes on either side, in spacings: on walls thinner than two of them and at sharp edges the far ones come out on
 /// the other side.
 constexpr std::array kProbeSpacings{1.F, 0.5F, 0.25F, 2.F};
+/// A measured sample that is the nearest bears the surface as far as the field reaches, in kernel widths.
+constexpr double kReachWidths = 2;
 /// Where no virtual sample says otherwise.
 constexpr double kErrorOfGap = 0.4;
 
@@ -147,7 +149,7 @@ SurfaceRun CompletedScan::edge_at(Point2 vertex, double z_mm, const ScalarField&
   const auto distance = [](const Neighbour& n) { return std::sqrt(static_cast<double>(n.squared_distance)); };
   const double width = field.kernel_width_mm(place_mm);
   const bool is_virtual = nearest.index >= measured_count_;
-  if (!is_virtual && distance(nearest) <= width) return {};
+  if (!is_virtual && distance(nearest) <= kReachWidths * width) return {};
   const double gap = is_virtual ? distance(near_measured_->nearest(place)) : distance(nearest);
   if (gap <= width) return {};
   double share = kErrorOfGap;

@@ -37,8 +37,9 @@ class CompletedScan {
 
   /// Whether a measured sample lies within a kernel width of `field`.
   [[nodiscard]] bool is_measured(const Vec3& place_mm, const ScalarField& field) const;
-  /// What every edge of a contour of `field` rests on: measured where a measured sample lies within a kernel width,
-  /// else completed; doubtful where the winding number of all samples tells inside and outside otherwise.
+  /// What every edge of a contour of `field` rests on: measured where a measured sample lies within a kernel width, or
+  /// is the nearest and within two; else completed; doubtful where the winding number of all samples tells inside and
+  /// outside otherwise.
   [[nodiscard]] std::vector<SurfaceRun> surface_of(const Contour& contour, double z_mm, const ScalarField& field) const;
 
  private:
