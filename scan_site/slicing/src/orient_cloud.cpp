@@ -17,7 +17,8 @@ constexpr double kSure = 0.9;                      ///< share of a piece's sampl
 constexpr double kOpen = 0.1;                      ///< mean normal of a cloud that is not closed
 constexpr double kLikely = 0.75, kUnlikely = 0.2;  ///< share that must, or must not, agree before such are turned
 constexpr std::size_t kNear = 6;                   ///< neighbours with which a given normal is compared
-constexpr double kCoherent = 0.8;     ///< share of given normals that look the same way as their neighbours: they were
+constexpr float kAcross = 0.5F;       ///< cosine: they stand on the plane of the neighbours, or an edge of it
+constexpr double kCoherent = 0.7;     ///< share of given normals that look the same way as their neighbours: they were
                                       ///< computed, and not by chance
 constexpr double kConsistent = 0.92;  ///< estimated normals of which fewer fit are tried by winding numbers
 constexpr float kSamePlane = 0.8F;    ///< cosine: the plane of the neighbours is the surface's, and gives the normal
@@ -71,7 +72,7 @@ bool looks_like_neighbours(std::span<const Eigen::Vector3f> normals, const Surfa
   std::size_t same = 0;
   for (std::size_t k = 0; k < count; ++k)
     same += normals[i].dot(normals[facts.neighbour[i * facts.neighbours + k]]) > 0 ? 1 : 0;
-  return same + 1 >= count;
+  return same + 1 >= count && std::abs(normals[i].dot(facts.plane_normal[i])) > kAcross;
 }
 
 Judgement judge(const PointCloud& cloud, std::span<const Eigen::Vector3f> normals, const SurfaceFacts& facts,
@@ -167,7 +168,9 @@ std::vector<bool> settle(PointCloud& cloud, const SurfaceFacts& facts, const Jud
     disagrees[p] = verdicts[p] == Verdict::Disagree;
     all.asked += v.asked;
     all.right += verdicts[p] == Verdict::Turn ? v.turned : v.right;
+    all.coherent += v.coherent;
   }
+  report.neighbour_agreement = all.share(all.coherent);
   report.winding_agreement = all.share(all.right);
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     if (verdicts[facts.piece[i]] == Verdict::Disagree) ++report.disagreeing_points;
@@ -209,14 +212,21 @@ Result<OrientedCloud> orient_cloud(PointCloud cloud, std::shared_ptr<SurfaceGrap
   OrientedCloud given{std::move(cloud), {}, {}};
   std::vector<bool> disagrees;
   Asked asked;
+  double openness = 0;
   {
     const SurfaceFacts facts = facts_of(*graph);
     given.report.pieces = facts.pieces;
     asked = choose(facts);
     const Judgement judgement = judge(given.cloud, given.cloud.normals, facts, asked);
+    openness = judgement.openness;
     disagrees = settle(given.cloud, facts, judgement, given.report);
   }
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while judging normals");
+  if (given.report.disagreeing_points == 0 && openness <= kOpen && given.report.winding_agreement < kSure)
+    given.warnings.push_back(fmt::format(
+        "given normals fit the shape in part only: {:.0f} % of those asked have the inside behind them; they "
+        "look like their neighbours' and are kept",
+        100 * given.report.winding_agreement));
   if (given.report.flipped_points > 0)
     given.warnings.push_back(fmt::format("{} of {} given normals pointed inward and were turned",
                                          given.report.flipped_points, given.cloud.size()));

@@ -41,7 +41,10 @@ Result<PreparedScan> prepare_scan(std::span<const std::byte> scan, std::string_v
   clock.lap("reading");
 
   report(progress, WorkStage::SiftingPoints, 0);
-  auto sifted = sift_cloud(std::move(*cloud), options.sift, stop);
+  SiftOptions sift = options.sift;
+  // The corners of a drawing are far apart and all of them true.
+  sift.keep_outliers |= prepared.has_empty_faces;
+  auto sifted = sift_cloud(std::move(*cloud), sift, stop);
   if (!sifted) return fail_in(name, sifted.error());
   prepared.sift = std::move(sifted->report);
   for (std::string& said : sentences_of(prepared.sift)) prepared.warnings.push_back(std::move(said));
