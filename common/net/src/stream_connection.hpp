@@ -187,7 +187,8 @@ class StreamConnection final : public Connection, public std::enable_shared_from
       return end({ErrorCode::Unreachable, "idle-time: nothing was heard for too long"});
     if (is_writing_ && t - last_taken_ > limits_.write_within)
       return end({ErrorCode::Unreachable, "write-time: the other side takes no bytes"});
-    if (is_greeted_ && t - std::max(last_sent_, last_received_) > limits_.idle_after / 3 && !is_writing_)
+    // By what was sent last: who only listens would otherwise never send, and be dropped as silent.
+    if (is_greeted_ && t - last_sent_ > limits_.idle_after / 3 && !is_writing_)
       queue(to_bytes(Frame{FrameType::Ping, {}}).value());
   }
 

@@ -2,6 +2,7 @@
 #include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -38,6 +39,11 @@ class Socket {
     EXPECT_EQ(::send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL), static_cast<ssize_t>(bytes.size()));
   }
   void end() const { ::shutdown(fd_, SHUT_WR); }
+  [[nodiscard]] std::size_t bytes_waiting() const {
+    int bytes = 0;
+    EXPECT_EQ(::ioctl(fd_, FIONREAD, &bytes), 0);
+    return static_cast<std::size_t>(bytes);
+  }
   /// Bytes until the other side closes; those of pings are not counted.
   [[nodiscard]] std::size_t hear_out() const {
     std::array<std::byte, 4096> buffer{};
@@ -150,6 +156,25 @@ TEST_F(ConnectionTimes, ASilentPeerIsDroppedAfterPingsWentUnanswered) {
   listen(limits);
   const Socket dead{listener_->port()};
   EXPECT_THAT(ended(), HasSubstr("idle-time"));
+}
+
+TEST_F(ConnectionTimes, WhoOnlyListensSendsPingsHoweverMuchItHears) {
+  ConnectionLimits limits = patient();
+  limits.idle_after = milliseconds{90};
+  listen(limits);
+  const Socket talker{listener_->port()};
+  const auto frame = a_frame(FrameType::Jobs, 100);
+  // Ten times as long as the other side would wait for a sign of life.
+  int said = 0;
+  const std::function<void()> talk = [&] {
+    talker.send(frame);
+    if (++said == 90) return loop_.stop();
+    loop_.after(milliseconds{10}, talk);
+  };
+  talk();
+  EXPECT_EQ(ended(), "");
+  EXPECT_GT(frames_, 50);
+  EXPECT_GT(talker.bytes_waiting() / to_bytes({FrameType::Ping, {}}).value().size(), 8U);
 }
 
 TEST_F(ConnectionTimes, APeerThatTakesNoBytesIsDropped) {
