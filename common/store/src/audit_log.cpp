@@ -17,6 +17,31 @@ namespace {
 constexpr std::size_t kMaxTextBytes = 1000;
 constexpr std::uint64_t kMaxLogBytes = 4ULL << 30U;
 
+// The chain shows a changed line by the one behind it; the last one by a checksum of its own, the last key of a line.
+constexpr std::string_view kSumKey = R"(,"sum":")";
+constexpr std::size_t kSumDigits = 16;
+constexpr std::string_view kLineEnd = R"("})";
+
+std::string sum_of(std::string_view text) {
+  Hasher hasher;
+  hasher.feed(text);
+  return to_hex(hasher.digest()).substr(0, kSumDigits);
+}
+
+/// `object`: one of JSON that is not empty.
+std::string with_sum(std::string object) {
+  object.pop_back();
+  const std::string sum = sum_of(object);
+  return object.append(kSumKey).append(sum).append(kLineEnd);
+}
+
+bool is_sound(std::string_view line) {
+  const std::size_t tail = kSumKey.size() + kSumDigits + kLineEnd.size();
+  if (line.size() < tail) return false;
+  const std::string_view object = line.substr(0, line.size() - tail);
+  return line == with_sum(std::string{object} + '}');
+}
+
 }  // namespace
 
 struct AuditLog::Impl {
@@ -24,6 +49,9 @@ struct AuditLog::Impl {
   const Clock& clock;
   int file = -1;
   std::uint64_t next = 1;
+  std::uint64_t bytes = 0;  ///< of whole lines
+  bool is_broken = false;   ///< half a line may stand at the end: nothing is written behind it
+  bool has_sums = false;    ///< every further line must carry one
   Digest last{};
   std::mutex mutex;
 
@@ -48,8 +76,9 @@ struct AuditLog::Impl {
       const std::string_view line = text.substr(at, end - at);
       const auto entry = nlohmann::json::parse(line, nullptr, false);
       const auto before = entry.is_object() ? entry.find("before") : entry.end();
+      const bool has_sum = entry.is_object() && entry.contains("sum");
       if (!entry.is_object() || entry.value("n", std::uint64_t{0}) != next || before == entry.end() ||
-          *before != to_hex(last))
+          *before != to_hex(last) || (has_sums && !has_sum) || (has_sum && !is_sound(line)))
         return fail(ErrorCode::NotTrusted,
                     fmt::format("line {} of the audit log {} does not follow the line before it: the "
                                 "file was changed; keep it aside and look who did",
@@ -57,6 +86,7 @@ struct AuditLog::Impl {
       Hasher hasher;
       hasher.feed(line);
       last = hasher.digest();
+      has_sums |= has_sum;
       ++next;
       at = end + 1;
     }
@@ -75,6 +105,7 @@ Result<std::unique_ptr<AuditLog>> AuditLog::open(const std::filesystem::path& pa
     if (!whole) return tl::unexpected{whole.error()};
     if (*whole < bytes->size() && ::truncate(path.c_str(), static_cast<off_t>(*whole)) != 0)
       return impl->failed("shorten");
+    impl->bytes = *whole;
   }
   impl->file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0640);
   if (impl->file < 0) return impl->failed("open");
@@ -89,10 +120,21 @@ Result<void> AuditLog::add(std::string_view who, std::string_view what) {
       {"who", who.substr(0, kMaxTextBytes)},
       {"what", what.substr(0, kMaxTextBytes)},
       {"before", to_hex(impl_->last)}};
-  const std::string line = entry.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  if (impl_->is_broken)
+    return fail(
+        ErrorCode::StorageFailed,
+        fmt::format("the audit log {} could not be written before; start the site again", impl_->path.string()));
+  const std::string line = with_sum(entry.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
   const std::string text = line + '\n';
+  errno = ENOSPC;  // what a short write means, which sets none
   const ssize_t written = ::write(impl_->file, text.data(), text.size());
-  if (written != static_cast<ssize_t>(text.size()) || ::fdatasync(impl_->file) != 0) return impl_->failed("write");
+  if (written != static_cast<ssize_t>(text.size()) || ::fdatasync(impl_->file) != 0) {
+    auto error = impl_->failed("write");
+    // Half a line would break the chain for the next one, and the next start would be refused.
+    impl_->is_broken = ::ftruncate(impl_->file, static_cast<off_t>(impl_->bytes)) != 0;
+    return error;
+  }
+  impl_->bytes += text.size();
   Hasher hasher;
   hasher.feed(line);
   impl_->last = hasher.digest();

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <signal.h>
 #include <stdlib.h>
+#include <sys/resource.h>
 
 #include <fstream>
 #include <telefab/store/audit_log.hpp>
@@ -66,6 +68,47 @@ TEST_F(AuditLogTest, CutsOffALineThatWasNeverFinished) {
   write(whole + "{\"n\":4,\"who");
   EXPECT_TRUE(AuditLog::open(path(), clock));
   EXPECT_EQ(text(), whole);
+}
+
+TEST_F(AuditLogTest, TellsAChangedBitOfItsLastLine) {
+  fill();
+  const std::string whole = text();
+  const std::size_t last = whole.rfind('\n', whole.size() - 2) + 1;
+  for (std::size_t at = last; at + 1 < whole.size(); ++at) {
+    std::string changed = whole;
+    changed[at] = static_cast<char>(changed[at] ^ 4);
+    write(changed);
+    const auto log = AuditLog::open(path(), clock);
+    ASSERT_FALSE(log) << at;
+    EXPECT_EQ(log.error().code, ErrorCode::NotTrusted);
+    EXPECT_EQ(text(), changed) << "damage is never cut";
+  }
+}
+
+TEST_F(AuditLogTest, ReadsTheLinesOf01BeforeItsOwn) {
+  const std::string old =
+      R"({"n":1,"unix_ms":0,"who":"ana","what":"submit j1","before":")" + std::string(64, '0') + "\"}\n";
+  write(old);
+  fill();
+  EXPECT_TRUE(AuditLog::open(path(), clock));
+  EXPECT_TRUE(text().starts_with(old));
+}
+
+TEST_F(AuditLogTest, GoesOnBehindAWriteForWhichThereWasNoRoom) {
+  fill();
+  const auto log = AuditLog::open(path(), clock).value();
+  // A limit of this process stands in for a full disk; the signal that comes with it is a program's to ignore.
+  const auto before = ::signal(SIGXFSZ, SIG_IGN);
+  rlimit usual{};
+  ASSERT_EQ(::getrlimit(RLIMIT_FSIZE, &usual), 0);
+  const rlimit tight{text().size() + 30, usual.rlim_max};
+  ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &tight), 0);
+  const auto refused = log->add("ana", "cancel j2");
+  ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &usual), 0);
+  ::signal(SIGXFSZ, before);
+  EXPECT_EQ(refused.error().code, ErrorCode::StorageFailed);
+  EXPECT_TRUE(log->add("ana", "cancel j2"));
+  EXPECT_TRUE(AuditLog::open(path(), clock)) << "the next start is not refused";
 }
 
 }  // namespace

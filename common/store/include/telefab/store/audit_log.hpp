@@ -8,7 +8,8 @@
 namespace telefab {
 
 /// Who did what, or was refused what: one line of JSON an entry, append-only, each with the SHA-256 of the entry before
-/// it, so that a changed, dropped or inserted line shows. Fsynced. Threads: any.
+/// it, so that a changed, dropped or inserted line shows, and a checksum for the last one. Fsynced; nothing is ever
+/// written behind a write that failed. Threads: any.
 class AuditLog {
  public:
   /// Checks the whole file first; cuts off a torn last line. Fails with NotTrusted, naming the line, where the chain is
