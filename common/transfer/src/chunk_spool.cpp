@@ -21,6 +21,7 @@ constexpr std::uint32_t kChunkMark = 0x63734654;  // "TFsc"
 constexpr std::uint32_t kEndMark = 0x65734654;    // "TFse"
 constexpr std::size_t kHeadBytes = 56;
 constexpr std::uint32_t kMaxPayloadBytes = 4U << 20U;
+constexpr int kMostSetAside = 100;
 
 struct Head {
   std::uint32_t mark = 0;
@@ -97,6 +98,7 @@ struct ChunkSpool::Impl {
   std::uint64_t payload_bytes = 0;
   Digest chain{};
   std::optional<Digest> finished;
+  std::optional<std::filesystem::path> damaged;
 
   Impl() = default;
   Impl(const Impl&) = delete;
@@ -150,7 +152,43 @@ struct ChunkSpool::Impl {
     chain = head.digest;
   }
 
-  /// Reads every record; cuts off a torn tail.
+  /// Whether a writer that was stopped anywhere could have left what stands behind the sound records: the beginning of
+  /// the next one, or zeros, as a loss of power leaves them.
+  [[nodiscard]] Result<bool> is_tail_torn(std::uint64_t size) const {
+    constexpr std::size_t kLooked = kHeadBytes + kMaxPayloadBytes;
+    const auto bytes = bytes_at(end, static_cast<std::size_t>(std::min<std::uint64_t>(size - end, kLooked)));
+    if (!bytes) return tl::unexpected{bytes.error()};
+    const auto is_zero = [](std::byte b) { return b == std::byte{0}; };
+    if (std::all_of(bytes->begin(), bytes->end(), is_zero)) return true;
+    if (bytes->size() < kHeadBytes) {
+      std::array<std::byte, 4> marks[2]{};
+      put(marks[0].data(), kChunkMark);
+      put(marks[1].data(), kEndMark);
+      const auto n = static_cast<std::ptrdiff_t>(std::min<std::size_t>(4, bytes->size()));
+      return std::any_of(std::begin(marks), std::end(marks),
+                         [&](const auto& mark) { return std::equal(mark.begin(), mark.begin() + n, bytes->begin()); });
+    }
+    const auto head = head_of(*bytes);
+    if (!head || head->sequence != places.size() || head->first_layer != layers) return false;
+    const std::uint64_t whole = end + kHeadBytes + head->size;
+    return whole > size || (whole == size && head->size > 0 && is_zero(bytes->back()));
+  }
+
+  /// Keeps the file as it is under a name of its own, as a copy.
+  [[nodiscard]] Result<void> set_aside() {
+    std::error_code error;
+    for (int n = 1; n <= kMostSetAside; ++n) {
+      std::filesystem::path aside = fmt::format("{}.damaged-{}", path.string(), n);
+      if (std::filesystem::exists(aside, error)) continue;
+      if (!std::filesystem::copy_file(path, aside, error)) break;
+      damaged = std::move(aside);
+      return {};
+    }
+    return fail(ErrorCode::StorageFailed, fmt::format("{} is damaged and cannot be kept aside: {}", path.string(),
+                                                      error ? error.message() : "too many are"));
+  }
+
+  /// Reads every record; cuts off a torn tail, and keeps a damaged file aside before it goes on behind what is sound.
   [[nodiscard]] Result<void> load() {
     struct stat status {};
     if (::fstat(file, &status) != 0) return storage_failed("look at");
@@ -176,7 +214,12 @@ struct ChunkSpool::Impl {
       }
       end += kHeadBytes + head->size;
     }
-    if (end < size && ::ftruncate(file, static_cast<off_t>(end)) != 0) return storage_failed("shorten");
+    if (end == size) return {};
+    const auto torn = is_tail_torn(size);
+    if (!torn) return tl::unexpected{torn.error()};
+    if (!*torn)
+      if (auto aside = set_aside(); !aside) return aside;
+    if (::ftruncate(file, static_cast<off_t>(end)) != 0) return storage_failed("shorten");
     return {};
   }
 };
@@ -205,6 +248,7 @@ std::uint32_t ChunkSpool::chunk_count() const { return static_cast<std::uint32_t
 std::uint32_t ChunkSpool::layer_count() const { return impl_->layers; }
 std::uint64_t ChunkSpool::payload_bytes() const { return impl_->payload_bytes; }
 Digest ChunkSpool::chain() const { return impl_->chain; }
+const std::optional<std::filesystem::path>& ChunkSpool::damaged() const { return impl_->damaged; }
 const std::optional<Digest>& ChunkSpool::finished() const { return impl_->finished; }
 
 Result<Digest> ChunkSpool::append(LayerIndex first_layer, std::uint32_t layer_count,

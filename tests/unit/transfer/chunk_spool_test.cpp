@@ -78,6 +78,34 @@ TEST_F(ChunkSpoolTest, NeverGivesOutAChangedChunk) {
   }
 }
 
+TEST_F(ChunkSpoolTest, KeepsADamagedFileAsideAndGoesOnBehindItsSoundChunks) {
+  fill(3);
+  std::string changed = bytes();
+  changed[changed.size() / 2] ^= 1;  // in the middle of the second chunk
+  write(changed);
+  ChunkSpool spool = open();
+  EXPECT_EQ(spool.chunk_count(), 1U);
+  ASSERT_TRUE(spool.damaged());
+  std::ifstream aside{*spool.damaged(), std::ios::binary};
+  EXPECT_EQ((std::string{std::istreambuf_iterator<char>{aside}, {}}), changed) << "nothing of it is lost";
+  ASSERT_TRUE(spool.append(LayerIndex{10}, 10, payload(1)));
+  EXPECT_FALSE(open().damaged());
+  EXPECT_EQ(open().chunk_count(), 2U);
+}
+
+TEST_F(ChunkSpoolTest, KeepsNothingAsideOfATornTail) {
+  fill(2);
+  const std::string whole = bytes();
+  for (const std::size_t cut : {std::size_t{1}, whole.size() / 2 + 3, whole.size() - 1})
+    for (const std::size_t zeros : {0U, 4096U}) {
+      if (zeros > 0 && cut > 1) continue;  // zeros in the place of a payload: below
+      write(whole.substr(0, cut == 1 ? 0 : cut) + std::string(zeros, '\0'));
+      EXPECT_FALSE(open().damaged()) << cut;
+    }
+  write(whole.substr(0, whole.size() - 20) + std::string(20, '\0'));
+  EXPECT_FALSE(open().damaged()) << "the size was on disk, the bytes were not";
+}
+
 TEST_F(ChunkSpoolTest, RefusesAGapAndARepetition) {
   fill(2);
   ChunkSpool spool = open();

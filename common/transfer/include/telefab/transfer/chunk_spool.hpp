@@ -26,7 +26,9 @@ struct SpooledChunk {
                                  std::uint32_t layer_count, std::span<const std::byte> payload);
 
 /// The chunks of one job in one append-only file. What append() has answered survives kill -9 and loss of power; a torn
-/// tail is cut off at the next opening. Layers follow each other without gap. Threads: one caller at a time.
+/// tail is cut off at the next opening; a damaged file is kept aside as PATH.damaged-N, and the spool goes on behind
+/// its sound chunks, so that the other site sends the rest again. Layers follow each other without gap. Threads: one
+/// caller at a time.
 class ChunkSpool {
  public:
   /// Makes the file where there is none. Every record is read and checked. Fails with NotPermitted, StorageFailed,
@@ -50,6 +52,8 @@ class ChunkSpool {
   /// No chunk comes after this; remembers the digest of the decoded stack. Conflict if finished with another one.
   [[nodiscard]] Result<void> finish(const Digest& stack);
   [[nodiscard]] const std::optional<Digest>& finished() const;
+  /// Where the file was kept that was found damaged at this opening; nothing: it was not.
+  [[nodiscard]] const std::optional<std::filesystem::path>& damaged() const;
 
  private:
   struct Impl;
