@@ -5,7 +5,8 @@
 namespace telefab {
 
 /// All of the profile that decides about a plan's masks, exposures and motion, the light's current and colour included;
-/// a plan is printed by no other. Not part of it: the description, the speed of virtual devices, serial numbers, limits.
+/// a plan is printed by no other. Not part of it: the description, the speed of virtual devices, serial numbers,
+/// limits.
 [[nodiscard]] Digest digest_of_light(const MachineProfile& profile);
 
 }  // namespace telefab
