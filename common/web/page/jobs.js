@@ -25,8 +25,6 @@ function duration(seconds) {
 }
 
 async function get(path) {
-  const said = action === "approve" ? await approval() : as ? { as } : {};
-  if (!said) return;
   const answer = await fetch(path);
   const body = await answer.json();
   if (!answer.ok) throw new Error(body.error ? body.error.what : answer.statusText);
@@ -119,6 +117,8 @@ async function act(action, as) {
     return;
   }
   if (action === "cancel" && !confirm("Cancel this job? The print cannot be taken up again.")) return;
+  const said = action === "approve" ? await approval() : as ? { as } : {};
+  if (!said) return;
   const machine = state.jobs.find((j) => j.id === state.chosen)?.machine;
   const answer = await fetch(action === "cleared" ? `/v1/machines/${machine}/cleared` : `/v1/jobs/${state.chosen}/${action}`, {
     method: "POST",

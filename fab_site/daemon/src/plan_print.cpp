@@ -105,7 +105,7 @@ Result<void> check_let_through(const std::filesystem::path& folder, const PrintJ
 }  // namespace
 
 Result<void> go_dark(const MachineProfile& machine) {
-  if (machine.devices.projector == "virtual") return {};
+  if (machine.devices.projector == ProjectorKind::Virtual) return {};
   const auto clock = make_clock(machine);
   const auto projector = open_projector(machine, *clock);  // dark when it is open
   if (!projector) return tl::unexpected{projector.error()};

@@ -145,7 +145,7 @@ class Sifter {
     std::vector<bool> on_ground(cloud_.size(), false);
     const auto ground = find_ground(cloud_.points, *graph_);
     if (!ground) return on_ground;
-    report_.ground = GroundPlane{ground->share, ground->up, options_.pieces > 0};
+    report_.ground = StandingGround{ground->share, ground->up, options_.pieces > 0};
     if (options_.pieces == 0) return on_ground;
     for (std::size_t i = 0; i < cloud_.size(); ++i)
       on_ground[i] = std::abs((cloud_.points[i].cast<double>() - ground->place).dot(ground->up)) < ground->thickness;

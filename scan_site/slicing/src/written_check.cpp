@@ -19,9 +19,7 @@ void WrittenCheck::look_at(Layer& layer) {
     empty_.push_back(index);
     LayerCertificate& certificate = layer.certificate;
     const bool inside = layer.z_mm > spacing_mm_ && layer.z_mm < size_mm_.z() - spacing_mm_;
-    if (!inside || certificate.verdict != LayerCertificate::Verdict::Certified) return;
-    certificate.verdict = LayerCertificate::Verdict::Flagged;
-    certificate.reason = "no contour, though the scan reaches below and above";
+    if (inside && certificate.is_certified()) certificate.flag({.reason = DoubtReason::ContourMissing});
     return;
   }
   if (!first_) first_ = index;

@@ -24,14 +24,16 @@ TEST(JobState, GoesForwardOnlyAndEndsForGood) {
       if (!may_follow(from, to)) continue;
       ++allowed;
       EXPECT_FALSE(is_final(from)) << name_of(from);
-      EXPECT_TRUE(is_before(from, to) || (from == JobState::Paused && to == JobState::Printing))
+      // Back go a pause that ends, and an approval that grew old.
+      EXPECT_TRUE(is_before(from, to) || (from == JobState::Paused && to == JobState::Printing) ||
+                  (from == JobState::Ready && to == JobState::AwaitingApproval))
           << name_of(from) << " to " << name_of(to);
     }
   EXPECT_GT(allowed, 20);
   EXPECT_FALSE(may_follow(JobState::Paused, JobState::Done));
   EXPECT_TRUE(may_follow(JobState::Planning, JobState::AwaitingApproval));
   EXPECT_TRUE(may_follow(JobState::AwaitingApproval, JobState::Ready));
-  EXPECT_TRUE(may_follow(JobState::Ready, JobState::AwaitingApproval));  // an approval that grew old
+  EXPECT_TRUE(may_follow(JobState::Ready, JobState::AwaitingApproval));
   EXPECT_FALSE(is_final(JobState::AwaitingApproval));
   EXPECT_TRUE(may_follow(JobState::Printing, JobState::Paused));
 }

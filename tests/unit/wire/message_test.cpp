@@ -54,7 +54,6 @@ std::vector<Message> every_message() {
           UploadBlock{request, 500, bytes},
           AskJobs{request, "j1", 5, true},
           Jobs{request, {some_job(), some_job()}},
-          Command{request, "j1", JobCommand::Cancel, "ana", ""},
           Command{request, "j1", JobCommand::Approve, "ana", "islands,supports"},
           AskFiles{request, "j1"},
           Files{request, {{"preview.png", 1234}}},

@@ -44,7 +44,7 @@ struct Piece {
 };
 
 /// A plane with nothing behind it that reaches out beyond all that stands on it.
-struct GroundPlane {
+struct StandingGround {
   double share = 0;  ///< of the points
   Vec3 up = Vec3::UnitZ();
   bool left_out = false;
@@ -56,7 +56,7 @@ struct SiftReport {
   std::size_t strays = 0;           ///< points on no surface: alone, in clumps too small for one, or scattered in space
   std::size_t in_other_pieces = 0;  ///< points of pieces not asked for, and of the ground
   std::vector<Piece> pieces;        ///< largest first; strays are none
-  std::optional<GroundPlane> ground;
+  std::optional<StandingGround> ground;
   bool is_scene = false;  ///< many pieces, none of which is most of it
   Box before;             ///< of the points within the crop
   Box after;              ///< of the points that are left
