@@ -210,7 +210,7 @@ void read(Reading& reading, const v1::Offer& proto, Offer& value) {
   value.parameters = text(reading, proto.parameters(), kMaxParametersBytes, "parameters");
   value.profile = digest(reading, proto.profile_sha256(), "profile_sha256");
   value.header = read_header(reading, proto.header());
-  expect(reading, proto.coding() == 5 || proto.coding() == 6, "coding", "is none of this version");
+  expect(reading, proto.coding() >= kFirstCoding && proto.coding() <= kLastCoding, "coding", "is none of this version");
   value.coding = proto.coding();
   value.owner = name(reading, proto.owner(), "owner");
   expect(reading, proto.public_key().empty() || proto.public_key().size() == 32, "public_key", "is no Ed25519 key");

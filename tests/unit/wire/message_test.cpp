@@ -149,7 +149,7 @@ TEST(Message, RefusesEveryValueOutOfItsRangeByName) {
       {Offer{"j1", "v", "m", "{}", digest, some_header(), 5, "", {}, {}, {}, -1}, "registration_rms_mm"},
       {FileBlock{RequestId{1}, 5, 6, std::vector<std::byte>(2)}, "content"},
       {Offer{"j1", "v", "m", "{}", digest, bad_header, 1, "", {}, {}}, "header"},
-      {Offer{"j1", "v", "m", "{}", digest, some_header(), 7, "", {}, {}}, "coding"},
+      {Offer{"j1", "v", "m", "{}", digest, some_header(), 9, "", {}, {}}, "coding"},
       {Offer{"j1", "v", "m", "{}", digest, some_header(), 4, "", {}, {}}, "coding"},
       {Offer{"j1", "v", "m", "{}", digest, some_header(), 5, "", std::vector<std::byte>(31), {}}, "public_key"},
       {SendChunk{"j1", kMaxLayers, LayerIndex{0}, 1, {}, digest}, "sequence"},

@@ -21,6 +21,9 @@ inline constexpr std::uint64_t kMaxScanBytes = 8ULL << 30U;
 inline constexpr std::size_t kMaxBlockBytes = 1U << 20U;  ///< of an upload or a file
 inline constexpr std::size_t kMaxChunkBytes = 3U << 20U;
 
+/// Codings of chunks that this version reads, by their numbers (codec/stack_codec.hpp).
+inline constexpr std::uint32_t kFirstCoding = 5, kLastCoding = 8;
+
 enum class Side : std::uint8_t { Client = 1, ScanSite = 2, FabSite = 3 };
 /// Names one question on one connection; answers carry it back. 0 asks nothing.
 enum class RequestId : std::uint64_t {};
