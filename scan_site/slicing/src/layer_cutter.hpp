@@ -21,7 +21,7 @@ struct CutSetting {
   double band_mm = 0;  ///< samples farther than this from a plane are no matter of it: the widest of the bands
   /// Samples this near to a plane, in widths of their own kernel, must lie beside one of its contours. Above half the
   /// distance of rows over the kernel: between the rows of a grid there is else no sample at all.
-  double band_kernels = 0.6;
+  double band_kernels = 0.8;
   double cover_kernels = 0.75;  ///< a sample this near (in kernel widths) to a contour of like normal is covered
   double stray_share = 0;       ///< share of the samples near a plane that no surface need pass: outliers
   double noise_mm = 0;          ///< of the samples

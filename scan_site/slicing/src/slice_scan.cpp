@@ -32,7 +32,7 @@ constexpr std::array kUpAxes{std::pair{UpAxis::PlusX, "x"}, std::pair{UpAxis::Mi
 /// Layers of one task: neighbours share what a cursor has gathered.
 constexpr std::uint32_t kBlock = 8;
 /// Samples this near to a plane (in widths of their kernels) must lie beside its contours.
-constexpr double kBandKernels = 0.6;
+constexpr double kBandKernels = 0.8;
 /// Steeper samples than this (65 degrees) never lie near a critical point; the search in doubt looks this widely.
 constexpr double kNearLevel = 0.42;
 /// Samples of a scan whose copies count.

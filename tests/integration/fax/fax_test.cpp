@@ -224,7 +224,7 @@ TEST_F(Fax, PrintsNoPlanOfAnotherProfile) {
   start_scan();
   const std::string job = submit_torus();
   const auto watch = telefab_begun({"watch", job});
-  EXPECT_THAT(watch->wait_for_error_line("approve"), HasSubstr("ready"));
+  EXPECT_THAT(watch->wait_for_error_line("approve"), HasSubstr("awaiting-approval"));
   kill_fab();
   const auto toml = folder() / "machines" / "toy.toml";
   const std::string sound = text_of(toml);
@@ -260,7 +260,7 @@ TEST_F(Fax, PlansEveryJobWithTheMasksTheFabWasToldToMake) {
 TEST_F(Fax, HoldsAJobWithAnIslandUntilAnOperatorOfTheFabLetsItThroughByName) {
   // Tips far below a pixel: they cure nowhere, so the part floats and the check of the masks must say so.
   std::ofstream{folder() / "machines" / "toy.toml", std::ios::app}
-      << "[supports]\ntip_radius_mm = 0.01\npin_radius_mm = 0.015\nfoot_radius_mm = 0.02\n";
+      << "[supports]\nstand_area_share = 1.0\ntip_radius_mm = 0.01\npin_radius_mm = 0.015\nfoot_radius_mm = 0.02\n";
   start_both();
   const std::string job = submit_torus();
   const auto watch = telefab_begun({"watch", job});

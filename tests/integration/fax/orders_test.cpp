@@ -196,7 +196,7 @@ TEST_F(Orders, TheNextJobWaitsForAnEmptyPlatformOverRestarts) {
   start_fab(options);
   start_scan();
   const std::string first = submit_torus();
-  EXPECT_EQ(at_fab({"watch", first}).code, 0);
+  EXPECT_EQ(telefab({"watch", first}).code, 0);
   job = submit_torus();
   const auto waits = [&] { return says().find("empty platform") != std::string::npos; };
   ASSERT_TRUE(await(waits)) << says();

@@ -161,7 +161,8 @@ class Programs : public TwoSites {
                              {{"resume", job_}},
                              {{"cancel", job_}},
                              {{"report", job_, "--out", at("report")}},
-                             {{"machines"}}};
+                             {{"machines"}},
+                             {{"cleared", "toy"}}};
     for (Command& command : all) command.words.insert(command.words.end(), {"--site", fab_site()});
     all[0].words.back() = all[8].words.back() = scan_site();
     all.push_back({{"sites"}});

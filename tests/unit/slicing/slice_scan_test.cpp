@@ -238,6 +238,27 @@ TEST(SliceScan, TakesTheUnitStatedAndDoubtsASizeHardlyMeant) {
   EXPECT_FALSE(in_metres.validate());
 }
 
+TEST(SliceScan, FindsTheHoleOfATorusBetweenItsRows) {
+  // 90 samples around, 36 across: the rows lie farther apart than the samples in the inner ones.
+  std::string text;
+  for (int i = 0; i < 90; ++i)
+    for (int k = 0; k < 36; ++k) {
+      const double u = 2 * std::numbers::pi * i / 90, v = 2 * std::numbers::pi * k / 36;
+      const Vec3 n{std::cos(v) * std::cos(u), std::cos(v) * std::sin(u), std::sin(v)};
+      text += fmt::format("{} {} {} {} {} {}\n", 5 * std::cos(u) + 2 * n.x(), 5 * std::sin(u) + 2 * n.y(), 2 * n.z(),
+                          n.x(), n.y(), n.z());
+    }
+  const Outcome outcome = slice(text, request_for());
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  for (const Layer& layer : outcome.layers) {
+    ASSERT_EQ(layer.contours.size(), 2U) << "at " << layer.z_mm;
+    double area = 0;
+    for (const Contour& ring : layer.contours) area += ring.signed_area_mm2();
+    const double half_width = std::sqrt(4 - (layer.z_mm - 2) * (layer.z_mm - 2));
+    EXPECT_NEAR(area, 20 * std::numbers::pi * half_width, 0.5) << "at " << layer.z_mm;
+  }
+}
+
 TEST(SliceScan, BelievesAFormatThatStatesItsUnit) {
   const auto ball = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.9, .seed = 21});
   std::vector<std::array<std::int32_t, 3>> points;
