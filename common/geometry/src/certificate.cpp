@@ -128,8 +128,9 @@ std::string sentence_of(const LayerCertificate& certificate) {
                          certificate.predicted_euler.value_or(0), certificate.measured_euler);
     case DoubtReason::MethodsDisagree:
       if (d.found == d.other)
-        return fmt::format("marching and grid find {}, but the scan is too sparse for that to prove them at this height",
-                           text(d.found));
+        return fmt::format(
+            "marching and grid find {}, but the scan is too sparse for that to prove them at this height",
+            text(d.found));
       return fmt::format("at a critical height marching finds {}, the grid {}", text(d.found), text(d.other));
     case DoubtReason::NotCrossChecked:
       return "too near to a critical height to be checked by one method alone";
