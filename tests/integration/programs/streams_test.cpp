@@ -162,7 +162,7 @@ class Programs : public TwoSites {
                              {{"cancel", job_}},
                              {{"report", job_, "--out", at("report")}},
                              {{"machines"}},
-                             {{"cleared", "toy"}}};
+                             {{"cleared", "nobody"}}};  // a second time would find it empty
     for (Command& command : all) command.words.insert(command.words.end(), {"--site", fab_site()});
     all[0].words.back() = all[8].words.back() = scan_site();
     all.push_back({{"sites"}});
