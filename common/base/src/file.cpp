@@ -97,7 +97,8 @@ Result<std::filesystem::path> make_temporary_beside(const std::filesystem::path&
   if (::stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode))
     return fail(ErrorCode::InvalidInput,
                 fmt::format("cannot write {}: it is not a regular file; name another", path.string()));
-  std::string temporary = path.string() + ".XXXXXX";
+  // Hidden, so that nobody who lists the folder takes it for a file that is there to stay.
+  std::string temporary = (path.parent_path() / ("." + path.filename().string() + ".XXXXXX")).string();
   const Descriptor file{::mkostemp(temporary.data(), O_CLOEXEC)};
   if (file.get() < 0) return fail_errno("write", path, errno);
   return std::filesystem::path{temporary};

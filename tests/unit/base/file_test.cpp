@@ -30,6 +30,13 @@ TEST_F(WriteFileAtomically, LeavesOnlyTheFileAndItsBytes) {
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator{folder}, {}), 1);
 }
 
+TEST_F(WriteFileAtomically, WritesIntoAHiddenFileFirst) {
+  const auto temporary = make_temporary_beside(folder / "report.json");
+  ASSERT_TRUE(temporary) << temporary.error().what;
+  EXPECT_TRUE(temporary->filename().string().starts_with(".report.json."));
+  EXPECT_EQ(temporary->parent_path(), folder);
+}
+
 TEST_F(WriteFileAtomically, NamesTheFolderThatIsNotThere) {
   const auto done = write_file_atomically(folder / "no" / "a", "text");
   ASSERT_FALSE(done);
