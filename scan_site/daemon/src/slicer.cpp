@@ -13,6 +13,11 @@
 namespace telefab::scan {
 namespace {
 
+// The wire knows no codec and states the numbers again; an offer in a coding that it does not read would end the line.
+static_assert(static_cast<std::uint32_t>(Coding::ExactInWords) == kFirstCoding &&
+                  static_cast<std::uint32_t>(Coding::Curve) == kLastCoding,
+              "the codings that offers may name are those of the codec");
+
 /// Millimetres as printed per unit of the scan.
 double scale_of(const Transform4& scan_to_build) {
   return std::hypot(scan_to_build[0], scan_to_build[4], scan_to_build[8]);

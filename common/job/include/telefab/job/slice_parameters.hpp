@@ -35,7 +35,7 @@ struct SliceParameters {
 };
 
 /// One row: everything that command lines, the JSON of a job, the page and the API have to know of a parameter. A new
-/// one is a field above, a row in slice_parameters.cpp, and its use in scan_site/slicing/slice_parameters.cpp.
+/// one is a field above, a row in slice_parameters.cpp, and its use in scan_site/slicing/src/job_parameters.cpp.
 struct SliceParameter {
   using Number = std::optional<double> SliceParameters::*;
   using Flag = bool SliceParameters::*;
