@@ -96,7 +96,18 @@ class Browser {
   std::string screenshot() { return in_session("GET", "/screenshot", nullptr).get<std::string>(); }
 
  private:
+  /// The driver takes a free port of IPv6 and asks for the same of IPv4, which somebody may have taken meanwhile.
   void start_driver() {
+    constexpr int kTries = 5;
+    for (int tries = 1;; ++tries) {
+      const std::string said = try_driver();
+      if (port_ != 0) return;
+      if (tries == kTries || said.find("port not available") == std::string::npos)
+        throw std::runtime_error("chromedriver did not start: " + said);
+    }
+  }
+  /// What it said; sets port_ where it runs.
+  std::string try_driver() {
     int ends[2];
     if (::pipe(ends) != 0) throw std::runtime_error("no pipe");
     driver_ = ::fork();
@@ -112,12 +123,17 @@ class Browser {
     constexpr std::string_view mark = "successfully on port ";
     while (port_ == 0) {
       const ssize_t got = ::read(ends[0], buffer, sizeof buffer);
-      if (got <= 0) throw std::runtime_error("chromedriver did not start: " + said);
+      if (got <= 0) {
+        ::close(ends[0]);
+        ::waitpid(driver_, nullptr, 0);
+        return said;
+      }
       said.append(buffer, static_cast<std::size_t>(got));
       if (const auto at = said.find(mark); at != std::string::npos && said.find('.', at) != std::string::npos)
         port_ = static_cast<std::uint16_t>(std::stoi(said.substr(at + mark.size())));
     }
     output_ = ends[0];
+    return said;
   }
 
   [[nodiscard]] std::string find(const std::string& css) {
