@@ -70,8 +70,8 @@ class Upload {
 
 class ClientSession : public std::enable_shared_from_this<ClientSession> {
  public:
-  ClientSession(net::Loop& loop, net::ConnectionPtr connection, SiteDesk& desk, const ClientLimits& limits)
-      : loop_{loop}, connection_{std::move(connection)}, desk_{desk}, limits_{limits} {}
+  ClientSession(net::Loop& loop, net::ConnectionPtr connection, JobService& service, const ClientLimits& limits)
+      : loop_{loop}, connection_{std::move(connection)}, service_{service}, limits_{limits} {}
 
   void begin() {
     connection_->set_events({[self = shared_from_this()](const Frame& frame) { self->on_frame(frame); },
@@ -89,7 +89,7 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
   void on_closed(const Error& why) {
     is_open_ = false;
     if (why.code == ErrorCode::ProtocolBroken) {
-      desk_.note(connection_->peer().address, why.what);
+      service_.note(connection_->peer().address, why.what);
       connection_->close(to_frame(Fault{{}, why, {}}));
     }
     uploads_.clear();
@@ -99,7 +99,7 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
 
   void end(const Error& why) {
     is_open_ = false;
-    desk_.note(connection_->peer().address, why.what);
+    service_.note(connection_->peer().address, why.what);
     connection_->close(to_frame(Fault{{}, why, {}}));
     uploads_.clear();
     watches_.clear();
@@ -120,7 +120,7 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
   }
   [[nodiscard]] Error refuse_role(std::string_view deed) {
     const net::Peer& peer = connection_->peer();
-    desk_.note(peer.name, fmt::format("refused: {}", deed));
+    service_.note(peer.name, fmt::format("refused: {}", deed));
     return {ErrorCode::NotPermitted,
             fmt::format("\"{}\" has the role {} and may not {}", peer.name, net::name_of(*peer.role), deed)};
   }
@@ -131,7 +131,7 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
   }
 
   void answer(const AskMachines& question) {
-    Machines machines = desk_.machines();
+    Machines machines = service_.machines();
     machines.request = question.request;
     say(machines);
   }
@@ -142,8 +142,8 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
       return say_fault(submit.request, {ErrorCode::TooLarge, "upload-limit: too many uploads at once"});
     if (submit.size_bytes == 0)
       return say_fault(submit.request, {ErrorCode::InvalidInput, fmt::format("{} is empty", submit.name)});
-    if (auto may = desk_.may_submit(submit); !may) return say_fault(submit.request, may.error());
-    auto upload = Upload::begin(submit, desk_.incoming());
+    if (auto may = service_.may_submit(submit); !may) return say_fault(submit.request, may.error());
+    auto upload = Upload::begin(submit, service_.incoming());
     if (!upload) return say_fault(submit.request, upload.error());
     uploads_[submit.request] = std::move(*upload);
     say(SendMore{submit.request, 0});
@@ -162,7 +162,7 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
       uploads_.erase(found);
       return;
     }
-    auto job = desk_.submit(upload.submit(), upload.path(), who(""));
+    auto job = service_.submit(upload.submit(), upload.path(), who(""));
     if (job)
       say(Jobs{block.request, {std::move(*job)}});
     else
@@ -172,11 +172,11 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
 
   void answer(const AskJobs& question) {
     if (question.job.empty()) {
-      auto jobs = desk_.store().list(question.most);
+      auto jobs = service_.store().list(question.most);
       if (!jobs) return say_fault(question.request, jobs.error());
       return say(Jobs{question.request, std::move(*jobs)});
     }
-    auto job = desk_.store().find(question.job);
+    auto job = service_.store().find(question.job);
     if (!job) return say_fault(question.request, job.error(), question.job);
     say(Jobs{question.request, {*job}});
     if (!question.watch || is_final(job->state)) return;
@@ -196,11 +196,11 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
   void look_at_watches() {
     is_watching_ = false;
     if (!is_open_) return;
-    const std::uint64_t revision = desk_.store().revision();
+    const std::uint64_t revision = service_.store().revision();
     if (revision != seen_revision_) {
       seen_revision_ = revision;
       for (auto each = watches_.begin(); each != watches_.end();) {
-        auto job = desk_.store().find(each->second.id);
+        auto job = service_.store().find(each->second.id);
         if (job && *job != each->second) {
           say(Jobs{each->first, {*job}});
           if (!is_open_) return;
@@ -216,8 +216,8 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
     if (!may_change()) return say_fault(command.request, refuse_role(name_of(command.command)), command.job);
     Command with_name = command;
     with_name.who = who(command.who);
-    desk_.note(with_name.who, fmt::format("{} {}", name_of(command.command), command.job));
-    desk_.command(with_name, [weak = weak_from_this(), request = command.request, id = command.job](Result<Job> job) {
+    service_.note(with_name.who, fmt::format("{} {}", name_of(command.command), command.job));
+    service_.command(with_name, [weak = weak_from_this(), request = command.request, id = command.job](Result<Job> job) {
       const auto self = weak.lock();
       if (!self) return;
       if (job)
@@ -228,7 +228,7 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
   }
 
   void answer(const AskFiles& question) {
-    desk_.files(question.job, [weak = weak_from_this(), question](Result<std::vector<FileEntry>> files) {
+    service_.files(question.job, [weak = weak_from_this(), question](Result<std::vector<FileEntry>> files) {
       const auto self = weak.lock();
       if (!self) return;
       if (files)
@@ -241,7 +241,7 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
   void answer(const AskFile& question) {
     if (downloads_.size() >= limits_.max_files)
       return say_fault(question.request, {ErrorCode::TooLarge, "file-limit: too many files at once"}, question.job);
-    desk_.file(question.job, question.name, [weak = weak_from_this(), question](Result<std::filesystem::path> path) {
+    service_.file(question.job, question.name, [weak = weak_from_this(), question](Result<std::filesystem::path> path) {
       const auto self = weak.lock();
       if (!self) return;
       if (!path) return self->say_fault(question.request, path.error(), question.job);
@@ -263,7 +263,7 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
 
   net::Loop& loop_;
   net::ConnectionPtr connection_;
-  SiteDesk& desk_;
+  JobService& service_;
   ClientLimits limits_;
   bool is_open_ = true;
   bool is_watching_ = false;
@@ -288,8 +288,8 @@ std::vector<FileEntry> files_of(const std::filesystem::path& folder) {
   return files;
 }
 
-void serve_client(net::Loop& loop, const net::ConnectionPtr& connection, SiteDesk& desk, const ClientLimits& limits) {
-  std::make_shared<ClientSession>(loop, connection, desk, limits)->begin();
+void serve_client(net::Loop& loop, const net::ConnectionPtr& connection, JobService& service, const ClientLimits& limits) {
+  std::make_shared<ClientSession>(loop, connection, service, limits)->begin();
 }
 
 }  // namespace telefab

@@ -89,7 +89,7 @@ Result<void> FabSite::start_web() {
   if (config_.serve.web.empty()) return {};
   auto token = web_token(folder_);
   if (!token) return tl::unexpected{token.error()};
-  web_desk_ = std::make_unique<WebDesk>(
+  page_backend_ = std::make_unique<SitePageBackend>(
       store(), folder_, machines_,
       [this](const Command& asked, std::function<void(Result<Job>)> done) {
         later([this, asked, done = std::move(done)] {
@@ -107,7 +107,7 @@ Result<void> FabSite::start_web() {
   if (const auto library = read_file(kThreeJs, kMaxThreeJsBytes))
     three_js.assign(reinterpret_cast<const char*>(library->data()), library->size());
   web_site_ =
-      std::make_unique<FabWeb>(*web_desk_, WebOptions{std::move(*token), std::string{kVersion}, std::move(three_js)});
+      std::make_unique<FabWeb>(*page_backend_, WebOptions{std::move(*token), std::string{kVersion}, std::move(three_js)});
   auto server = open_page(config_.serve, folder_, *web_site_, fmt::format("telefab-fab/{}", kVersion));
   if (!server) return tl::unexpected{server.error()};
   web_ = std::move(*server);

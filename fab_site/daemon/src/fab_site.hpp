@@ -17,7 +17,7 @@
 #include "print_orders.hpp"
 #include "scan_session.hpp"
 #include "site_keys.hpp"
-#include "web_desk.hpp"
+#include "site_page_backend.hpp"
 #include "work_queue.hpp"
 
 namespace telefab::fab {
@@ -25,7 +25,7 @@ namespace telefab::fab {
 /// The daemon: layers in from scan sites, planned, printed; commands and questions from clients and scan sites.
 /// Threads: network (everything but the three below), planner, device, web. Stop order: web, listener, planner,
 /// device, ledger.
-class FabSite final : public FabDesk {
+class FabSite final : public StackReceiver {
  public:
   /// Everything is checked and the port is bound when this returns.
   [[nodiscard]] static Result<std::unique_ptr<FabSite>> open(const FabSiteConfig& config, const Clock& clock);
@@ -133,7 +133,7 @@ class FabSite final : public FabDesk {
   std::unique_ptr<WorkQueue> planner_;
   std::unique_ptr<WorkQueue> device_;
   std::unique_ptr<net::Listener> listener_;
-  std::unique_ptr<WebDesk> web_desk_;
+  std::unique_ptr<SitePageBackend> page_backend_;
   std::unique_ptr<FabWeb> web_site_;
   std::unique_ptr<WebServer> web_;
 };

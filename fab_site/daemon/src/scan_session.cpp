@@ -15,8 +15,8 @@ constexpr std::size_t kMaxJobs = 256;
 
 class ScanSession : public std::enable_shared_from_this<ScanSession> {
  public:
-  ScanSession(net::Loop& loop, net::ConnectionPtr connection, FabDesk& desk)
-      : loop_{loop}, connection_{std::move(connection)}, desk_{desk} {}
+  ScanSession(net::Loop& loop, net::ConnectionPtr connection, StackReceiver& receiver)
+      : loop_{loop}, connection_{std::move(connection)}, receiver_{receiver} {}
 
   void begin() {
     connection_->set_events({[self = shared_from_this()](const Frame& frame) { self->on_frame(frame); },
@@ -41,7 +41,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
   void on_closed(const Error& why) {
     is_open_ = false;
     if (why.code == ErrorCode::ProtocolBroken) {
-      desk_.note(connection_->peer().address, why.what);
+      receiver_.note(connection_->peer().address, why.what);
       connection_->close(to_frame(Fault{{}, why, {}}));
     }
     jobs_.clear();
@@ -50,7 +50,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
 
   void end(const Error& why) {
     is_open_ = false;
-    desk_.note(connection_->peer().address, why.what);
+    receiver_.note(connection_->peer().address, why.what);
     connection_->close(to_frame(Fault{{}, why, {}}));
     jobs_.clear();
     downloads_.clear();
@@ -79,14 +79,14 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
   }
 
   void tell_changes() {
-    const std::uint64_t revision = desk_.store().revision();
+    const std::uint64_t revision = receiver_.store().revision();
     if (revision == seen_revision_) return;
     seen_revision_ = revision;
     for (auto& [id, told] : jobs_) tell(id, told);
   }
 
   void tell(const std::string& id, Told& told) {
-    auto job = desk_.store().find(id);
+    auto job = receiver_.store().find(id);
     if (!job || (told.last && *job == *told.last)) return;
     told.last = *job;
     say(JobChanged{std::move(*job)});
@@ -102,9 +102,9 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
     const net::Peer& peer = connection_->peer();
     if (jobs_.size() >= kMaxJobs && !mine(offer.job))
       return say(Fault{{}, {ErrorCode::TooLarge, "job-limit: too many jobs on one connection"}, offer.job});
-    auto intake = desk_.take_offer(offer, peer);
+    auto intake = receiver_.take_offer(offer, peer);
     if (!intake) {
-      desk_.note(peer.name, fmt::format("refused: offer {}: {}", offer.job, intake.error().what));
+      receiver_.note(peer.name, fmt::format("refused: offer {}: {}", offer.job, intake.error().what));
       return say(Fault{{}, intake.error(), offer.job});
     }
     Told& told = jobs_[offer.job];
@@ -123,12 +123,12 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
                      ? told->intake->take(chunk)
                      : fail(ErrorCode::ProtocolBroken, fmt::format("chunk-order: chunk {} came again", chunk.sequence));
     if (!taken) {
-      desk_.broken(chunk.job, taken.error());
+      receiver_.broken(chunk.job, taken.error());
       say(Fault{{}, taken.error(), chunk.job});
       return end(taken.error());
     }
     told->due = chunk.sequence + 1;
-    desk_.received(chunk.job, told->intake->spool().layer_count(), kFrameHeaderBytes + chunk.payload.size());
+    receiver_.received(chunk.job, told->intake->spool().layer_count(), kFrameHeaderBytes + chunk.payload.size());
     say(ChunkKept{chunk.job, chunk.sequence});
   }
 
@@ -136,18 +136,18 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
     Told* told = mine(stack.job);
     if (!told || !told->intake) return;
     if (auto finished = told->intake->finish(stack); !finished) {
-      desk_.broken(stack.job, finished.error());
+      receiver_.broken(stack.job, finished.error());
       say(Fault{{}, finished.error(), stack.job});
       return end(finished.error());
     }
     told->intake.reset();
     say(StackKept{stack.job});
-    desk_.completed(stack.job);
+    receiver_.completed(stack.job);
   }
 
   /// The job as far as this site may ask about it.
   [[nodiscard]] Result<Job> own_job(const std::string& id) {
-    auto job = desk_.store().find(id);
+    auto job = receiver_.store().find(id);
     if (job && job->owner != connection_->peer().name) return fail(ErrorCode::NotFound, fmt::format("no job {}", id));
     return job;
   }
@@ -160,8 +160,8 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
                        command.job});
     Command named = command;
     named.who = fmt::format("{} at {}", command.who.substr(0, 100), connection_->peer().name);
-    desk_.note(named.who, fmt::format("{} {}", name_of(command.command), command.job));
-    desk_.command(named, [weak = weak_from_this(), request = command.request, id = command.job](Result<Job> job) {
+    receiver_.note(named.who, fmt::format("{} {}", name_of(command.command), command.job));
+    receiver_.command(named, [weak = weak_from_this(), request = command.request, id = command.job](Result<Job> job) {
       const auto self = weak.lock();
       if (!self) return;
       if (job)
@@ -173,7 +173,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
 
   void hear(const AskFiles& question) {
     if (const auto job = own_job(question.job); !job) return say(Fault{question.request, job.error(), question.job});
-    desk_.files(question.job, [weak = weak_from_this(), question](Result<std::vector<FileEntry>> files) {
+    receiver_.files(question.job, [weak = weak_from_this(), question](Result<std::vector<FileEntry>> files) {
       const auto self = weak.lock();
       if (!self) return;
       if (files)
@@ -185,7 +185,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
 
   void hear(const AskFile& question) {
     if (const auto job = own_job(question.job); !job) return say(Fault{question.request, job.error(), question.job});
-    desk_.file(question.job, question.name, [weak = weak_from_this(), question](Result<std::filesystem::path> path) {
+    receiver_.file(question.job, question.name, [weak = weak_from_this(), question](Result<std::filesystem::path> path) {
       const auto self = weak.lock();
       if (!self) return;
       if (!path) return self->say(Fault{question.request, path.error(), question.job});
@@ -207,7 +207,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
 
   net::Loop& loop_;
   net::ConnectionPtr connection_;
-  FabDesk& desk_;
+  StackReceiver& receiver_;
   bool is_open_ = true;
   bool is_looking_ = false;
   std::uint64_t seen_revision_ = 0;
@@ -217,8 +217,8 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
 
 }  // namespace
 
-void serve_scan_site(net::Loop& loop, const net::ConnectionPtr& connection, FabDesk& desk) {
-  std::make_shared<ScanSession>(loop, connection, desk)->begin();
+void serve_scan_site(net::Loop& loop, const net::ConnectionPtr& connection, StackReceiver& receiver) {
+  std::make_shared<ScanSession>(loop, connection, receiver)->begin();
 }
 
 }  // namespace telefab::fab

@@ -2,14 +2,14 @@
 #pragma once
 #include <telefab/net/connection.hpp>
 #include <telefab/net/loop.hpp>
-#include <telefab/service/site_desk.hpp>
+#include <telefab/service/job_service.hpp>
 
 #include "intake.hpp"
 
 namespace telefab::fab {
 
 /// The fab as a scan site sees it. Called on the loop's thread.
-class FabDesk : public SiteDesk {
+class StackReceiver : public JobService {
  public:
   /// A job that is offered, new or again; its intake lives until the job is planned. Refusals: NotFound (machine),
   /// NotTrusted (signature), Conflict
@@ -24,6 +24,6 @@ class FabDesk : public SiteDesk {
 };
 
 /// Talks to one greeted scan site until its connection ends. Threads: the loop's only.
-void serve_scan_site(net::Loop& loop, const net::ConnectionPtr& connection, FabDesk& desk);
+void serve_scan_site(net::Loop& loop, const net::ConnectionPtr& connection, StackReceiver& receiver);
 
 }  // namespace telefab::fab

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <string>
-#include <telefab/fab/web/job_desk.hpp>
+#include <telefab/fab/web/page_backend.hpp>
 #include <vector>
 
 namespace telefab::fab {

@@ -91,8 +91,8 @@ WebResponse octoprint_version(const std::string& version) {
   return with(200, {{"api", "0.1"}, {"server", version}, {"text", "OctoPrint (Telefab " + version + ")"}});
 }
 
-WebResponse octoprint_job(JobDesk& desk) {
-  const auto jobs = desk.jobs();
+WebResponse octoprint_job(PageBackend& backend) {
+  const auto jobs = backend.jobs();
   if (!jobs) return octoprint_problem(jobs.error());
   const JobView* job = on_machine(*jobs);
   ordered_json file{{"name", nullptr}, {"origin", nullptr}, {"size", nullptr}, {"date", nullptr}};
@@ -123,8 +123,8 @@ WebResponse octoprint_job(JobDesk& desk) {
                     {"state", state_text(job)}});
 }
 
-WebResponse octoprint_printer(JobDesk& desk) {
-  const auto jobs = desk.jobs();
+WebResponse octoprint_printer(PageBackend& backend) {
+  const auto jobs = backend.jobs();
   if (!jobs) return octoprint_problem(jobs.error());
   const JobView* job = on_machine(*jobs);
   const std::string text = state_text(job);
@@ -145,14 +145,14 @@ WebResponse octoprint_printer(JobDesk& desk) {
                         {"closedOrError", false}}}}}});
 }
 
-WebResponse octoprint_command(const WebRequest& request, JobDesk& desk) {
+WebResponse octoprint_command(const WebRequest& request, PageBackend& backend) {
   const auto asked = ordered_json::parse(request.body, nullptr, false);
   const auto text = [&](const char* key) {
     const auto found = asked.is_object() ? asked.find(key) : asked.end();
     return asked.is_object() && found != asked.end() && found->is_string() ? found->get<std::string>() : std::string{};
   };
   const std::string command = text("command"), action = text("action");
-  const auto jobs = desk.jobs();
+  const auto jobs = backend.jobs();
   if (!jobs) return octoprint_problem(jobs.error());
   const JobView* job = on_machine(*jobs);
   const auto is = [job](JobState state) { return job && job->state == state; };
@@ -179,12 +179,12 @@ WebResponse octoprint_command(const WebRequest& request, JobDesk& desk) {
     return {204, "application/json", ""};
   if (!job || is_final(job->state)) return octoprint_problem(409, "there is no job on the machine");
   // What holds a job is named on the page; a program that sends files names nothing.
-  if (auto done = starts ? desk.approve(job->id, "", "web") : desk.act(job->id, *wanted, "web"); !done)
+  if (auto done = starts ? backend.approve(job->id, "", "web") : backend.act(job->id, *wanted, "web"); !done)
     return octoprint_problem(done.error());
   return {204, "application/json", ""};
 }
 
-WebResponse octoprint_upload(const WebRequest& request, JobDesk& desk) {
+WebResponse octoprint_upload(const WebRequest& request, PageBackend& backend) {
   const auto fields = form_fields(request.content_type, request.body);
   if (!fields) return octoprint_problem(fields.error());
   const auto file = std::find_if(fields->begin(), fields->end(), [](const FormField& field) {
@@ -195,7 +195,7 @@ WebResponse octoprint_upload(const WebRequest& request, JobDesk& desk) {
   if (!is_file_name(name)) return octoprint_problem(400, "the file's name cannot be kept; rename it");
   if (!ends_with(name, ".tfc")) return octoprint_problem(415, not_taken(name));
   const bool is_to_print = is_yes(value_of(*fields, "print"));
-  const auto job = desk.take_file(name, file->content, is_to_print);
+  const auto job = backend.take_file(name, file->content, is_to_print);
   if (!job) return octoprint_problem(job.error());
   WebResponse made = with(201, {{"files",
                                  {{"local",

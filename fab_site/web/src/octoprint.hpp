@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <optional>
-#include <telefab/fab/web/job_desk.hpp>
+#include <telefab/fab/web/page_backend.hpp>
 #include <telefab/web/web_message.hpp>
 
 // The part of OctoPrint's REST API (docs.octoprint.org, "REST API") that programs which send files to a printer use.
@@ -13,11 +13,11 @@ inline constexpr std::uint64_t kMostUpload = 256U << 20U;
 [[nodiscard]] std::optional<WebResponse> octoprint_refusal(const WebRequest& request, const std::string& token);
 
 [[nodiscard]] WebResponse octoprint_version(const std::string& version);
-[[nodiscard]] WebResponse octoprint_job(JobDesk& desk);
-[[nodiscard]] WebResponse octoprint_printer(JobDesk& desk);
+[[nodiscard]] WebResponse octoprint_job(PageBackend& backend);
+[[nodiscard]] WebResponse octoprint_printer(PageBackend& backend);
 /// 204, or 409 where the job on the machine is not in a state for it.
-[[nodiscard]] WebResponse octoprint_command(const WebRequest& request, JobDesk& desk);
+[[nodiscard]] WebResponse octoprint_command(const WebRequest& request, PageBackend& backend);
 /// 201; 415 for anything but a .tfc file: a fab prints layers and cuts no scans.
-[[nodiscard]] WebResponse octoprint_upload(const WebRequest& request, JobDesk& desk);
+[[nodiscard]] WebResponse octoprint_upload(const WebRequest& request, PageBackend& backend);
 
 }  // namespace telefab::fab

@@ -44,12 +44,12 @@ WebResponse as_png(const Result<std::vector<std::byte>>& image) {
 struct Call {
   const WebRequest& request;
   const PathArguments& arguments;
-  JobDesk& desk;
+  PageBackend& backend;
   const WebOptions& options;
 };
 
 WebResponse list_jobs(const Call& call) {
-  const auto jobs = call.desk.jobs();
+  const auto jobs = call.backend.jobs();
   if (!jobs) return web_problem(jobs.error());
   json list = json::array();
   for (const JobView& job : *jobs) list.push_back(to_json(job));
@@ -57,13 +57,13 @@ WebResponse list_jobs(const Call& call) {
 }
 
 WebResponse show_job(const Call& call) {
-  const auto job = call.desk.job(call.arguments.id);
+  const auto job = call.backend.job(call.arguments.id);
   if (!job) return web_problem(job.error());
   return {200, "application/json", text_of(to_json(*job))};
 }
 
 WebResponse show_events(const Call& call) {
-  const auto events = call.desk.events(call.arguments.id);
+  const auto events = call.backend.events(call.arguments.id);
   if (!events) return web_problem(events.error());
   json list = json::array();
   for (const JobEventView& event : *events) list.push_back({{"unix_ms", event.unix_ms}, {"text", event.text}});
@@ -72,13 +72,13 @@ WebResponse show_events(const Call& call) {
 
 template <JobCommand action>
 WebResponse act(const Call& call) {
-  if (const auto done = call.desk.act(call.arguments.id, action, "web"); !done) return web_problem(done.error());
+  if (const auto done = call.backend.act(call.arguments.id, action, "web"); !done) return web_problem(done.error());
   return show_job(call);
 }
 
 WebResponse clear_platform(const Call& call) {
-  if (const auto done = call.desk.clear_platform(call.arguments.id, "web"); !done) return web_problem(done.error());
-  return {200, "application/json", call.desk.devices_json()};
+  if (const auto done = call.backend.clear_platform(call.arguments.id, "web"); !done) return web_problem(done.error());
+  return {200, "application/json", call.backend.devices_json()};
 }
 
 /// An empty body approves what nothing holds; {"although":["islands"]} also names what holds it.
@@ -97,7 +97,7 @@ WebResponse approve(const Call& call) {
         although += (although.empty() ? "" : ",") + name.get<std::string>();
       }
   }
-  if (const auto done = call.desk.approve(call.arguments.id, although, "web"); !done) return web_problem(done.error());
+  if (const auto done = call.backend.approve(call.arguments.id, although, "web"); !done) return web_problem(done.error());
   return show_job(call);
 }
 
@@ -133,25 +133,25 @@ const std::vector<Row>& rows() {
        }},
       {{"GET", "/v1/devices", "projector and stage"},
        [](const Call& c) -> WebResponse {
-         return {200, "application/json", c.desk.devices_json()};
+         return {200, "application/json", c.backend.devices_json()};
        }},
       {{"GET", "/v1/jobs", "all jobs, newest first"}, list_jobs},
       {{"GET", "/v1/jobs/{id}", "one job"}, show_job},
       {{"GET", "/v1/jobs/{id}/events", "the job's log"}, show_events},
       {{"GET", "/v1/jobs/{id}/report", "report of plan and print"},
-       [](const Call& c) { return web_json(c.desk.report(c.arguments.id)); }},
+       [](const Call& c) { return web_json(c.backend.report(c.arguments.id)); }},
       {{"GET", "/v1/jobs/{id}/preflight", "what was asked before the light went on, with verdicts"},
-       [](const Call& c) { return web_json(c.desk.preflight(c.arguments.id)); }},
+       [](const Call& c) { return web_json(c.backend.preflight(c.arguments.id)); }},
       {{"GET", "/v1/jobs/{id}/exposures", "light of every layer, planned and measured"},
-       [](const Call& c) { return web_json(c.desk.exposures(c.arguments.id)); }},
+       [](const Call& c) { return web_json(c.backend.exposures(c.arguments.id)); }},
       {{"GET", "/v1/jobs/{id}/preview.png", "contact sheet of the plan"},
-       [](const Call& c) { return as_png(c.desk.preview_png(c.arguments.id)); }},
+       [](const Call& c) { return as_png(c.backend.preview_png(c.arguments.id)); }},
       {{"GET", "/v1/jobs/{id}/accuracy.png", "the predicted part and the error of its edges"},
-       [](const Call& c) { return as_png(c.desk.accuracy_png(c.arguments.id)); }},
+       [](const Call& c) { return as_png(c.backend.accuracy_png(c.arguments.id)); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}", "contours of part and supports in one layer"},
-       [](const Call& c) { return web_json(c.desk.layer_json(c.arguments.id, c.arguments.layer)); }},
+       [](const Call& c) { return web_json(c.backend.layer_json(c.arguments.id, c.arguments.layer)); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}/mask.png", "grey mask of one layer"},
-       [](const Call& c) { return as_png(c.desk.mask_png(c.arguments.id, c.arguments.layer)); }},
+       [](const Call& c) { return as_png(c.backend.mask_png(c.arguments.id, c.arguments.layer)); }},
       {{"POST", "/v1/jobs/{id}/approve", "let a job that waits for approval print", true}, approve},
       {{"POST", "/v1/jobs/{id}/pause", "stop before the next exposure, lifted", true}, act<JobCommand::Pause>},
       {{"POST", "/v1/jobs/{id}/resume", "go on with the next layer", true}, resume},
@@ -160,31 +160,31 @@ const std::vector<Row>& rows() {
        clear_platform},
       {{"GET", "/metrics", "gauges for Prometheus"},
        [](const Call& c) -> WebResponse {
-         const auto jobs = c.desk.jobs();
+         const auto jobs = c.backend.jobs();
          if (!jobs) return web_problem(jobs.error());
          return {200, Gauges::kContentType, metrics_text(*jobs)};
        }},
       {{"GET", "/v1/health", "whether the daemon answers and its store can be read"},
        [](const Call& c) -> WebResponse {
-         const auto jobs = c.desk.jobs();
+         const auto jobs = c.backend.jobs();
          if (!jobs) return web_problem(jobs.error());
          return {200, "application/json", text_of(json{{"status", "ok"}, {"jobs", jobs->size()}})};
        }},
       {{"GET", "/v1/stream", "server-sent events: the job list whenever it changes"},
        [](const Call& c) -> WebResponse {
          // The server keeps a GET open; this is what a HEAD is told.
-         return {200, "text/event-stream", "data: " + event_data(c.desk) + "\n\n"};
+         return {200, "text/event-stream", "data: " + event_data(c.backend) + "\n\n"};
        }},
       {{"GET", "/api/version", "OctoPrint's: version of the API"},
        [](const Call& c) { return octoprint_version(c.options.version); }},
       {{"GET", "/api/job", "OctoPrint's: the job on the machine and its progress"},
-       [](const Call& c) { return octoprint_job(c.desk); }},
+       [](const Call& c) { return octoprint_job(c.backend); }},
       {{"GET", "/api/printer", "OctoPrint's: state of the printer"},
-       [](const Call& c) { return octoprint_printer(c.desk); }},
+       [](const Call& c) { return octoprint_printer(c.backend); }},
       {{"POST", "/api/job", "OctoPrint's: start, pause, resume or cancel the job on the machine", true},
-       [](const Call& c) { return octoprint_command(c.request, c.desk); }},
+       [](const Call& c) { return octoprint_command(c.request, c.backend); }},
       {{"POST", "/api/files/local", "OctoPrint's: upload a .tfc file and make it a job", true, false, kMostUpload},
-       [](const Call& c) { return octoprint_upload(c.request, c.desk); }},
+       [](const Call& c) { return octoprint_upload(c.request, c.backend); }},
   };
   return table;
 }
@@ -200,20 +200,20 @@ const std::vector<WebRoute>& web_routes() {
   return routes;
 }
 
-WebResponse answer(const WebRequest& request, JobDesk& desk, const WebOptions& options) {
+WebResponse answer(const WebRequest& request, PageBackend& backend, const WebOptions& options) {
   if (auto refused = octoprint_refusal(request, options.token)) return std::move(*refused);
   const auto routed = find_route(web_routes(), request, options.token);
-  if (routed) return rows()[routed->row].run(Call{request, routed->arguments, desk, options});
+  if (routed) return rows()[routed->row].run(Call{request, routed->arguments, backend, options});
   if (routed.error().status == 404 && (request.method == "GET" || request.method == "HEAD"))
     return asset(request.target, options);
   return routed.error();
 }
 
-std::string event_data(JobDesk& desk) {
+std::string event_data(PageBackend& backend) {
   const PathArguments none;
   const WebRequest request;
   const WebOptions options;
-  return list_jobs(Call{request, none, desk, options}).body;
+  return list_jobs(Call{request, none, backend, options}).body;
 }
 
 std::uint64_t FabWeb::most_body(const WebRequest& head) {

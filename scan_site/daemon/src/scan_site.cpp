@@ -69,14 +69,14 @@ Result<void> ScanSite::start_web(const ServeOptions& options) {
   if (options.web.empty()) return {};
   auto token = web_token(folder_);
   if (!token) return tl::unexpected{token.error()};
-  web_desk_ = std::make_unique<WebDesk>(store(), folder_, fab_,
+  page_backend_ = std::make_unique<SitePageBackend>(store(), folder_, fab_,
                                         [this](const Command& asked, std::function<void(Result<Job>)> done) {
                                           loop_.post([this, asked, done = std::move(done)] {
                                             note(asked.who, fmt::format("{} {}", name_of(asked.command), asked.job));
                                             command(asked, done);
                                           });
                                         });
-  web_site_ = std::make_unique<ScanWeb>(*web_desk_, std::move(*token), std::string{kVersion});
+  web_site_ = std::make_unique<ScanWeb>(*page_backend_, std::move(*token), std::string{kVersion});
   auto server = open_page(options, folder_, *web_site_, fmt::format("telefab-scan/{}", kVersion));
   if (!server) return tl::unexpected{server.error()};
   web_ = std::move(*server);
@@ -229,7 +229,7 @@ SlicerEvents ScanSite::slicer_events() {
 FabLinkEvents ScanSite::link_events() {
   return {[this](bool is_up, const std::string& why) {
             log_line(is_up ? fmt::format("the fab {} is reached", fab_) : fmt::format("the fab {}: {}", fab_, why));
-            if (web_desk_) web_desk_->set_link(is_up, why);
+            if (page_backend_) page_backend_->set_link(is_up, why);
             if (is_up) tell_cancelled();
             for (const std::string& job : counters_->jobs())
               if (const auto now = store().find(job); now && now->state == JobState::Sending)

@@ -9,13 +9,13 @@
 
 #include "fab_link.hpp"
 #include "slicer.hpp"
-#include "web_desk.hpp"
+#include "site_page_backend.hpp"
 
 namespace telefab::scan {
 
 /// The daemon: clients' scans in, layers out to the fab, and the fab's news back. Stop order: web, listener, link,
 /// slicer, ledger.
-class ScanSite final : public SiteDesk {
+class ScanSite final : public JobService {
  public:
   /// Everything is checked and the port is bound when this returns.
   [[nodiscard]] static Result<std::unique_ptr<ScanSite>> open(const ScanSiteConfig& config, const Clock& clock);
@@ -64,7 +64,7 @@ class ScanSite final : public SiteDesk {
   std::unique_ptr<Slicer> slicer_;
   std::unique_ptr<FabLink> link_;
   std::unique_ptr<net::Listener> listener_;
-  std::unique_ptr<WebDesk> web_desk_;
+  std::unique_ptr<SitePageBackend> page_backend_;
   std::unique_ptr<ScanWeb> web_site_;
   std::unique_ptr<WebServer> web_;
 };

@@ -15,7 +15,7 @@ using nlohmann::ordered_json;
 
 struct Call {
   const PathArguments& arguments;
-  ScanDesk& desk;
+  PageBackend& backend;
   const std::string& version;
 };
 
@@ -35,19 +35,19 @@ std::string list_of(const std::vector<Job>& jobs, const LinkView& link) {
 }
 
 WebResponse list_jobs(const Call& call) {
-  const auto jobs = call.desk.jobs();
+  const auto jobs = call.backend.jobs();
   if (!jobs) return web_problem(jobs.error());
-  return {200, "application/json", list_of(*jobs, call.desk.link())};
+  return {200, "application/json", list_of(*jobs, call.backend.link())};
 }
 
 WebResponse show_job(const Call& call) {
-  const auto job = call.desk.job(call.arguments.id);
+  const auto job = call.backend.job(call.arguments.id);
   if (!job) return web_problem(job.error());
   return {200, "application/json", to_json(*job)};
 }
 
 WebResponse show_events(const Call& call) {
-  const auto events = call.desk.events(call.arguments.id);
+  const auto events = call.backend.events(call.arguments.id);
   if (!events) return web_problem(events.error());
   ordered_json list = ordered_json::array();
   for (const JobEvent& event : *events) list.push_back({{"unix_ms", event.unix_ms}, {"text", event.text}});
@@ -56,12 +56,12 @@ WebResponse show_events(const Call& call) {
 
 template <JobCommand command>
 WebResponse act(const Call& call) {
-  if (const auto done = call.desk.act(call.arguments.id, command, "web"); !done) return web_problem(done.error());
+  if (const auto done = call.backend.act(call.arguments.id, command, "web"); !done) return web_problem(done.error());
   return show_job(call);
 }
 
 WebResponse metrics(const Call& call) {
-  const auto jobs = call.desk.jobs();
+  const auto jobs = call.backend.jobs();
   if (!jobs) return web_problem(jobs.error());
   Gauges gauges;
   std::map<JobState, double> in_state;
@@ -69,7 +69,7 @@ WebResponse metrics(const Call& call) {
   for (const JobState state : kJobStates)
     gauges.add("telefab_jobs", "Jobs in each state; queued ones wait for the slicer",
                {{"state", std::string{name_of(state)}}}, in_state[state]);
-  gauges.add("telefab_fab_link_up", "1 while the fab is reached", {}, call.desk.link().is_up ? 1 : 0);
+  gauges.add("telefab_fab_link_up", "1 while the fab is reached", {}, call.backend.link().is_up ? 1 : 0);
   for (const Job& job : *jobs) {
     const JobCounters& c = job.counters;
     const Gauges::Labels labels{{"job", job.id}, {"machine", job.machine}, {"state", std::string{name_of(job.state)}}};
@@ -88,9 +88,9 @@ WebResponse metrics(const Call& call) {
 }
 
 WebResponse health(const Call& call) {
-  const auto jobs = call.desk.jobs();
+  const auto jobs = call.backend.jobs();
   if (!jobs) return web_problem(jobs.error());
-  return as_text({{"status", "ok"}, {"jobs", jobs->size()}, {"link", link_json(call.desk.link())}});
+  return as_text({{"status", "ok"}, {"jobs", jobs->size()}, {"link", link_json(call.backend.link())}});
 }
 
 struct Row {
@@ -105,7 +105,7 @@ const std::vector<Row>& rows() {
          return as_text({{"program", "telefab-scan"}, {"version", c.version}, {"api", "v1"}});
        }},
       {{"GET", "/v1/health", "whether the daemon answers and its store can be read"}, health},
-      {{"GET", "/v1/link", "the line to the fab"}, [](const Call& c) { return as_text(link_json(c.desk.link())); }},
+      {{"GET", "/v1/link", "the line to the fab"}, [](const Call& c) { return as_text(link_json(c.backend.link())); }},
       {{"GET", "/v1/parameters", "what may be asked of a scan's slicing: names, kinds, units, ranges"},
        [](const Call&) -> WebResponse {
          return {200, "application/json", slice_parameter_list_json()};
@@ -114,7 +114,7 @@ const std::vector<Row>& rows() {
       {{"GET", "/v1/jobs/{id}", "one job"}, show_job},
       {{"GET", "/v1/jobs/{id}/events", "the job's log"}, show_events},
       {{"GET", "/v1/jobs/{id}/report", "what cleaning and slicing found"},
-       [](const Call& c) { return web_json(c.desk.report(c.arguments.id)); }},
+       [](const Call& c) { return web_json(c.backend.report(c.arguments.id)); }},
       {{"POST", "/v1/jobs/{id}/approve", "let a job that waits at the fab print", true}, act<JobCommand::Approve>},
       {{"POST", "/v1/jobs/{id}/pause", "have the fab stop before the next exposure", true}, act<JobCommand::Pause>},
       {{"POST", "/v1/jobs/{id}/resume", "have the fab go on with the next layer", true}, act<JobCommand::Resume>},
@@ -151,7 +151,7 @@ const std::vector<WebRoute>& web_routes() {
 
 WebResponse ScanWeb::answer(const WebRequest& request) {
   const auto routed = find_route(web_routes(), request, token_);
-  if (routed) return rows()[routed->row].run(Call{routed->arguments, desk_, version_});
+  if (routed) return rows()[routed->row].run(Call{routed->arguments, backend_, version_});
   if (routed.error().status == 404 && (request.method == "GET" || request.method == "HEAD")) {
     WebResponse page = web_asset(page_assets(), request.target);
     return request.target == "/openapi.json" ? described(std::move(page)) : page;
@@ -161,7 +161,7 @@ WebResponse ScanWeb::answer(const WebRequest& request) {
 
 std::string ScanWeb::event_data() {
   const PathArguments none;
-  return list_jobs(Call{none, desk_, version_}).body;
+  return list_jobs(Call{none, backend_, version_}).body;
 }
 
 }  // namespace telefab::scan

@@ -75,7 +75,7 @@ void take_pictures(std::uint16_t port, const std::filesystem::path& folder) {
   Browser browser;
   ::setenv("TELEFAB_SCREENSHOTS", folder.c_str(), 1);
   browser.open(fmt::format("http://127.0.0.1:{}/", port));
-  for (const auto& [name, width, height] : {std::tuple{"page-desk", 1200, 1700}, std::tuple{"page-phone", 500, 1900}}) {
+  for (const auto& [name, width, height] : {std::tuple{"page-wide", 1200, 1700}, std::tuple{"page-phone", 500, 1900}}) {
     browser.resize(width, height);
     (void)browser.becomes_true("return " + std::string{kIsDrawn} + ";");
     keep_screenshot(browser, name);

@@ -64,7 +64,7 @@ struct PageFigures {
   double process_mb = 0;  ///< proportional set of the renderer's process
 };
 [[nodiscard]] PageFigures look_at_page(std::uint16_t port, std::uint32_t layers);
-/// page-desk.png and page-phone.png of the page as it is now, into `folder`.
+/// page-wide.png and page-phone.png of the page as it is now, into `folder`.
 void take_pictures(std::uint16_t port, const std::filesystem::path& folder);
 
 [[nodiscard]] HostileCount ask_hostile(std::uint16_t port, const std::string& job, std::size_t count,

@@ -5,15 +5,15 @@
 #include <atomic>
 #include <mutex>
 #include <telefab/fab/web/router.hpp>
-#include <telefab/test/recording_desk.hpp>
+#include <telefab/test/recording_backend.hpp>
 
 #include "screenshot.hpp"
 
 namespace telefab::fab {
 namespace {
 
-/// A desk whose one job can be paused, resumed and cancelled, with a failed job beside it.
-class LivingDesk final : public RecordingDesk {
+/// A backend whose one job can be paused, resumed and cancelled, with a failed job beside it.
+class LivingBackend final : public RecordingBackend {
  public:
   [[nodiscard]] Result<std::vector<JobView>> jobs() override {
     const std::lock_guard lock{mutex_};
@@ -35,7 +35,7 @@ class LivingDesk final : public RecordingDesk {
   }
   [[nodiscard]] Result<void> act(std::string_view id, JobCommand action, std::string_view who) override {
     const std::lock_guard lock{mutex_};
-    (void)RecordingDesk::act(id, action, who);
+    (void)RecordingBackend::act(id, action, who);
     job_.state = action == JobCommand::Pause    ? JobState::Paused
                  : action == JobCommand::Cancel ? JobState::Cancelled
                                                 : JobState::Printing;
@@ -84,8 +84,8 @@ class PageTest : public testing::Test {
         fmt::format("return document.querySelector('{}').textContent.includes('{}');", css, text));
   }
 
-  LivingDesk desk;
-  FabWeb site{desk, {.token = "secret", .version = "0", .three_js = ""}};
+  LivingBackend backend;
+  FabWeb site{backend, {.token = "secret", .version = "0", .three_js = ""}};
   std::unique_ptr<WebServer> server = WebServer::listen("127.0.0.1", 0, site, "telefab-fab/0").value();
   std::unique_ptr<test::Browser> browser;
 };
@@ -112,7 +112,7 @@ TEST_F(PageTest, PausesResumesAndCancelsWithTheOperatorsToken) {
   ASSERT_TRUE(says("#job-line", "cancelled"));
   EXPECT_TRUE(
       browser->becomes_true("return [...document.querySelectorAll('[data-action]')].every((b) => b.disabled);"));
-  EXPECT_EQ(desk.actions.size(), 3U);
+  EXPECT_EQ(backend.actions.size(), 3U);
 }
 
 TEST_F(PageTest, AsksWhatBecameOfALayerInDoubtAndPassesTheAnswerOn) {
@@ -120,7 +120,7 @@ TEST_F(PageTest, AsksWhatBecameOfALayerInDoubtAndPassesTheAnswerOn) {
     return fmt::format("return getComputedStyle(document.querySelector('{}')).display === 'none';", css);
   };
   EXPECT_TRUE(browser->becomes_true(hidden("[data-as=dark]")));
-  desk.leave_in_doubt();
+  backend.leave_in_doubt();
   ASSERT_TRUE(says("#job-message", "perhaps exposed"));
   EXPECT_TRUE(browser->becomes_true(hidden("[data-action=resume]:not([data-as])")));
   keep_screenshot("page-doubt");
@@ -128,15 +128,15 @@ TEST_F(PageTest, AsksWhatBecameOfALayerInDoubtAndPassesTheAnswerOn) {
   browser->type("#token", "secret\n");
   ASSERT_TRUE(says("#answer", "resume as dark: accepted"));
   ASSERT_TRUE(browser->becomes_true(hidden("[data-as=dark]")));
-  ASSERT_EQ(desk.actions.size(), 1U);
-  EXPECT_EQ(desk.actions[0].second, JobCommand::ResumeAgain);
+  ASSERT_EQ(backend.actions.size(), 1U);
+  EXPECT_EQ(backend.actions[0].second, JobCommand::ResumeAgain);
 }
 
 TEST_F(PageTest, RefusesAWrongTokenAndAsksAgain) {
   browser->click("[data-action=pause]");
   browser->type("#token", "wrong\n");
   ASSERT_TRUE(says("#answer", "not the operator"));
-  EXPECT_TRUE(desk.actions.empty());
+  EXPECT_TRUE(backend.actions.empty());
 }
 
 TEST_F(PageTest, ShowsWhyAJobFailed) {
@@ -227,7 +227,7 @@ TEST_F(PageTest, IsUsedFromPauseToCancelByKeyboardAloneWithTheFocusInSight) {
   browser->press({enter});
   browser->accept_dialog();
   ASSERT_TRUE(says("#job-line", "cancelled"));
-  EXPECT_EQ(desk.actions.size(), 3U);
+  EXPECT_EQ(backend.actions.size(), 3U);
 }
 
 TEST_F(PageTest, AsksNobodyButItsOwnSite) {

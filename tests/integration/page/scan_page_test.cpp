@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gtest/gtest.h>
 
-#include <telefab/test/scan_desk.hpp>
+#include <telefab/test/recording_scan_backend.hpp>
 
 #include "screenshot.hpp"
 
@@ -20,8 +20,8 @@ class ScanPageTest : public testing::Test {
     return browser->becomes_true("return document.querySelector('" + css + "').textContent.includes('" + text + "');");
   }
 
-  RecordingScanDesk desk;
-  ScanWeb site{desk, "secret", "0.1.0"};
+  RecordingScanBackend backend;
+  ScanWeb site{backend, "secret", "0.1.0"};
   std::unique_ptr<WebServer> server = WebServer::listen("127.0.0.1", 0, site, "telefab-scan/0.1.0").value();
   std::unique_ptr<test::Browser> browser;
 };
@@ -43,8 +43,8 @@ TEST_F(ScanPageTest, CancelsWithTheOperatorsToken) {
   browser->type("#token", "secret\n");
   browser->accept_dialog();
   ASSERT_TRUE(says("#answer", "cancel: accepted"));
-  ASSERT_EQ(desk.commands.size(), 1U);
-  EXPECT_EQ(desk.commands[0].second, JobCommand::Cancel);
+  ASSERT_EQ(backend.commands.size(), 1U);
+  EXPECT_EQ(backend.commands[0].second, JobCommand::Cancel);
 }
 
 TEST_F(ScanPageTest, FitsAPhoneAndAsksNobodyButItsOwnSite) {

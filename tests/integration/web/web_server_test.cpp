@@ -5,7 +5,7 @@
 #include <random>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/test/http_client.hpp>
-#include <telefab/test/recording_desk.hpp>
+#include <telefab/test/recording_backend.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -17,8 +17,8 @@ using Client = test::HttpClient;
 
 class WebServerTest : public testing::Test {
  protected:
-  RecordingDesk desk;
-  FabWeb site{desk, {"secret", "0.1.0", ""}};
+  RecordingBackend backend;
+  FabWeb site{backend, {"secret", "0.1.0", ""}};
   std::unique_ptr<WebServer> server = WebServer::listen("127.0.0.1", 0, site, "telefab-fab/0.1.0").value();
 
   std::string ask(const std::string& request) {
@@ -56,7 +56,7 @@ TEST_F(WebServerTest, TakesTheOperatorsTokenAsApiKeyToo) {
               HasSubstr("200 OK"));
   EXPECT_THAT(ask("POST /v1/jobs/job-1/pause HTTP/1.1\r\nHost: x\r\nX-Api-Key: wrong\r\nConnection: close\r\n\r\n"),
               HasSubstr("401"));
-  EXPECT_EQ(desk.actions.size(), 1U);
+  EXPECT_EQ(backend.actions.size(), 1U);
 }
 
 TEST_F(WebServerTest, AnswersHeadWithTheLengthAndNoBody) {
@@ -81,7 +81,7 @@ TEST_F(WebServerTest, OutlivesNoiseAndStillAnswers) {
     client.send(noise + "\r\n\r\n");
   }
   EXPECT_THAT(ask("GET /v1/version HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n"), HasSubstr("200 OK"));
-  EXPECT_TRUE(desk.actions.empty());
+  EXPECT_TRUE(backend.actions.empty());
 }
 
 TEST_F(WebServerTest, LeavesRoomForAnOperatorBesideManyWatchers) {
@@ -96,8 +96,8 @@ TEST_F(WebServerTest, LeavesRoomForAnOperatorBesideManyWatchers) {
 }
 
 TEST(WebServer, SaysWhichPortIsTaken) {
-  RecordingDesk desk;
-  FabWeb site{desk, {}};
+  RecordingBackend backend;
+  FabWeb site{backend, {}};
   const auto first = WebServer::listen("127.0.0.1", 0, site, "");
   ASSERT_TRUE(first);
   const auto second = WebServer::listen("127.0.0.1", (*first)->port(), site, "");

@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <random>
 #include <telefab/fab/web/router.hpp>
-#include <telefab/test/recording_desk.hpp>
+#include <telefab/test/recording_backend.hpp>
 #include <telefab/web/form_data.hpp>
 
 // Shapes as OctoPrint's documentation states them (docs.octoprint.org, REST API: version, job, printer, files).
@@ -20,10 +20,10 @@ using testing::SizeIs;
 class OctoPrintTest : public testing::Test {
  protected:
   WebResponse get(const std::string& target, const std::string& shown = "Bearer secret") {
-    return answer({"GET", target, shown, {}, {}}, desk, options);
+    return answer({"GET", target, shown, {}, {}}, backend, options);
   }
   WebResponse post(const std::string& target, const std::string& body, const std::string& type = "application/json") {
-    return answer({"POST", target, "Bearer secret", type, body}, desk, options);
+    return answer({"POST", target, "Bearer secret", type, body}, backend, options);
   }
   WebResponse upload(const std::string& name, const std::string& content, const std::string& more = {}) {
     return post("/api/files/local",
@@ -31,7 +31,7 @@ class OctoPrintTest : public testing::Test {
                     "\"\r\nContent-Type: application/octet-stream\r\n\r\n" + content + "\r\n" + more + "--XX--\r\n",
                 "multipart/form-data; boundary=XX");
   }
-  RecordingDesk desk;
+  RecordingBackend backend;
   WebOptions options{"secret", "0.1.0", ""};
 };
 
@@ -75,15 +75,15 @@ TEST_F(OctoPrintTest, PausesAndCancelsTheJobOnTheMachine) {
   EXPECT_EQ(post("/api/job", R"({"command":"pause","action":"pause"})").status, 204U);
   EXPECT_EQ(post("/api/job", R"({"command":"pause"})").status, 204U);  // without action: toggle
   EXPECT_EQ(post("/api/job", R"({"command":"cancel"})").status, 204U);
-  ASSERT_THAT(desk.actions, SizeIs(3));
-  EXPECT_EQ(desk.actions[0].second, JobCommand::Pause);
-  EXPECT_EQ(desk.actions[1].second, JobCommand::Pause);
-  EXPECT_EQ(desk.actions[2].second, JobCommand::Cancel);
+  ASSERT_THAT(backend.actions, SizeIs(3));
+  EXPECT_EQ(backend.actions[0].second, JobCommand::Pause);
+  EXPECT_EQ(backend.actions[1].second, JobCommand::Pause);
+  EXPECT_EQ(backend.actions[2].second, JobCommand::Cancel);
 }
 
 TEST_F(OctoPrintTest, TakesAResumeOfARunningPrintForDone) {
   EXPECT_EQ(post("/api/job", R"({"command":"pause","action":"resume"})").status, 204U);
-  EXPECT_THAT(desk.actions, IsEmpty());
+  EXPECT_THAT(backend.actions, IsEmpty());
 }
 
 TEST_F(OctoPrintTest, SaysConflictForWhatTheStateDoesNotAllow) {
@@ -95,7 +95,7 @@ TEST_F(OctoPrintTest, RefusesCommandsThatAreNone) {
   for (const char* body : {"", "[]", "{", "null", R"({"command":5})", R"({"command":"explode"})",
                            R"({"command":"pause","action":"sideways"})", "\xff\xfe"})
     EXPECT_EQ(post("/api/job", body).status, 400U) << body;
-  EXPECT_THAT(desk.actions, IsEmpty());
+  EXPECT_THAT(backend.actions, IsEmpty());
 }
 
 TEST_F(OctoPrintTest, TakesATfcFileAndSaysWhereItsJobIs) {
@@ -108,16 +108,16 @@ TEST_F(OctoPrintTest, TakesATfcFileAndSaysWhereItsJobIs) {
   EXPECT_EQ(answer["files"]["local"]["origin"], "local");
   EXPECT_TRUE(answer["files"]["local"]["refs"]["resource"].is_string());
   EXPECT_EQ(answer["effectivePrint"], false);
-  ASSERT_THAT(desk.files, SizeIs(1));
-  EXPECT_EQ(desk.files[0].content, "TFC\r\n\r\n--X bytes");
-  EXPECT_FALSE(desk.files[0].start);
+  ASSERT_THAT(backend.files, SizeIs(1));
+  EXPECT_EQ(backend.files[0].content, "TFC\r\n\r\n--X bytes");
+  EXPECT_FALSE(backend.files[0].start);
 }
 
 TEST_F(OctoPrintTest, PrintsAtOnceWhereTheFormAsksForIt) {
   EXPECT_EQ(upload("part.tfc", "x", "--XX\r\nContent-Disposition: form-data; name=\"print\"\r\n\r\ntrue\r\n").status,
             201U);
-  ASSERT_THAT(desk.files, SizeIs(1));
-  EXPECT_TRUE(desk.files[0].start);
+  ASSERT_THAT(backend.files, SizeIs(1));
+  EXPECT_TRUE(backend.files[0].start);
 }
 
 TEST_F(OctoPrintTest, RefusesAPointCloudAndSaysWhereToSendIt) {
@@ -126,17 +126,17 @@ TEST_F(OctoPrintTest, RefusesAPointCloudAndSaysWhereToSendIt) {
   EXPECT_THAT(refused.body, HasSubstr("telefab submit"));
   EXPECT_EQ(upload("part.gcode", "G1").status, 415U);
   EXPECT_EQ(upload("../../etc/cron.d/x", "x").status, 415U);
-  EXPECT_THAT(desk.files, IsEmpty());
+  EXPECT_THAT(backend.files, IsEmpty());
 }
 
 TEST_F(OctoPrintTest, KeepsOnlyTheLastPartOfAFileName) {
   EXPECT_EQ(upload("..\\..\\C:\\prints/part.tfc", "x").status, 201U);
-  ASSERT_THAT(desk.files, SizeIs(1));
-  EXPECT_EQ(desk.files[0].name, "part.tfc");
+  ASSERT_THAT(backend.files, SizeIs(1));
+  EXPECT_EQ(backend.files[0].name, "part.tfc");
 }
 
 TEST_F(OctoPrintTest, TakesNoBodyToSpeakOfWithoutTheKey) {
-  FabWeb web{desk, options};
+  FabWeb web{backend, options};
   EXPECT_EQ(web.most_body({"POST", "/api/files/local", "Bearer wrong", {}, {}}), 0U);
   EXPECT_EQ(web.most_body({"POST", "/v1/jobs/job-1/pause", "Bearer secret", {}, {}}), 0U);
   EXPECT_GE(web.most_body({"POST", "/api/files/local", "Bearer secret", {}, {}}), 64U << 20U);

@@ -8,7 +8,7 @@
 #include <random>
 #include <set>
 #include <telefab/fab/web/router.hpp>
-#include <telefab/test/recording_desk.hpp>
+#include <telefab/test/recording_backend.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -32,10 +32,10 @@ std::string concrete(std::string_view pattern) {
 }
 
 TEST(WebRouter, AnswersEveryRouteOfItsTable) {
-  RecordingDesk desk;
+  RecordingBackend backend;
   for (const WebRoute& route : web_routes()) {
     const WebResponse response =
-        answer({std::string{route.method}, concrete(route.path), "Bearer secret"}, desk, kOptions);
+        answer({std::string{route.method}, concrete(route.path), "Bearer secret"}, backend, kOptions);
     // Without a body the two POSTs of OctoPrint's API say what is missing.
     EXPECT_THAT(response.status, testing::AnyOf(200U, 409U, 400U)) << route.path;
     EXPECT_EQ(response.status == 400, route.changes_state && route.path.starts_with("/api/")) << route.path;
@@ -44,37 +44,37 @@ TEST(WebRouter, AnswersEveryRouteOfItsTable) {
 }
 
 TEST(WebRouter, NeverChangesStateOnGetOrHead) {
-  RecordingDesk desk;
+  RecordingBackend backend;
   for (const WebRoute& route : web_routes())
     for (const char* method : {"GET", "HEAD"})
-      (void)answer(ask(method, concrete(route.path), "Bearer secret"), desk, kOptions);
-  EXPECT_THAT(desk.actions, IsEmpty());
+      (void)answer(ask(method, concrete(route.path), "Bearer secret"), backend, kOptions);
+  EXPECT_THAT(backend.actions, IsEmpty());
 }
 
 TEST(WebRouter, WantsTheTokenForWhateverChangesState) {
-  RecordingDesk desk;
+  RecordingBackend backend;
   for (const WebRoute& route : web_routes()) {
     if (!route.changes_state) continue;
     for (const char* shown :
          {"", "Bearer ", "Bearer secre", "Bearer secrets", "Bearer SECRET", "Basic secret", "secret"})
-      EXPECT_EQ(answer(ask("POST", concrete(route.path), shown), desk, kOptions).status,
+      EXPECT_EQ(answer(ask("POST", concrete(route.path), shown), backend, kOptions).status,
                 route.path.starts_with("/api/") ? 403U : 401U)
           << route.path << ' ' << shown;
   }
-  EXPECT_THAT(desk.actions, IsEmpty());
+  EXPECT_THAT(backend.actions, IsEmpty());
 }
 
 TEST(WebRouter, ChangesNothingAtAllWhereNoTokenIsSet) {
-  RecordingDesk desk;
-  EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/pause", "Bearer "), desk, {"", "0"}).status, 401U);
-  EXPECT_THAT(desk.actions, IsEmpty());
+  RecordingBackend backend;
+  EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/pause", "Bearer "), backend, {"", "0"}).status, 401U);
+  EXPECT_THAT(backend.actions, IsEmpty());
 }
 
 TEST(WebRouter, PausesWithTheToken) {
-  RecordingDesk desk;
-  EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/pause", "Bearer secret"), desk, kOptions).status, 200U);
-  ASSERT_THAT(desk.actions, SizeIs(1));
-  EXPECT_EQ(desk.actions[0].second, JobCommand::Pause);
+  RecordingBackend backend;
+  EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/pause", "Bearer secret"), backend, kOptions).status, 200U);
+  ASSERT_THAT(backend.actions, SizeIs(1));
+  EXPECT_EQ(backend.actions[0].second, JobCommand::Pause);
 }
 
 TEST(WebRouter, ResumesWithOrWithoutAWordAboutTheLayerInDoubt) {
@@ -83,58 +83,58 @@ TEST(WebRouter, ResumesWithOrWithoutAWordAboutTheLayerInDoubt) {
                                                     {R"({"as":"exposed"})", JobCommand::ResumeExposed},
                                                     {R"({ "as" : "dark" })", JobCommand::ResumeAgain}};
   for (const auto& [body, action] : bodies) {
-    RecordingDesk desk;
+    RecordingBackend backend;
     EXPECT_EQ(
-        answer({"POST", "/v1/jobs/job-1/resume", "Bearer secret", "application/json", body}, desk, kOptions).status,
+        answer({"POST", "/v1/jobs/job-1/resume", "Bearer secret", "application/json", body}, backend, kOptions).status,
         200U)
         << body;
-    ASSERT_THAT(desk.actions, SizeIs(1));
-    EXPECT_EQ(desk.actions[0].second, action) << body;
+    ASSERT_THAT(backend.actions, SizeIs(1));
+    EXPECT_EQ(backend.actions[0].second, action) << body;
   }
 }
 
 TEST(WebRouter, RefusesAnyOtherWordAboutTheLayerInDoubt) {
   for (const char* body : {R"({"as":"lit"})", R"({"as":1})", R"(["dark"])", R"({"as":"dark","and":1})", "dark", "{"}) {
-    RecordingDesk desk;
+    RecordingBackend backend;
     EXPECT_EQ(
-        answer({"POST", "/v1/jobs/job-1/resume", "Bearer secret", "application/json", body}, desk, kOptions).status,
+        answer({"POST", "/v1/jobs/job-1/resume", "Bearer secret", "application/json", body}, backend, kOptions).status,
         400U)
         << body;
-    EXPECT_THAT(desk.actions, IsEmpty());
+    EXPECT_THAT(backend.actions, IsEmpty());
   }
 }
 
 TEST(WebRouter, ApprovesWhatIsHeldOnlyByTheNamesInTheBody) {
-  RecordingDesk desk;
+  RecordingBackend backend;
   const auto approve = [&](const char* body) {
-    return answer({"POST", "/v1/jobs/job-1/approve", "Bearer secret", "application/json", body}, desk, kOptions).status;
+    return answer({"POST", "/v1/jobs/job-1/approve", "Bearer secret", "application/json", body}, backend, kOptions).status;
   };
   EXPECT_EQ(approve(R"({"although":["islands","supports"]})"), 200U);
-  ASSERT_EQ(desk.approvals.size(), 1U);
-  EXPECT_EQ(desk.approvals[0].second, "islands,supports");
+  ASSERT_EQ(backend.approvals.size(), 1U);
+  EXPECT_EQ(backend.approvals[0].second, "islands,supports");
   for (const char* body : {"[]", R"({"although":"islands"})", R"({"although":[1]})", R"({"other":[]})", "{"})
     EXPECT_EQ(approve(body), 400U) << body;
-  EXPECT_EQ(desk.approvals.size(), 1U);
+  EXPECT_EQ(backend.approvals.size(), 1U);
 }
 
-TEST(WebRouter, SaysConflictWithTheReasonOfTheDesk) {
-  RecordingDesk desk;
-  const WebResponse response = answer(ask("POST", "/v1/jobs/job-1/approve", "Bearer secret"), desk, kOptions);
+TEST(WebRouter, SaysConflictWithTheReasonOfTheBackend) {
+  RecordingBackend backend;
+  const WebResponse response = answer(ask("POST", "/v1/jobs/job-1/approve", "Bearer secret"), backend, kOptions);
   EXPECT_EQ(response.status, 409U);
   EXPECT_THAT(response.body, HasSubstr("does not wait for approval"));
 }
 
 TEST(WebRouter, RefusesPathTricksAndUnknownPaths) {
-  RecordingDesk desk;
+  RecordingBackend backend;
   for (const char* target : {"/../etc/passwd", "/v1/jobs/../../etc/passwd", "/v1/jobs/%2e%2e", "/v1/jobs//events",
                              "/v1/jobs/a b", "/v1/jobs/job-1/layers/-1", "/v1/jobs/job-1/layers/99999999999",
                              "/v1/jobs/job-1/layers/1e3", "//", "", "*", "/v1/jobs/", "/V1/jobs"})
-    EXPECT_EQ(answer(ask("GET", target, ""), desk, kOptions).status, 404U) << target;
-  EXPECT_EQ(answer(ask("DELETE", "/v1/jobs/job-1", "Bearer secret"), desk, kOptions).status, 405U);
+    EXPECT_EQ(answer(ask("GET", target, ""), backend, kOptions).status, 404U) << target;
+  EXPECT_EQ(answer(ask("DELETE", "/v1/jobs/job-1", "Bearer secret"), backend, kOptions).status, 405U);
 }
 
 TEST(WebRouter, ChangesNothingUnderTenThousandMalformedRequests) {
-  RecordingDesk desk;
+  RecordingBackend backend;
   std::mt19937_64 rng{7};
   const std::vector<std::string> parts{"/",   "v1",       "jobs",   "job-1", "pause", "cancel",
                                        "..",  "%00",      "layers", "api",   "files", "local",
@@ -143,46 +143,46 @@ TEST(WebRouter, ChangesNothingUnderTenThousandMalformedRequests) {
   for (int i = 0; i < 10'000; ++i) {
     WebRequest request = ask(methods[rng() % methods.size()], "", rng() % 2 ? "Bearer wrong" : "");
     for (auto n = rng() % 8; n > 0; --n) request.target += (rng() % 3 ? "/" : "") + parts[rng() % parts.size()];
-    const WebResponse response = answer(request, desk, kOptions);
+    const WebResponse response = answer(request, backend, kOptions);
     EXPECT_THAT(response.status, testing::AnyOf(200U, 401U, 403U, 404U, 405U));
   }
-  EXPECT_THAT(desk.actions, IsEmpty());
-  EXPECT_THAT(desk.files, IsEmpty());
+  EXPECT_THAT(backend.actions, IsEmpty());
+  EXPECT_THAT(backend.files, IsEmpty());
 }
 
 TEST(WebRouter, EscapesNamesInJson) {
-  RecordingDesk desk;
-  const json jobs = json::parse(answer(ask("GET", "/v1/jobs", ""), desk, kOptions).body);
+  RecordingBackend backend;
+  const json jobs = json::parse(answer(ask("GET", "/v1/jobs", ""), backend, kOptions).body);
   EXPECT_EQ(jobs["jobs"][0]["name"], "a \"statue\" <b>.ply");
-  EXPECT_EQ(event_data(desk).find('\n'), std::string::npos);
+  EXPECT_EQ(event_data(backend).find('\n'), std::string::npos);
 }
 
-TEST(WebRouter, HandsOutTheDesksReportsAndPicturesAsTheyAre) {
-  RecordingDesk desk;
+TEST(WebRouter, HandsOutTheBackendsReportsAndPicturesAsTheyAre) {
+  RecordingBackend backend;
   const std::string job = "/v1/jobs/job-1/";
-  const std::pair<std::string, std::string> texts[] = {{"report", *desk.report("job-1")},
-                                                       {"preflight", *desk.preflight("job-1")},
-                                                       {"exposures", *desk.exposures("job-1")},
-                                                       {"layers/2", *desk.layer_json("job-1", 2)}};
+  const std::pair<std::string, std::string> texts[] = {{"report", *backend.report("job-1")},
+                                                       {"preflight", *backend.preflight("job-1")},
+                                                       {"exposures", *backend.exposures("job-1")},
+                                                       {"layers/2", *backend.layer_json("job-1", 2)}};
   for (const auto& [route, text] : texts) {
-    const WebResponse response = answer(ask("GET", job + route, ""), desk, kOptions);
+    const WebResponse response = answer(ask("GET", job + route, ""), backend, kOptions);
     EXPECT_EQ(response.status, 200U) << route;
     EXPECT_EQ(json::parse(response.body), json::parse(text)) << route;
     EXPECT_THAT(response.content_type, HasSubstr("application/json")) << route;
   }
   for (const char* route : {"preview.png", "accuracy.png", "layers/2/mask.png"}) {
-    const WebResponse response = answer(ask("GET", job + route, ""), desk, kOptions);
+    const WebResponse response = answer(ask("GET", job + route, ""), backend, kOptions);
     EXPECT_EQ(response.status, 200U) << route;
     EXPECT_EQ(response.body, "\x89") << route;
     EXPECT_EQ(response.content_type, "image/png") << route;
   }
-  EXPECT_EQ(answer(ask("GET", job + "layers/3/mask.png", ""), desk, kOptions).status, 404U);
+  EXPECT_EQ(answer(ask("GET", job + "layers/3/mask.png", ""), backend, kOptions).status, 404U);
 }
 
 TEST(WebRouter, ServesThePageAndItsPartsWithoutOutsideRequests) {
-  RecordingDesk desk;
+  RecordingBackend backend;
   for (const char* path : {"/", "/page.css", "/jobs.js", "/page.js", "/solid.js", "/icon.svg"}) {
-    const WebResponse response = answer(ask("GET", path, ""), desk, kOptions);
+    const WebResponse response = answer(ask("GET", path, ""), backend, kOptions);
     EXPECT_EQ(response.status, 200U) << path;
     std::string body = response.body;
     const std::string name_space = "http://www.w3.org/2000/svg";
@@ -192,16 +192,16 @@ TEST(WebRouter, ServesThePageAndItsPartsWithoutOutsideRequests) {
 }
 
 TEST(WebRouter, ServesTheThreeDimensionalLibraryOnlyWhereItIsInstalled) {
-  RecordingDesk desk;
-  EXPECT_EQ(answer(ask("GET", "/three.js", ""), desk, kOptions).status, 404U);
+  RecordingBackend backend;
+  EXPECT_EQ(answer(ask("GET", "/three.js", ""), backend, kOptions).status, 404U);
   WebOptions options = kOptions;
   options.three_js = "var THREE = {};";
-  EXPECT_EQ(answer(ask("GET", "/three.js", ""), desk, options).body, options.three_js);
+  EXPECT_EQ(answer(ask("GET", "/three.js", ""), backend, options).body, options.three_js);
 }
 
 TEST(WebRouter, MetricsTellStatesStagesAndLightInPrometheusText) {
-  RecordingDesk desk;
-  const WebResponse response = answer(ask("GET", "/metrics", ""), desk, kOptions);
+  RecordingBackend backend;
+  const WebResponse response = answer(ask("GET", "/metrics", ""), backend, kOptions);
   EXPECT_THAT(response.body, HasSubstr("# TYPE telefab_jobs gauge"));
   EXPECT_THAT(response.body, HasSubstr("telefab_jobs{state=\"printing\"} 1"));
   EXPECT_THAT(response.body, HasSubstr("telefab_jobs{state=\"failed\"} 0"));

@@ -4,7 +4,7 @@
 
 #include <nlohmann/json.hpp>
 #include <telefab/job/slice_parameters.hpp>
-#include <telefab/test/scan_desk.hpp>
+#include <telefab/test/recording_scan_backend.hpp>
 
 namespace telefab::scan {
 namespace {
@@ -23,8 +23,8 @@ class ScanWebTest : public testing::Test {
     if (const auto at = path.find("{id}"); at != std::string::npos) path.replace(at, 4, "job-1");
     return path;
   }
-  RecordingScanDesk desk;
-  ScanWeb web{desk, "secret", "0.1.0"};
+  RecordingScanBackend backend;
+  ScanWeb web{backend, "secret", "0.1.0"};
 };
 
 TEST_F(ScanWebTest, AnswersEveryRouteOfItsTable) {
@@ -51,7 +51,7 @@ TEST_F(ScanWebTest, DescribesEveryParameterOfTheTable) {
 TEST_F(ScanWebTest, NeverChangesStateOnGetOrHead) {
   for (const WebRoute& route : web_routes())
     for (const char* method : {"GET", "HEAD"}) (void)ask(method, concrete(route.path), "Bearer secret");
-  EXPECT_THAT(desk.commands, IsEmpty());
+  EXPECT_THAT(backend.commands, IsEmpty());
 }
 
 TEST_F(ScanWebTest, WantsTheTokenForEveryCommand) {
@@ -60,13 +60,13 @@ TEST_F(ScanWebTest, WantsTheTokenForEveryCommand) {
     for (const char* shown : {"", "Bearer ", "Bearer secre", "Bearer SECRET", "Basic secret"})
       EXPECT_EQ(ask("POST", concrete(route.path), shown).status, 401U) << route.path << ' ' << shown;
   }
-  EXPECT_THAT(desk.commands, IsEmpty());
+  EXPECT_THAT(backend.commands, IsEmpty());
 }
 
 TEST_F(ScanWebTest, PassesACancelOnWithTheToken) {
   EXPECT_EQ(ask("POST", "/v1/jobs/job-1/cancel", "Bearer secret").status, 200U);
-  ASSERT_EQ(desk.commands.size(), 1U);
-  EXPECT_EQ(desk.commands[0].second, JobCommand::Cancel);
+  ASSERT_EQ(backend.commands.size(), 1U);
+  EXPECT_EQ(backend.commands[0].second, JobCommand::Cancel);
 }
 
 TEST_F(ScanWebTest, TellsHowFarEachStageIsAndWhetherTheFabIsReached) {

@@ -3,7 +3,7 @@
 #include <memory>
 #include <telefab/net/connection.hpp>
 #include <telefab/net/loop.hpp>
-#include <telefab/service/site_desk.hpp>
+#include <telefab/service/job_service.hpp>
 
 namespace telefab {
 
@@ -21,6 +21,6 @@ struct ClientLimits {
 
 /// Answers the questions of one greeted client until its connection ends; keeps itself alive. Any question may be
 /// asked by any role; to submit and to command needs the operator's. Threads: the loop's only.
-void serve_client(net::Loop& loop, const net::ConnectionPtr& connection, SiteDesk& desk, const ClientLimits& limits);
+void serve_client(net::Loop& loop, const net::ConnectionPtr& connection, JobService& service, const ClientLimits& limits);
 
 }  // namespace telefab

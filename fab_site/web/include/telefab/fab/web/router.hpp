@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <string>
-#include <telefab/fab/web/job_desk.hpp>
+#include <telefab/fab/web/page_backend.hpp>
 #include <telefab/web/web_routes.hpp>
 #include <telefab/web/web_server.hpp>
 #include <vector>
@@ -19,22 +19,22 @@ struct WebOptions {
 
 /// Answers one request. Never throws, touches no socket. GET and HEAD never change state; whatever changes state is a
 /// POST with the token. Unknown paths are 404, known paths with another method 405.
-[[nodiscard]] WebResponse answer(const WebRequest& request, JobDesk& desk, const WebOptions& options);
+[[nodiscard]] WebResponse answer(const WebRequest& request, PageBackend& backend, const WebOptions& options);
 
 /// The body of one event of the stream: the job list as JSON on one line.
-[[nodiscard]] std::string event_data(JobDesk& desk);
+[[nodiscard]] std::string event_data(PageBackend& backend);
 
-/// The page and the API of a desk, which must outlive it.
+/// The page and the API of a backend, which must outlive it.
 class FabWeb final : public WebSite {
  public:
-  FabWeb(JobDesk& desk, WebOptions options) : desk_{desk}, options_{std::move(options)} {}
-  WebResponse answer(const WebRequest& request) override { return fab::answer(request, desk_, options_); }
+  FabWeb(PageBackend& backend, WebOptions options) : backend_{backend}, options_{std::move(options)} {}
+  WebResponse answer(const WebRequest& request) override { return fab::answer(request, backend_, options_); }
   std::uint64_t most_body(const WebRequest& head) override;
-  std::string event_data() override { return fab::event_data(desk_); }
-  std::uint64_t revision() override { return desk_.revision(); }
+  std::string event_data() override { return fab::event_data(backend_); }
+  std::uint64_t revision() override { return backend_.revision(); }
 
  private:
-  JobDesk& desk_;
+  PageBackend& backend_;
   WebOptions options_;
 };
 

@@ -16,11 +16,11 @@ struct LinkView {
 };
 
 /// The scan daemon as its page sees it. Calls come from the web thread one at a time; each returns soon.
-class ScanDesk {
+class PageBackend {
  public:
-  virtual ~ScanDesk() = default;
-  ScanDesk(const ScanDesk&) = delete;
-  ScanDesk& operator=(const ScanDesk&) = delete;
+  virtual ~PageBackend() = default;
+  PageBackend(const PageBackend&) = delete;
+  PageBackend& operator=(const PageBackend&) = delete;
 
   /// Newest first.
   [[nodiscard]] virtual Result<std::vector<Job>> jobs() = 0;
@@ -36,25 +36,25 @@ class ScanDesk {
   [[nodiscard]] virtual std::uint64_t revision() = 0;
 
  protected:
-  ScanDesk() = default;
+  PageBackend() = default;
 };
 
 /// The API, row by row.
 [[nodiscard]] const std::vector<WebRoute>& web_routes();
 
-/// The page and the API of a desk, which must outlive it. GET and HEAD never change state; whatever does is a POST with
+/// The page and the API of a backend, which must outlive it. GET and HEAD never change state; whatever does is a POST with
 /// the token; with an empty token nothing can be changed.
 class ScanWeb final : public WebSite {
  public:
-  ScanWeb(ScanDesk& desk, std::string token, std::string version)
-      : desk_{desk}, token_{std::move(token)}, version_{std::move(version)} {}
+  ScanWeb(PageBackend& backend, std::string token, std::string version)
+      : backend_{backend}, token_{std::move(token)}, version_{std::move(version)} {}
   WebResponse answer(const WebRequest& request) override;
   std::uint64_t most_body(const WebRequest&) override { return 0; }
   std::string event_data() override;
-  std::uint64_t revision() override { return desk_.revision(); }
+  std::uint64_t revision() override { return backend_.revision(); }
 
  private:
-  ScanDesk& desk_;
+  PageBackend& backend_;
   std::string token_;
   std::string version_;
 };

@@ -40,11 +40,11 @@ struct JobEventView {
 };
 
 /// The daemon as the web page sees it. Calls come from the web thread one at a time; each returns at once.
-class JobDesk {
+class PageBackend {
  public:
-  virtual ~JobDesk() = default;
-  JobDesk(const JobDesk&) = delete;
-  JobDesk& operator=(const JobDesk&) = delete;
+  virtual ~PageBackend() = default;
+  PageBackend(const PageBackend&) = delete;
+  PageBackend& operator=(const PageBackend&) = delete;
 
   /// Newest first.
   [[nodiscard]] virtual Result<std::vector<JobView>> jobs() = 0;
@@ -82,7 +82,7 @@ class JobDesk {
   [[nodiscard]] virtual std::uint64_t revision() = 0;
 
  protected:
-  JobDesk() = default;
+  PageBackend() = default;
 };
 
 }  // namespace telefab::fab

@@ -4,7 +4,7 @@
 #include <map>
 #include <optional>
 #include <telefab/fab/print/print_plan.hpp>
-#include <telefab/fab/web/job_desk.hpp>
+#include <telefab/fab/web/page_backend.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/service/site_page.hpp>
@@ -26,10 +26,10 @@ using QuestionAsker = std::function<JobQuestions(const std::string& job)>;
 
 /// The daemon as its web page sees it: reads the store and the job folders itself, passes commands on. Lives on the
 /// thread "web"; keeps the layers of the job last looked at.
-class WebDesk final : public JobDesk {
+class SitePageBackend final : public PageBackend {
  public:
-  /// Store and folder must outlive the desk.
-  WebDesk(JobStore& store, const DataFolder& folder, std::vector<MachineProfile> machines, CommandPost post,
+  /// Store and folder must outlive the backend.
+  SitePageBackend(JobStore& store, const DataFolder& folder, std::vector<MachineProfile> machines, CommandPost post,
           UploadPost uploaded, QuestionAsker questions)
       : store_{store},
         folder_{folder},

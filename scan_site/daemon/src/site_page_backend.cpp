@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "web_desk.hpp"
+#include "site_page_backend.hpp"
 
 #include <telefab/base/file.hpp>
 
@@ -12,14 +12,14 @@ constexpr std::uint64_t kMaxReportBytes = 64U << 20U;
 
 }  // namespace
 
-Result<std::vector<Job>> WebDesk::jobs() { return store_.list(kMostJobs); }
+Result<std::vector<Job>> SitePageBackend::jobs() { return store_.list(kMostJobs); }
 
-Result<std::vector<JobEvent>> WebDesk::events(std::string_view id) {
+Result<std::vector<JobEvent>> SitePageBackend::events(std::string_view id) {
   if (const auto job = store_.find(id); !job) return tl::unexpected{job.error()};
   return store_.events(id, 0, kMostEvents);
 }
 
-Result<std::string> WebDesk::report(std::string_view id) {
+Result<std::string> SitePageBackend::report(std::string_view id) {
   if (const auto job = store_.find(id); !job) return tl::unexpected{job.error()};
   const auto folder = folder_.job(id);
   if (!folder) return tl::unexpected{folder.error()};
@@ -28,25 +28,25 @@ Result<std::string> WebDesk::report(std::string_view id) {
   return std::string{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
 }
 
-LinkView WebDesk::link() {
+LinkView SitePageBackend::link() {
   const std::lock_guard lock{mutex_};
   return link_;
 }
 
-void WebDesk::set_link(bool is_up, const std::string& why_down) {
+void SitePageBackend::set_link(bool is_up, const std::string& why_down) {
   const std::lock_guard lock{mutex_};
   link_.is_up = is_up;
   link_.why_down = is_up ? "" : why_down;
   ++link_revision_;
 }
 
-std::uint64_t WebDesk::revision() {
+std::uint64_t SitePageBackend::revision() {
   const std::uint64_t jobs = store_.revision();
   const std::lock_guard lock{mutex_};
   return jobs + link_revision_;
 }
 
-Result<void> WebDesk::act(std::string_view id, JobCommand command, std::string_view who) {
+Result<void> SitePageBackend::act(std::string_view id, JobCommand command, std::string_view who) {
   Command asked;
   asked.job = id;
   asked.command = command;

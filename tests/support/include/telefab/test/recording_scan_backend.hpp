@@ -4,8 +4,8 @@
 
 namespace telefab::scan {
 
-/// A desk with one job "job-1" that the fab prints; remembers every command.
-class RecordingScanDesk : public ScanDesk {
+/// A backend with one job "job-1" that the fab prints; remembers every command.
+class RecordingScanBackend : public PageBackend {
  public:
   Result<std::vector<Job>> jobs() override { return std::vector<Job>{view()}; }
   Result<Job> job(std::string_view id) override {

@@ -9,10 +9,10 @@ namespace telefab::scan {
 
 /// The daemon as its web page sees it: reads the store and the job folders itself, passes commands on. Lives on the
 /// thread "web", but for set_link.
-class WebDesk final : public ScanDesk {
+class SitePageBackend final : public PageBackend {
  public:
-  /// Store and folder must outlive the desk.
-  WebDesk(JobStore& store, const DataFolder& folder, std::string fab, CommandPost post)
+  /// Store and folder must outlive the backend.
+  SitePageBackend(JobStore& store, const DataFolder& folder, std::string fab, CommandPost post)
       : store_{store}, folder_{folder}, link_{std::move(fab), false, "not tried yet"}, post_{std::move(post)} {}
 
   Result<std::vector<Job>> jobs() override;

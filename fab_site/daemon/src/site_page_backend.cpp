@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "web_desk.hpp"
+#include "site_page_backend.hpp"
 
 #include <fmt/format.h>
 
@@ -71,7 +71,7 @@ ordered_json report_part(const std::filesystem::path& path) {
 
 }  // namespace
 
-const WebDesk::Light* WebDesk::light_of(const Job& job) {
+const SitePageBackend::Light* SitePageBackend::light_of(const Job& job) {
   if (is_before(job.state, JobState::AwaitingApproval)) return nullptr;
   const auto known = lights_.find(job.id);
   // A record comes when the print has ended, so what was read before is read again then, once.
@@ -105,7 +105,7 @@ const WebDesk::Light* WebDesk::light_of(const Job& job) {
   return &lights_.insert_or_assign(job.id, std::move(light)).first->second;
 }
 
-JobView WebDesk::view_of(const Job& job) {
+JobView SitePageBackend::view_of(const Job& job) {
   const JobCounters& c = job.counters;
   const auto share = [](std::uint32_t done, std::uint32_t all) {
     return all == 0 ? 0.0 : std::min(1.0, static_cast<double>(done) / all);
@@ -144,7 +144,7 @@ JobView WebDesk::view_of(const Job& job) {
   return view;
 }
 
-Result<std::vector<JobView>> WebDesk::jobs() {
+Result<std::vector<JobView>> SitePageBackend::jobs() {
   const auto jobs = store_.list(kMostJobs);
   if (!jobs) return tl::unexpected{jobs.error()};
   std::vector<JobView> views;
@@ -152,13 +152,13 @@ Result<std::vector<JobView>> WebDesk::jobs() {
   return views;
 }
 
-Result<JobView> WebDesk::job(std::string_view id) {
+Result<JobView> SitePageBackend::job(std::string_view id) {
   const auto job = store_.find(id);
   if (!job) return tl::unexpected{job.error()};
   return view_of(*job);
 }
 
-Result<std::vector<JobEventView>> WebDesk::events(std::string_view id) {
+Result<std::vector<JobEventView>> SitePageBackend::events(std::string_view id) {
   if (const auto job = store_.find(id); !job) return tl::unexpected{job.error()};
   const auto events = store_.events(id, 0, kMostEvents);
   if (!events) return tl::unexpected{events.error()};
@@ -167,14 +167,14 @@ Result<std::vector<JobEventView>> WebDesk::events(std::string_view id) {
   return views;
 }
 
-Result<std::filesystem::path> WebDesk::plan_file(std::string_view id, std::string_view name) {
+Result<std::filesystem::path> SitePageBackend::plan_file(std::string_view id, std::string_view name) {
   if (const auto job = store_.find(id); !job) return tl::unexpected{job.error()};
   const auto folder = folder_.job(id);
   if (!folder) return tl::unexpected{folder.error()};
   return *folder / "plan" / name;
 }
 
-Result<std::string> WebDesk::report(std::string_view id) {
+Result<std::string> SitePageBackend::report(std::string_view id) {
   const auto path = plan_file(id, "report.json");
   if (!path) return tl::unexpected{path.error()};
   const auto folder = path->parent_path().parent_path();
@@ -187,7 +187,7 @@ Result<std::string> WebDesk::report(std::string_view id) {
   return value.dump();
 }
 
-Result<std::string> WebDesk::preflight(std::string_view id) {
+Result<std::string> SitePageBackend::preflight(std::string_view id) {
   const auto path = plan_file(id, "preflight.json");
   if (!path) return tl::unexpected{path.error()};
   const auto text = text_of(*path);
@@ -195,7 +195,7 @@ Result<std::string> WebDesk::preflight(std::string_view id) {
   return text;
 }
 
-Result<std::string> WebDesk::exposures(std::string_view id) {
+Result<std::string> SitePageBackend::exposures(std::string_view id) {
   const auto job = store_.find(id);
   if (!job) return tl::unexpected{job.error()};
   const Light* light = light_of(*job);
@@ -212,19 +212,19 @@ Result<std::string> WebDesk::exposures(std::string_view id) {
       .dump();
 }
 
-Result<std::vector<std::byte>> WebDesk::mask_png(std::string_view id, std::uint32_t layer) {
+Result<std::vector<std::byte>> SitePageBackend::mask_png(std::string_view id, std::uint32_t layer) {
   const auto path = plan_file(id, fmt::format("masks/{:05}.png", layer));
   if (!path) return tl::unexpected{path.error()};
   return read_file(*path, kMaxFileBytes);
 }
 
-Result<std::vector<std::byte>> WebDesk::preview_png(std::string_view id) {
+Result<std::vector<std::byte>> SitePageBackend::preview_png(std::string_view id) {
   const auto path = plan_file(id, "preview.png");
   if (!path) return tl::unexpected{path.error()};
   return read_file(*path, kMaxFileBytes);
 }
 
-Result<std::vector<std::byte>> WebDesk::accuracy_png(std::string_view id) {
+Result<std::vector<std::byte>> SitePageBackend::accuracy_png(std::string_view id) {
   const auto plan = plan_file(id, "");
   if (!plan) return tl::unexpected{plan.error()};
   const auto path = plan->parent_path().parent_path() / "report" / "accuracy.png";
@@ -234,7 +234,7 @@ Result<std::vector<std::byte>> WebDesk::accuracy_png(std::string_view id) {
   return read_file(path, kMaxFileBytes);
 }
 
-Result<const WebDesk::Sheets*> WebDesk::sheets_of(std::string_view id) {
+Result<const SitePageBackend::Sheets*> SitePageBackend::sheets_of(std::string_view id) {
   if (sheets_ && sheets_->job == id) return &*sheets_;
   const auto path = plan_file(id, "supports.jsonl");
   if (!path) return tl::unexpected{path.error()};
@@ -256,7 +256,7 @@ Result<const WebDesk::Sheets*> WebDesk::sheets_of(std::string_view id) {
   return &*sheets_;
 }
 
-Result<std::string> WebDesk::layer_json(std::string_view id, std::uint32_t layer) {
+Result<std::string> SitePageBackend::layer_json(std::string_view id, std::uint32_t layer) {
   const auto found = sheets_of(id);
   if (!found) return tl::unexpected{found.error()};
   const Sheets& s = **found;
@@ -275,7 +275,7 @@ Result<std::string> WebDesk::layer_json(std::string_view id, std::uint32_t layer
       .dump();
 }
 
-Result<void> WebDesk::act(std::string_view id, JobCommand action, std::string_view who) {
+Result<void> SitePageBackend::act(std::string_view id, JobCommand action, std::string_view who) {
   Command command;
   command.job = id;
   command.who = who;
@@ -285,7 +285,7 @@ Result<void> WebDesk::act(std::string_view id, JobCommand action, std::string_vi
   return {};
 }
 
-Result<void> WebDesk::approve(std::string_view id, std::string_view although, std::string_view who) {
+Result<void> SitePageBackend::approve(std::string_view id, std::string_view although, std::string_view who) {
   Command command;
   command.job = id;
   command.command = JobCommand::Approve;
@@ -296,7 +296,7 @@ Result<void> WebDesk::approve(std::string_view id, std::string_view although, st
   return {};
 }
 
-Result<void> WebDesk::clear_platform(std::string_view machine, std::string_view who) {
+Result<void> SitePageBackend::clear_platform(std::string_view machine, std::string_view who) {
   Command command;
   command.job = machine;
   command.command = JobCommand::Cleared;
@@ -306,7 +306,7 @@ Result<void> WebDesk::clear_platform(std::string_view machine, std::string_view 
   return {};
 }
 
-Result<std::string> WebDesk::take_file(std::string_view name, std::string_view tfc, bool start) {
+Result<std::string> SitePageBackend::take_file(std::string_view name, std::string_view tfc, bool start) {
   auto upload = write_upload(folder_, machines_, name, std::as_bytes(std::span{tfc}), start);
   if (!upload) return tl::unexpected{upload.error()};
   const auto job = command_and_wait(
@@ -315,7 +315,7 @@ Result<std::string> WebDesk::take_file(std::string_view name, std::string_view t
   return job->id;
 }
 
-std::string WebDesk::devices_json() {
+std::string SitePageBackend::devices_json() {
   ordered_json value;
   for (const MachineProfile& machine : machines_)
     value[machine.name] =

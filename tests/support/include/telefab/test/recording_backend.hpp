@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <string>
-#include <telefab/fab/web/job_desk.hpp>
+#include <telefab/fab/web/page_backend.hpp>
 #include <vector>
 
 namespace telefab::fab {
 
-/// A desk with one planned job "job-1" of three layers; remembers every action.
-class RecordingDesk : public JobDesk {
+/// A backend with one planned job "job-1" of three layers; remembers every action.
+class RecordingBackend : public PageBackend {
  public:
   [[nodiscard]] Result<std::vector<JobView>> jobs() override { return std::vector<JobView>{view()}; }
   [[nodiscard]] Result<JobView> job(std::string_view id) override {

@@ -10,11 +10,11 @@ namespace telefab {
 
 /// A site as its clients see it; the daemon of each site implements it. Called on the loop's thread; answers that
 /// need the other site come later, through the callbacks, on the same thread.
-class SiteDesk {
+class JobService {
  public:
-  virtual ~SiteDesk() = default;
-  SiteDesk(const SiteDesk&) = delete;
-  SiteDesk& operator=(const SiteDesk&) = delete;
+  virtual ~JobService() = default;
+  JobService(const JobService&) = delete;
+  JobService& operator=(const JobService&) = delete;
 
   [[nodiscard]] virtual JobStore& store() = 0;
   [[nodiscard]] virtual Machines machines() = 0;
@@ -34,7 +34,7 @@ class SiteDesk {
   virtual void note(std::string_view who, std::string_view what) = 0;
 
  protected:
-  SiteDesk() = default;
+  JobService() = default;
 };
 
 /// The plain files of a folder, by name; empty where there is no such folder.
