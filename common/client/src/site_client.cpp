@@ -65,7 +65,7 @@ Result<void> SiteClient::open(const SiteAddress& address) {
     return fail(ErrorCode::ProtocolBroken,
                 fmt::format("{} speaks protocol version {}, this program {}", net::to_text(address.endpoint),
                             hello->protocol_version, kProtocolVersion));
-  connection_->set_greeted();
+  connection_->set_ready();
   return {};
 }
 

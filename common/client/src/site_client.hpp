@@ -18,7 +18,7 @@ struct SiteAddress {
 /// One conversation with a site, question by question, on the calling thread.
 class SiteClient {
  public:
-  /// Connects and greets. Fails with Unreachable, NotTrusted, NotPermitted, ProtocolBroken, Cancelled.
+  /// Connects and shakes hands. Fails with Unreachable, NotTrusted, NotPermitted, ProtocolBroken, Cancelled.
   [[nodiscard]] static Result<std::unique_ptr<SiteClient>> connect(const SiteAddress& address, std::stop_token stop);
   ~SiteClient();
   SiteClient(const SiteClient&) = delete;

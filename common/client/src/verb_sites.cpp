@@ -42,7 +42,7 @@ Result<ExitCode> list(const SiteBook& book, const std::filesystem::path& path, b
   return ExitCode::Ok;
 }
 
-/// Greets every site, or the named one; the exit code is that of the first failure.
+/// Calls every site, or the named one; the exit code is that of the first failure.
 Result<ExitCode> check(const SiteBook& book, const SitesOptions& o, std::stop_token stop) {
   ExitCode outcome = ExitCode::Ok;
   for (const SiteEntry& site : book.sites) {

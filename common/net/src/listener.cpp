@@ -55,7 +55,7 @@ void shake_hands(std::shared_ptr<Tls> stream, std::shared_ptr<ssl::context> cont
   Code ignored;
   stream->lowest_layer().set_option(tcp::no_delay{true}, ignored);
   const std::string address = text_of(stream->next_layer());
-  auto timer = guard_time(*stream, limits.greet_within, [stream] {
+  auto timer = guard_time(*stream, limits.handshake_within, [stream] {
     Code closing;
     stream->lowest_layer().close(closing);
   });
@@ -98,7 +98,7 @@ struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
     acceptor.async_accept([self = shared_from_this()](const Code& error, tcp::socket socket) {
       if (error == asio::error::operation_aborted || !self->acceptor.is_open()) return;
       if (error) return self->rest();
-      self->welcome(std::move(socket));
+      self->on_socket(std::move(socket));
       self->accept();
     });
   }
@@ -111,7 +111,7 @@ struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
     });
   }
 
-  void welcome(tcp::socket socket) {
+  void on_socket(tcp::socket socket) {
     std::erase_if(connections, [](const auto& each) { return each.expired(); });
     const std::string address = text_of(socket);
     if (connections.size() + handshakes >= options.max_connections)

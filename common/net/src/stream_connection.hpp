@@ -45,8 +45,8 @@ class StreamConnection final : public Connection, public std::enable_shared_from
   }
 
   std::size_t queued_bytes() const override { return waiting_.size() + (is_writing_ ? writing_.size() : 0); }
-  void set_greeted() override {
-    is_greeted_ = true;
+  void set_ready() override {
+    is_ready_ = true;
     reader_.set_max_body(kMaxBodyBytes);
   }
   void close(const std::optional<Frame>& last_words) override {
@@ -164,7 +164,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
 
   void tick() {
     const Nanoseconds shortest =
-        std::min({limits_.greet_within, limits_.frame_within, limits_.idle_after, limits_.write_within});
+        std::min({limits_.handshake_within, limits_.frame_within, limits_.idle_after, limits_.write_within});
     tick_.expires_after(std::clamp<Nanoseconds>(shortest / 4, std::chrono::milliseconds{10}, std::chrono::seconds{1}));
     tick_.async_wait([self = this->shared_from_this()](const Code& error) {
       if (error || self->state_ == State::Closed) return;
@@ -179,8 +179,8 @@ class StreamConnection final : public Connection, public std::enable_shared_from
       if (t > drain_until_) shut();
       return;
     }
-    if (!is_greeted_ && t - opened_ > limits_.greet_within)
-      return end({ErrorCode::Unreachable, "greet-time: no hello came in time"});
+    if (!is_ready_ && t - opened_ > limits_.handshake_within)
+      return end({ErrorCode::Unreachable, "handshake-time: no hello came in time"});
     if (reader_.is_inside_frame() && t - inside_since_ > limits_.frame_within)
       return end({ErrorCode::Unreachable, "frame-time: a frame was begun and not finished in time"});
     if (t - last_received_ > limits_.idle_after)
@@ -188,7 +188,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
     if (is_writing_ && t - last_taken_ > limits_.write_within)
       return end({ErrorCode::Unreachable, "write-time: the other side takes no bytes"});
     // By what was sent last: who only listens would otherwise never send, and be dropped as silent.
-    if (is_greeted_ && t - last_sent_ > limits_.idle_after / 3 && !is_writing_)
+    if (is_ready_ && t - last_sent_ > limits_.idle_after / 3 && !is_writing_)
       queue(to_bytes(Frame{FrameType::Ping, {}}).value());
   }
 
@@ -200,7 +200,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
     }
     const bool is_end = error == boost::asio::error::eof || error == boost::asio::error::connection_reset ||
                         error == boost::asio::ssl::error::stream_truncated;
-    const auto code = error.category() == boost::asio::error::get_ssl_category() && !is_greeted_
+    const auto code = error.category() == boost::asio::error::get_ssl_category() && !is_ready_
                           ? ErrorCode::NotTrusted
                           : ErrorCode::Unreachable;
     end({code, is_end ? "the other side closed the connection" : "the connection broke: " + error.message()});
@@ -238,7 +238,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
   ConnectionEvents events_;
   FrameReader reader_;
   State state_ = State::Open;
-  bool is_greeted_ = false;
+  bool is_ready_ = false;
   bool is_writing_ = false;
   std::array<std::byte, 64U << 10U> buffer_{};
   std::vector<std::byte> waiting_;

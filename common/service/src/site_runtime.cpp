@@ -40,13 +40,13 @@ Result<std::shared_ptr<net::Trust>> trust_of(const ServeOptions& options) {
 
 Result<std::unique_ptr<net::Listener>> open_listener(
     net::Loop& loop, const ServeOptions& options, std::shared_ptr<net::Trust> trust,
-    std::function<void(const net::ConnectionPtr&)> welcome,
+    std::function<void(const net::ConnectionPtr&)> on_connection,
     std::function<void(std::string_view who, std::string_view what)> note) {
   const auto listen = net::endpoint_from_text(options.listen);
   if (!listen) return fail_in("--listen", listen.error());
   return net::Listener::open(
       loop, {*listen, std::move(trust), {}},
-      {std::move(welcome), [note = std::move(note)](const std::string& address, const Error& why) {
+      {std::move(on_connection), [note = std::move(note)](const std::string& address, const Error& why) {
          note(address, "refused: " + why.what);
        }});
 }

@@ -71,7 +71,7 @@ Result<std::optional<Frame>> FrameReader::take() {
   };
   const std::byte* header = buffer_.data() + used_;
   const std::size_t available = buffer_.size() - used_;
-  // Refused as early as the bytes allow: a stranger shall not be able to make us wait for the rest of nonsense.
+  // Refused as early as the bytes allow: a peer that nobody knows shall not be able to make us wait for the rest of nonsense.
   if ((available >= 1 && header[0] != std::byte{'T'}) || (available >= 2 && header[1] != std::byte{'F'}))
     return refuse("frame-mark: the bytes are no Telefab frame; does the other side speak this protocol without TLS?");
   if (available < kFrameHeaderBytes) return std::optional<Frame>{};

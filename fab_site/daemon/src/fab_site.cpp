@@ -78,7 +78,7 @@ Result<void> FabSite::start() {
     }
 
   auto listener = open_listener(
-      loop_, config_.serve, *trust, [this](const net::ConnectionPtr& connection) { welcome(connection); },
+      loop_, config_.serve, *trust, [this](const net::ConnectionPtr& connection) { on_connection(connection); },
       [this](std::string_view who, std::string_view what) { note(who, what); });
   if (!listener) return tl::unexpected{listener.error()};
   listener_ = std::move(*listener);
@@ -149,11 +149,11 @@ Result<void> FabSite::run(std::stop_token stop) {
   return {};
 }
 
-void FabSite::welcome(const net::ConnectionPtr& connection) {
+void FabSite::on_connection(const net::ConnectionPtr& connection) {
   Hello own{kProtocolVersion, Side::FabSite, fmt::format("telefab-fab {}", kVersion), machines().machine_toml,
             config_.start_on_approval ? "on-approval" : "automatic"};
   const std::weak_ptr<net::Connection> weak = connection;
-  greet(
+  handshake(
       loop_, connection, std::move(own),
       [this, weak](const Hello& theirs) {
         const auto strong = weak.lock();

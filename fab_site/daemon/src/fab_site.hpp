@@ -66,7 +66,7 @@ class FabSite final : public StackReceiver {
   void darken(const Job& job);
   /// Makes the job whose layers write_upload has put on disk.
   [[nodiscard]] Result<Job> take_upload(const NewJob& upload);
-  void welcome(const net::ConnectionPtr& connection);
+  void on_connection(const net::ConnectionPtr& connection);
   void move(const std::string& job, JobState state, std::string_view message);
   void end_job(const std::string& job, JobState state, std::string_view message);
   void planned(const std::string& job, const std::string& doubt);

@@ -23,7 +23,7 @@ class StackReceiver : public JobService {
   virtual void broken(const std::string& job, const Error& why) = 0;
 };
 
-/// Talks to one greeted scan site until its connection ends. Threads: the loop's only.
+/// Talks to one scan site past its handshake until its connection ends. Threads: the loop's only.
 void serve_scan_site(net::Loop& loop, const net::ConnectionPtr& connection, StackReceiver& receiver);
 
 }  // namespace telefab::fab

@@ -150,7 +150,7 @@ Result<void> SerialStage::synchronise(Nanoseconds until) {
   const std::string_view reports = options_.thermometer == Thermometer::None ? "" : "M155 S1\n";
   // Answers keep the order of their lines: behind the echo of a word never said before only its own ok can come. A
   // board that does not know M118 says so and repeats the word.
-  const std::string word = fmt::format("telefab-{}", ++greetings_);
+  const std::string word = fmt::format("telefab-{}", ++probes_);
   if (const auto ok = say(fmt::format("{}M118 {}\n", reports, word)); !ok) return ok;
   bool is_echoed = false;
   while (true) {

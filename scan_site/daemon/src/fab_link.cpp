@@ -60,7 +60,7 @@ void FabLink::on_closed(const Error& why) {
 }
 
 void FabLink::retry(const Error& why) {
-  const bool was_up = std::exchange(is_greeted_, false);
+  const bool was_up = std::exchange(is_ready_, false);
   const bool is_news = was_up || why.what != why_down_;
   why_down_ = why.what;
   for (auto& [id, sending] : jobs_) sending.is_taken = false;
@@ -86,9 +86,9 @@ bool FabLink::say(const Message& message, Sending* counted) {
 
 void FabLink::on_frame(const Frame& frame) {
   auto message = from_frame(frame);
-  if (!message || (!is_greeted_ && frame.type != FrameType::Hello && frame.type != FrameType::Fault)) {
+  if (!message || (!is_ready_ && frame.type != FrameType::Hello && frame.type != FrameType::Fault)) {
     const Error why =
-        message ? Error{ErrorCode::ProtocolBroken, "greeting: the fab did not say hello first"} : message.error();
+        message ? Error{ErrorCode::ProtocolBroken, "handshake: the fab did not say hello first"} : message.error();
     connection_->close(to_frame(Fault{{}, why, {}}));
     return on_closed(why);
   }
@@ -121,8 +121,8 @@ void FabLink::hear(const Hello& hello) {
     machines.push_back(std::move(*machine));
   }
   machines_ = std::move(machines);
-  is_greeted_ = true;
-  connection_->set_greeted();
+  is_ready_ = true;
+  connection_->set_ready();
   events_.changed(true, {});
   for (auto& [id, sending] : jobs_) offer(sending);
 }
@@ -132,7 +132,7 @@ void FabLink::add(const Offer& given, std::shared_ptr<LockedSpool> spool) {
   if (!is_new) return;
   slot->second.offer = given;
   slot->second.spool = std::move(spool);
-  if (is_greeted_) offer(slot->second);
+  if (is_ready_) offer(slot->second);
 }
 
 void FabLink::offer(Sending& sending) {
@@ -145,7 +145,7 @@ void FabLink::pump(const std::string& job) {
 }
 
 void FabLink::pump(Sending& sending) {
-  if (!is_greeted_ || !sending.is_taken || sending.is_end_sent) return;
+  if (!is_ready_ || !sending.is_taken || sending.is_end_sent) return;
   while (connection_ && connection_->queued_bytes() < kQueueAheadBytes) {
     const auto chunks = sending.spool->with([](const ChunkSpool& spool) { return spool.chunk_count(); });
     if (sending.next >= chunks || sending.next >= sending.kept + kWindowChunks) break;
@@ -176,7 +176,7 @@ void FabLink::hear(const OfferTaken& taken) {
   const auto found = jobs_.find(taken.job);
   if (found == jobs_.end()) return;
   Sending& sending = found->second;
-  // Only what moves a job on counts as a working line: a fab that greets and then hangs up is not asked ten times a
+  // Only what moves a job on counts as a working line: a fab that answers the handshake and then hangs up is not asked ten times a
   // second.
   pause_ = kShortestPause;
   sending.is_taken = true;
@@ -228,7 +228,7 @@ void FabLink::hear(const Fault& fault) {
 }
 
 void FabLink::ask(RequestId request, const Message& question, Answer on_answer) {
-  if (!is_greeted_ || !say(question, nullptr)) {
+  if (!is_ready_ || !say(question, nullptr)) {
     (void)on_answer(fail(ErrorCode::Unreachable, fmt::format("the fab site {} is not reachable now: {}",
                                                              net::to_text(options_.endpoint), why_down_)));
     return;

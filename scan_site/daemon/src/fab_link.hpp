@@ -32,7 +32,7 @@ class FabLink {
   FabLink& operator=(const FabLink&) = delete;
   void start();
 
-  [[nodiscard]] bool is_up() const { return is_greeted_; }
+  [[nodiscard]] bool is_up() const { return is_ready_; }
   [[nodiscard]] const std::string& why_down() const { return why_down_; }
   /// What the fab said last; empty until it was reached once.
   [[nodiscard]] const std::vector<MachineProfile>& machines() const { return machines_; }
@@ -85,7 +85,7 @@ class FabLink {
   std::string site_key_;
   FabLinkEvents events_;
   net::ConnectionPtr connection_;
-  bool is_greeted_ = false;
+  bool is_ready_ = false;
   std::string why_down_ = "not tried yet";
   Nanoseconds pause_{};
   std::vector<MachineProfile> machines_;

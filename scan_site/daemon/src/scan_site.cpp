@@ -58,7 +58,7 @@ Result<void> ScanSite::start(const ScanSiteConfig& config) {
     if (auto taken = take_up(job); !taken) end_job(job.id, JobState::Failed, taken.error().what);
 
   auto listener = open_listener(
-      loop_, config.serve, *trust, [this](const net::ConnectionPtr& connection) { welcome(connection); },
+      loop_, config.serve, *trust, [this](const net::ConnectionPtr& connection) { on_connection(connection); },
       [this](std::string_view who, std::string_view what) { note(who, what); });
   if (!listener) return tl::unexpected{listener.error()};
   listener_ = std::move(*listener);
@@ -104,17 +104,17 @@ Result<void> ScanSite::run(std::stop_token stop) {
   return {};
 }
 
-void ScanSite::welcome(const net::ConnectionPtr& connection) {
+void ScanSite::on_connection(const net::ConnectionPtr& connection) {
   const Hello own{kProtocolVersion, Side::ScanSite, fmt::format("telefab-scan {}", kVersion), {}, {}};
   const std::weak_ptr<net::Connection> weak = connection;
-  greet(
+  handshake(
       loop_, connection, own,
       [this, weak](const Hello& theirs) {
         const auto strong = weak.lock();
         if (!strong) return;
         if (theirs.side != Side::Client)
           return strong->close(
-              to_frame(Fault{{}, {ErrorCode::ProtocolBroken, "greeting: only clients call a scan site"}, {}}));
+              to_frame(Fault{{}, {ErrorCode::ProtocolBroken, "handshake: only clients call a scan site"}, {}}));
         serve_client(loop_, strong, *this, {});
       },
       [this, address = connection->peer().address](const Error& why) { note(address, "refused: " + why.what); });

@@ -39,7 +39,7 @@ class ScanSite final : public JobService {
       : folder_{std::move(folder)}, clock_{clock}, own_machines_{std::move(own_machines)} {}
   [[nodiscard]] Result<void> start(const ScanSiteConfig& config);
   [[nodiscard]] Result<void> start_web(const ServeOptions& options);
-  void welcome(const net::ConnectionPtr& connection);
+  void on_connection(const net::ConnectionPtr& connection);
   [[nodiscard]] SlicerEvents slicer_events();
   [[nodiscard]] FabLinkEvents link_events();
   [[nodiscard]] const std::vector<MachineProfile>& known_machines() const;

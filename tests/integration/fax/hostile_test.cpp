@@ -17,10 +17,10 @@ namespace {
 
 using testing::HasSubstr;
 
-/// A stranger with a socket.
-class Stranger {
+/// Any peer with a socket.
+class RawPeer {
  public:
-  explicit Stranger(const std::string& port) : fd_{::socket(AF_INET, SOCK_STREAM, 0)} {
+  explicit RawPeer(const std::string& port) : fd_{::socket(AF_INET, SOCK_STREAM, 0)} {
     const timeval limit{20, 0};
     ::setsockopt(fd_, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
     sockaddr_in address{};
@@ -29,9 +29,9 @@ class Stranger {
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     connected_ = ::connect(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0;
   }
-  ~Stranger() { ::close(fd_); }
-  Stranger(const Stranger&) = delete;
-  Stranger& operator=(const Stranger&) = delete;
+  ~RawPeer() { ::close(fd_); }
+  RawPeer(const RawPeer&) = delete;
+  RawPeer& operator=(const RawPeer&) = delete;
   [[nodiscard]] bool connected() const { return connected_; }
   void send(std::span<const std::byte> bytes) const { (void)::send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL); }
   void send(const Message& message) const { send(to_bytes(to_frame(message)).value()); }
@@ -66,17 +66,17 @@ TEST_F(Hostile, BytesLeaveBothDaemonsUnharmed) {
   std::mt19937 random{5};
   for (const std::string& port : ports())
     for (int i = 0; i < 40; ++i) {
-      const Stranger stranger{port};
-      ASSERT_TRUE(stranger.connected());
+      const RawPeer peer{port};
+      ASSERT_TRUE(peer.connected());
       std::vector<std::byte> noise(1 + random() % 3000);
       for (std::byte& byte : noise) byte = static_cast<std::byte>(random());
       if (i % 2 == 0) {
         noise[0] = std::byte{'T'};
         if (noise.size() > 1) noise[1] = std::byte{'F'};
       }
-      stranger.send(noise);
-      stranger.end();
-      (void)stranger.hear_out();
+      peer.send(noise);
+      peer.end();
+      (void)peer.hear_out();
     }
   expect_unharmed();
 }
@@ -90,23 +90,23 @@ TEST_F(Hostile, ConversationsEndWithANamedReason) {
   const Hello client{kProtocolVersion, Side::Client, "rude", {}, {}};
   const Hello scan{kProtocolVersion, Side::ScanSite, "rude", {}, {}};
   const Rudeness to_both[]{
-      {"greeting", {AskJobs{RequestId{1}, {}, 10, false}}},
+      {"handshake", {AskJobs{RequestId{1}, {}, 10, false}}},
       {"protocol-version", {Hello{99, Side::Client, "rude", {}, {}}}},
-      {"greeting", {Hello{kProtocolVersion, Side::FabSite, "rude", {}, {}}}},
+      {"handshake", {Hello{kProtocolVersion, Side::FabSite, "rude", {}, {}}}},
       {"message-order", {client, StackKept{"j1"}}},
       {"message-field", {client, AskFile{RequestId{1}, "j1", "../../jobs.sqlite"}}},
       {"no job", {client, AskFile{RequestId{1}, "j1", "plan.json"}, StackKept{"j1"}}},
   };
   for (const std::string& port : ports())
     for (const Rudeness& each : to_both) {
-      const Stranger stranger{port};
-      for (const Message& message : each.messages) stranger.send(message);
-      EXPECT_THAT(stranger.hear_out(), HasSubstr(each.reason));
+      const RawPeer peer{port};
+      for (const Message& message : each.messages) peer.send(message);
+      EXPECT_THAT(peer.hear_out(), HasSubstr(each.reason));
     }
-  const Stranger stranger{fab_port()};
-  stranger.send(scan);
-  stranger.send(Message{UploadBlock{RequestId{1}, 0, std::vector<std::byte>(10)}});
-  EXPECT_THAT(stranger.hear_out(), HasSubstr("message-order"));
+  const RawPeer peer{fab_port()};
+  peer.send(scan);
+  peer.send(Message{UploadBlock{RequestId{1}, 0, std::vector<std::byte>(10)}});
+  EXPECT_THAT(peer.hear_out(), HasSubstr("message-order"));
   expect_unharmed();
 }
 
@@ -119,23 +119,23 @@ TEST_F(Hostile, AJobOfTheSameIdIsRefusedAsReplayed) {
   header.pixel_pitch_mm = 0.1;
   header.layer_count = 7;
   header.bounds = {{1, 1}, {2, 2}};
-  const Stranger stranger{fab_port()};
-  stranger.send(Message{Hello{kProtocolVersion, Side::ScanSite, "rude", {}, {}}});
-  stranger.send(Message{
+  const RawPeer peer{fab_port()};
+  peer.send(Message{Hello{kProtocolVersion, Side::ScanSite, "rude", {}, {}}});
+  peer.send(Message{
       Offer{job, "other.ply", "toy", "{}", {}, header, static_cast<std::uint32_t>(Coding::Exact), "mallory", {}, {}}});
-  stranger.send(Message{Submit{RequestId{2}, "a", "toy", "{}", 1, {}}});
-  EXPECT_THAT(stranger.hear_out(), HasSubstr("replayed-job"));
+  peer.send(Message{Submit{RequestId{2}, "a", "toy", "{}", 1, {}}});
+  EXPECT_THAT(peer.hear_out(), HasSubstr("replayed-job"));
 }
 
 TEST_F(Hostile, FilesOfOtherPlacesAreNotGivenOut) {
   const std::string job = submit_torus();
   EXPECT_EQ(telefab({"watch", job}).code, 0);
-  const Stranger stranger{fab_port()};
-  stranger.send(Message{Hello{kProtocolVersion, Side::ScanSite, "rude", {}, {}}});
+  const RawPeer peer{fab_port()};
+  peer.send(Message{Hello{kProtocolVersion, Side::ScanSite, "rude", {}, {}}});
   // A plain file name, in the job's folder, and not for others.
-  stranger.send(Message{AskFile{RequestId{1}, job, "journal"}});
-  stranger.send(Message{Submit{RequestId{2}, "a", "toy", "{}", 1, {}}});
-  EXPECT_THAT(stranger.hear_out(), HasSubstr("has no file journal"));
+  peer.send(Message{AskFile{RequestId{1}, job, "journal"}});
+  peer.send(Message{Submit{RequestId{2}, "a", "toy", "{}", 1, {}}});
+  EXPECT_THAT(peer.hear_out(), HasSubstr("has no file journal"));
 }
 
 }  // namespace

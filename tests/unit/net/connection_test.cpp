@@ -66,12 +66,12 @@ class ConnectionTimes : public testing::Test {
  protected:
   static ConnectionLimits patient() {
     ConnectionLimits limits;
-    limits.greet_within = limits.frame_within = limits.idle_after = limits.write_within = kNever;
+    limits.handshake_within = limits.frame_within = limits.idle_after = limits.write_within = kNever;
     return limits;
   }
-  void listen(const ConnectionLimits& limits, bool greets = true) {
+  void listen(const ConnectionLimits& limits, bool answers_hello = true) {
     auto opened = Listener::open(loop_, {{"127.0.0.1", 0}, nullptr, limits},
-                                 {[this, greets](ConnectionPtr made) {
+                                 {[this, answers_hello](ConnectionPtr made) {
                                     connection_ = std::move(made);
                                     connection_->start({[this](Frame frame) { on_frame(frame); },
                                                         {},
@@ -79,7 +79,7 @@ class ConnectionTimes : public testing::Test {
                                                           why_ = error;
                                                           loop_.stop();
                                                         }});
-                                    if (greets) connection_->set_greeted();
+                                    if (answers_hello) connection_->set_ready();
                                     if (!to_be_said_.body.empty()) (void)connection_->send(to_be_said_);
                                   },
                                   [](const std::string&, const Error&) {}});
@@ -112,12 +112,12 @@ std::vector<std::byte> a_frame(FrameType type, std::size_t bytes) {
   return to_bytes({type, std::vector<std::byte>(bytes)}).value();
 }
 
-TEST_F(ConnectionTimes, APeerThatSaysNothingIsDroppedAtTheGreeting) {
+TEST_F(ConnectionTimes, APeerThatSendsNothingIsDroppedAtTheHandshake) {
   ConnectionLimits limits = patient();
-  limits.greet_within = milliseconds{50};
+  limits.handshake_within = milliseconds{50};
   listen(limits, false);
   const Socket silent{listener_->port()};
-  EXPECT_THAT(ended(), HasSubstr("greet-time"));
+  EXPECT_THAT(ended(), HasSubstr("handshake-time"));
 }
 
 TEST_F(ConnectionTimes, AFrameThatNeverEndsIsDroppedThoughBytesKeepComing) {

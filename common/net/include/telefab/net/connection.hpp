@@ -11,7 +11,7 @@ namespace telefab::net {
 
 /// What one peer may cost us. No field is optional: every wait ends.
 struct ConnectionLimits {
-  Nanoseconds greet_within = std::chrono::seconds{10};  ///< TLS handshake and hello
+  Nanoseconds handshake_within = std::chrono::seconds{10};  ///< TLS handshake and hello
   Nanoseconds frame_within = std::chrono::seconds{30};  ///< from the first byte of a frame to its last
   Nanoseconds idle_after = std::chrono::seconds{60};    ///< without a byte; pings go out at a third of it
   Nanoseconds write_within = std::chrono::seconds{30};  ///< the peer takes some of what we send
@@ -43,7 +43,7 @@ class Connection {
   [[nodiscard]] virtual Result<void> send(const Frame& frame) = 0;
   [[nodiscard]] virtual std::size_t queued_bytes() const = 0;
   /// The hello was good: long frames and long silences are allowed from here on.
-  virtual void set_greeted() = 0;
+  virtual void set_ready() = 0;
   /// Sends what is queued and `last_words`, then closes; no event comes any more.
   virtual void close(const std::optional<Frame>& last_words) = 0;
   [[nodiscard]] virtual const Peer& peer() const = 0;

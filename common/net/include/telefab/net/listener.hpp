@@ -15,7 +15,7 @@ struct ListenOptions {
 
 struct ListenEvents {
   std::function<void(ConnectionPtr)> accepted;  ///< after the TLS handshake; call start() on it
-  std::function<void(const std::string& address, const Error&)> refused;  ///< a stranger: why
+  std::function<void(const std::string& address, const Error&)> refused;  ///< a peer that is not let in: why
 };
 
 /// Accepts connections. Destruction closes the port, not the connections.

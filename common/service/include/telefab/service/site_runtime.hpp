@@ -31,7 +31,7 @@ void declare_serve_options(VerbOptions& app, ServeOptions& options);
 /// Listens on --listen; what may not connect is noted as refused. Fails as net::endpoint_from_text and Listener::open.
 [[nodiscard]] Result<std::unique_ptr<net::Listener>> open_listener(
     net::Loop& loop, const ServeOptions& options, std::shared_ptr<net::Trust> trust,
-    std::function<void(const net::ConnectionPtr&)> welcome,
+    std::function<void(const net::ConnectionPtr&)> on_connection,
     std::function<void(std::string_view who, std::string_view what)> note);
 
 /// A daemon's folder: jobs.sqlite, audit.log, port, incoming/ and jobs/ID/. Locked while the daemon lives, so that two

@@ -66,7 +66,7 @@ class SerialStage final : public ZStage {
   bool homed_ = false;
   bool connected_ = false;
   int oks_wanted_ = 0;
-  std::uint32_t greetings_ = 0;
+  std::uint32_t probes_ = 0;
   int idle_oks_ = 0;  ///< of questions asked at rest; they come before any other
   std::optional<double> celsius_;
   Nanoseconds celsius_at_{};

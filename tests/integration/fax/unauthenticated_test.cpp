@@ -16,9 +16,9 @@ namespace {
 using testing::HasSubstr;
 
 /// Both sites with certificates of one authority, made by deploy/certs.
-class Strangers : public TwoSites {
+class Unauthenticated : public TwoSites {
  protected:
-  Strangers() {
+  Unauthenticated() {
     certs(own(), {"authority"});
     certs(own(), {"issue", "fab-site", "fab-site"});
     certs(own(), {"issue", "scan-site", "scan-site"});
@@ -41,11 +41,11 @@ class Strangers : public TwoSites {
   }
 };
 
-TEST_F(Strangers, AreRefusedByNameAndLoggedWhileFriendsArePrinted) {
+TEST_F(Unauthenticated, AreRefusedByNameAndLoggedWhileFriendsArePrinted) {
   const auto other = folder() / "other-certs";
   certs(other, {"authority"});
   certs(other, {"issue", "operator", "operator"});
-  // What a stranger holds: a certificate of another authority; to be let as far as the site, it believes in ours.
+  // What an unauthenticated peer holds: a certificate of another authority; to be let as far as the site, it believes in ours.
   std::filesystem::copy_file(own() / "authority.crt", other / "authority.crt",
                              std::filesystem::copy_options::overwrite_existing);
   std::filesystem::remove(other / "revoked.crl");
@@ -89,7 +89,7 @@ TEST_F(Strangers, AreRefusedByNameAndLoggedWhileFriendsArePrinted) {
                                   HasSubstr("self-signed")));
 }
 
-TEST_F(Strangers, JobsOfASiteWhoseKeyTheFabDoesNotKnowAreRefusedAndLogged) {
+TEST_F(Unauthenticated, JobsOfASiteWhoseKeyTheFabDoesNotKnowAreRefusedAndLogged) {
   start_with_tls();
   const auto submit = [&] {
     return telefab(
@@ -107,7 +107,7 @@ TEST_F(Strangers, JobsOfASiteWhoseKeyTheFabDoesNotKnowAreRefusedAndLogged) {
   EXPECT_EQ(submit().code, 0);
 }
 
-TEST_F(Strangers, JobsReplayedOverTlsAreRefusedAndLogged) {
+TEST_F(Unauthenticated, JobsReplayedOverTlsAreRefusedAndLogged) {
   certs(own(), {"issue", "scan-two", "scan-site"});
   start_with_tls();
   const Outcome submitted =
@@ -151,7 +151,7 @@ TEST_F(Strangers, JobsReplayedOverTlsAreRefusedAndLogged) {
   EXPECT_THAT(log, HasSubstr("replayed-job"));
 }
 
-TEST_F(Strangers, WithTheKeysOfSitesALoopbackFabRefusesOtherJobs) {
+TEST_F(Unauthenticated, WithTheKeysOfSitesALoopbackFabRefusesOtherJobs) {
   std::filesystem::create_directories(folder() / "keys");
   start_fab({"--site-keys", (folder() / "keys").string()});
   start_scan();
@@ -162,13 +162,13 @@ TEST_F(Strangers, WithTheKeysOfSitesALoopbackFabRefusesOtherJobs) {
   EXPECT_EQ(telefab({"watch", submit_torus()}).code, 0);
 }
 
-TEST_F(Strangers, AFabThatShowsAnotherRoleGetsNoJob) {
+TEST_F(Unauthenticated, AFabThatShowsAnotherRoleGetsNoJob) {
   start_fab({"--tls", own().string(), "--tls-name", "operator"});
   start_scan({"--tls", own().string()});
   EXPECT_THAT(scan().wait_for_error_line("expected"), HasSubstr("a fab-site was expected"));
 }
 
-TEST_F(Strangers, PlainTcpIsRefusedOffLoopback) {
+TEST_F(Unauthenticated, PlainTcpIsRefusedOffLoopback) {
   const std::string bin = ::getenv("TELEFAB_BIN");
   const Outcome outcome = run({bin + "/telefab-fab", "serve", "--listen", "0.0.0.0:0", "--data",
                                (folder() / "off").string(), "--machines", (folder() / "machines").string()});

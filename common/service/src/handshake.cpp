@@ -7,7 +7,7 @@ namespace telefab {
 namespace {
 
 Result<Hello> check(const Frame& frame, const net::Peer& peer) {
-  if (frame.type != FrameType::Hello) return fail(ErrorCode::ProtocolBroken, "greeting: the first message is no hello");
+  if (frame.type != FrameType::Hello) return fail(ErrorCode::ProtocolBroken, "handshake: the first message is no hello");
   auto message = from_frame(frame);
   if (!message) return tl::unexpected{message.error()};
   Hello hello = std::get<Hello>(std::move(*message));
@@ -17,7 +17,7 @@ Result<Hello> check(const Frame& frame, const net::Peer& peer) {
         fmt::format("protocol-version: this side speaks version {}, the other one {}; bring both to the same release",
                     kProtocolVersion, hello.protocol_version));
   if (hello.side == Side::FabSite)
-    return fail(ErrorCode::ProtocolBroken, "greeting: a fab site does not call; scan sites and clients call it");
+    return fail(ErrorCode::ProtocolBroken, "handshake: a fab site does not call; scan sites and clients call it");
   if (peer.role) {
     const bool is_client_role = *peer.role == net::Role::Operator || *peer.role == net::Role::ReadOnly;
     if ((hello.side == Side::Client && !is_client_role) ||
@@ -30,12 +30,12 @@ Result<Hello> check(const Frame& frame, const net::Peer& peer) {
 
 }  // namespace
 
-void greet(net::Loop&, const net::ConnectionPtr& connection, Hello own, std::function<void(const Hello&)> met,
+void handshake(net::Loop&, const net::ConnectionPtr& connection, Hello own, std::function<void(const Hello&)> on_ready,
            std::function<void(const Error&)> refused) {
   // The events belong to the connection, so they may hold it only weakly.
   const std::weak_ptr<net::Connection> weak = connection;
   net::ConnectionEvents events;
-  events.frame = [weak, own = std::move(own), met = std::move(met), refused](const Frame& frame) {
+  events.frame = [weak, own = std::move(own), on_ready = std::move(on_ready), refused](const Frame& frame) {
     const auto strong = weak.lock();
     if (!strong) return;
     const auto hello = check(frame, strong->peer());
@@ -43,12 +43,12 @@ void greet(net::Loop&, const net::ConnectionPtr& connection, Hello own, std::fun
       strong->close(to_frame(Fault{{}, hello.error(), {}}));
       return refused(hello.error());
     }
-    strong->set_greeted();
+    strong->set_ready();
     if (auto sent = strong->send(to_frame(own)); !sent) {
       strong->close({});
       return refused(sent.error());
     }
-    met(*hello);
+    on_ready(*hello);
   };
   events.closed = [weak, refused](const Error& why) {
     if (const auto strong = weak.lock(); strong && why.code == ErrorCode::ProtocolBroken)
