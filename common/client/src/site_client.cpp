@@ -51,7 +51,7 @@ Result<void> SiteClient::open(const SiteAddress& address) {
   if (!*made) return tl::unexpected{made->error()};
   connection_ = std::move(**made);
   connection_->start({[this](Frame frame) {
-                        heard_.push_back(std::move(frame));
+                        received_.push_back(std::move(frame));
                         loop_.stop();
                       },
                       [this] { loop_.stop(); },
@@ -69,31 +69,31 @@ Result<void> SiteClient::open(const SiteAddress& address) {
   return {};
 }
 
-Result<void> SiteClient::say(const Message& message) {
+Result<void> SiteClient::send(const Message& message) {
   if (!lost_) {
     if (auto sent = connection_->send(to_frame(message)); !sent && !lost_) return sent;
     (void)run_until(answer_within_, [&] { return lost_ || connection_->queued_bytes() < kQueueAheadBytes; });
   }
   if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled");
-  // A fault that explains the loss may have been heard before it; hear() tells.
+  // A fault that explains the loss may have been received before it; receive() tells.
   return {};
 }
 
-Result<Message> SiteClient::hear(Nanoseconds within) {
-  auto heard = hear_within(within);
-  if (!heard) return tl::unexpected{heard.error()};
-  if (!*heard) return fail(ErrorCode::Unreachable, "the site did not answer in time");
-  return std::move(**heard);
+Result<Message> SiteClient::receive(Nanoseconds within) {
+  auto received = receive_within(within);
+  if (!received) return tl::unexpected{received.error()};
+  if (!*received) return fail(ErrorCode::Unreachable, "the site did not answer in time");
+  return std::move(**received);
 }
 
-Result<std::optional<Message>> SiteClient::hear_within(Nanoseconds within) {
-  if (!run_until(within, [&] { return lost_ || !heard_.empty(); })) {
+Result<std::optional<Message>> SiteClient::receive_within(Nanoseconds within) {
+  if (!run_until(within, [&] { return lost_ || !received_.empty(); })) {
     if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled");
     return std::optional<Message>{};
   }
-  if (heard_.empty()) return tl::unexpected{*lost_};
-  const Frame frame = std::move(heard_.front());
-  heard_.pop_front();
+  if (received_.empty()) return tl::unexpected{*lost_};
+  const Frame frame = std::move(received_.front());
+  received_.pop_front();
   auto message = from_frame(frame);
   if (!message) return tl::unexpected{message.error()};
   if (const auto* fault = std::get_if<Fault>(&*message)) return tl::unexpected{fault->error};

@@ -25,16 +25,16 @@ class SiteClient {
   SiteClient& operator=(const SiteClient&) = delete;
 
   /// Sends; waits while more than a few megabytes are queued.
-  [[nodiscard]] Result<void> say(const Message& message);
+  [[nodiscard]] Result<void> send(const Message& message);
   /// The next message; the Error of a Fault; Unreachable when none comes within `within`; Cancelled when stopped.
-  [[nodiscard]] Result<Message> hear(Nanoseconds within);
-  /// The same, but nothing heard within the time is no failure.
-  [[nodiscard]] Result<std::optional<Message>> hear_within(Nanoseconds within);
+  [[nodiscard]] Result<Message> receive(Nanoseconds within);
+  /// The same, but nothing received within the time is no failure.
+  [[nodiscard]] Result<std::optional<Message>> receive_within(Nanoseconds within);
   /// Both, and the answer must be an `Answer`.
   template <class Answer>
   [[nodiscard]] Result<Answer> ask(const Message& question) {
-    if (auto said = say(question); !said) return tl::unexpected{said.error()};
-    auto answer = hear(answer_within_);
+    if (auto sent = send(question); !sent) return tl::unexpected{sent.error()};
+    auto answer = receive(answer_within_);
     if (!answer) return tl::unexpected{answer.error()};
     if (auto* wanted = std::get_if<Answer>(&*answer)) return std::move(*wanted);
     return fail(ErrorCode::ProtocolBroken, "the site answered with another message than was asked for");
@@ -52,7 +52,7 @@ class SiteClient {
 
   net::Loop loop_;
   net::ConnectionPtr connection_;
-  std::deque<Frame> heard_;
+  std::deque<Frame> received_;
   std::optional<Error> lost_;
   std::stop_token stop_;
   Nanoseconds answer_within_;

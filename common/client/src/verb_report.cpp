@@ -15,13 +15,13 @@ namespace {
 constexpr std::uint64_t kMaxReportFileBytes = 256ULL << 20U;
 
 Result<std::vector<std::byte>> fetch(SiteClient& client, const std::string& job, const FileEntry& file) {
-  if (auto said = client.say(AskFile{client.next_request(), job, file.name}); !said)
-    return tl::unexpected{said.error()};
+  if (auto sent = client.send(AskFile{client.next_request(), job, file.name}); !sent)
+    return tl::unexpected{sent.error()};
   std::vector<std::byte> content;
   while (true) {
-    auto heard = client.hear(client.answer_within());
-    if (!heard) return tl::unexpected{heard.error()};
-    const auto* block = std::get_if<FileBlock>(&*heard);
+    auto received = client.receive(client.answer_within());
+    if (!received) return tl::unexpected{received.error()};
+    const auto* block = std::get_if<FileBlock>(&*received);
     if (!block || block->offset_bytes != content.size())
       return fail(ErrorCode::ProtocolBroken, fmt::format("{}: the site sent something else than the file", file.name));
     if (block->size_bytes > kMaxReportFileBytes)

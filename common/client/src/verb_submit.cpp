@@ -78,12 +78,12 @@ Result<Job> upload(SiteClient& client, const SubmitOptions& o, const Submit& sub
   auto sent = for_each_block(o.scan, [&](std::span<const std::byte> block) -> Result<void> {
     UploadBlock message{submit.request, offset, {block.begin(), block.end()}};
     offset += block.size();
-    return client.say(message);
+    return client.send(message);
   });
   if (!sent) return tl::unexpected{sent.error()};
   if (offset != submit.size_bytes)
     return fail(ErrorCode::Conflict, fmt::format("{} changed while it was sent", o.scan));
-  auto answer = client.hear(client.answer_within());
+  auto answer = client.receive(client.answer_within());
   if (!answer) return tl::unexpected{answer.error()};
   if (auto* jobs = std::get_if<Jobs>(&*answer); jobs && jobs->jobs.size() == 1) return std::move(jobs->jobs.front());
   return fail(ErrorCode::ProtocolBroken, "the site answered the upload with another message");

@@ -17,8 +17,8 @@ constexpr auto kKeysEvery = std::chrono::milliseconds{100};
 constexpr auto kForever = std::chrono::hours{24 * 30};
 
 /// The job of an answer to AskJobs.
-Result<Job> job_in(const Message& heard) {
-  const auto* jobs = std::get_if<Jobs>(&heard);
+Result<Job> job_in(const Message& received) {
+  const auto* jobs = std::get_if<Jobs>(&received);
   if (!jobs || jobs->jobs.size() != 1)
     return fail(ErrorCode::ProtocolBroken, "the site sent something else than the job");
   return jobs->jobs.front();
@@ -42,9 +42,9 @@ class LineView {
 Result<Job> watch_lines(SiteClient& client, bool is_silent) {
   LineView view;
   while (true) {
-    auto heard = client.hear(kForever);
-    if (!heard) return tl::unexpected{heard.error()};
-    auto job = job_in(*heard);
+    auto received = client.receive(kForever);
+    if (!received) return tl::unexpected{received.error()};
+    auto job = job_in(*received);
     if (!job) return job;
     if (!is_silent) view.show(*job);
     if (is_final(job->state)) return job;
@@ -65,10 +65,10 @@ Result<Job> watch_on_screen(SiteClient& client) {
     screen.show(watch_screen(history, size.columns, size.rows));
     for (char key = screen.key(); key != 0; key = screen.key())
       if ((key == 'q' || key == 'Q') && history.job()) return *history.job();
-    auto heard = client.hear_within(kKeysEvery);
-    if (!heard) return tl::unexpected{heard.error()};
-    if (!*heard) continue;
-    const auto job = job_in(**heard);
+    auto received = client.receive_within(kKeysEvery);
+    if (!received) return tl::unexpected{received.error()};
+    if (!*received) continue;
+    const auto job = job_in(**received);
     if (!job) return job;
     history.saw(*job, clock.now(), time_of_day(clock));
     if (is_final(job->state)) return job;
@@ -78,7 +78,7 @@ Result<Job> watch_on_screen(SiteClient& client) {
 }  // namespace
 
 Result<Job> watch_job(SiteClient& client, const std::string& job, WatchStyle style) {
-  if (auto said = client.say(AskJobs{client.next_request(), job, 1, true}); !said) return tl::unexpected{said.error()};
+  if (auto sent = client.send(AskJobs{client.next_request(), job, 1, true}); !sent) return tl::unexpected{sent.error()};
   if (style == WatchStyle::Screen && FullScreen::is_possible()) return watch_on_screen(client);
   return watch_lines(client, style == WatchStyle::Silent);
 }

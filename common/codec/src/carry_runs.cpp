@@ -122,9 +122,9 @@ Result<std::vector<Contour>> carry_runs(std::span<const Contour> given, std::vec
   }
   for (std::size_t r = 0; r < coded.size(); ++r) {
     for (SurfaceRun& run : of_coded[r]) run = as_coded(run);
-    auto told = coded[r].with_runs(of_coded[r]);
-    if (!told) return tl::unexpected{told.error()};
-    coded[r] = std::move(*told);
+    auto with_runs_made = coded[r].with_runs(of_coded[r]);
+    if (!with_runs_made) return tl::unexpected{with_runs_made.error()};
+    coded[r] = std::move(*with_runs_made);
   }
   return coded;
 }

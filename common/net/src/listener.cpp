@@ -87,10 +87,10 @@ struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
   std::vector<std::weak_ptr<Connection>> connections;
   std::size_t handshakes = 0;
 
-  Impl(Loop& with, const ListenOptions& given, ListenEvents told)
+  Impl(Loop& with, const ListenOptions& given, ListenEvents with_events)
       : loop{with},
         options{given},
-        events{std::move(told)},
+        events{std::move(with_events)},
         acceptor{with.impl().context},
         breath{with.impl().context} {}
 

@@ -106,12 +106,12 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
     downloads_.clear();
   }
 
-  void say(const Message& message) {
+  void send(const Message& message) {
     if (!is_open_) return;
     if (auto sent = connection_->send(to_frame(message)); !sent) end(sent.error());
   }
-  void say_fault(RequestId request, const Error& error, const std::string& job = {}) {
-    say(Fault{request, error, job});
+  void send_fault(RequestId request, const Error& error, const std::string& job = {}) {
+    send(Fault{request, error, job});
   }
 
   [[nodiscard]] bool may_change() const {
@@ -133,20 +133,20 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
   void answer(const AskMachines& question) {
     Machines machines = service_.machines();
     machines.request = question.request;
-    say(machines);
+    send(machines);
   }
 
   void answer(const Submit& submit) {
-    if (!may_change()) return say_fault(submit.request, refuse_role("submit"));
+    if (!may_change()) return send_fault(submit.request, refuse_role("submit"));
     if (uploads_.size() >= limits_.max_uploads)
-      return say_fault(submit.request, {ErrorCode::TooLarge, "upload-limit: too many uploads at once"});
+      return send_fault(submit.request, {ErrorCode::TooLarge, "upload-limit: too many uploads at once"});
     if (submit.size_bytes == 0)
-      return say_fault(submit.request, {ErrorCode::InvalidInput, fmt::format("{} is empty", submit.name)});
-    if (auto may = service_.may_submit(submit); !may) return say_fault(submit.request, may.error());
+      return send_fault(submit.request, {ErrorCode::InvalidInput, fmt::format("{} is empty", submit.name)});
+    if (auto may = service_.may_submit(submit); !may) return send_fault(submit.request, may.error());
     auto upload = Upload::begin(submit, service_.incoming());
-    if (!upload) return say_fault(submit.request, upload.error());
+    if (!upload) return send_fault(submit.request, upload.error());
     uploads_[submit.request] = std::move(*upload);
-    say(SendMore{submit.request, 0});
+    send(SendMore{submit.request, 0});
   }
 
   void answer(const UploadBlock& block) {
@@ -158,30 +158,30 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
     if (taken && !upload.is_whole()) return;
     if (taken) taken = upload.finish();
     if (!taken) {
-      say_fault(block.request, taken.error());
+      send_fault(block.request, taken.error());
       uploads_.erase(found);
       return;
     }
     auto job = service_.submit(upload.submit(), upload.path(), who(""));
     if (job)
-      say(Jobs{block.request, {std::move(*job)}});
+      send(Jobs{block.request, {std::move(*job)}});
     else
-      say_fault(block.request, job.error());
+      send_fault(block.request, job.error());
     uploads_.erase(block.request);
   }
 
   void answer(const AskJobs& question) {
     if (question.job.empty()) {
       auto jobs = service_.store().list(question.most);
-      if (!jobs) return say_fault(question.request, jobs.error());
-      return say(Jobs{question.request, std::move(*jobs)});
+      if (!jobs) return send_fault(question.request, jobs.error());
+      return send(Jobs{question.request, std::move(*jobs)});
     }
     auto job = service_.store().find(question.job);
-    if (!job) return say_fault(question.request, job.error(), question.job);
-    say(Jobs{question.request, {*job}});
+    if (!job) return send_fault(question.request, job.error(), question.job);
+    send(Jobs{question.request, {*job}});
     if (!question.watch || is_final(job->state)) return;
     if (watches_.size() >= limits_.max_watches)
-      return say_fault(question.request, {ErrorCode::TooLarge, "watch-limit: too many watches"}, question.job);
+      return send_fault(question.request, {ErrorCode::TooLarge, "watch-limit: too many watches"}, question.job);
     watches_[question.request] = std::move(*job);
     if (!is_watching_) watch_again();
   }
@@ -202,7 +202,7 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
       for (auto each = watches_.begin(); each != watches_.end();) {
         auto job = service_.store().find(each->second.id);
         if (job && *job != each->second) {
-          say(Jobs{each->first, {*job}});
+          send(Jobs{each->first, {*job}});
           if (!is_open_) return;
           each->second = std::move(*job);
         }
@@ -213,18 +213,19 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
   }
 
   void answer(const Command& command) {
-    if (!may_change()) return say_fault(command.request, refuse_role(name_of(command.command)), command.job);
+    if (!may_change()) return send_fault(command.request, refuse_role(name_of(command.command)), command.job);
     Command with_name = command;
     with_name.who = who(command.who);
     service_.note(with_name.who, fmt::format("{} {}", name_of(command.command), command.job));
-    service_.command(with_name, [weak = weak_from_this(), request = command.request, id = command.job](Result<Job> job) {
-      const auto self = weak.lock();
-      if (!self) return;
-      if (job)
-        self->say(Jobs{request, {std::move(*job)}});
-      else
-        self->say_fault(request, job.error(), id);
-    });
+    service_.command(with_name,
+                     [weak = weak_from_this(), request = command.request, id = command.job](Result<Job> job) {
+                       const auto self = weak.lock();
+                       if (!self) return;
+                       if (job)
+                         self->send(Jobs{request, {std::move(*job)}});
+                       else
+                         self->send_fault(request, job.error(), id);
+                     });
   }
 
   void answer(const AskFiles& question) {
@@ -232,27 +233,27 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
       const auto self = weak.lock();
       if (!self) return;
       if (files)
-        self->say(Files{question.request, std::move(*files)});
+        self->send(Files{question.request, std::move(*files)});
       else
-        self->say_fault(question.request, files.error(), question.job);
+        self->send_fault(question.request, files.error(), question.job);
     });
   }
 
   void answer(const AskFile& question) {
     if (downloads_.size() >= limits_.max_files)
-      return say_fault(question.request, {ErrorCode::TooLarge, "file-limit: too many files at once"}, question.job);
+      return send_fault(question.request, {ErrorCode::TooLarge, "file-limit: too many files at once"}, question.job);
     service_.file(question.job, question.name, [weak = weak_from_this(), question](Result<std::filesystem::path> path) {
       const auto self = weak.lock();
       if (!self) return;
-      if (!path) return self->say_fault(question.request, path.error(), question.job);
+      if (!path) return self->send_fault(question.request, path.error(), question.job);
       if (auto added = self->downloads_.add(question.request, *path); !added)
-        return self->say_fault(question.request, added.error(), question.job);
+        return self->send_fault(question.request, added.error(), question.job);
       self->send_files();
     });
   }
 
   void send_files() {
-    if (is_open_) downloads_.pump(*connection_, [this](const Message& block) { say(block); });
+    if (is_open_) downloads_.pump(*connection_, [this](const Message& block) { send(block); });
   }
 
   /// What only sites say to each other, or only a site says to a client.
@@ -288,7 +289,8 @@ std::vector<FileEntry> files_of(const std::filesystem::path& folder) {
   return files;
 }
 
-void serve_client(net::Loop& loop, const net::ConnectionPtr& connection, JobService& service, const ClientLimits& limits) {
+void serve_client(net::Loop& loop, const net::ConnectionPtr& connection, JobService& service,
+                  const ClientLimits& limits) {
   std::make_shared<ClientSession>(loop, connection, service, limits)->begin();
 }
 

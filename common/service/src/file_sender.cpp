@@ -22,7 +22,7 @@ Result<void> FileSender::add(RequestId request, const std::filesystem::path& pat
   return {};
 }
 
-void FileSender::pump(const net::Connection& connection, const std::function<void(const Message&)>& say) {
+void FileSender::pump(const net::Connection& connection, const std::function<void(const Message&)>& send) {
   while (!sending_.empty() && connection.queued_bytes() < kQueueAheadBytes) {
     Sending& sending = sending_.front();
     FileBlock block{sending.request, sending.offset, sending.size, {}};
@@ -34,9 +34,9 @@ void FileSender::pump(const net::Connection& connection, const std::function<voi
     const bool is_last = !is_whole || sending.offset == sending.size;
     if (is_last) sending_.pop_front();
     if (is_whole)
-      say(block);
+      send(block);
     else
-      say(Fault{block.request, {ErrorCode::StorageFailed, "the file changed while it was read"}, {}});
+      send(Fault{block.request, {ErrorCode::StorageFailed, "the file changed while it was read"}, {}});
   }
 }
 

@@ -20,9 +20,9 @@ Result<std::unique_ptr<SiteLedger>> SiteLedger::open(const std::filesystem::path
   if (!store) return tl::unexpected{store.error()};
   auto audit = AuditLog::open(folder / "audit.log", clock);
   if (!audit) return tl::unexpected{audit.error()};
-  auto told = StateHooks::start(hooks);
-  if (!told) return tl::unexpected{told.error()};
-  return std::unique_ptr<SiteLedger>{new SiteLedger{std::move(*store), std::move(*audit), std::move(*told)}};
+  auto notifier = StateHooks::start(hooks);
+  if (!notifier) return tl::unexpected{notifier.error()};
+  return std::unique_ptr<SiteLedger>{new SiteLedger{std::move(*store), std::move(*audit), std::move(*notifier)}};
 }
 
 void SiteLedger::note(std::string_view who, std::string_view what) {
@@ -37,7 +37,7 @@ void SiteLedger::move(const std::string& job, JobState state, std::string_view m
   const auto moved = store_->move(job, state, message);
   if (!moved) return log_warning(moved.error().what, {job});
   log_line(fmt::format("job {} {}{}{}", job, name_of(state), message.empty() ? "" : ": ", message), {job});
-  hooks_->tell(*moved);
+  hooks_->notify(*moved);
 }
 
 void SiteLedger::set_stage_seconds(const std::string& job, JobStage stage, double seconds) {

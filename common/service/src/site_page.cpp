@@ -45,8 +45,8 @@ Result<std::unique_ptr<WebServer>> open_page(const ServeOptions& options, const 
   if (!server) return server;
   log_line(fmt::format("the page is at http://{}:{}/", address->host, (*server)->port()));
   const std::string port = fmt::format("{}\n", (*server)->port());
-  if (auto told = write_file_atomically(folder.path() / "web-port", std::string_view{port}); !told)
-    return tl::unexpected{told.error()};
+  if (auto written = write_file_atomically(folder.path() / "web-port", std::string_view{port}); !written)
+    return tl::unexpected{written.error()};
   return server;
 }
 

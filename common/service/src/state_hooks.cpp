@@ -198,7 +198,7 @@ Result<std::unique_ptr<StateHooks>> StateHooks::start(const HookOptions& options
 StateHooks::StateHooks(std::unique_ptr<Impl> impl) : impl_{std::move(impl)} {}
 StateHooks::~StateHooks() = default;
 
-void StateHooks::tell(const Job& job) {
+void StateHooks::notify(const Job& job) {
   if (!impl_->thread.joinable()) return;
   {
     const std::lock_guard lock{impl_->mutex};

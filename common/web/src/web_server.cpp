@@ -227,14 +227,14 @@ struct WebServer::Impl {
   tcp::acceptor acceptor{loop};
   asio::steady_timer tick{loop};
   bool is_ticking = false;
-  std::uint64_t told = 0;
+  std::uint64_t last_sent = 0;
   int idle_ticks = 0;
   std::jthread thread;
 
   Impl(WebSite& site, std::string product) : shared{site, std::move(product), 0, {}, {}} {
     shared.stream_opened = [this] {
       if (std::exchange(is_ticking, true)) return;
-      told = shared.site.revision();
+      last_sent = shared.site.revision();
       wait();
     };
   }
@@ -257,16 +257,16 @@ struct WebServer::Impl {
       if (!is_ticking) return;
       // Read first: what changes while the text is made is told next time.
       const std::uint64_t now = shared.site.revision();
-      if (now != told)
-        tell("data: " + shared.site.event_data() + "\n\n");
+      if (now != last_sent)
+        send("data: " + shared.site.event_data() + "\n\n");
       else if (++idle_ticks >= kTicksPerKeepAlive)
-        tell(": still here\n\n");
-      told = now;
+        send(": still here\n\n");
+      last_sent = now;
       wait();
     });
   }
 
-  void tell(std::string text) {
+  void send(std::string text) {
     idle_ticks = 0;
     const auto shared_text = std::make_shared<const std::string>(std::move(text));
     const auto watchers = shared.streams;  // a push may end one

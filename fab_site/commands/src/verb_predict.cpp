@@ -50,7 +50,7 @@ Result<std::optional<LayerStack>> contours_of(const PlannedJob& job, const Predi
   return tl::unexpected{stack.error()};
 }
 
-void tell(const Prediction& p, const CureModel& model, bool compared) {
+void print_figures(const Prediction& p, const CureModel& model, bool compared) {
   write_output(fmt::format("cured {:.1f} mm3, {} surface points{}\n", p.solid.volume_mm3, p.points.size(),
                            p.support_points ? fmt::format(", {} of supports", p.support_points) : ""));
   if (!compared) {
@@ -139,7 +139,7 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   if (o.json)
     write_output(to_json(*prediction, *model));
   else
-    tell(*prediction, *model, stack->has_value());
+    print_figures(*prediction, *model, stack->has_value());
   const double leaked = model->leaked_dose(plan.layers.back().exposure);
   if (leaked >= 0.5)
     write_note(fmt::format(

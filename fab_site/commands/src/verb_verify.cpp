@@ -59,7 +59,7 @@ Result<SupportReport> check_regions(const VerifyOptions& o, const MachineProfile
   return check_supports(print, machine, progress, stop);
 }
 
-void tell(std::string_view what, const SupportReport& report) {
+void print_support_figures(std::string_view what, const SupportReport& report) {
   write_output(
       fmt::format("{}: {} layers, {}\n", what, report.layers, report.passes() ? "nothing floats" : "NOT SOUND"));
   for (int kind = 1; kind <= 6; ++kind)
@@ -78,10 +78,10 @@ void tell(std::string_view what, const SupportReport& report) {
 std::vector<std::string> check_provenance(const PrintRecord& record, const std::filesystem::path& folder) {
   std::vector<std::string> findings;
   const auto expect = [&](const char* key, std::string_view what, const Digest& here) {
-    const auto said = record.provenance.find(key);
-    if (said != record.provenance.end() && said->second != to_hex(here))
+    const auto recorded = record.provenance.find(key);
+    if (recorded != record.provenance.end() && recorded->second != to_hex(here))
       findings.push_back(fmt::format("{} of the plan folder are not those of the record: {}... instead of {}...", what,
-                                     to_hex(here).substr(0, 12), said->second.substr(0, 12)));
+                                     to_hex(here).substr(0, 12), recorded->second.substr(0, 12)));
   };
   constexpr std::uint64_t kLargestPlanFile = 1U << 30U;
   if (const auto part = read_file(folder / "part.tfc", kLargestPlanFile))
@@ -125,14 +125,14 @@ Result<ExitCode> verify(const VerifyOptions& o, std::stop_token stop) {
   const auto masks = check_masks((*job)->plan(), **job, *machine, *options, progress, stop);
   clear_progress();
   if (!masks) return tl::unexpected{masks.error()};
-  tell("masks", *masks);
+  print_support_figures("masks", *masks);
   bool passes = masks->passes();
   std::string text = "{\n\"masks\": " + to_json(*masks);
   if (o.stack) {
     const auto regions = check_regions(o, *machine, progress, stop);
     clear_progress();
     if (!regions) return tl::unexpected{regions.error()};
-    tell("regions", *regions);
+    print_support_figures("regions", *regions);
     passes &= regions->passes();
     text += ",\n\"regions\": " + to_json(*regions);
   }

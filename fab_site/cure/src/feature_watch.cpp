@@ -16,7 +16,7 @@ constexpr double kStep_px = 2;          // along contours
 constexpr double kForgotten = 100;      // light counts until this little of it is left
 constexpr double kNeighbour_px = 3;     // the same feature in the next layer
 constexpr double kHairless = 1 - 1e-6;  // a wall of one pixel is one, whatever the rounding
-constexpr std::size_t kMostTold = 100;
+constexpr std::size_t kMostListed = 100;
 constexpr std::size_t kMostTaps = 64;  // of the widest kernel, padded
 
 void keep_narrowest(std::vector<NarrowPlace>& places, std::size_t most) {
@@ -179,7 +179,7 @@ void FeatureWatch::judge(std::uint32_t print_layer) {
 std::string to_json(const ThinReport& report) {
   using nlohmann::ordered_json;
   ordered_json weak = ordered_json::array();
-  for (std::size_t i = 0; i < std::min(kMostTold, report.weak.size()); ++i) {
+  for (std::size_t i = 0; i < std::min(kMostListed, report.weak.size()); ++i) {
     ordered_json value = json_of(report.weak[i]);
     value["kind"] = report.weak[i].place.kind == NarrowPlace::Kind::Wall ? "wall" : "gap";
     weak.push_back(std::move(value));

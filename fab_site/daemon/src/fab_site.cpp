@@ -106,8 +106,8 @@ Result<void> FabSite::start_web() {
   std::string three_js;
   if (const auto library = read_file(kThreeJs, kMaxThreeJsBytes))
     three_js.assign(reinterpret_cast<const char*>(library->data()), library->size());
-  web_site_ =
-      std::make_unique<FabWeb>(*page_backend_, WebOptions{std::move(*token), std::string{kVersion}, std::move(three_js)});
+  web_site_ = std::make_unique<FabWeb>(*page_backend_,
+                                       WebOptions{std::move(*token), std::string{kVersion}, std::move(three_js)});
   auto server = open_page(config_.serve, folder_, *web_site_, fmt::format("telefab-fab/{}", kVersion));
   if (!server) return tl::unexpected{server.error()};
   web_ = std::move(*server);
@@ -580,7 +580,7 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
       return answer(approve(*job, command));
     case JobCommand::Pause:
       if (job->state != JobState::Printing) return refuse("only a print can be paused");
-      if (control) return tell_print(command, control, done);
+      if (control) return pass_to_print(command, control, done);
       return answer(pause(*job, command.who));
     case JobCommand::ResumeExposed:
     case JobCommand::ResumeAgain:
@@ -590,10 +590,10 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
       [[fallthrough]];
     case JobCommand::Resume:
       if (job->state != JobState::Paused) return refuse("it is not paused");
-      if (control) return tell_print(command, control, done);
+      if (control) return pass_to_print(command, control, done);
       return answer(put_on_machine(*job, {JournalStep::Resumed, command.who, {}, decision}));
     case JobCommand::Cancel:
-      if (control) return tell_print(command, control, done);
+      if (control) return pass_to_print(command, control, done);
       return answer(cancel(*job, command.who));
     case JobCommand::Cleared:
       break;  // about a machine, not a job
@@ -660,8 +660,8 @@ bool FabSite::waits_for_platform(const std::string& job) {
   return for_platform_.contains(job);
 }
 
-void FabSite::tell_print(const Command& command, const std::shared_ptr<PrintControl>& control,
-                         std::function<void(Result<Job>)> done) {
+void FabSite::pass_to_print(const Command& command, const std::shared_ptr<PrintControl>& control,
+                            std::function<void(Result<Job>)> done) {
   // Answered on the network thread once the journal has the word; a print that ended meanwhile hands it back.
   const WordKept kept = [this, command, done = std::move(done)](const std::optional<Result<void>>& outcome) {
     later([this, command, done, outcome] {

@@ -83,8 +83,8 @@ class FabSite final : public StackReceiver {
   [[nodiscard]] bool is_in_doubt(const std::string& job);
   void set_in_doubt(const std::string& job, bool doubt);
   /// Hands the command to the print under way; `done` is called once its journal has it.
-  void tell_print(const Command& command, const std::shared_ptr<PrintControl>& control,
-                  std::function<void(Result<Job>)> done);
+  void pass_to_print(const Command& command, const std::shared_ptr<PrintControl>& control,
+                     std::function<void(Result<Job>)> done);
   /// Keeps a word about a job that is not on its machine. Fails as keep_word does.
   [[nodiscard]] Result<void> keep(const Job& job, const PrintWord& word);
   /// Approves or resumes a job that is not on its machine, and puts it there.

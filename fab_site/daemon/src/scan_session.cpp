@@ -25,17 +25,17 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
   }
 
  private:
-  /// A job of this site, as it was last told.
-  struct Told {
+  /// A job of this site, as it was last sent.
+  struct OwnJob {
     std::shared_ptr<Intake> intake;
-    std::optional<Job> last;
+    std::optional<Job> last_sent;
     std::uint32_t due = 0;  ///< no chunk below comes on this connection again
   };
 
   void on_frame(const Frame& frame) {
     auto message = from_frame(frame);
     if (!message) return end(message.error());
-    std::visit([&](const auto& said) { hear(said); }, *message);
+    std::visit([&](const auto& message_read) { handle(message_read); }, *message);
   }
 
   void on_closed(const Error& why) {
@@ -56,7 +56,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
     downloads_.clear();
   }
 
-  void say(const Message& message) {
+  void send(const Message& message) {
     if (!is_open_) return;
     if (auto sent = connection_->send(to_frame(message)); !sent) end(sent.error());
   }
@@ -64,7 +64,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
   /// Looks for changes as long as there is a job that may still change.
   void look_again() {
     const bool has_any = std::any_of(jobs_.begin(), jobs_.end(), [](const auto& each) {
-      return !each.second.last || !is_final(each.second.last->state);
+      return !each.second.last_sent || !is_final(each.second.last_sent->state);
     });
     if (is_looking_ || !has_any) return;
     is_looking_ = true;
@@ -73,75 +73,75 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
       if (!self) return;
       self->is_looking_ = false;
       if (!self->is_open_) return;
-      self->tell_changes();
+      self->send_changes();
       self->look_again();
     });
   }
 
-  void tell_changes() {
+  void send_changes() {
     const std::uint64_t revision = receiver_.store().revision();
     if (revision == seen_revision_) return;
     seen_revision_ = revision;
-    for (auto& [id, told] : jobs_) tell(id, told);
+    for (auto& [id, own] : jobs_) send_if_changed(id, own);
   }
 
-  void tell(const std::string& id, Told& told) {
+  void send_if_changed(const std::string& id, OwnJob& own) {
     auto job = receiver_.store().find(id);
-    if (!job || (told.last && *job == *told.last)) return;
-    told.last = *job;
-    say(JobChanged{std::move(*job)});
+    if (!job || (own.last_sent && *job == *own.last_sent)) return;
+    own.last_sent = *job;
+    send(JobChanged{std::move(*job)});
   }
 
   /// The job, if this site offered it on this connection.
-  Told* mine(const std::string& job) {
+  OwnJob* own_job(const std::string& job) {
     const auto found = jobs_.find(job);
     return found == jobs_.end() ? nullptr : &found->second;
   }
 
-  void hear(const Offer& offer) {
+  void handle(const Offer& offer) {
     const net::Peer& peer = connection_->peer();
-    if (jobs_.size() >= kMaxJobs && !mine(offer.job))
-      return say(Fault{{}, {ErrorCode::TooLarge, "job-limit: too many jobs on one connection"}, offer.job});
+    if (jobs_.size() >= kMaxJobs && !own_job(offer.job))
+      return send(Fault{{}, {ErrorCode::TooLarge, "job-limit: too many jobs on one connection"}, offer.job});
     auto intake = receiver_.take_offer(offer, peer);
     if (!intake) {
       receiver_.note(peer.name, fmt::format("refused: offer {}: {}", offer.job, intake.error().what));
-      return say(Fault{{}, intake.error(), offer.job});
+      return send(Fault{{}, intake.error(), offer.job});
     }
-    Told& told = jobs_[offer.job];
-    told = {*intake, {}, *intake ? (*intake)->next_sequence() : 0};
+    OwnJob& own = jobs_[offer.job];
+    own = {*intake, {}, *intake ? (*intake)->next_sequence() : 0};
     // A job beyond its intake is whole here already.
-    say(OfferTaken{offer.job, *intake ? (*intake)->next_sequence() : 0, !*intake || (*intake)->is_complete()});
-    if (is_open_) tell(offer.job, told);
+    send(OfferTaken{offer.job, *intake ? (*intake)->next_sequence() : 0, !*intake || (*intake)->is_complete()});
+    if (is_open_) send_if_changed(offer.job, own);
     look_again();
   }
 
-  void hear(const SendChunk& chunk) {
-    Told* told = mine(chunk.job);
+  void handle(const SendChunk& chunk) {
+    OwnJob* own = own_job(chunk.job);
     // Chunks of a job that was refused or cancelled may still be on their way.
-    if (!told || !told->intake) return;
-    auto taken = chunk.sequence >= told->due
-                     ? told->intake->take(chunk)
+    if (!own || !own->intake) return;
+    auto taken = chunk.sequence >= own->due
+                     ? own->intake->take(chunk)
                      : fail(ErrorCode::ProtocolBroken, fmt::format("chunk-order: chunk {} came again", chunk.sequence));
     if (!taken) {
       receiver_.broken(chunk.job, taken.error());
-      say(Fault{{}, taken.error(), chunk.job});
+      send(Fault{{}, taken.error(), chunk.job});
       return end(taken.error());
     }
-    told->due = chunk.sequence + 1;
-    receiver_.received(chunk.job, told->intake->spool().layer_count(), kFrameHeaderBytes + chunk.payload.size());
-    say(ChunkKept{chunk.job, chunk.sequence});
+    own->due = chunk.sequence + 1;
+    receiver_.received(chunk.job, own->intake->spool().layer_count(), kFrameHeaderBytes + chunk.payload.size());
+    send(ChunkKept{chunk.job, chunk.sequence});
   }
 
-  void hear(const StackEnd& stack) {
-    Told* told = mine(stack.job);
-    if (!told || !told->intake) return;
-    if (auto finished = told->intake->finish(stack); !finished) {
+  void handle(const StackEnd& stack) {
+    OwnJob* own = own_job(stack.job);
+    if (!own || !own->intake) return;
+    if (auto finished = own->intake->finish(stack); !finished) {
       receiver_.broken(stack.job, finished.error());
-      say(Fault{{}, finished.error(), stack.job});
+      send(Fault{{}, finished.error(), stack.job});
       return end(finished.error());
     }
-    told->intake.reset();
-    say(StackKept{stack.job});
+    own->intake.reset();
+    send(StackKept{stack.job});
     receiver_.completed(stack.job);
   }
 
@@ -152,12 +152,13 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
     return job;
   }
 
-  void hear(const Command& command) {
-    if (const auto job = own_job(command.job); !job) return say(Fault{command.request, job.error(), command.job});
+  void handle(const Command& command) {
+    if (const auto job = own_job(command.job); !job) return send(Fault{command.request, job.error(), command.job});
     if (command.command == JobCommand::Approve)
-      return say(Fault{command.request,
-                       {ErrorCode::NotPermitted, "only an operator of the fab may approve: telefab approve --site FAB"},
-                       command.job});
+      return send(
+          Fault{command.request,
+                {ErrorCode::NotPermitted, "only an operator of the fab may approve: telefab approve --site FAB"},
+                command.job});
     Command named = command;
     named.who = fmt::format("{} at {}", command.who.substr(0, 100), connection_->peer().name);
     receiver_.note(named.who, fmt::format("{} {}", name_of(command.command), command.job));
@@ -165,43 +166,44 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
       const auto self = weak.lock();
       if (!self) return;
       if (job)
-        self->say(Jobs{request, {std::move(*job)}});
+        self->send(Jobs{request, {std::move(*job)}});
       else
-        self->say(Fault{request, job.error(), id});
+        self->send(Fault{request, job.error(), id});
     });
   }
 
-  void hear(const AskFiles& question) {
-    if (const auto job = own_job(question.job); !job) return say(Fault{question.request, job.error(), question.job});
+  void handle(const AskFiles& question) {
+    if (const auto job = own_job(question.job); !job) return send(Fault{question.request, job.error(), question.job});
     receiver_.files(question.job, [weak = weak_from_this(), question](Result<std::vector<FileEntry>> files) {
       const auto self = weak.lock();
       if (!self) return;
       if (files)
-        self->say(Files{question.request, std::move(*files)});
+        self->send(Files{question.request, std::move(*files)});
       else
-        self->say(Fault{question.request, files.error(), question.job});
+        self->send(Fault{question.request, files.error(), question.job});
     });
   }
 
-  void hear(const AskFile& question) {
-    if (const auto job = own_job(question.job); !job) return say(Fault{question.request, job.error(), question.job});
-    receiver_.file(question.job, question.name, [weak = weak_from_this(), question](Result<std::filesystem::path> path) {
-      const auto self = weak.lock();
-      if (!self) return;
-      if (!path) return self->say(Fault{question.request, path.error(), question.job});
-      if (auto added = self->downloads_.add(question.request, *path); !added)
-        return self->say(Fault{question.request, added.error(), question.job});
-      self->send_files();
-    });
+  void handle(const AskFile& question) {
+    if (const auto job = own_job(question.job); !job) return send(Fault{question.request, job.error(), question.job});
+    receiver_.file(question.job, question.name,
+                   [weak = weak_from_this(), question](Result<std::filesystem::path> path) {
+                     const auto self = weak.lock();
+                     if (!self) return;
+                     if (!path) return self->send(Fault{question.request, path.error(), question.job});
+                     if (auto added = self->downloads_.add(question.request, *path); !added)
+                       return self->send(Fault{question.request, added.error(), question.job});
+                     self->send_files();
+                   });
   }
 
   void send_files() {
-    if (is_open_) downloads_.pump(*connection_, [this](const Message& block) { say(block); });
+    if (is_open_) downloads_.pump(*connection_, [this](const Message& block) { send(block); });
   }
 
   /// What a scan site does not say to a fab.
   template <class Other>
-  void hear(const Other&) {
+  void handle(const Other&) {
     end({ErrorCode::ProtocolBroken, "message-order: a scan site does not send this message"});
   }
 
@@ -211,7 +213,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
   bool is_open_ = true;
   bool is_looking_ = false;
   std::uint64_t seen_revision_ = 0;
-  std::map<std::string, Told> jobs_;
+  std::map<std::string, OwnJob> jobs_;
   FileSender downloads_;
 };
 

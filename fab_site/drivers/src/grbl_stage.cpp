@@ -104,7 +104,7 @@ SerialStage::~SerialStage() {
   if (doing_ != Doing::Nothing) (void)line_->write(facts_of(options_.dialect).hold, kWriteTimeout);
 }
 
-Result<void> SerialStage::say(std::string_view text) { return line_->write(text, kWriteTimeout); }
+Result<void> SerialStage::send(std::string_view text) { return line_->write(text, kWriteTimeout); }
 
 tl::unexpected<Error> SerialStage::lost(ErrorCode code, std::string what) {
   homed_ = false;
@@ -116,7 +116,7 @@ Result<void> SerialStage::connect() {
   connected_ = homed_ = false;
   doing_ = Doing::Nothing;
   const DialectFacts& dialect = facts_of(options_.dialect);
-  if (const auto ok = say(dialect.reset); !ok) return ok;
+  if (const auto ok = send(dialect.reset); !ok) return ok;
   const Nanoseconds until = clock_.now() + kBannerTimeout;
   const bool is_marlin = options_.dialect == StageDialect::Marlin;
   while (true) {
@@ -151,7 +151,7 @@ Result<void> SerialStage::synchronise(Nanoseconds until) {
   // Answers keep the order of their lines: behind the echo of a word never said before only its own ok can come. A
   // board that does not know M118 says so and repeats the word.
   const std::string word = fmt::format("telefab-{}", ++probes_);
-  if (const auto ok = say(fmt::format("{}M118 {}\n", reports, word)); !ok) return ok;
+  if (const auto ok = send(fmt::format("{}M118 {}\n", reports, word)); !ok) return ok;
   bool is_echoed = false;
   while (true) {
     const auto line = next_line(until);
@@ -189,7 +189,7 @@ Result<std::optional<double>> SerialStage::celsius() {
     return lost(ErrorCode::DeviceTimeout, "the board says nothing of the resin's thermometer; is it the right sensor?");
   }
   if (!asked_celsius_at_ && now - celsius_at_ > kStale) {
-    if (const auto ok = say("M105\n"); !ok) return tl::unexpected{ok.error()};
+    if (const auto ok = send("M105\n"); !ok) return tl::unexpected{ok.error()};
     ++idle_oks_;
     asked_celsius_at_ = now;
   }
@@ -205,7 +205,7 @@ Result<void> SerialStage::home() {
     }
   }
   homed_ = false;
-  if (const auto ok = say(facts_of(options_.dialect).home); !ok) {
+  if (const auto ok = send(facts_of(options_.dialect).home); !ok) {
     connected_ = false;
     return ok;
   }
@@ -232,7 +232,7 @@ Result<void> SerialStage::move_to(double z_mm, double speed_mm_per_s) {
   oks_wanted_ = lines_in(text);
   target_mm_ = z_mm;
   deadline_ = clock_.now() + move_deadline(z_mm - z_mm_, speed_mm_per_s);
-  if (const auto ok = say(text); !ok) return lost(ok.error().code, ok.error().what);
+  if (const auto ok = send(text); !ok) return lost(ok.error().code, ok.error().what);
   return {};
 }
 
@@ -247,7 +247,7 @@ Result<StageStatus> SerialStage::poll() {
     if (const auto ok = take(**line); !ok) return tl::unexpected{ok.error()};
   }
   if (doing_ != Doing::Nothing && clock_.now() > deadline_) {
-    (void)say(facts_of(options_.dialect).hold);
+    (void)send(facts_of(options_.dialect).hold);
     connected_ = false;
     return lost(ErrorCode::DeviceTimeout, "it did not come to rest in time; held");
   }
@@ -268,7 +268,7 @@ Result<void> SerialStage::take(const std::string& line) {
     const bool busy = options_.dialect == StageDialect::Grbl && line.starts_with("<") && !line.starts_with("<Idle");
     const auto z = number_behind(line, dialect.position, dialect.numbers_before_z);
     if (z && !busy) return take_position(*z);
-    if (busy) return say(dialect.ask);
+    if (busy) return send(dialect.ask);
   }
   return {};  // messages, settings, busy lines, noise
 }
@@ -283,7 +283,7 @@ Result<void> SerialStage::take_ok() {
   if (doing_ == Doing::Moving) doing_ = Doing::AskingRest;
   if (doing_ != Doing::AskingHome && doing_ != Doing::AskingRest) return {};
   deadline_ = clock_.now() + kAnswerTimeout;
-  return say(facts_of(options_.dialect).ask);
+  return send(facts_of(options_.dialect).ask);
 }
 
 Result<void> SerialStage::take_position(double reported_mm) {
@@ -305,7 +305,7 @@ Result<void> SerialStage::hold() {
   homed_ = false;
   doing_ = Doing::Nothing;
   connected_ = false;  // the next home() restarts the board and so empties its planner
-  return say(facts_of(options_.dialect).hold);
+  return send(facts_of(options_.dialect).hold);
 }
 
 }  // namespace telefab::fab

@@ -107,7 +107,7 @@ std::string MarlinModel::transmit() {
   work();
   if (reports_ && !halted_ && clock_.now() >= next_report_) {
     next_report_ = clock_.now() + kReportEvery;
-    say(" " + temperatures());
+    answer(" " + temperatures());
   }
   return std::exchange(outgoing_, {});
 }
@@ -125,7 +125,7 @@ void MarlinModel::work() {
     }
     if (!execute(lines_.front())) {
       if (clock_.now() >= next_busy_) {
-        say("echo:busy: processing");
+        answer("echo:busy: processing");
         next_busy_ = clock_.now() + kBusyEvery;
       }
       return;
@@ -154,23 +154,23 @@ bool MarlinModel::execute(const std::string& line) {
     if (const auto feed = number_after(line, 'F')) feed_mm_per_min_ = *feed;
     const auto z = number_after(line, 'Z');
     if (!homed_)
-      say("echo:Home Z First");
+      answer("echo:Home Z First");
     else if (z && feed_mm_per_min_ > 0)
       queue_move(std::clamp(*z, 0.0, top_mm_), std::min(feed_mm_per_min_ / 60, kFastest_mm_per_s), false);
   } else if (code == "M114") {
-    say(fmt::format("X:0.00 Y:0.00 Z:{:.2f} E:0.00 Count X:0 Y:0 Z:{}", gap_mm_, std::lround(gap_mm_ * 400)));
+    answer(fmt::format("X:0.00 Y:0.00 Z:{:.2f} E:0.00 Count X:0 Y:0 Z:{}", gap_mm_, std::lround(gap_mm_ * 400)));
   } else if (code == "M105") {
-    say("ok" + (board_.has_thermistors ? " " + temperatures() : std::string{" @:0"}));
+    answer("ok" + (board_.has_thermistors ? " " + temperatures() : std::string{" @:0"}));
     return true;
   } else if (code == "M118") {
-    say(line.substr(std::min<std::size_t>(line.size(), 5)));
+    answer(line.substr(std::min<std::size_t>(line.size(), 5)));
   } else if (code == "M155" && board_.reports_temperatures) {
     reports_ = number_after(line, 'S').value_or(0) > 0;
     next_report_ = clock_.now() + kReportEvery;
   } else if (code != "G90" && code != "M410") {
-    say(fmt::format("echo:Unknown command: \"{}\"", line));
+    answer(fmt::format("echo:Unknown command: \"{}\"", line));
   }
-  say("ok");
+  answer("ok");
   return true;
 }
 

@@ -136,7 +136,7 @@ Result<CliHeader> read_header(std::string_view text, std::optional<double> unit_
   CliHeader header;
   header.end = end + std::string_view{"$$HEADEREND"}.size();
   CliScanner scanner{text.substr(0, end)};
-  bool told = false;
+  bool is_stated = false;
   std::optional<double> stated;
   for (;;) {
     const auto name = scanner.next();
@@ -144,7 +144,7 @@ Result<CliHeader> read_header(std::string_view text, std::optional<double> unit_
     if (name->empty()) break;
     if (*name == "ASCII" || *name == "BINARY") {
       header.binary = *name == "BINARY";
-      told = true;
+      is_stated = true;
     } else if (*name == "ALIGN") {
       return bad(scanner.at(), "commands aligned to 32 bits ($$ALIGN) are not read; write the file without");
     } else if (*name == "UNITS") {
@@ -154,7 +154,7 @@ Result<CliHeader> read_header(std::string_view text, std::optional<double> unit_
     }
     (void)scanner.line();
   }
-  if (!told) return bad(end, "the header says neither $$ASCII nor $$BINARY");
+  if (!is_stated) return bad(end, "the header says neither $$ASCII nor $$BINARY");
   const auto unit = agreed_unit(stated, unit_mm);
   if (!unit) return tl::unexpected{unit.error()};
   header.unit_mm = *unit;

@@ -46,7 +46,7 @@ std::optional<Length> length_of(std::optional<std::string_view> text) {
   return length;
 }
 
-Result<Drawing> read_drawing(const XmlTag& svg, std::optional<double> said_mm, std::size_t byte) {
+Result<Drawing> read_drawing(const XmlTag& svg, std::optional<double> unit_read_mm, std::size_t byte) {
   const auto width = length_of(svg.attribute("width"));
   const auto height = length_of(svg.attribute("height"));
   std::optional<std::array<double, 4>> box;
@@ -69,7 +69,7 @@ Result<Drawing> read_drawing(const XmlTag& svg, std::optional<double> said_mm, s
       return bad(byte, fmt::format("one step is {} mm across and {} mm along; both must be the same", across, along));
     stated = across;
   }
-  const auto unit = agreed_unit(stated, said_mm);
+  const auto unit = agreed_unit(stated, unit_read_mm);
   if (!unit) return tl::unexpected{unit.error()};
   Drawing drawing;
   drawing.unit_mm = *unit;
@@ -186,7 +186,7 @@ Result<double> height_factor(std::string_view text) {
 class SvgReader {
  public:
   SvgReader(std::string_view text, std::optional<double> unit_mm, double height_factor)
-      : xml_{text}, said_mm_{unit_mm}, height_factor_{height_factor} {}
+      : xml_{text}, unit_read_mm_{unit_mm}, height_factor_{height_factor} {}
 
   Result<RawLayers> read() {
     for (;;) {
@@ -204,7 +204,7 @@ class SvgReader {
     ++level_;
     if (level_ == 1) {
       if (tag.name != "svg") return bad(xml_.at(), fmt::format("the root is <{}>, not <svg>", tag.name));
-      auto drawing = read_drawing(tag, said_mm_, xml_.at());
+      auto drawing = read_drawing(tag, unit_read_mm_, xml_.at());
       if (!drawing) return tl::unexpected{drawing.error()};
       drawing_ = *drawing;
       return {};
@@ -268,7 +268,7 @@ class SvgReader {
   }
 
   XmlReader xml_;
-  std::optional<double> said_mm_;
+  std::optional<double> unit_read_mm_;
   double height_factor_;
   Drawing drawing_;
   RawLayers raw_;

@@ -282,8 +282,8 @@ ResumePoint PrintJournal::resume_point() const {
   ResumePoint point;
   std::size_t known_at = 0;
   for (std::size_t k = 0; k < entries_.size(); ++k)
-    if (const auto said = point_of(entries_[k])) {
-      point = *said;
+    if (const auto stated = point_of(entries_[k])) {
+      point = *stated;
       known_at = k + 1;
     }
   // What was lost behind the last line that tells is in question: at most a layer for every three lines, and one begun.
@@ -313,13 +313,13 @@ std::vector<LayerRecord> PrintJournal::layers() const {
   std::map<LayerIndex, std::string> decided;
   for (const JournalEntry& e : entries_) {
     if (e.step == JournalStep::DecidedAgain || e.step == JournalStep::DecidedExposed) {
-      std::string& said = decided[e.layer];
-      said += (said.empty() ? "" : "; ") + std::string{e.step == JournalStep::DecidedAgain ? "again: " : "exposed: "} +
-              e.by;
+      std::string& stated = decided[e.layer];
+      stated += (stated.empty() ? "" : "; ") +
+                std::string{e.step == JournalStep::DecidedAgain ? "again: " : "exposed: "} + e.by;
     }
     if (!carries_record(e.step)) continue;
     made.push_back(e.made);
-    if (const auto said = decided.find(e.layer); said != decided.end()) made.back().decided = said->second;
+    if (const auto stated = decided.find(e.layer); stated != decided.end()) made.back().decided = stated->second;
   }
   return made;
 }
@@ -339,8 +339,8 @@ std::vector<std::string> PrintJournal::gaps() const {
   ResumePoint point;
   for (const JournalEntry& e : entries_) {
     if (e.step == JournalStep::SetAside) gaps.push_back(e.why);
-    const auto said = point_of(e);
-    if (!said) continue;
+    const auto stated = point_of(e);
+    if (!stated) continue;
     if (e.step == JournalStep::Exposing && point.maybe_exposed)
       gaps.push_back(fmt::format("layer {} was exposed while layer {} was in question, and nobody had decided",
                                  e.layer.count(), point.next.count()));
@@ -348,7 +348,7 @@ std::vector<std::string> PrintJournal::gaps() const {
       gaps.push_back(fmt::format("layer {} comes again behind layer {}", e.layer.count(), point.next.count() - 1));
     else if (e.layer > point.next)
       gaps.push_back(fmt::format("layers {} to {} are missing in it", point.next.count(), e.layer.count() - 1));
-    point = *said;
+    point = *stated;
   }
   return gaps;
 }

@@ -142,20 +142,20 @@ std::vector<std::string> compare(const PrintRecord& record, const PrintPlan& pla
   for (std::size_t i = 0; i < std::min(record.layers.size(), plan.layers.size()); ++i) {
     const LayerRecord& made = record.layers[i];
     const PlannedLayer& want = plan.layers[i];
-    const auto say = [&](std::string_view what) { findings.push_back(fmt::format("layer {}: {}", i, what)); };
+    const auto add_finding = [&](std::string_view what) { findings.push_back(fmt::format("layer {}: {}", i, what)); };
     if (made.index.count() != i) {
-      say(i > 0 && made.index == record.layers[i - 1].index
-              ? fmt::format("layer {} was made a second time in its place", made.index.count())
-              : fmt::format("layer {} was made in its place", made.index.count()));
+      add_finding(i > 0 && made.index == record.layers[i - 1].index
+                      ? fmt::format("layer {} was made a second time in its place", made.index.count())
+                      : fmt::format("layer {} was made in its place", made.index.count()));
       break;
     }
-    if (made.planned != want.exposure) say("its exposure is not the planned one");
+    if (made.planned != want.exposure) add_finding("its exposure is not the planned one");
     if (want.exposure.count() == 0 || made.note == "decided-exposed") continue;
-    if (made.mask != want.mask) say("another mask was shown");
+    if (made.mask != want.mask) add_finding("another mask was shown");
     if (std::abs(made.z_mm - want.z_mm) > kHeightTolerance_mm)
-      say(fmt::format("made at {} mm, planned at {} mm", made.z_mm, want.z_mm));
+      add_finding(fmt::format("made at {} mm, planned at {} mm", made.z_mm, want.z_mm));
     if (made.measured < want.exposure - want.exposure / 100 - Microseconds{17000})
-      say(fmt::format("lit for {} us, planned {} us", made.measured.count(), want.exposure.count()));
+      add_finding(fmt::format("lit for {} us, planned {} us", made.measured.count(), want.exposure.count()));
   }
   return findings;
 }

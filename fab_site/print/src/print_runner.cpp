@@ -148,11 +148,11 @@ class Run {
           if (!std::holds_alternative<LightOff>(command) && !std::holds_alternative<HoldStage>(command)) break;
         }
       }
-      if (changed) tell();
+      if (changed) report_progress();
     }
   }
 
-  void tell() const {
+  void report_progress() const {
     if (!sink_) return;
     const LayerIndex layer = layer_of(state_);
     std::string message = alarm_;

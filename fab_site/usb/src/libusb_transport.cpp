@@ -82,13 +82,13 @@ class LibusbTransport final : public UsbTransport {
   LibusbTransport(Context context, UsbIdentity identity, UsbArrival arrival)
       : context_{std::move(context)}, identity_{std::move(identity)} {
     if (arrival == UsbArrival::Callback && libusb_has_capability(LIBUSB_CAP_HAS_HOTPLUG) != 0)
-      hears_ = libusb_hotplug_register_callback(
-                   context_.get(), LIBUSB_HOTPLUG_EVENT_DEVICE_ARRIVED | LIBUSB_HOTPLUG_EVENT_DEVICE_LEFT,
-                   LIBUSB_HOTPLUG_NO_FLAGS, identity_.vendor, identity_.product, LIBUSB_HOTPLUG_MATCH_ANY,
-                   &LibusbTransport::plugged, this, &callback_) == LIBUSB_SUCCESS;
+      has_hotplug_ = libusb_hotplug_register_callback(
+                         context_.get(), LIBUSB_HOTPLUG_EVENT_DEVICE_ARRIVED | LIBUSB_HOTPLUG_EVENT_DEVICE_LEFT,
+                         LIBUSB_HOTPLUG_NO_FLAGS, identity_.vendor, identity_.product, LIBUSB_HOTPLUG_MATCH_ANY,
+                         &LibusbTransport::plugged, this, &callback_) == LIBUSB_SUCCESS;
   }
   ~LibusbTransport() override {
-    if (hears_) libusb_hotplug_deregister_callback(context_.get(), callback_);
+    if (has_hotplug_) libusb_hotplug_deregister_callback(context_.get(), callback_);
   }
 
   Result<void> write(std::uint8_t endpoint, std::span<const std::byte> bytes, Milliseconds timeout) override {
@@ -118,12 +118,12 @@ class LibusbTransport final : public UsbTransport {
     has_left_ = false;
     const Nanoseconds until = clock_.now() + kArrivalWait;
     while (true) {
-      hear(Nanoseconds{0});  // what was plugged and unplugged meanwhile
+      poll_events(Nanoseconds{0});  // what was plugged and unplugged meanwhile
       has_arrived_ = 0;
       Result<void> opened = open_listed();
       const Nanoseconds left = until - clock_.now();
       if (opened || !is_absent_ || left <= Nanoseconds{0}) return opened;
-      hear(hears_ ? left : std::min(left, kPollEvery));
+      poll_events(has_hotplug_ ? left : std::min(left, kPollEvery));
     }
   }
 
@@ -140,9 +140,9 @@ class LibusbTransport final : public UsbTransport {
   }
 
   /// Lets libusb work for a time; until a device arrives where it tells of arrivals.
-  void hear(Nanoseconds time) {
+  void poll_events(Nanoseconds time) {
     timeval tv{0, static_cast<suseconds_t>(time.count() / 1000)};
-    if (time.count() > 0 && !hears_) {
+    if (time.count() > 0 && !has_hotplug_) {
       // Without news to wait for, the wait must not end early.
       const Nanoseconds until = clock_.now() + time;
       while (clock_.now() < until) (void)libusb_handle_events_timeout_completed(context_.get(), &tv, nullptr);
@@ -243,10 +243,10 @@ class LibusbTransport final : public UsbTransport {
   UsbIdentity identity_;
   Handle handle_;
   libusb_hotplug_callback_handle callback_ = 0;
-  bool hears_ = false;      ///< of arrivals and departures
-  bool has_left_ = false;   ///< the open device; libusb said so
-  int has_arrived_ = 0;     ///< a device like it, since the list was last looked at
-  bool is_absent_ = false;  ///< none was in the list
+  bool has_hotplug_ = false;  ///< of arrivals and departures
+  bool has_left_ = false;     ///< the open device; libusb said so
+  int has_arrived_ = 0;       ///< a device like it, since the list was last looked at
+  bool is_absent_ = false;    ///< none was in the list
   std::string description_;
   std::vector<std::byte> buffer_;
 };

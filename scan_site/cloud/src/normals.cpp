@@ -31,8 +31,8 @@ std::vector<std::int8_t> look_outside(std::span<const Eigen::Vector3f> points, c
   tbb::parallel_for(tbb::blocked_range<std::size_t>{0, points.size(), 4096}, [&](const auto& range) {
     for (std::size_t i = range.begin(); i < range.end(); ++i)
       for (auto grid = grids.rbegin(); grid != grids.rend(); ++grid)
-        if (const auto told = grid->outward_side(points[i], graph.normal[i])) {
-          side[i] = static_cast<std::int8_t>(*told);
+        if (const auto found_side = grid->outward_side(points[i], graph.normal[i])) {
+          side[i] = static_cast<std::int8_t>(*found_side);
           break;
         }
   });

@@ -266,32 +266,32 @@ Result<SiftResult> sift_cloud(PointCloud cloud, const SiftOptions& options, std:
 }
 
 std::vector<std::string> sentences_of(const SiftReport& r) {
-  std::vector<std::string> said;
+  std::vector<std::string> sentences;
   if (r.cropped > 0)
-    said.push_back(fmt::format("{} of {} points lie outside the crop and are left out", r.cropped, r.points_in));
+    sentences.push_back(fmt::format("{} of {} points lie outside the crop and are left out", r.cropped, r.points_in));
   if (r.strays > 0) {
     std::string text = fmt::format("{} of {} points belong to no surface and are left out", r.strays, r.points_in);
     const Vec3 moved = (r.after.low - r.before.low).cwiseAbs().cwiseMax((r.after.high - r.before.high).cwiseAbs());
     if (moved.maxCoeff() > 0 && r.in_other_pieces == 0)
       text += fmt::format(": the box shrinks from {} to {} units, its sides move by up to {:.4g}",
                           sizes(r.before.size()), sizes(r.after.size()), moved.maxCoeff());
-    said.push_back(text + " (--keep-outliers keeps them)");
+    sentences.push_back(text + " (--keep-outliers keeps them)");
   }
   if (r.in_other_pieces > 0)
-    said.push_back(fmt::format("{} points of other pieces{} are left out", r.in_other_pieces,
-                               r.ground && r.ground->left_out ? " and of the ground" : ""));
+    sentences.push_back(fmt::format("{} points of other pieces{} are left out", r.in_other_pieces,
+                                    r.ground && r.ground->left_out ? " and of the ground" : ""));
   if (r.ground && !r.ground->left_out)
-    said.push_back(fmt::format(
+    sentences.push_back(fmt::format(
         "a plane holds {:.0f} % of the points and the object stands on it; leave it out with --pieces largest "
         "or --crop",
         100 * r.ground->share));
   if (r.is_scene)
-    said.push_back(
+    sentences.push_back(
         fmt::format("this looks like a scene, not one object: {} pieces, the largest with {:.0f} % of the "
                     "points; --pieces largest keeps that one, --crop what lies in a box",
                     r.pieces.size(), 100 * static_cast<double>(r.pieces[0].points) / static_cast<double>(r.points_in)));
-  if (auto setter = size_setter(r)) said.push_back(std::move(*setter));
-  return said;
+  if (auto setter = size_setter(r)) sentences.push_back(std::move(*setter));
+  return sentences;
 }
 
 std::string to_json(const SiftReport& r) {

@@ -39,9 +39,10 @@ std::optional<Point2> find_crossing(std::span<const Contour> rings) {
                if (o.ring == s.ring && ((s.index + 1) % count == o.index || (o.index + 1) % count == s.index)) {
                  // Neighbours share a vertex; they cross only if one folds back onto the other.
                  const Point2 shared = (s.index + 1) % count == o.index ? s.b : s.a;
-                 const Point2 mine = shared == s.b ? s.a : s.b;
+                 const Point2 own_end = shared == s.b ? s.a : s.b;
                  const Point2 its = shared == o.a ? o.b : o.a;
-                 found = turn(mine, shared, its) == 0 && (between(mine, shared, its) || between(shared, its, mine));
+                 found = turn(own_end, shared, its) == 0 &&
+                         (between(own_end, shared, its) || between(shared, its, own_end));
                  return;
                }
                found = meet(s.a, s.b, o.a, o.b);

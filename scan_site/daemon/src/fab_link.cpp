@@ -51,7 +51,7 @@ void FabLink::on_connected(Result<net::ConnectionPtr> made) {
                       [this, alive = alive_](const Error& why) {
                         if (*alive) on_closed(why);
                       }});
-  (void)say(Hello{kProtocolVersion, Side::ScanSite, fmt::format("telefab-scan {}", kVersion), {}, {}}, nullptr);
+  (void)send(Hello{kProtocolVersion, Side::ScanSite, fmt::format("telefab-scan {}", kVersion), {}, {}}, nullptr);
 }
 
 void FabLink::on_closed(const Error& why) {
@@ -76,7 +76,7 @@ void FabLink::fail_questions(const Error& why) {
   for (auto& [request, answer] : questions) (void)answer(tl::unexpected{why});
 }
 
-bool FabLink::say(const Message& message, Sending* counted) {
+bool FabLink::send(const Message& message, Sending* counted) {
   if (!connection_) return false;
   const Frame frame = to_frame(message);
   if (auto sent = connection_->send(frame); !sent) return false;
@@ -92,17 +92,17 @@ void FabLink::on_frame(const Frame& frame) {
     connection_->close(to_frame(Fault{{}, why, {}}));
     return on_closed(why);
   }
-  std::visit([&](auto& heard) { hear(std::move(heard)); }, *message);
+  std::visit([&](auto& received) { handle(std::move(received)); }, *message);
 }
 
 template <class Other>
-void FabLink::hear(const Other&) {
+void FabLink::handle(const Other&) {
   const Error why{ErrorCode::ProtocolBroken, "message-order: a fab does not send this message"};
   connection_->close(to_frame(Fault{{}, why, {}}));
   on_closed(why);
 }
 
-void FabLink::hear(const Hello& hello) {
+void FabLink::handle(const Hello& hello) {
   if (hello.protocol_version != kProtocolVersion) {
     const Error other{ErrorCode::ProtocolBroken,
                       fmt::format("protocol-version: this side speaks version {}, the fab {}; bring both to the same "
@@ -137,7 +137,7 @@ void FabLink::add(const Offer& given, std::shared_ptr<LockedSpool> spool) {
 
 void FabLink::offer(Sending& sending) {
   sending.is_taken = sending.is_end_sent = false;
-  (void)say(sending.offer, &sending);  // where it fails the connection is lost, and the job is offered on the next one
+  (void)send(sending.offer, &sending);  // where it fails the connection is lost, and the job is offered on the next one
 }
 
 void FabLink::pump(const std::string& job) {
@@ -157,9 +157,9 @@ void FabLink::pump(Sending& sending) {
       });
       return;
     }
-    if (!say(SendChunk{sending.offer.job, chunk->sequence, chunk->first_layer, chunk->layer_count,
-                       std::move(chunk->payload), chunk->chain},
-             &sending))
+    if (!send(SendChunk{sending.offer.job, chunk->sequence, chunk->first_layer, chunk->layer_count,
+                        std::move(chunk->payload), chunk->chain},
+              &sending))
       return;
     ++sending.next;
   }
@@ -168,16 +168,16 @@ void FabLink::pump(Sending& sending) {
     StackEnd end{sending.offer.job, spool.chunk_count(), spool.chain(), *spool.finished(), {}};
     // A key that cannot sign does not get this far; the fab refuses what is not signed.
     if (is_signed(sending.offer)) (void)sign_end(sending.offer, end, site_key_);
-    sending.is_end_sent = say(end, &sending);
+    sending.is_end_sent = send(end, &sending);
   });
 }
 
-void FabLink::hear(const OfferTaken& taken) {
+void FabLink::handle(const OfferTaken& taken) {
   const auto found = jobs_.find(taken.job);
   if (found == jobs_.end()) return;
   Sending& sending = found->second;
-  // Only what moves a job on counts as a working line: a fab that answers the handshake and then hangs up is not asked ten times a
-  // second.
+  // Only what moves a job on counts as a working line: a fab that answers the handshake and then hangs up is not asked
+  // ten times a second.
   pause_ = kShortestPause;
   sending.is_taken = true;
   sending.next = sending.kept = taken.next_sequence;
@@ -194,7 +194,7 @@ void FabLink::hear(const OfferTaken& taken) {
   pump(sending);
 }
 
-void FabLink::hear(const ChunkKept& chunk) {
+void FabLink::handle(const ChunkKept& chunk) {
   const auto found = jobs_.find(chunk.job);
   if (found == jobs_.end() || chunk.sequence < found->second.kept || chunk.sequence >= found->second.next) return;
   Sending& sending = found->second;
@@ -205,18 +205,18 @@ void FabLink::hear(const ChunkKept& chunk) {
   pump(sending);
 }
 
-void FabLink::hear(const StackKept& stack) {
+void FabLink::handle(const StackKept& stack) {
   const auto found = jobs_.find(stack.job);
   if (found == jobs_.end()) return;
   events_.acknowledged(stack.job, found->second.offer.header.layer_count, std::exchange(found->second.bytes, 0));
   events_.kept(stack.job);
 }
 
-void FabLink::hear(const JobChanged& change) {
+void FabLink::handle(const JobChanged& change) {
   if (jobs_.contains(change.job.id)) events_.job_changed(change.job);
 }
 
-void FabLink::hear(const Fault& fault) {
+void FabLink::handle(const Fault& fault) {
   if (fault.request != RequestId{}) return answer(fault.request, tl::unexpected{fault.error});
   if (!fault.job.empty()) {
     if (jobs_.contains(fault.job)) events_.refused(std::string{fault.job}, fault.error);
@@ -228,7 +228,7 @@ void FabLink::hear(const Fault& fault) {
 }
 
 void FabLink::ask(RequestId request, const Message& question, Answer on_answer) {
-  if (!is_ready_ || !say(question, nullptr)) {
+  if (!is_ready_ || !send(question, nullptr)) {
     (void)on_answer(fail(ErrorCode::Unreachable, fmt::format("the fab site {} is not reachable now: {}",
                                                              net::to_text(options_.endpoint), why_down_)));
     return;

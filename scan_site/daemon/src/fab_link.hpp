@@ -62,22 +62,22 @@ class FabLink {
   void on_closed(const Error& why);
   void on_frame(const Frame& frame);
   void retry(const Error& why);
-  [[nodiscard]] bool say(const Message& message, Sending* counted);
+  [[nodiscard]] bool send(const Message& message, Sending* counted);
   void offer(Sending& sending);
   void pump(Sending& sending);
   void fail_questions(const Error& why);
 
-  void hear(const Hello& hello);
-  void hear(const OfferTaken& taken);
-  void hear(const ChunkKept& chunk);
-  void hear(const StackKept& stack);
-  void hear(const JobChanged& change);
-  void hear(const Fault& fault);
-  void hear(Jobs jobs) { answer(jobs.request, Message{std::move(jobs)}); }
-  void hear(Files files) { answer(files.request, Message{std::move(files)}); }
-  void hear(FileBlock block) { answer(block.request, Message{std::move(block)}); }
+  void handle(const Hello& hello);
+  void handle(const OfferTaken& taken);
+  void handle(const ChunkKept& chunk);
+  void handle(const StackKept& stack);
+  void handle(const JobChanged& change);
+  void handle(const Fault& fault);
+  void handle(Jobs jobs) { answer(jobs.request, Message{std::move(jobs)}); }
+  void handle(Files files) { answer(files.request, Message{std::move(files)}); }
+  void handle(FileBlock block) { answer(block.request, Message{std::move(block)}); }
   template <class Other>
-  void hear(const Other&);
+  void handle(const Other&);
   void answer(RequestId request, Result<Message> message);
 
   net::Loop& loop_;

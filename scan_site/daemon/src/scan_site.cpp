@@ -69,13 +69,13 @@ Result<void> ScanSite::start_web(const ServeOptions& options) {
   if (options.web.empty()) return {};
   auto token = web_token(folder_);
   if (!token) return tl::unexpected{token.error()};
-  page_backend_ = std::make_unique<SitePageBackend>(store(), folder_, fab_,
-                                        [this](const Command& asked, std::function<void(Result<Job>)> done) {
-                                          loop_.post([this, asked, done = std::move(done)] {
-                                            note(asked.who, fmt::format("{} {}", name_of(asked.command), asked.job));
-                                            command(asked, done);
-                                          });
-                                        });
+  page_backend_ = std::make_unique<SitePageBackend>(
+      store(), folder_, fab_, [this](const Command& asked, std::function<void(Result<Job>)> done) {
+        loop_.post([this, asked, done = std::move(done)] {
+          note(asked.who, fmt::format("{} {}", name_of(asked.command), asked.job));
+          command(asked, done);
+        });
+      });
   web_site_ = std::make_unique<ScanWeb>(*page_backend_, std::move(*token), std::string{kVersion});
   auto server = open_page(options, folder_, *web_site_, fmt::format("telefab-scan/{}", kVersion));
   if (!server) return tl::unexpected{server.error()};
@@ -230,7 +230,7 @@ FabLinkEvents ScanSite::link_events() {
   return {[this](bool is_up, const std::string& why) {
             log_line(is_up ? fmt::format("the fab {} is reached", fab_) : fmt::format("the fab {}: {}", fab_, why));
             if (page_backend_) page_backend_->set_link(is_up, why);
-            if (is_up) tell_cancelled();
+            if (is_up) send_cancelled();
             for (const std::string& job : counters_->jobs())
               if (const auto now = store().find(job); now && now->state == JobState::Sending)
                 move(job, JobState::Sending, is_up ? "" : "waits for the fab: " + why);
@@ -297,7 +297,7 @@ void ScanSite::command(const Command& command, std::function<void(Result<Job>)> 
     const bool waits = is_known_there && !link_->is_up();
     end_job(job->id, JobState::Cancelled,
             fmt::format("by {}{}", command.who, waits ? "; the fab will be told as soon as it is reached" : ""));
-    tell_cancelled();
+    send_cancelled();
     return done(store().find(job->id));
   }
   if (!link_->knows(job->id) || is_before(job->state, JobState::Planning))
@@ -317,7 +317,7 @@ void ScanSite::command(const Command& command, std::function<void(Result<Job>)> 
   });
 }
 
-void ScanSite::tell_cancelled() {
+void ScanSite::send_cancelled() {
   if (!link_->is_up()) return;
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator{folder_.path() / "jobs", error}) {

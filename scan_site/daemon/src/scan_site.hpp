@@ -8,8 +8,8 @@
 #include <telefab/service/site_ledger.hpp>
 
 #include "fab_link.hpp"
-#include "slicer.hpp"
 #include "site_page_backend.hpp"
+#include "slicer.hpp"
 
 namespace telefab::scan {
 
@@ -50,7 +50,7 @@ class ScanSite final : public JobService {
   void move(const std::string& job, JobState state, std::string_view message);
   /// Brings the fab's reports and pictures of an ended job here, so that they can be had without the fab.
   void keep_reports(const std::string& job);
-  void tell_cancelled();
+  void send_cancelled();
 
   DataFolder folder_;
   const Clock& clock_;

@@ -24,15 +24,15 @@ class CommaWatch {
  public:
   explicit CommaWatch(ScanBuilder& builder) : builder_{builder} {}
   void look_at(const FieldCursor& fields, std::string_view line) {
-    if (said_ || !fields.saw_decimal_comma()) return;
-    said_ = true;
+    if (is_warned_ || !fields.saw_decimal_comma()) return;
+    is_warned_ = true;
     builder_.note(ScanRemark::DecimalComma,
                   fmt::format("numbers have a decimal comma: the first line that has is {}", line.substr(0, 60)));
   }
 
  private:
   ScanBuilder& builder_;
-  bool said_ = false;
+  bool is_warned_ = false;
 };
 
 tl::unexpected<Error> cancelled() { return fail(ErrorCode::Cancelled, "stopped while reading points"); }

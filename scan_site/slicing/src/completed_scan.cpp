@@ -116,18 +116,18 @@ Result<void> CompletedScan::check(const SliceRequest& request) const {
 }
 
 std::vector<std::string> CompletedScan::warnings(const SliceRequest& request) const {
-  std::vector<std::string> said;
-  if (auto open = warning_of(unasked(openness(), request))) said.push_back(std::move(*open));
+  std::vector<std::string> sentences;
+  if (auto open = warning_of(unasked(openness(), request))) sentences.push_back(std::move(*open));
   if (completion_.too_wide)
-    said.push_back(
+    sentences.push_back(
         "a gap of the scan is wider than what is closed (--complete MM closes wider ones): its middle is "
         "taken as flat");
   if (completion_.too_many)
-    said.push_back(
+    sentences.push_back(
         fmt::format("the gaps of the scan are larger than what it shows: closing them ended after {} samples "
                     "nobody measured; scan what is missing, or cut the scan to the part wanted",
                     completion_.samples.size()));
-  return said;
+  return sentences;
 }
 
 CompletedScan::Side CompletedScan::side_of(const Vec3& place_mm) const {

@@ -151,9 +151,9 @@ Result<void> LayerCutter::classify(Layer& layer) const {
   if (!setting_.surface) return {};
   LayerCertificate& certificate = layer.certificate;
   for (Contour& contour : layer.contours) {
-    auto told = contour.with_runs(setting_.surface(contour, layer.z_mm));
-    if (!told) return fail(ErrorCode::Internal, told.error().what);
-    contour = std::move(*told);
+    auto with_runs_made = contour.with_runs(setting_.surface(contour, layer.z_mm));
+    if (!with_runs_made) return fail(ErrorCode::Internal, with_runs_made.error().what);
+    contour = std::move(*with_runs_made);
     std::size_t edge = 0;
     for (const SurfaceRun& run : contour.runs()) {
       if (run.kind == SurfaceClass::Completed && certificate.verdict == Verdict::Measured)

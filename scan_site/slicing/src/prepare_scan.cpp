@@ -47,13 +47,13 @@ Result<PreparedScan> prepare_scan(std::span<const std::byte> scan, std::string_v
   auto sifted = sift_cloud(std::move(*cloud), sift, stop);
   if (!sifted) return fail_in(name, sifted.error());
   prepared.sift = std::move(sifted->report);
-  for (std::string& said : sentences_of(prepared.sift)) prepared.warnings.push_back(std::move(said));
+  for (std::string& sentence : sentences_of(prepared.sift)) prepared.warnings.push_back(std::move(sentence));
   clock.lap("sifting");
 
   report(progress, WorkStage::FindingNormals, 0);
   auto oriented = orient_cloud(std::move(sifted->cloud), std::move(sifted->graph), stop);
   if (!oriented) return fail_in(name, oriented.error());
-  for (std::string& said : oriented->warnings) prepared.warnings.push_back(std::move(said));
+  for (std::string& sentence : oriented->warnings) prepared.warnings.push_back(std::move(sentence));
   prepared.normals = oriented->report;
   prepared.cloud = std::move(oriented->cloud);
   clock.lap("normals");

@@ -294,7 +294,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   clock.lap("contours");
   auto verdict = check.verdict(header, result.layers_cut == header.layer_count);
   if (!verdict) return fail_in(name, verdict.error());
-  for (std::string& said : *verdict) result.warnings.push_back(std::move(said));
+  for (std::string& sentence : *verdict) result.warnings.push_back(std::move(sentence));
   return result;
 }
 

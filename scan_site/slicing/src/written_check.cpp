@@ -32,8 +32,8 @@ void WrittenCheck::look_at(Layer& layer) {
 }
 
 Result<std::vector<std::string>> WrittenCheck::verdict(const StackHeader& header, bool whole) const {
-  std::vector<std::string> said;
-  if (!whole) return said;
+  std::vector<std::string> sentences;
+  if (!whole) return sentences;
   if (!first_)
     return fail(
         ErrorCode::InvalidInput,
@@ -50,9 +50,9 @@ Result<std::vector<std::string>> WrittenCheck::verdict(const StackHeader& header
                     span_mm, size_mm_.z(), *first_, *last_));
   const double below_mm = layer_mm * *first_, above_mm = layer_mm * (header.layer_count - 1 - *last_);
   const auto many = [&](double mm) { return mm > spacing_mm_ + layer_mm; };
-  if (many(below_mm)) said.push_back(fmt::format("the lowest {} layers ({:.3g} mm) are empty", *first_, below_mm));
+  if (many(below_mm)) sentences.push_back(fmt::format("the lowest {} layers ({:.3g} mm) are empty", *first_, below_mm));
   if (many(above_mm))
-    said.push_back(
+    sentences.push_back(
         fmt::format("the highest {} layers ({:.3g} mm) are empty", header.layer_count - 1 - *last_, above_mm));
   std::uint32_t inner = 0;
   std::optional<std::uint32_t> lowest;
@@ -62,15 +62,16 @@ Result<std::vector<std::string>> WrittenCheck::verdict(const StackHeader& header
       if (!lowest) lowest = i;
     }
   if (lowest)
-    said.push_back(fmt::format("{} layers inside the part have no contour; the lowest is layer {}", inner, *lowest));
+    sentences.push_back(
+        fmt::format("{} layers inside the part have no contour; the lowest is layer {}", inner, *lowest));
   const double width_mm = high_.x_mm - low_.x_mm, depth_mm = high_.y_mm - low_.y_mm;
   const auto narrower = [&](double is, double wanted) { return wanted - is > kNarrower * wanted + 2 * spacing_mm_; };
   if (narrower(width_mm, size_mm_.x()) || narrower(depth_mm, size_mm_.y()))
-    said.push_back(
+    sentences.push_back(
         fmt::format("the contours are {:.4g} x {:.4g} mm wide, the scan is {:.4g} x {:.4g} mm: part of it is "
                     "missing",
                     width_mm, depth_mm, size_mm_.x(), size_mm_.y()));
-  return said;
+  return sentences;
 }
 
 }  // namespace telefab::scan

@@ -156,10 +156,10 @@ void against_reference(benchmark::State& state) {
     }
     return sum;
   };
-  Cut mine, its;
+  Cut own, its;
   for (auto _ : state) {
     Stopwatch watch;
-    mine = cut(fast);
+    own = cut(fast);
     fast_s += watch.lap();
     its = cut(slow);
     slow_s += watch.lap();
@@ -167,7 +167,7 @@ void against_reference(benchmark::State& state) {
   state.counters["times_faster"] = slow_s / fast_s;
   state.counters["reference_layers_per_s"] =
       static_cast<double>(its.layers) * static_cast<double>(state.iterations()) / slow_s;
-  state.counters["vertices_over_its"] = static_cast<double>(mine.vertices) / static_cast<double>(its.vertices);
+  state.counters["vertices_over_its"] = static_cast<double>(own.vertices) / static_cast<double>(its.vertices);
 }
 BENCHMARK(against_reference)->ArgName("points")->Arg(250'000)->Arg(1'000'000)->Unit(benchmark::kMillisecond);
 

@@ -67,7 +67,7 @@ struct Answer {
 };
 
 /// Says hello and these bytes to the fab and hears it out.
-Answer converse(std::uint16_t port, std::span<const Bytes> said) {
+Answer converse(std::uint16_t port, std::span<const Bytes> messages) {
   const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
   const timeval limit{60, 0};
   const int on = 1;
@@ -80,7 +80,7 @@ Answer converse(std::uint16_t port, std::span<const Bytes> said) {
   if (::connect(fd, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0)
     throw std::runtime_error{"the fab is gone"};
   Bytes all = bytes_of(Hello{kProtocolVersion, Side::ScanSite, "campaign", {}, {}});
-  for (const Bytes& each : said) all.insert(all.end(), each.begin(), each.end());
+  for (const Bytes& each : messages) all.insert(all.end(), each.begin(), each.end());
   (void)::send(fd, all.data(), all.size(), MSG_NOSIGNAL);
   ::shutdown(fd, SHUT_WR);
   Answer answer;
@@ -102,8 +102,8 @@ Answer converse(std::uint16_t port, std::span<const Bytes> said) {
 }
 
 struct Trial {
-  std::vector<Bytes> said;  ///< behind the hello
-  int good_chunks = 0;      ///< that may be acknowledged
+  std::vector<Bytes> messages;  ///< behind the hello
+  int good_chunks = 0;          ///< that may be acknowledged
 };
 
 struct Kind {
@@ -113,9 +113,9 @@ struct Kind {
   std::function<Trial(const Recorded&, const Recorded& other, std::mt19937&)> make;
 };
 
-Trial said(const Recorded& job, const std::vector<SendChunk>& chunks, int good) {
+Trial trial_of(const Recorded& job, const std::vector<SendChunk>& chunks, int good) {
   Trial trial{{bytes_of(job.offer)}, good};
-  for (const SendChunk& chunk : chunks) trial.said.push_back(bytes_of(chunk));
+  for (const SendChunk& chunk : chunks) trial.messages.push_back(bytes_of(chunk));
   return trial;
 }
 
@@ -123,15 +123,15 @@ std::vector<Kind> kinds() {
   return {
       {"a bit flipped in a frame", 800, false,
        [](const Recorded& job, const Recorded&, std::mt19937& random) {
-         Trial trial = said(job, {job.chunks[0]}, 0);
-         Bytes& frame = trial.said.back();
+         Trial trial = trial_of(job, {job.chunks[0]}, 0);
+         Bytes& frame = trial.messages.back();
          frame[random() % frame.size()] ^= std::byte{1} << (random() % 8);
          return trial;
        }},
       {"bytes of a frame lost", 100, false,
        [](const Recorded& job, const Recorded&, std::mt19937& random) {
-         Trial trial = said(job, {job.chunks[0], job.chunks[1]}, 0);
-         Bytes& frame = trial.said[1];
+         Trial trial = trial_of(job, {job.chunks[0], job.chunks[1]}, 0);
+         Bytes& frame = trial.messages[1];
          const auto from = static_cast<std::ptrdiff_t>(random() % (frame.size() - 1));
          const auto many = 1 + static_cast<std::ptrdiff_t>(random() % std::min<std::size_t>(frame.size() - from, 64));
          frame.erase(frame.begin() + from, frame.begin() + from + many);
@@ -139,8 +139,8 @@ std::vector<Kind> kinds() {
        }},
       {"bytes pushed into a frame", 50, false,
        [](const Recorded& job, const Recorded&, std::mt19937& random) {
-         Trial trial = said(job, {job.chunks[0], job.chunks[1]}, 0);
-         Bytes& frame = trial.said[1];
+         Trial trial = trial_of(job, {job.chunks[0], job.chunks[1]}, 0);
+         Bytes& frame = trial.messages[1];
          frame.insert(frame.begin() + static_cast<std::ptrdiff_t>(random() % frame.size()), 1 + random() % 16,
                       static_cast<std::byte>(random()));
          return trial;
@@ -149,7 +149,7 @@ std::vector<Kind> kinds() {
        [](const Recorded& job, const Recorded&, std::mt19937& random) {
          SendChunk chunk = job.chunks[0];
          chunk.payload[random() % chunk.payload.size()] ^= std::byte{1} << (random() % 8);
-         return said(job, {chunk}, 0);
+         return trial_of(job, {chunk}, 0);
        }},
       {"a payload changed, frame and chain right", 10, true,
        [](const Recorded& job, const Recorded&, std::mt19937& random) {
@@ -161,8 +161,8 @@ std::vector<Kind> kinds() {
          for (SendChunk& each : changed.chunks)
            chain = each.chain = chain_after(chain, each.sequence, each.first_layer, each.layer_count, each.payload);
          changed.end.chain = chain;
-         Trial trial = said(changed, changed.chunks, static_cast<int>(job.chunks.size()));
-         trial.said.push_back(bytes_of(changed.end));
+         Trial trial = trial_of(changed, changed.chunks, static_cast<int>(job.chunks.size()));
+         trial.messages.push_back(bytes_of(changed.end));
          return trial;
        }},
       {"two chunks swapped", 8, true,
@@ -170,21 +170,21 @@ std::vector<Kind> kinds() {
          std::vector<SendChunk> chunks = job.chunks;
          const std::size_t which = random() % (chunks.size() - 1);
          std::swap(chunks[which], chunks[which + 1]);
-         return said(job, chunks, static_cast<int>(which));
+         return trial_of(job, chunks, static_cast<int>(which));
        }},
       {"a chunk dropped", 8, true,
        [](const Recorded& job, const Recorded&, std::mt19937& random) {
          std::vector<SendChunk> chunks = job.chunks;
          const auto which = static_cast<std::ptrdiff_t>(random() % (chunks.size() - 1));
          chunks.erase(chunks.begin() + which);
-         return said(job, chunks, static_cast<int>(which));
+         return trial_of(job, chunks, static_cast<int>(which));
        }},
       {"a chunk repeated", 7, true,
        [](const Recorded& job, const Recorded&, std::mt19937& random) {
          std::vector<SendChunk> chunks = job.chunks;
          const auto which = static_cast<std::ptrdiff_t>(random() % chunks.size());
          chunks.insert(chunks.begin() + which, chunks[static_cast<std::size_t>(which)]);
-         return said(job, chunks, static_cast<int>(which) + 1);
+         return trial_of(job, chunks, static_cast<int>(which) + 1);
        }},
       {"a chunk of another job", 7, true,
        [](const Recorded& job, const Recorded& other, std::mt19937& random) {
@@ -193,7 +193,7 @@ std::vector<Kind> kinds() {
          chunks[which] = other.chunks[which];
          chunks[which].job = job.offer.job;
          // Every job's chain begins alike: a strange first chunk is found out by the one behind it.
-         return said(job, chunks, which == 0 ? 1 : static_cast<int>(which));
+         return trial_of(job, chunks, which == 0 ? 1 : static_cast<int>(which));
        }},
   };
 }
@@ -236,7 +236,7 @@ int damage_campaign(Sites& sites, int wanted) {
     for (int i = 0; i < many; ++i) {
       if (kind.needs_a_job) named = renamed(job, fmt::format("d{}", ++jobs));
       const Trial trial = kind.make(named, other, random);
-      const Answer answer = converse(sites.fab_port(), trial.said);
+      const Answer answer = converse(sites.fab_port(), trial.messages);
       if (answer.whole || answer.kept > trial.good_chunks) ++wrong;
       ++names[answer.fault];
       ++trials;
@@ -251,9 +251,9 @@ int damage_campaign(Sites& sites, int wanted) {
   }
   // The daemon is unharmed: the recorded job itself is taken under a new name.
   Recorded good = renamed(job, "unharmed");
-  Trial trial = said(good, good.chunks, 0);
-  trial.said.push_back(bytes_of(good.end));
-  const bool is_well = converse(sites.fab_port(), trial.said).whole;
+  Trial trial = trial_of(good, good.chunks, 0);
+  trial.messages.push_back(bytes_of(good.end));
+  const bool is_well = converse(sites.fab_port(), trial.messages).whole;
   fmt::print("{} damaged conversations, {} taken; afterwards the undamaged one is {}\n", trials, taken,
              is_well ? "taken" : "REFUSED");
   return taken == 0 && is_well ? 0 : 5;

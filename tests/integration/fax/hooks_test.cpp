@@ -93,15 +93,15 @@ class Hooks : public TwoSites {
 };
 
 TEST_F(Hooks, AProgramHearsEveryStateInOrderWithTheJobAsItsInput) {
-  const auto heard = folder() / "heard";
-  start_fab({"--hook", script("echo $TELEFAB_STATE $TELEFAB_MACHINE >> " + heard.string() + "; cat >> " +
+  const auto received = folder() / "received";
+  start_fab({"--hook", script("echo $TELEFAB_STATE $TELEFAB_MACHINE >> " + received.string() + "; cat >> " +
                               (folder() / "jobs.jsonl").string())});
   start_scan();
   const std::string job = submit_torus();
   ASSERT_EQ(telefab({"watch", job}).code, 0);
   // The last one runs while the watcher ends already; the daemon's end waits for it or cuts it off, so look first.
-  for (int i = 0; i < 100 && text_of(heard).find("done") == std::string::npos; ++i) ::poll(nullptr, 0, 50);
-  EXPECT_EQ(text_of(heard), "sending toy\nplanning toy\nready toy\nprinting toy\ndone toy\n");
+  for (int i = 0; i < 100 && text_of(received).find("done") == std::string::npos; ++i) ::poll(nullptr, 0, 50);
+  EXPECT_EQ(text_of(received), "sending toy\nplanning toy\nready toy\nprinting toy\ndone toy\n");
   std::ifstream lines{folder() / "jobs.jsonl"};
   std::string line;
   ASSERT_TRUE(std::getline(lines, line));

@@ -37,13 +37,13 @@ class RawPeer {
   void send(const Message& message) const { send(to_bytes(to_frame(message)).value()); }
   void end() const { ::shutdown(fd_, SHUT_WR); }
   /// Everything the site says until it closes; the named reason is in the clear text of its fault.
-  [[nodiscard]] std::string hear_out() const {
-    std::string heard;
+  [[nodiscard]] std::string receive_all() const {
+    std::string received;
     std::array<char, 4096> buffer{};
     ssize_t got = 0;
     while ((got = ::recv(fd_, buffer.data(), buffer.size(), 0)) > 0)
-      heard.append(buffer.data(), static_cast<std::size_t>(got));
-    return heard;
+      received.append(buffer.data(), static_cast<std::size_t>(got));
+    return received;
   }
 
  private:
@@ -76,7 +76,7 @@ TEST_F(Hostile, BytesLeaveBothDaemonsUnharmed) {
       }
       peer.send(noise);
       peer.end();
-      (void)peer.hear_out();
+      (void)peer.receive_all();
     }
   expect_unharmed();
 }
@@ -101,12 +101,12 @@ TEST_F(Hostile, ConversationsEndWithANamedReason) {
     for (const Rudeness& each : to_both) {
       const RawPeer peer{port};
       for (const Message& message : each.messages) peer.send(message);
-      EXPECT_THAT(peer.hear_out(), HasSubstr(each.reason));
+      EXPECT_THAT(peer.receive_all(), HasSubstr(each.reason));
     }
   const RawPeer peer{fab_port()};
   peer.send(scan);
   peer.send(Message{UploadBlock{RequestId{1}, 0, std::vector<std::byte>(10)}});
-  EXPECT_THAT(peer.hear_out(), HasSubstr("message-order"));
+  EXPECT_THAT(peer.receive_all(), HasSubstr("message-order"));
   expect_unharmed();
 }
 
@@ -124,7 +124,7 @@ TEST_F(Hostile, AJobOfTheSameIdIsRefusedAsReplayed) {
   peer.send(Message{
       Offer{job, "other.ply", "toy", "{}", {}, header, static_cast<std::uint32_t>(Coding::Exact), "mallory", {}, {}}});
   peer.send(Message{Submit{RequestId{2}, "a", "toy", "{}", 1, {}}});
-  EXPECT_THAT(peer.hear_out(), HasSubstr("replayed-job"));
+  EXPECT_THAT(peer.receive_all(), HasSubstr("replayed-job"));
 }
 
 TEST_F(Hostile, FilesOfOtherPlacesAreNotGivenOut) {
@@ -135,7 +135,7 @@ TEST_F(Hostile, FilesOfOtherPlacesAreNotGivenOut) {
   // A plain file name, in the job's folder, and not for others.
   peer.send(Message{AskFile{RequestId{1}, job, "journal"}});
   peer.send(Message{Submit{RequestId{2}, "a", "toy", "{}", 1, {}}});
-  EXPECT_THAT(peer.hear_out(), HasSubstr("has no file journal"));
+  EXPECT_THAT(peer.receive_all(), HasSubstr("has no file journal"));
 }
 
 }  // namespace

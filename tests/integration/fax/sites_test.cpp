@@ -74,16 +74,16 @@ TEST_F(Sites, RefusesWhatCouldNeverConnect) {
 
 TEST_F(Sites, ADamagedBookIsNamedWithLineAndKey) {
   std::filesystem::create_directories(book().parent_path());
-  const auto say = [&](std::string_view text) {
+  const auto error_of = [&](std::string_view text) {
     std::ofstream{book()} << text;
     const Outcome listed = ask({"sites"});
     EXPECT_EQ(listed.code, 2);
     return listed.errors;
   };
-  EXPECT_THAT(say("default = \n"), HasSubstr("sites.toml: line 1"));
-  EXPECT_THAT(say("[sites.a]\naddress = \"127.0.0.1:1\"\nport = 3\n"), HasSubstr("unknown key port"));
-  EXPECT_THAT(say("[sites.a]\naddress = 7\n"), HasSubstr("address must be a string"));
-  EXPECT_THAT(say("default = \"b\"\n"), HasSubstr("which is no site of this file"));
+  EXPECT_THAT(error_of("default = \n"), HasSubstr("sites.toml: line 1"));
+  EXPECT_THAT(error_of("[sites.a]\naddress = \"127.0.0.1:1\"\nport = 3\n"), HasSubstr("unknown key port"));
+  EXPECT_THAT(error_of("[sites.a]\naddress = 7\n"), HasSubstr("address must be a string"));
+  EXPECT_THAT(error_of("default = \"b\"\n"), HasSubstr("which is no site of this file"));
 }
 
 TEST_F(Sites, AnUnknownNameSaysHowToKeepIt) {

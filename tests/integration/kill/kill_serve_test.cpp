@@ -115,7 +115,7 @@ stage_serial = "{}"
     start_fab({"--after-crash", after_crash, "--go-on-within-min", "100000"});
   }
 
-  [[nodiscard]] std::string what_jobs_say() const { return telefab({"jobs", "--site", fab_site()}).output; }
+  [[nodiscard]] std::string jobs_output() const { return telefab({"jobs", "--site", fab_site()}).output; }
   [[nodiscard]] fs::path job_folder() const { return folder() / "fab" / "jobs" / job; }
   [[nodiscard]] bool is_printed() const { return fs::exists(job_folder() / "report" / "as-built.json"); }
 
@@ -319,7 +319,7 @@ TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItIsKilled) {
       wait_for_dark();
       start_site(decide());
     }
-    ASSERT_TRUE(is_printed()) << "never finished: " << what_jobs_say() << text_of(job_folder() / "journal");
+    ASSERT_TRUE(is_printed()) << "never finished: " << jobs_output() << text_of(job_folder() / "journal");
     expect_same_part(seen(), reference);
     const auto sealed = text_of(job_folder() / "report" / "as-built.json");
     const auto record = unseal(sealed, {});
@@ -347,7 +347,7 @@ TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItsProjectorIsUnplugged) {
   const Seen reference = reference_part();
   const Nanoseconds whole = clock.now() - from;
   ASSERT_GT(reference.light.size(), 4u);
-  const auto is_paused = [&] { return what_jobs_say().find("paused") != std::string::npos; };
+  const auto is_paused = [&] { return jobs_output().find("paused") != std::string::npos; };
 
   int unplugs = 0, parts = 0, doubts = 0, resumes = 0;
   std::ptrdiff_t before = 0, most = 0;
@@ -366,7 +366,7 @@ TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItsProjectorIsUnplugged) {
       host->unplug();
       ++unplugs;
       const bool paused = await([&] { return is_done() || is_paused(); });
-      ASSERT_TRUE(paused) << what_jobs_say() << text_of(job_folder() / "journal");
+      ASSERT_TRUE(paused) << jobs_output() << text_of(job_folder() / "journal");
       if (unplugs == 1) idle_share = std::max(idle_share, processor_share());
       wait_for_dark();
       host->plug();
@@ -374,7 +374,7 @@ TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItsProjectorIsUnplugged) {
       // News of the plug takes its time; a resume that comes before it ends paused again.
       for (int tries = 0; tries < 20 && is_paused(); ++tries) {
         std::vector<std::string> command{"resume", job, "--site", fab_site()};
-        if (what_jobs_say().find("--as") != std::string::npos) {
+        if (jobs_output().find("--as") != std::string::npos) {
           command.insert(command.end(), {"--as", decide() == "exposed" ? "exposed" : "dark"});
           ++doubts;
         }
@@ -390,7 +390,7 @@ TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItsProjectorIsUnplugged) {
     }
     for (int tries = 0; !await([&] { return is_done(); }) && tries < kRevivals; ++tries)
       (void)telefab({"resume", job, "--site", fab_site()});
-    ASSERT_TRUE(is_done()) << "never finished: " << what_jobs_say() << text_of(job_folder() / "journal");
+    ASSERT_TRUE(is_done()) << "never finished: " << jobs_output() << text_of(job_folder() / "journal");
     expect_same_part(seen(), reference);
     EXPECT_LE(most, before + 4) << "descriptors leak";
     if (HasFailure()) break;

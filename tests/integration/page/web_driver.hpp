@@ -100,10 +100,10 @@ class Browser {
   void start_driver() {
     constexpr int kTries = 5;
     for (int tries = 1;; ++tries) {
-      const std::string said = try_driver();
+      const std::string output = try_driver();
       if (port_ != 0) return;
-      if (tries == kTries || said.find("port not available") == std::string::npos)
-        throw std::runtime_error("chromedriver did not start: " + said);
+      if (tries == kTries || output.find("port not available") == std::string::npos)
+        throw std::runtime_error("chromedriver did not start: " + output);
     }
   }
   /// What it said; sets port_ where it runs.
@@ -118,7 +118,7 @@ class Browser {
       ::_exit(127);
     }
     ::close(ends[1]);
-    std::string said;
+    std::string output;
     char buffer[512];
     constexpr std::string_view mark = "successfully on port ";
     while (port_ == 0) {
@@ -126,14 +126,14 @@ class Browser {
       if (got <= 0) {
         ::close(ends[0]);
         ::waitpid(driver_, nullptr, 0);
-        return said;
+        return output;
       }
-      said.append(buffer, static_cast<std::size_t>(got));
-      if (const auto at = said.find(mark); at != std::string::npos && said.find('.', at) != std::string::npos)
-        port_ = static_cast<std::uint16_t>(std::stoi(said.substr(at + mark.size())));
+      output.append(buffer, static_cast<std::size_t>(got));
+      if (const auto at = output.find(mark); at != std::string::npos && output.find('.', at) != std::string::npos)
+        port_ = static_cast<std::uint16_t>(std::stoi(output.substr(at + mark.size())));
     }
     output_ = ends[0];
-    return said;
+    return output;
   }
 
   [[nodiscard]] std::string find(const std::string& css) {

@@ -45,7 +45,7 @@ bool waits_for_the_end(pid_t id) {
 /// One verb with everything it needs.
 struct Command {
   Words words;
-  bool runs_until_told = false;
+  bool runs_until_ended = false;
   fs::path ready = {};  ///< appears once it may be told
   fs::path fresh = {};  ///< must not be there when it begins
 };
@@ -193,7 +193,7 @@ class Programs : public TwoSites {
   }
 
   void try_one(const Command& command) {
-    const Command* long_one = command.runs_until_told ? &command : nullptr;
+    const Command* long_one = command.runs_until_ended ? &command : nullptr;
     const auto run_with = [&](Streams streams) {
       if (!command.fresh.empty()) fs::remove_all(command.fresh);
       return ran(command.words, streams, long_one);

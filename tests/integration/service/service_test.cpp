@@ -49,8 +49,8 @@ class Service : public TwoSites {
   }
   /// Words up to the one that is waited for.
   [[nodiscard]] bool comes(std::string_view word) const {
-    for (std::string said = next_word(); !said.empty(); said = next_word())
-      if (said.find(word) != std::string::npos) return true;
+    for (std::string line = next_word(); !line.empty(); line = next_word())
+      if (line.find(word) != std::string::npos) return true;
     return false;
   }
   void expect_a_life(Process& daemon) const {

@@ -145,7 +145,7 @@ class Story {
  public:
   Story(const PrintPlan& plan, std::uint64_t seed) : plan_{plan}, rng_{seed} {}
 
-  void tell(std::map<std::string, int>& outcomes) {
+  void play(std::map<std::string, int>& outcomes) {
     approve();
     for (int life = 0; life < kLives && !is_over_; ++life) live(life + 1 == kLives);
     projector_.faults = {};
@@ -182,8 +182,8 @@ class Story {
     if (verdict.ruling == StartRuling::End) return end("cancelled");
     if (verdict.ruling != StartRuling::GoOn && verdict.ruling != StartRuling::KeepRecord) {
       is_paused_in_store_ = true;
-      if (!is_last && chance(15)) return say_to_resting(journal, {JournalStep::CancelAsked, "ana", {}, {}});
-      if (!say_go_on(journal, facts)) return;
+      if (!is_last && chance(15)) return give_to_resting(journal, {JournalStep::CancelAsked, "ana", {}, {}});
+      if (!give_go_on(journal, facts)) return;
       is_paused_in_store_ = false;
     }
     if (!is_last) plan_trouble(deeds, stop, control);
@@ -213,7 +213,7 @@ class Story {
   }
 
   /// An operator has looked at the part, which the recorder is.
-  bool say_go_on(PrintJournal& journal, const StartFacts& facts) {
+  bool give_go_on(PrintJournal& journal, const StartFacts& facts) {
     std::optional<Decision> decision;
     if (facts.maybe_exposed) {
       (void)projector_.dark();
@@ -239,7 +239,7 @@ class Story {
     return kept.has_value();
   }
 
-  void say_to_resting(PrintJournal& journal, const PrintWord& word) {
+  void give_to_resting(PrintJournal& journal, const PrintWord& word) {
     if (!keep_word(journal, plan_, seen_by_store_, word, wall())) return;
     cancelled_ = true;
     dark_since_ = clock_.now();
@@ -261,10 +261,10 @@ class Story {
         ++seen_["clock jumps"];
       };
     for (int n = static_cast<int>(rng_() % 3); n > 0; --n)
-      deeds.at[when()] = [this, &control, &stop] { say(control, stop); };
+      deeds.at[when()] = [this, &control, &stop] { give_word(control, stop); };
   }
 
-  void say(PrintControl& control, std::stop_source& stop) {
+  void give_word(PrintControl& control, std::stop_source& stop) {
     const auto word = static_cast<Word>(rng_() % 4);
     const auto kept = [this, word](const std::optional<Result<void>>& outcome) {
       if (word == Word::Resume) resume_taken_ = false;
@@ -396,7 +396,7 @@ TEST(Words, ThatWereAnsweredHoldThroughKillsFullDisksBackupsDamageAndClockJumps)
   std::map<std::string, int> outcomes;
   for (int seed = 0; seed < prints; ++seed) {
     SCOPED_TRACE(seed);
-    Story{plan, static_cast<std::uint64_t>(seed)}.tell(outcomes);
+    Story{plan, static_cast<std::uint64_t>(seed)}.play(outcomes);
     if (testing::Test::HasFailure()) break;
   }
   for (const auto& [what, n] : outcomes) fmt::print("{:<40} {:>7}\n", what, n);

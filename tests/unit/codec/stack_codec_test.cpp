@@ -59,7 +59,7 @@ TEST_P(StackCodecProperty, DecodesWhatTheEncoderSaidEachChunkAloneAndInAnyOrder)
 TEST_P(StackCodecProperty, KeepsWhatContoursRestOn) {
   const LayerStack stack = random_stack(GetParam(), 12);
   const Coded coded = encode(stack, either(GetParam()));
-  int told = 0;
+  int calls = 0;
   for (std::size_t i = 0; i < stack.layers().size(); ++i) {
     const SurfaceShares given = surface_shares(stack.layers()[i]);
     const SurfaceShares kept = surface_shares(coded.layers[i]);
@@ -67,7 +67,7 @@ TEST_P(StackCodecProperty, KeepsWhatContoursRestOn) {
       EXPECT_EQ(kept.completed_mm + kept.doubtful_mm, 0) << i;
       continue;
     }
-    ++told;
+    ++calls;
     // What is not measured never shrinks by more than the ends of its edges; chords that reach beyond it add to it.
     EXPECT_GE(kept.completed_mm, 0.97 * given.completed_mm) << i;
     EXPECT_GE(kept.doubtful_mm, 0.97 * given.doubtful_mm) << i;
@@ -76,7 +76,7 @@ TEST_P(StackCodecProperty, KeepsWhatContoursRestOn) {
     EXPECT_NEAR(kept.largest_error_mm, given.largest_error_mm, 0.005) << i;
     EXPECT_EQ(coded.layers[i].certificate.verdict, stack.layers()[i].certificate.verdict) << i;
   }
-  EXPECT_EQ(told, 2);
+  EXPECT_EQ(calls, 2);
 }
 
 TEST_P(StackCodecProperty, MovesNoVertexFartherThanHalfAGridDiagonal) {

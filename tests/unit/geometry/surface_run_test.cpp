@@ -32,9 +32,9 @@ StackHeader header() {
 }
 
 TEST(SurfaceRuns, OfOneClassBecomeOneWithTheLargerGapAndError) {
-  const Contour told = square().with_runs(std::vector{kSeen, kGap, kWiderGap, kSeen}).value();
-  ASSERT_EQ(told.runs().size(), 3U);
-  EXPECT_EQ(told.runs()[1], (SurfaceRun{SurfaceClass::Completed, 2, 3, 0.5}));
+  const Contour with_runs_made = square().with_runs(std::vector{kSeen, kGap, kWiderGap, kSeen}).value();
+  ASSERT_EQ(with_runs_made.runs().size(), 3U);
+  EXPECT_EQ(with_runs_made.runs()[1], (SurfaceRun{SurfaceClass::Completed, 2, 3, 0.5}));
 }
 
 TEST(SurfaceRuns, AreNoneWhereAllIsMeasured) {

@@ -45,16 +45,16 @@ class Socket {
     return static_cast<std::size_t>(bytes);
   }
   /// Bytes until the other side closes; those of pings are not counted.
-  [[nodiscard]] std::size_t hear_out() const {
+  [[nodiscard]] std::size_t receive_all() const {
     std::array<std::byte, 4096> buffer{};
     FrameReader reader;
-    std::size_t heard = 0;
+    std::size_t received = 0;
     for (ssize_t got = 0; (got = ::recv(fd_, buffer.data(), buffer.size(), 0)) > 0;) {
       reader.feed(std::span{buffer}.first(static_cast<std::size_t>(got)));
       for (auto frame = reader.take(); frame && *frame; frame = reader.take())
-        if ((*frame)->type != FrameType::Ping) heard += (*frame)->body.size();
+        if ((*frame)->type != FrameType::Ping) received += (*frame)->body.size();
     }
-    return heard;
+    return received;
   }
 
  private:
@@ -80,7 +80,7 @@ class ConnectionTimes : public testing::Test {
                                                           loop_.stop();
                                                         }});
                                     if (answers_hello) connection_->set_ready();
-                                    if (!to_be_said_.body.empty()) (void)connection_->send(to_be_said_);
+                                    if (!to_send_.body.empty()) (void)connection_->send(to_send_);
                                   },
                                   [](const std::string&, const Error&) {}});
     ASSERT_TRUE(opened) << opened.error().what;
@@ -103,7 +103,7 @@ class ConnectionTimes : public testing::Test {
   std::unique_ptr<Listener> listener_;
   ConnectionPtr connection_;
   std::optional<Error> why_;
-  Frame to_be_said_;
+  Frame to_send_;
   std::size_t last_words_ = 100;
   int frames_ = 0;
 };
@@ -165,10 +165,10 @@ TEST_F(ConnectionTimes, WhoOnlyListensSendsPingsHoweverMuchItHears) {
   const Socket talker{listener_->port()};
   const auto frame = a_frame(FrameType::Jobs, 100);
   // Ten times as long as the other side would wait for a sign of life.
-  int said = 0;
+  int sent = 0;
   const std::function<void()> talk = [&] {
     talker.send(frame);
-    if (++said == 90) return loop_.stop();
+    if (++sent == 90) return loop_.stop();
     loop_.after(milliseconds{10}, talk);
   };
   talk();
@@ -180,12 +180,12 @@ TEST_F(ConnectionTimes, WhoOnlyListensSendsPingsHoweverMuchItHears) {
 TEST_F(ConnectionTimes, APeerThatTakesNoBytesIsDropped) {
   ConnectionLimits limits = patient();
   limits.write_within = milliseconds{100};
-  to_be_said_ = {FrameType::FileBlock, std::vector<std::byte>(4U << 20U)};
+  to_send_ = {FrameType::FileBlock, std::vector<std::byte>(4U << 20U)};
   listen(limits);
   const Socket deaf{listener_->port()};
   // More than the system's buffers hold.
   loop_.after(milliseconds{1}, [&] {
-    for (int i = 0; i < 3 && connection_; ++i) (void)connection_->send(to_be_said_);
+    for (int i = 0; i < 3 && connection_; ++i) (void)connection_->send(to_send_);
   });
   EXPECT_THAT(ended(), HasSubstr("write-time"));
 }
@@ -196,13 +196,13 @@ TEST_F(ConnectionTimes, LastWordsReachAPeerThatHasEndedItsOwnSide) {
   const Socket peer{listener_->port()};
   peer.send(a_frame(FrameType::Command, 10));
   peer.end();
-  std::size_t heard = 0;
-  std::jthread hearing{[&] { heard = peer.hear_out(); }};
+  std::size_t received = 0;
+  std::jthread receiving{[&] { received = peer.receive_all(); }};
   EXPECT_TRUE(loop_.run_for(kPatience));
   connection_.reset();
   (void)loop_.run_for(milliseconds{500});
-  hearing.join();
-  EXPECT_EQ(heard, last_words_);
+  receiving.join();
+  EXPECT_EQ(received, last_words_);
 }
 
 TEST_F(ConnectionTimes, ARefusedPeerThatHasGoneDoesNotKeepItsPlace) {

@@ -89,7 +89,7 @@ struct Rig {
     now.close();
     return *record;
   }
-  void say(Word word, Answer& answer) {
+  void give(Word word, Answer& answer) {
     auto kept = [this, &answer](const std::optional<Result<void>>& outcome) {
       ++answer.times;
       answer.outcome = outcome;
@@ -127,7 +127,7 @@ TEST(PrintWords, ShowNoLightAfterAnAnsweredWordHoweverOftenTheSiteStartsAgain) {
       rig.live([&](const PrintProgress& p) {
         if (p.state == where && p.layer.count() == (std::string_view{where} == "homing" ? 0u : 1u) && rig.control &&
             answer.times == 0)
-          rig.say(word, answer);
+          rig.give(word, answer);
       });
       ASSERT_EQ(answer.times, 1);
       ASSERT_TRUE(answer.outcome && *answer.outcome);
@@ -149,7 +149,7 @@ TEST(PrintWords, RefuseAWordThatTheDiskCannotKeepAndGoDark) {
       const PrintRecord record = rig.live([&](const PrintProgress& p) {
         if (p.state != where || answer.times > 0) return;
         rig.disk.is_full = true;
-        rig.say(word, answer);
+        rig.give(word, answer);
       });
       ASSERT_EQ(answer.times, 1);
       ASSERT_TRUE(answer.outcome);
@@ -176,7 +176,7 @@ TEST(PrintWords, KeepsWhoSaidWhatInTheRecord) {
   Rig rig;
   Answer answer;
   rig.live([&](const PrintProgress& p) {
-    if (p.state == "settling" && p.layer == LayerIndex{2}) rig.say(Word::Pause, answer);
+    if (p.state == "settling" && p.layer == LayerIndex{2}) rig.give(Word::Pause, answer);
   });
   {
     PrintJournal journal = *PrintJournal::open(std::make_unique<DiskFile>(rig.disk));

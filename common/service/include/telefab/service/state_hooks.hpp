@@ -24,7 +24,7 @@ class StateHooks {
   StateHooks& operator=(const StateHooks&) = delete;
 
   /// Returns at once; above 1,000 waiting changes the oldest is dropped.
-  void tell(const Job& job);
+  void notify(const Job& job);
 
  private:
   struct Impl;

@@ -52,7 +52,7 @@ class SerialStage final : public ZStage {
   /// The next line, or nothing until then; DeviceTimeout.
   [[nodiscard]] Result<std::string> next_line(Nanoseconds until);
   void note_temperature(std::string_view line);
-  [[nodiscard]] Result<void> say(std::string_view text);
+  [[nodiscard]] Result<void> send(std::string_view text);
   [[nodiscard]] Result<void> take(const std::string& line);
   [[nodiscard]] Result<void> take_ok();
   [[nodiscard]] Result<void> take_position(double reported_mm);

@@ -51,7 +51,7 @@ class MarlinModel final : public LineModel {
   void work();
   /// True when the line is done; false while it waits for motion.
   [[nodiscard]] bool execute(const std::string& line);
-  void say(const std::string& text) { outgoing_ += text + "\n"; }
+  void answer(const std::string& text) { outgoing_ += text + "\n"; }
   void queue_move(double to_mm, double mm_per_s, bool homing);
   [[nodiscard]] std::string temperatures() const;
 
