@@ -72,7 +72,7 @@ Result<Submit> announce(const SubmitOptions& o, RequestId request) {
 }
 
 Result<Job> upload(SiteClient& client, const SubmitOptions& o, const Submit& submit) {
-  auto more = client.ask<SendMore>(submit);
+  auto more = client.ask<UploadReady>(submit);
   if (!more) return tl::unexpected{more.error()};
   std::uint64_t offset = 0;
   auto sent = for_each_block(o.scan, [&](std::span<const std::byte> block) -> Result<void> {

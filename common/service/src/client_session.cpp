@@ -146,7 +146,7 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
     auto upload = Upload::begin(submit, service_.incoming());
     if (!upload) return send_fault(submit.request, upload.error());
     uploads_[submit.request] = std::move(*upload);
-    send(SendMore{submit.request, 0});
+    send(UploadReady{submit.request, 0});
   }
 
   void answer(const UploadBlock& block) {

@@ -9,12 +9,13 @@
 namespace telefab {
 namespace {
 
-constexpr std::array kKnown{FrameType::Hello,       FrameType::Fault,      FrameType::Ping,      FrameType::Pong,
-                            FrameType::AskMachines, FrameType::Machines,   FrameType::Submit,    FrameType::SendMore,
-                            FrameType::UploadBlock, FrameType::AskJobs,    FrameType::Jobs,      FrameType::Command,
-                            FrameType::AskFiles,    FrameType::Files,      FrameType::AskFile,   FrameType::FileBlock,
-                            FrameType::Offer,       FrameType::OfferTaken, FrameType::SendChunk, FrameType::ChunkKept,
-                            FrameType::StackEnd,    FrameType::StackKept,  FrameType::JobChanged};
+constexpr std::array kKnown{
+    FrameType::Hello,       FrameType::Fault,         FrameType::Ping,      FrameType::Pong,
+    FrameType::AskMachines, FrameType::Machines,      FrameType::Submit,    FrameType::UploadReady,
+    FrameType::UploadBlock, FrameType::AskJobs,       FrameType::Jobs,      FrameType::Command,
+    FrameType::AskFiles,    FrameType::Files,         FrameType::AskFile,   FrameType::FileBlock,
+    FrameType::Offer,       FrameType::OfferAccepted, FrameType::SendChunk, FrameType::ChunkStored,
+    FrameType::StackEnd,    FrameType::StackStored,   FrameType::JobChanged};
 
 void put(std::byte* at, std::uint32_t value, int bytes) {
   for (int i = 0; i < bytes; ++i) at[i] = static_cast<std::byte>(value >> (8 * i));
@@ -71,7 +72,8 @@ Result<std::optional<Frame>> FrameReader::take() {
   };
   const std::byte* header = buffer_.data() + used_;
   const std::size_t available = buffer_.size() - used_;
-  // Refused as early as the bytes allow: a peer that nobody knows shall not be able to make us wait for the rest of nonsense.
+  // Refused as early as the bytes allow: a peer that nobody knows shall not be able to make us wait for the rest of
+  // nonsense.
   if ((available >= 1 && header[0] != std::byte{'T'}) || (available >= 2 && header[1] != std::byte{'F'}))
     return refuse("frame-mark: the bytes are no Telefab frame; does the other side speak this protocol without TLS?");
   if (available < kFrameHeaderBytes) return std::optional<Frame>{};

@@ -146,7 +146,7 @@ void read(Reading& reading, const v1::Submit& proto, Submit& value) {
   value.size_bytes = proto.size_bytes();
   value.content = digest(reading, proto.sha256(), "sha256");
 }
-void read(Reading&, const v1::SendMore& proto, SendMore& value) {
+void read(Reading&, const v1::UploadReady& proto, UploadReady& value) {
   value.request = request(proto.request());
   value.offset_bytes = proto.offset_bytes();
 }
@@ -222,7 +222,7 @@ void read(Reading& reading, const v1::Offer& proto, Offer& value) {
          "is no length");
   value.registration_rms_mm = proto.registration_rms_mm();
 }
-void read(Reading& reading, const v1::OfferTaken& proto, OfferTaken& value) {
+void read(Reading& reading, const v1::OfferAccepted& proto, OfferAccepted& value) {
   value.job = job_id(reading, proto.job());
   expect(reading, proto.next_sequence() <= kMaxLayers, "next_sequence", "is above the limit of chunks");
   value.next_sequence = proto.next_sequence();
@@ -241,7 +241,7 @@ void read(Reading& reading, const v1::SendChunk& proto, SendChunk& value) {
   value.payload = content(reading, proto.payload(), kMaxChunkBytes, "payload");
   value.chain = digest(reading, proto.chain_sha256(), "chain_sha256");
 }
-void read(Reading& reading, const v1::ChunkKept& proto, ChunkKept& value) {
+void read(Reading& reading, const v1::ChunkStored& proto, ChunkStored& value) {
   value.job = job_id(reading, proto.job());
   expect(reading, proto.sequence() < kMaxLayers, "sequence", "is above the limit of chunks");
   value.sequence = proto.sequence();
@@ -255,7 +255,9 @@ void read(Reading& reading, const v1::StackEnd& proto, StackEnd& value) {
   expect(reading, proto.signature().empty() || proto.signature().size() == 64, "signature", "is no Ed25519 signature");
   value.signature = content(reading, proto.signature(), 64, "signature");
 }
-void read(Reading& reading, const v1::StackKept& proto, StackKept& value) { value.job = job_id(reading, proto.job()); }
+void read(Reading& reading, const v1::StackStored& proto, StackStored& value) {
+  value.job = job_id(reading, proto.job());
+}
 void read(Reading& reading, const v1::JobChanged& proto, JobChanged& value) {
   value.job = read_job(reading, proto.job());
 }

@@ -20,7 +20,7 @@ void read(Reading& reading, const v1::Pong& proto, Pong& value);
 void read(Reading& reading, const v1::AskMachines& proto, AskMachines& value);
 void read(Reading& reading, const v1::Machines& proto, Machines& value);
 void read(Reading& reading, const v1::Submit& proto, Submit& value);
-void read(Reading& reading, const v1::SendMore& proto, SendMore& value);
+void read(Reading& reading, const v1::UploadReady& proto, UploadReady& value);
 void read(Reading& reading, const v1::UploadBlock& proto, UploadBlock& value);
 void read(Reading& reading, const v1::AskJobs& proto, AskJobs& value);
 void read(Reading& reading, const v1::Jobs& proto, Jobs& value);
@@ -30,11 +30,11 @@ void read(Reading& reading, const v1::Files& proto, Files& value);
 void read(Reading& reading, const v1::AskFile& proto, AskFile& value);
 void read(Reading& reading, const v1::FileBlock& proto, FileBlock& value);
 void read(Reading& reading, const v1::Offer& proto, Offer& value);
-void read(Reading& reading, const v1::OfferTaken& proto, OfferTaken& value);
+void read(Reading& reading, const v1::OfferAccepted& proto, OfferAccepted& value);
 void read(Reading& reading, const v1::SendChunk& proto, SendChunk& value);
-void read(Reading& reading, const v1::ChunkKept& proto, ChunkKept& value);
+void read(Reading& reading, const v1::ChunkStored& proto, ChunkStored& value);
 void read(Reading& reading, const v1::StackEnd& proto, StackEnd& value);
-void read(Reading& reading, const v1::StackKept& proto, StackKept& value);
+void read(Reading& reading, const v1::StackStored& proto, StackStored& value);
 void read(Reading& reading, const v1::JobChanged& proto, JobChanged& value);
 
 }  // namespace telefab::wire

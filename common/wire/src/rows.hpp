@@ -32,7 +32,7 @@ struct RowOf<Machines> : Row<FrameType::Machines, v1::Machines> {};
 template <>
 struct RowOf<Submit> : Row<FrameType::Submit, v1::Submit> {};
 template <>
-struct RowOf<SendMore> : Row<FrameType::SendMore, v1::SendMore> {};
+struct RowOf<UploadReady> : Row<FrameType::UploadReady, v1::UploadReady> {};
 template <>
 struct RowOf<UploadBlock> : Row<FrameType::UploadBlock, v1::UploadBlock> {};
 template <>
@@ -52,15 +52,15 @@ struct RowOf<FileBlock> : Row<FrameType::FileBlock, v1::FileBlock> {};
 template <>
 struct RowOf<Offer> : Row<FrameType::Offer, v1::Offer> {};
 template <>
-struct RowOf<OfferTaken> : Row<FrameType::OfferTaken, v1::OfferTaken> {};
+struct RowOf<OfferAccepted> : Row<FrameType::OfferAccepted, v1::OfferAccepted> {};
 template <>
 struct RowOf<SendChunk> : Row<FrameType::SendChunk, v1::SendChunk> {};
 template <>
-struct RowOf<ChunkKept> : Row<FrameType::ChunkKept, v1::ChunkKept> {};
+struct RowOf<ChunkStored> : Row<FrameType::ChunkStored, v1::ChunkStored> {};
 template <>
 struct RowOf<StackEnd> : Row<FrameType::StackEnd, v1::StackEnd> {};
 template <>
-struct RowOf<StackKept> : Row<FrameType::StackKept, v1::StackKept> {};
+struct RowOf<StackStored> : Row<FrameType::StackStored, v1::StackStored> {};
 template <>
 struct RowOf<JobChanged> : Row<FrameType::JobChanged, v1::JobChanged> {};
 

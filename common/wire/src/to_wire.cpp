@@ -84,7 +84,7 @@ void write(const Submit& value, v1::Submit& proto) {
   proto.set_size_bytes(value.size_bytes);
   proto.set_sha256(bytes_of(value.content));
 }
-void write(const SendMore& value, v1::SendMore& proto) {
+void write(const UploadReady& value, v1::UploadReady& proto) {
   proto.set_request(number_of(value.request));
   proto.set_offset_bytes(value.offset_bytes);
 }
@@ -147,7 +147,7 @@ void write(const Offer& value, v1::Offer& proto) {
   if (value.scan != Digest{}) proto.set_scan_sha256(bytes_of(value.scan));
   proto.set_registration_rms_mm(value.registration_rms_mm);
 }
-void write(const OfferTaken& value, v1::OfferTaken& proto) {
+void write(const OfferAccepted& value, v1::OfferAccepted& proto) {
   proto.set_job(value.job);
   proto.set_next_sequence(value.next_sequence);
   proto.set_complete(value.complete);
@@ -160,7 +160,7 @@ void write(const SendChunk& value, v1::SendChunk& proto) {
   proto.set_payload(bytes_of(value.payload));
   proto.set_chain_sha256(bytes_of(value.chain));
 }
-void write(const ChunkKept& value, v1::ChunkKept& proto) {
+void write(const ChunkStored& value, v1::ChunkStored& proto) {
   proto.set_job(value.job);
   proto.set_sequence(value.sequence);
 }
@@ -171,7 +171,7 @@ void write(const StackEnd& value, v1::StackEnd& proto) {
   proto.set_stack_sha256(bytes_of(value.stack));
   proto.set_signature(bytes_of(value.signature));
 }
-void write(const StackKept& value, v1::StackKept& proto) { proto.set_job(value.job); }
+void write(const StackStored& value, v1::StackStored& proto) { proto.set_job(value.job); }
 void write(const JobChanged& value, v1::JobChanged& proto) { write_job(value.job, *proto.mutable_job()); }
 
 }  // namespace telefab::wire

@@ -110,7 +110,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
     OwnJob& own = jobs_[offer.job];
     own = {*intake, {}, *intake ? (*intake)->next_sequence() : 0};
     // A job beyond its intake is whole here already.
-    send(OfferTaken{offer.job, *intake ? (*intake)->next_sequence() : 0, !*intake || (*intake)->is_complete()});
+    send(OfferAccepted{offer.job, *intake ? (*intake)->next_sequence() : 0, !*intake || (*intake)->is_complete()});
     if (is_open_) send_if_changed(offer.job, own);
     look_again();
   }
@@ -129,7 +129,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
     }
     own->due = chunk.sequence + 1;
     receiver_.received(chunk.job, own->intake->spool().layer_count(), kFrameHeaderBytes + chunk.payload.size());
-    send(ChunkKept{chunk.job, chunk.sequence});
+    send(ChunkStored{chunk.job, chunk.sequence});
   }
 
   void handle(const StackEnd& stack) {
@@ -141,7 +141,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
       return end(finished.error());
     }
     own->intake.reset();
-    send(StackKept{stack.job});
+    send(StackStored{stack.job});
     receiver_.completed(stack.job);
   }
 

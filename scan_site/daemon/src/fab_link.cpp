@@ -172,7 +172,7 @@ void FabLink::pump(Sending& sending) {
   });
 }
 
-void FabLink::handle(const OfferTaken& taken) {
+void FabLink::handle(const OfferAccepted& taken) {
   const auto found = jobs_.find(taken.job);
   if (found == jobs_.end()) return;
   Sending& sending = found->second;
@@ -194,7 +194,7 @@ void FabLink::handle(const OfferTaken& taken) {
   pump(sending);
 }
 
-void FabLink::handle(const ChunkKept& chunk) {
+void FabLink::handle(const ChunkStored& chunk) {
   const auto found = jobs_.find(chunk.job);
   if (found == jobs_.end() || chunk.sequence < found->second.kept || chunk.sequence >= found->second.next) return;
   Sending& sending = found->second;
@@ -205,7 +205,7 @@ void FabLink::handle(const ChunkKept& chunk) {
   pump(sending);
 }
 
-void FabLink::handle(const StackKept& stack) {
+void FabLink::handle(const StackStored& stack) {
   const auto found = jobs_.find(stack.job);
   if (found == jobs_.end()) return;
   events_.acknowledged(stack.job, found->second.offer.header.layer_count, std::exchange(found->second.bytes, 0));

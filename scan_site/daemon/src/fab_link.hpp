@@ -68,9 +68,9 @@ class FabLink {
   void fail_questions(const Error& why);
 
   void handle(const Hello& hello);
-  void handle(const OfferTaken& taken);
-  void handle(const ChunkKept& chunk);
-  void handle(const StackKept& stack);
+  void handle(const OfferAccepted& taken);
+  void handle(const ChunkStored& chunk);
+  void handle(const StackStored& stack);
   void handle(const JobChanged& change);
   void handle(const Fault& fault);
   void handle(Jobs jobs) { answer(jobs.request, Message{std::move(jobs)}); }

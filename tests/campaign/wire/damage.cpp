@@ -91,8 +91,8 @@ Answer converse(std::uint16_t port, std::span<const Bytes> messages) {
     for (auto frame = reader.take(); frame && *frame; frame = reader.take()) {
       const auto message = from_frame(**frame);
       if (!message) continue;
-      if (std::holds_alternative<ChunkKept>(*message)) ++answer.kept;
-      if (std::holds_alternative<StackKept>(*message)) answer.whole = true;
+      if (std::holds_alternative<ChunkStored>(*message)) ++answer.kept;
+      if (std::holds_alternative<StackStored>(*message)) answer.whole = true;
       if (const auto* fault = std::get_if<Fault>(&*message); fault && answer.fault.empty())
         answer.fault = fault->error.what.substr(0, fault->error.what.find(':'));
     }

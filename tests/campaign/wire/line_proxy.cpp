@@ -119,7 +119,7 @@ void LineProxy::hand_on(int near, int far, const std::stop_token& stop) {
         if (chunk->sequence < sent_[chunk->job]) ++count_.chunks_again;
         sent_[chunk->job] = std::max(sent_[chunk->job], chunk->sequence + 1);
       }
-      if (const auto* kept = std::get_if<ChunkKept>(&*message))
+      if (const auto* kept = std::get_if<ChunkStored>(&*message))
         kept_[kept->job] = std::max(kept_[kept->job], kept->sequence + 1);
     }
   };

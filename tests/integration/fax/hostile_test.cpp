@@ -93,9 +93,9 @@ TEST_F(Hostile, ConversationsEndWithANamedReason) {
       {"handshake", {AskJobs{RequestId{1}, {}, 10, false}}},
       {"protocol-version", {Hello{99, Side::Client, "rude", {}, {}}}},
       {"handshake", {Hello{kProtocolVersion, Side::FabSite, "rude", {}, {}}}},
-      {"message-order", {client, StackKept{"j1"}}},
+      {"message-order", {client, StackStored{"j1"}}},
       {"message-field", {client, AskFile{RequestId{1}, "j1", "../../jobs.sqlite"}}},
-      {"no job", {client, AskFile{RequestId{1}, "j1", "plan.json"}, StackKept{"j1"}}},
+      {"no job", {client, AskFile{RequestId{1}, "j1", "plan.json"}, StackStored{"j1"}}},
   };
   for (const std::string& port : ports())
     for (const Rudeness& each : to_both) {

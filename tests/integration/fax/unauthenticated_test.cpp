@@ -45,7 +45,8 @@ TEST_F(Unauthenticated, AreRefusedByNameAndLoggedWhileFriendsArePrinted) {
   const auto other = folder() / "other-certs";
   certs(other, {"authority"});
   certs(other, {"issue", "operator", "operator"});
-  // What an unauthenticated peer holds: a certificate of another authority; to be let as far as the site, it believes in ours.
+  // What an unauthenticated peer holds: a certificate of another authority; to be let as far as the site, it believes
+  // in ours.
   std::filesystem::copy_file(own() / "authority.crt", other / "authority.crt",
                              std::filesystem::copy_options::overwrite_existing);
   std::filesystem::remove(other / "revoked.crl");
@@ -125,7 +126,7 @@ TEST_F(Unauthenticated, JobsReplayedOverTlsAreRefusedAndLogged) {
   const auto play = [&](const std::string& as, const std::string& offer) {
     std::ofstream{folder() / "played", std::ios::binary}
         << frame_of(Hello{kProtocolVersion, Side::ScanSite, "replay", {}, {}}) << offer
-        << frame_of(StackKept{job});  // no scan site says that: the fab ends the connection
+        << frame_of(StackStored{job});  // no scan site says that: the fab ends the connection
     return run({"/bin/sh", "-c",
                 fmt::format(
                     "openssl s_client -quiet -connect {} -cert {}/{}.crt -key {}/{}.key -CAfile {}/authority.crt "

@@ -50,7 +50,7 @@ std::vector<Message> every_message() {
           AskMachines{request},
           Machines{request, {"name = \"a\"", "name = \"b\""}, "127.0.0.1"},
           Submit{request, "vase.ply", "machine-a", "{}", 1000, digest},
-          SendMore{request, 500},
+          UploadReady{request, 500},
           UploadBlock{request, 500, bytes},
           AskJobs{request, "j1", 5, true},
           Jobs{request, {some_job(), some_job()}},
@@ -61,11 +61,11 @@ std::vector<Message> every_message() {
           FileBlock{request, 900, 1000, bytes},
           Offer{"j1", "vase.ply", "machine-a", "{}", digest, some_header(), 5, "ana", std::vector<std::byte>(32),
                 std::vector<std::byte>(64), digest, 0.04},
-          OfferTaken{"j1", 7, false},
+          OfferAccepted{"j1", 7, false},
           SendChunk{"j1", 7, LayerIndex{64}, 64, bytes, digest},
-          ChunkKept{"j1", 7},
+          ChunkStored{"j1", 7},
           StackEnd{"j1", 8, digest, digest, std::vector<std::byte>(64)},
-          StackKept{"j1"},
+          StackStored{"j1"},
           JobChanged{some_job()}};
 }
 static_assert(std::variant_size_v<Message> == 23, "add the new message to every_message()");

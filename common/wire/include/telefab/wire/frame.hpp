@@ -18,7 +18,7 @@ enum class FrameType : std::uint16_t {
   AskMachines = 10,
   Machines = 11,
   Submit = 12,
-  SendMore = 13,
+  UploadReady = 13,
   UploadBlock = 14,
   AskJobs = 15,
   Jobs = 16,
@@ -28,11 +28,11 @@ enum class FrameType : std::uint16_t {
   AskFile = 20,
   FileBlock = 21,
   Offer = 30,
-  OfferTaken = 31,
+  OfferAccepted = 31,
   SendChunk = 32,
-  ChunkKept = 33,
+  ChunkStored = 33,
   StackEnd = 34,
-  StackKept = 35,
+  StackStored = 35,
   JobChanged = 36,
 };
 

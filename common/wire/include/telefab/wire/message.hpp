@@ -59,7 +59,7 @@ struct Submit {
   std::uint64_t size_bytes = 0;
   Digest content;
 };
-struct SendMore {
+struct UploadReady {
   RequestId request{};
   std::uint64_t offset_bytes = 0;
 };
@@ -123,7 +123,7 @@ struct Offer {
   Digest scan{};                   ///< of the scan file it was cut from; zero: not stated
   double registration_rms_mm = 0;  ///< of the views the scan was put together from, as printed; 0: not stated
 };
-struct OfferTaken {
+struct OfferAccepted {
   std::string job;
   std::uint32_t next_sequence = 0;
   bool complete = false;
@@ -136,7 +136,7 @@ struct SendChunk {
   std::vector<std::byte> payload;
   Digest chain;
 };
-struct ChunkKept {
+struct ChunkStored {
   std::string job;
   std::uint32_t sequence = 0;
 };
@@ -147,16 +147,16 @@ struct StackEnd {
   Digest stack;
   std::vector<std::byte> signature;
 };
-struct StackKept {
+struct StackStored {
   std::string job;
 };
 struct JobChanged {
   Job job;
 };
 
-using Message = std::variant<Hello, Fault, Ping, Pong, AskMachines, Machines, Submit, SendMore, UploadBlock, AskJobs,
-                             Jobs, Command, AskFiles, Files, AskFile, FileBlock, Offer, OfferTaken, SendChunk,
-                             ChunkKept, StackEnd, StackKept, JobChanged>;
+using Message = std::variant<Hello, Fault, Ping, Pong, AskMachines, Machines, Submit, UploadReady, UploadBlock, AskJobs,
+                             Jobs, Command, AskFiles, Files, AskFile, FileBlock, Offer, OfferAccepted, SendChunk,
+                             ChunkStored, StackEnd, StackStored, JobChanged>;
 
 /// A job's name on the wire and in the file system: 1 to 64 of a-z, 0-9 and '-', so it is safe as a folder.
 [[nodiscard]] bool is_job_id(std::string_view text);
