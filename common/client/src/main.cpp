@@ -47,7 +47,7 @@ int main(int argc, char** argv) {
        "say that the part is off the platform of a machine",
        declare_cleared,
        {{{"the next job may begin there", "telefab cleared machine-a --site los-angeles"}}}},
-      {"cancel", "end a job for good", declare_cancel, {{{"it cannot be taken up again", "telefab cancel j19a-1"}}}},
+      {"cancel", "end a job for good", declare_cancel, {{{"it cannot be resumed", "telefab cancel j19a-1"}}}},
       {"report",
        "fetch reports and pictures of a job",
        declare_report,

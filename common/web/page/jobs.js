@@ -116,7 +116,7 @@ async function act(action, as) {
     byId("token").focus();
     return;
   }
-  if (action === "cancel" && !confirm("Cancel this job? The print cannot be taken up again.")) return;
+  if (action === "cancel" && !confirm("Cancel this job? The print cannot be resumed.")) return;
   const said = action === "approve" ? await approval() : as ? { as } : {};
   if (!said) return;
   const machine = state.jobs.find((j) => j.id === state.chosen)?.machine;

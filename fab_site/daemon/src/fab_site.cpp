@@ -69,7 +69,7 @@ Result<void> FabSite::start() {
   const auto left = store().unfinished();
   if (!left) return tl::unexpected{left.error()};
   for (const Job& job : *left)
-    if (auto taken = take_up(job); !taken) {
+    if (auto taken = resume_unfinished(job); !taken) {
       // Nothing lights of what cannot be read, and nothing of it is given up.
       if (!is_before(job.state, JobState::AwaitingApproval))
         move(job.id, JobState::Paused, taken.error().what + "; telefab resume tries again");
@@ -275,7 +275,7 @@ Result<Job> FabSite::take_upload(const NewJob& upload) {
 
 void FabSite::broken(const std::string& job, const Error& why) { end_job(job, JobState::Failed, why.what); }
 
-Result<void> FabSite::take_up(const Job& job) {
+Result<void> FabSite::resume_unfinished(const Job& job) {
   live_[job.id] = {};
   counters_->begin(job.id, job.counters);
   if (!is_before(job.state, JobState::AwaitingApproval)) return rule_at_start(job);

@@ -59,7 +59,7 @@ class FabSite final : public StackReceiver {
         platforms_{folder_.path() / "platforms"} {}
   [[nodiscard]] Result<void> start();
   [[nodiscard]] Result<void> start_web();
-  [[nodiscard]] Result<void> take_up(const Job& job);
+  [[nodiscard]] Result<void> resume_unfinished(const Job& job);
   /// What a job that is planned may do by itself at a start.
   [[nodiscard]] Result<void> rule_at_start(const Job& job);
   /// The light of a machine whose print waits is switched off, as that of one that prints is.

@@ -127,7 +127,7 @@ void FabLink::handle(const Hello& hello) {
   for (auto& [id, sending] : jobs_) offer(sending);
 }
 
-void FabLink::add(const Offer& given, std::shared_ptr<LockedSpool> spool) {
+void FabLink::add(const Offer& given, std::shared_ptr<SharedSpool> spool) {
   auto [slot, is_new] = jobs_.try_emplace(given.job);
   if (!is_new) return;
   slot->second.offer = given;

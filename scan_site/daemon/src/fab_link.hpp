@@ -5,7 +5,7 @@
 #include <telefab/net/listener.hpp>
 #include <telefab/wire/message.hpp>
 
-#include "spool_shelf.hpp"
+#include "spool_registry.hpp"
 
 namespace telefab::scan {
 
@@ -37,7 +37,7 @@ class FabLink {
   /// What the fab said last; empty until it was reached once.
   [[nodiscard]] const std::vector<MachineProfile>& machines() const { return machines_; }
 
-  void add(const Offer& offer, std::shared_ptr<LockedSpool> spool);
+  void add(const Offer& offer, std::shared_ptr<SharedSpool> spool);
   [[nodiscard]] bool knows(const std::string& job) const { return jobs_.contains(job); }
   /// More chunks, or the end, are in the job's spool.
   void pump(const std::string& job);
@@ -49,7 +49,7 @@ class FabLink {
  private:
   struct Sending {
     Offer offer;
-    std::shared_ptr<LockedSpool> spool;
+    std::shared_ptr<SharedSpool> spool;
     bool is_taken = false;  ///< on this connection
     bool is_end_sent = false;
     std::uint32_t next = 0;   ///< chunk to be sent

@@ -49,13 +49,13 @@ Result<void> ScanSite::start(const ScanSiteConfig& config) {
   auto key = site_key(config.serve, folder_.path());
   if (!key) return tl::unexpected{key.error()};
 
-  slicer_ = std::make_unique<Slicer>(shelf_, clock_, *key, slicer_events());
+  slicer_ = std::make_unique<Slicer>(spools_, clock_, *key, slicer_events());
   link_ =
       std::make_unique<FabLink>(loop_, net::ConnectOptions{*fab, *trust, net::Role::FabSite, {}}, *key, link_events());
   const auto left = store().unfinished();
   if (!left) return tl::unexpected{left.error()};
   for (const Job& job : *left)
-    if (auto taken = take_up(job); !taken) end_job(job.id, JobState::Failed, taken.error().what);
+    if (auto taken = resume_unfinished(job); !taken) end_job(job.id, JobState::Failed, taken.error().what);
 
   auto listener = open_listener(
       loop_, config.serve, *trust, [this](const net::ConnectionPtr& connection) { on_connection(connection); },
@@ -162,16 +162,16 @@ Result<Job> ScanSite::submit(const Submit& submit, const std::filesystem::path& 
   counters.scan_bytes = submit.size_bytes;
   if (auto kept = store().set_counters(job->id, counters); !kept) return tl::unexpected{kept.error()};
   counters_->begin(job->id, counters);
-  if (auto taken = take_up(*job); !taken) end_job(job->id, JobState::Failed, taken.error().what);
+  if (auto taken = resume_unfinished(*job); !taken) end_job(job->id, JobState::Failed, taken.error().what);
   return store().find(job->id);
 }
 
-Result<void> ScanSite::take_up(const Job& job) {
+Result<void> ScanSite::resume_unfinished(const Job& job) {
   auto folder = folder_.job(job.id);
   if (!folder) return tl::unexpected{folder.error()};
   counters_->begin(job.id, job.counters);
   send_began_[job.id] = clock_.now();
-  auto spool = shelf_.of(job.id, *folder);
+  auto spool = spools_.of(job.id, *folder);
   if (!spool) return tl::unexpected{spool.error()};
   if (const auto offer = saved_offer(*folder)) link_->add(*offer, *spool);
   if ((*spool)->with([](const ChunkSpool& each) { return each.finished().has_value(); })) return {};
@@ -189,7 +189,7 @@ void ScanSite::move(const std::string& job, JobState state, std::string_view mes
 void ScanSite::end_job(const std::string& job, JobState state, std::string_view message) {
   move(job, state, message);
   link_->forget(job);
-  shelf_.put_away(job);
+  spools_.close(job);
   counters_->end(job);
   send_began_.erase(job);
 }
@@ -203,7 +203,7 @@ SlicerEvents ScanSite::slicer_events() {
               if (!folder) return;
               if (!counters_->change(job, [&](JobCounters& c) { c.layers = offer.header.layer_count; })) return;
               send_began_[job] = clock_.now();
-              if (auto spool = shelf_.of(job, *folder)) link_->add(offer, *spool);
+              if (auto spool = spools_.of(job, *folder)) link_->add(offer, *spool);
             });
           },
           [this](const std::string& job, std::uint32_t layers) {

@@ -43,7 +43,7 @@ class ScanSite final : public JobService {
   [[nodiscard]] SlicerEvents slicer_events();
   [[nodiscard]] FabLinkEvents link_events();
   [[nodiscard]] const std::vector<MachineProfile>& known_machines() const;
-  [[nodiscard]] Result<void> take_up(const Job& job);
+  [[nodiscard]] Result<void> resume_unfinished(const Job& job);
   void end_job(const std::string& job, JobState state, std::string_view message);
   void on_job_changed(const Job& theirs);
   void on_kept(const std::string& job);
@@ -60,7 +60,7 @@ class ScanSite final : public JobService {
   net::Loop loop_;
   std::unique_ptr<LiveCounters> counters_;
   std::map<std::string, Nanoseconds> send_began_;  ///< of the jobs under way
-  SpoolShelf shelf_;
+  SpoolRegistry spools_;
   std::unique_ptr<Slicer> slicer_;
   std::unique_ptr<FabLink> link_;
   std::unique_ptr<net::Listener> listener_;

@@ -27,12 +27,12 @@ double scale_of(const Transform4& scan_to_build) {
 /// had never been interrupted.
 class SpoolWriter {
  public:
-  SpoolWriter(const SliceTask& task, std::shared_ptr<LockedSpool> spool, const SlicerEvents& events, CodecOptions codec,
+  SpoolWriter(const SliceTask& task, std::shared_ptr<SharedSpool> spool, const SlicerEvents& events, CodecOptions codec,
               const std::string& site_key)
       : task_{task}, spool_{std::move(spool)}, events_{events}, codec_{codec}, site_key_{site_key} {}
 
-  /// Takes up an interrupted spool; the number of layers it holds.
-  Result<std::uint32_t> take_up() {
+  /// Goes on with an interrupted spool; the number of layers it holds.
+  Result<std::uint32_t> resume_unfinished() {
     const auto chunks = spool_->with([](const ChunkSpool& spool) { return spool.chunk_count(); });
     // Decoded curves are not the contours they were coded from: such a scan is cut again from its first layer, and
     // the chunks that are there already must come out the same.
@@ -129,7 +129,7 @@ class SpoolWriter {
   }
 
   const SliceTask& task_;
-  std::shared_ptr<LockedSpool> spool_;
+  std::shared_ptr<SharedSpool> spool_;
   const SlicerEvents& events_;
   CodecOptions codec_;
   const std::string& site_key_;
@@ -156,8 +156,8 @@ Result<Offer> saved_offer(const std::filesystem::path& folder) {
   return fail(ErrorCode::InvalidInput, fmt::format("{} holds no offer", (folder / "offer").string()));
 }
 
-Slicer::Slicer(SpoolShelf& shelf, const Clock& clock, std::string site_key, SlicerEvents events)
-    : shelf_{shelf},
+Slicer::Slicer(SpoolRegistry& registry, const Clock& clock, std::string site_key, SlicerEvents events)
+    : spools_{registry},
       clock_{clock},
       site_key_{std::move(site_key)},
       events_{std::move(events)},
@@ -224,10 +224,10 @@ void Slicer::run(std::stop_token stop) {
 Result<void> Slicer::slice(const SliceTask& task, std::stop_token stop) {
   auto parameters = job_parameters_from(task.parameters, task.machine);
   if (!parameters) return tl::unexpected{parameters.error()};
-  auto spool = shelf_.of(task.job, task.folder);
+  auto spool = spools_.of(task.job, task.folder);
   if (!spool) return tl::unexpected{spool.error()};
   SpoolWriter writer{task, *spool, events_, parameters->codec, site_key_};
-  const auto cut_before = writer.take_up();
+  const auto cut_before = writer.resume_unfinished();
   if (!cut_before) return tl::unexpected{cut_before.error()};
   if (!writer.is_whole()) {
     const auto scan = read_file(task.folder / "scan", kMaxScanBytes);

@@ -8,7 +8,7 @@
 #include <telefab/wire/message.hpp>
 #include <thread>
 
-#include "spool_shelf.hpp"
+#include "spool_registry.hpp"
 
 namespace telefab::scan {
 
@@ -35,7 +35,7 @@ struct SlicerEvents {
 class Slicer {
  public:
   /// `site_key`: private Ed25519 key in PEM; signs the offers.
-  Slicer(SpoolShelf& shelf, const Clock& clock, std::string site_key, SlicerEvents events);
+  Slicer(SpoolRegistry& registry, const Clock& clock, std::string site_key, SlicerEvents events);
   ~Slicer();  ///< stops what is under way; the spool keeps what it has
   Slicer(const Slicer&) = delete;
   Slicer& operator=(const Slicer&) = delete;
@@ -47,7 +47,7 @@ class Slicer {
   void run(std::stop_token stop);
   [[nodiscard]] Result<void> slice(const SliceTask& task, std::stop_token stop);
 
-  SpoolShelf& shelf_;
+  SpoolRegistry& spools_;
   const Clock& clock_;
   std::string site_key_;
   SlicerEvents events_;

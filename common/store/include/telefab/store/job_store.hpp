@@ -34,7 +34,7 @@ class JobStore {
   [[nodiscard]] Result<Job> find(std::string_view id) const;
   /// Newest first, at most `most`.
   [[nodiscard]] Result<std::vector<Job>> list(std::size_t most) const;
-  /// Jobs that are not final, oldest first: what to take up after a restart.
+  /// Jobs that are not final, oldest first: what to resume after a restart.
   [[nodiscard]] Result<std::vector<Job>> unfinished() const;
 
   /// Conflict, and nothing changes, where may_follow forbids it; the same state again only changes the message.

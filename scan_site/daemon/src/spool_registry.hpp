@@ -8,9 +8,9 @@
 namespace telefab::scan {
 
 /// One job's spool, shared by the slicer, which fills it, and the link, which sends it.
-class LockedSpool {
+class SharedSpool {
  public:
-  explicit LockedSpool(ChunkSpool spool) : spool_{std::move(spool)} {}
+  explicit SharedSpool(ChunkSpool spool) : spool_{std::move(spool)} {}
   /// Calls `work` with the spool while nobody else touches it.
   template <class Work>
   auto with(const Work& work) {
@@ -24,27 +24,28 @@ class LockedSpool {
 };
 
 /// The spools of the jobs at work. Threads: any.
-class SpoolShelf {
+class SpoolRegistry {
  public:
   /// The spool of a job, opened where it was not yet. Fails as ChunkSpool::open.
-  [[nodiscard]] Result<std::shared_ptr<LockedSpool>> of(const std::string& job, const std::filesystem::path& folder) {
+  [[nodiscard]] Result<std::shared_ptr<SharedSpool>> of(const std::string& job, const std::filesystem::path& folder) {
     const std::lock_guard lock{mutex_};
     auto& slot = spools_[job];
     if (!slot) {
       auto spool = ChunkSpool::open(folder / "chunks");
       if (!spool) return tl::unexpected{spool.error()};
-      slot = std::make_shared<LockedSpool>(std::move(*spool));
+      slot = std::make_shared<SharedSpool>(std::move(*spool));
     }
     return slot;
   }
-  void put_away(const std::string& job) {
+  /// Nobody works on the job any more; whoever still holds its spool keeps it until then.
+  void close(const std::string& job) {
     const std::lock_guard lock{mutex_};
     spools_.erase(job);
   }
 
  private:
   std::mutex mutex_;
-  std::map<std::string, std::shared_ptr<LockedSpool>> spools_;
+  std::map<std::string, std::shared_ptr<SharedSpool>> spools_;
 };
 
 }  // namespace telefab::scan
