@@ -41,7 +41,7 @@ int main(int argc, char** argv) {
        "go on with a paused print",
        declare_resume,
        {{{"go on with the next layer", "telefab resume j19a-1 --site los-angeles"},
-         {"after a power cut, where the layer in doubt looks cured",
+         {"after a power cut, where the layer that was perhaps exposed looks cured",
           "telefab resume j19a-1 --site los-angeles --as exposed"}}}},
       {"cleared",
        "say that the part is off the platform of a machine",

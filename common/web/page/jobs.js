@@ -63,9 +63,9 @@ function showJob() {
   byId("job-message").textContent = job.message;
   for (const button of document.querySelectorAll("[data-action]")) {
     button.disabled = !allowed[button.dataset.action](job.state);
-    // A layer in doubt is a question: its two answers stand in the place of the plain button.
+    // A layer that was perhaps exposed is a question: its two answers stand in the place of the plain button.
     if (button.dataset.action === "cleared") button.hidden = button.disabled = !job.waits_for_platform;
-    if (button.dataset.action === "resume") button.hidden = Boolean(job.in_doubt) !== Boolean(button.dataset.as);
+    if (button.dataset.action === "resume") button.hidden = Boolean(job.exposure_unknown) !== Boolean(button.dataset.as);
   }
   site.showJob(job);
 }

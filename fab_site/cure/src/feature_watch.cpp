@@ -169,7 +169,7 @@ void FeatureWatch::judge(std::uint32_t print_layer) {
     figures.fine_layers += fine_mm > 0;
     if (!weakest) continue;
     if (!figures.weakest || is_weaker(*weakest, *figures.weakest)) figures.weakest = weakest;
-    if (*weakest->latitude >= kDoseDoubt) continue;
+    if (*weakest->latitude >= kDoseTolerance) continue;
     ++figures.weak_layers;
     report_.weak.push_back(*weakest);
   }
@@ -185,7 +185,7 @@ std::string to_json(const ThinReport& report) {
     weak.push_back(std::move(value));
   }
   return ordered_json{{"dose_known", report.dose_known},
-                      {"dose_doubt", kDoseDoubt},
+                      {"dose_tolerance", kDoseTolerance},
                       {"walls", json_of(report.walls)},
                       {"gaps", json_of(report.gaps)},
                       {"weak", std::move(weak)}}

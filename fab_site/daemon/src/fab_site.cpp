@@ -101,7 +101,7 @@ Result<void> FabSite::start_web() {
         later([this, upload, done = std::move(done)] { done(take_upload(upload)); });
       },
       [this](const std::string& job) {
-        return JobQuestions{is_in_doubt(job), waits_for_platform(job)};
+        return JobQuestions{is_exposure_unknown(job), waits_for_platform(job)};
       });
   std::string three_js;
   if (const auto library = read_file(kThreeJs, kMaxThreeJsBytes))
@@ -329,7 +329,7 @@ Result<void> FabSite::rule_at_start(const Job& job) {
       }
       [[fallthrough]];
     case StartRuling::WaitForDecision:
-      set_in_doubt(job.id, true);
+      set_exposure_unknown(job.id, true);
       move(job.id, JobState::Paused, fmt::format("{}; {}", why, question_about(before->point, job.id)));
       break;
   }
@@ -385,7 +385,7 @@ void FabSite::plan(const std::string& job, std::stop_token stop) {
     if (!outcome) return end_job(job, JobState::Failed, outcome.error().what);
     count_planned(job, outcome->print_layers, outcome->print_layers);
     ledger_->set_stage_seconds(job, JobStage::Plan, seconds);
-    planned(job, outcome->doubt);
+    planned(job, outcome->hold_reason);
     predictor_->add(job);
   });
 }
@@ -412,11 +412,11 @@ void FabSite::count_planned(const std::string& job, std::uint32_t done, std::uin
   });
 }
 
-void FabSite::planned(const std::string& job, const std::string& doubt) {
+void FabSite::planned(const std::string& job, const std::string& hold_reason) {
   const auto folder = folder_.job(job);
-  if (config_.start_on_approval || !doubt.empty() || (folder && waits_for_approval(*folder)))
+  if (config_.start_on_approval || !hold_reason.empty() || (folder && waits_for_approval(*folder)))
     return move(job, JobState::AwaitingApproval,
-                fmt::format("waits for `telefab approve`{}{}", doubt.empty() ? "" : ": ", doubt));
+                fmt::format("waits for `telefab approve`{}{}", hold_reason.empty() ? "" : ": ", hold_reason));
   const auto now = store().find(job);
   if (!now || is_final(now->state)) return;
   move(job, JobState::Ready, "");
@@ -437,8 +437,8 @@ void FabSite::on_print_progress(const std::string& job, const PrintProgress& pro
       c.layers_printed = printed;
     });
     if (!is_live) return;
-    // A fault says in its record whether it left a layer in doubt.
-    if (progress.state != "faulted") set_in_doubt(job, progress.state == "awaiting-decision");
+    // A fault says in its record whether a layer was perhaps exposed.
+    if (progress.state != "faulted") set_exposure_unknown(job, progress.state == "awaiting-decision");
     if (progress.state == "done" || progress.state == "cancelled") return;  // the record follows
     // Stopped with the site, not by a fault of its own: the journal says which, and the next start goes by it.
     if (progress.state == "faulted" && device_->is_ending()) return;
@@ -541,7 +541,7 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
       case PrintOutcome::Cancelled:
         return end_job(job, JobState::Cancelled, fmt::format("at layer {}", record->next.count()));
       case PrintOutcome::Faulted:
-        set_in_doubt(job, record->maybe_exposed);
+        set_exposure_unknown(job, record->maybe_exposed);
         return move(
             job, JobState::Paused,
             fmt::format("faulted at layer {}: {}; {}", record->next.count(), record->cause.what,
@@ -584,8 +584,8 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
       return answer(pause(*job, command.who));
     case JobCommand::ResumeExposed:
     case JobCommand::ResumeAgain:
-      if (control && !is_in_doubt(id))
-        return refuse("no layer of it is in doubt; resume it without saying what the layer was");
+      if (control && !is_exposure_unknown(id))
+        return refuse("no layer of it was perhaps exposed; resume it without saying what the layer was");
       decision = command.command == JobCommand::ResumeAgain ? Decision::ExposeAgain : Decision::TreatAsExposed;
       [[fallthrough]];
     case JobCommand::Resume:
@@ -695,7 +695,7 @@ Result<void> FabSite::keep(const Job& job, const PrintWord& word) {
 
 Result<void> FabSite::put_on_machine(const Job& job, const PrintWord& word) {
   if (auto kept = keep(job, word); !kept) return kept;
-  set_in_doubt(job.id, false);
+  set_exposure_unknown(job.id, false);
   if (job.state == JobState::AwaitingApproval || job.state == JobState::Ready) move(job.id, JobState::Ready, "");
   device_->add(job.id);
   return {};
@@ -731,17 +731,17 @@ Result<void> FabSite::cancel(const Job& job, const std::string& who) {
   return {};
 }
 
-bool FabSite::is_in_doubt(const std::string& job) {
+bool FabSite::is_exposure_unknown(const std::string& job) {
   const std::lock_guard lock{control_mutex_};
-  return in_doubt_.contains(job);
+  return exposure_unknown_.contains(job);
 }
 
-void FabSite::set_in_doubt(const std::string& job, bool doubt) {
+void FabSite::set_exposure_unknown(const std::string& job, bool is_unknown) {
   const std::lock_guard lock{control_mutex_};
-  if (doubt)
-    in_doubt_.insert(job);
+  if (is_unknown)
+    exposure_unknown_.insert(job);
   else
-    in_doubt_.erase(job);
+    exposure_unknown_.erase(job);
 }
 
 void FabSite::files(const std::string& job, std::function<void(Result<std::vector<FileEntry>>)> done) {
@@ -771,7 +771,7 @@ void FabSite::move(const std::string& job, JobState state, std::string_view mess
 
 void FabSite::end_job(const std::string& job, JobState state, std::string_view message) {
   move(job, state, message);
-  set_in_doubt(job, false);
+  set_exposure_unknown(job, false);
   counters_->end(job);
   live_.erase(job);
   const std::scoped_lock lock{analysed_mutex_};

@@ -69,7 +69,7 @@ class FabSite final : public StackReceiver {
   void on_connection(const net::ConnectionPtr& connection);
   void move(const std::string& job, JobState state, std::string_view message);
   void end_job(const std::string& job, JobState state, std::string_view message);
-  void planned(const std::string& job, const std::string& doubt);
+  void planned(const std::string& job, const std::string& hold_reason);
   void count_planned(const std::string& job, std::uint32_t done, std::uint32_t all);
   /// On the planner's and the device's thread.
   void plan(const std::string& job, std::stop_token stop);
@@ -80,8 +80,8 @@ class FabSite final : public StackReceiver {
   /// Whether the print under way, if there is one, still looks at its devices.
   [[nodiscard]] bool is_printer_alive();
   /// A layer of the job was perhaps exposed, and nobody has decided yet.
-  [[nodiscard]] bool is_in_doubt(const std::string& job);
-  void set_in_doubt(const std::string& job, bool doubt);
+  [[nodiscard]] bool is_exposure_unknown(const std::string& job);
+  void set_exposure_unknown(const std::string& job, bool is_unknown);
   /// Hands the command to the print under way; `done` is called once its journal has it.
   void pass_to_print(const Command& command, const std::shared_ptr<PrintControl>& control,
                      std::function<void(Result<Job>)> done);
@@ -122,8 +122,8 @@ class FabSite final : public StackReceiver {
   std::mutex analysed_mutex_;
   std::map<std::string, std::shared_ptr<LayerStream>> analysed_;  ///< of jobs to be planned; guarded by analysed_mutex_
   std::mutex control_mutex_;
-  std::set<std::string> for_platform_;  ///< jobs that wait for an empty platform; guarded by control_mutex_
-  std::set<std::string> in_doubt_;      ///< jobs whose next layer was perhaps exposed; guarded by control_mutex_
+  std::set<std::string> for_platform_;      ///< jobs that wait for an empty platform; guarded by control_mutex_
+  std::set<std::string> exposure_unknown_;  ///< jobs whose next layer was perhaps exposed; guarded by control_mutex_
   /// Guarded by control_mutex_, which is also held while a word goes into the journal of a job that does not print.
   std::string printing_;
   std::shared_ptr<PrintControl> control_;       ///< of the job being printed; guarded by control_mutex_

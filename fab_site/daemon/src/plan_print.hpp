@@ -12,7 +12,7 @@ namespace telefab::fab {
 /// What the daemon wants to know of a plan.
 struct PlanOutcome {
   std::uint32_t print_layers = 0;
-  std::string doubt;  ///< what the check of the masks found; empty: nothing
+  std::string hold_reason;  ///< what the check of the masks found; empty: nothing
 };
 
 /// Plans a received job into folder/plan: supports, masks, exposures, pictures and reports. How well the scan's views

@@ -117,7 +117,7 @@ JobView SitePageBackend::view_of(const Job& job) {
   view.state = job.state;
   view.message = job.message;
   const JobQuestions questions = questions_(job.id);
-  view.in_doubt = job.state == JobState::Paused && questions.in_doubt;
+  view.exposure_unknown = job.state == JobState::Paused && questions.exposure_unknown;
   view.waits_for_platform = questions.waits_for_platform;
   // Until the plan is on disk there is no print layer to look at.
   view.layers = !is_before(job.state, JobState::AwaitingApproval) ? c.print_layers : 0;

@@ -18,7 +18,7 @@ using UploadPost = std::function<void(const NewJob&, std::function<void(Result<J
 
 /// What a job waits for that only somebody at the machine knows.
 struct JobQuestions {
-  bool in_doubt = false;            ///< a layer was perhaps exposed, and nobody has decided yet
+  bool exposure_unknown = false;    ///< a layer was perhaps exposed, and nobody has decided yet
   bool waits_for_platform = false;  ///< another part is on the platform
 };
 /// Any thread.
@@ -30,7 +30,7 @@ class SitePageBackend final : public PageBackend {
  public:
   /// Store and folder must outlive the backend.
   SitePageBackend(JobStore& store, const DataFolder& folder, std::vector<MachineProfile> machines, CommandPost post,
-          UploadPost uploaded, QuestionAsker questions)
+                  UploadPost uploaded, QuestionAsker questions)
       : store_{store},
         folder_{folder},
         machines_{std::move(machines)},

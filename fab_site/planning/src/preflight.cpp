@@ -156,16 +156,16 @@ PreflightItem latitude_of(const ThinReport& thin) {
   item.layer = weakest->layer;
   item.place = weakest->place.middle;
   const std::string which = place_of(*weakest, kind);
-  if (*weakest->latitude >= kDoseDoubt) {
+  if (*weakest->latitude >= kDoseTolerance) {
     item.text = fmt::format("the dose may be wrong by {:.0f} % before thin features are lost; the first: {}",
                             *item.value, which);
     return item;
   }
   item.verdict = Verdict::Warning;
-  item.text =
-      fmt::format("{:.0f} % less dose loses walls in {} layers, {:.0f} % more closes gaps in {}; the weakest: {}, {}",
-                  kPercent * kDoseDoubt, thin.walls.weak_layers, kPercent * kDoseDoubt, thin.gaps.weak_layers, which,
-                  *item.value < 0 ? std::string{"is lost as planned"} : fmt::format("bears {:.1f} %", *item.value));
+  item.text = fmt::format(
+      "{:.0f} % less dose loses walls in {} layers, {:.0f} % more closes gaps in {}; the weakest: {}, {}",
+      kPercent * kDoseTolerance, thin.walls.weak_layers, kPercent * kDoseTolerance, thin.gaps.weak_layers, which,
+      *item.value < 0 ? std::string{"is lost as planned"} : fmt::format("bears {:.1f} %", *item.value));
   return item;
 }
 

@@ -15,7 +15,7 @@ PreflightItem certificates_of(const LayerStack& stack, const PlanSummary& summar
     if (layer.certificate.verdict != LayerCertificate::Verdict::Doubtful) continue;
     ++flagged;
     const bool lacks = layer.certificate.is_incomplete();
-    // What is missing says more than what is in doubt.
+    // What is missing says more than what is doubtful.
     if (!first || (lacks && lacking == 0)) first = &layer;
     lacking += lacks;
   }

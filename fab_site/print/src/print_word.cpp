@@ -42,9 +42,10 @@ Result<void> keep_word(PrintJournal& journal, const PrintPlan& plan, LayerIndex 
   if (goes_on && point.maybe_exposed && !word.decision)
     return fail(ErrorCode::Conflict, question_about(point, plan.job));
   if (word.decision && !point.maybe_exposed)
-    return fail(ErrorCode::Conflict, fmt::format("job {}: no layer of it is in doubt; resume it without saying what "
-                                                 "the layer was",
-                                                 plan.job));
+    return fail(ErrorCode::Conflict,
+                fmt::format("job {}: no layer of it was perhaps exposed; resume it without saying what "
+                            "the layer was",
+                            plan.job));
   std::vector<JournalEntry> lines = lines_of(plan, point, word, wall);
   if (!journal.damage().empty()) return journal.set_aside(word.by, wall, std::move(lines));
   for (const JournalEntry& line : lines)

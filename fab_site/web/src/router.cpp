@@ -22,7 +22,7 @@ json to_json(const JobView& job) {
              {"machine", job.machine},
              {"state", name_of(job.state)},
              {"message", job.message},
-             {"in_doubt", job.in_doubt},
+             {"exposure_unknown", job.exposure_unknown},
              {"waits_for_platform", job.waits_for_platform},
              {"layers", job.layers},
              {"layers_received", job.layers_received},
@@ -97,11 +97,12 @@ WebResponse approve(const Call& call) {
         although += (although.empty() ? "" : ",") + name.get<std::string>();
       }
   }
-  if (const auto done = call.backend.approve(call.arguments.id, although, "web"); !done) return web_problem(done.error());
+  if (const auto done = call.backend.approve(call.arguments.id, although, "web"); !done)
+    return web_problem(done.error());
   return show_job(call);
 }
 
-/// An empty body resumes; {"as":"exposed"} and {"as":"dark"} also say what became of a layer in doubt.
+/// An empty body resumes; {"as":"exposed"} and {"as":"dark"} also say whether a layer was exposed.
 WebResponse resume(const Call& call) {
   if (call.request.body.empty()) return act<JobCommand::Resume>(call);
   const json body = json::parse(call.request.body, nullptr, false);

@@ -28,19 +28,19 @@ PointCloud scaled(PointCloud cloud, double factor) {
   return cloud;
 }
 
-std::optional<std::string> doubt_about_scale(const Vec3& size_mm, double unit_mm) {
+std::optional<std::string> scale_warning(const Vec3& size_mm, double unit_mm) {
   const double size = size_mm.maxCoeff();
   const auto plausible = [](double mm) { return mm >= 2 && mm <= 3000; };
   if (plausible(size)) return std::nullopt;
-  std::string doubt = fmt::format("the scan would be {:.3g} mm at its longest, which is hardly meant", size);
+  std::string warning = fmt::format("the scan would be {:.3g} mm at its longest, which is hardly meant", size);
   for (const std::string_view unit : kUnits)
     if (const double other = size / unit_mm * *millimetres_per(unit); plausible(other))
-      return doubt + fmt::format("; if its unit is {}, it is {:.3g} mm: say --units {}", unit, other, unit);
-  return doubt + "; no unit of mm, cm, m and in makes it 2 mm to 3 m: state its size (--height-mm or --scale)";
+      return warning + fmt::format("; if its unit is {}, it is {:.3g} mm: say --units {}", unit, other, unit);
+  return warning + "; no unit of mm, cm, m and in makes it 2 mm to 3 m: state its size (--height-mm or --scale)";
 }
 
-std::optional<std::string> doubt_about_scale(const PointCloud& cloud_mm, double unit_mm) {
-  return cloud_mm.points.empty() ? std::nullopt : doubt_about_scale(size_of(cloud_mm), unit_mm);
+std::optional<std::string> scale_warning(const PointCloud& cloud_mm, double unit_mm) {
+  return cloud_mm.points.empty() ? std::nullopt : scale_warning(size_of(cloud_mm), unit_mm);
 }
 
 Vec3 size_of(const PointCloud& cloud) {

@@ -26,8 +26,8 @@ Result<PointCloud> load_cloud(const std::string& path, const std::string& unit, 
   if (!cloud->unit_mm) return cloud;
   const double unit_mm = *cloud->unit_mm;
   PointCloud in_mm = scaled(std::move(*cloud), unit_mm);
-  if (const auto doubt = doubt_about_scale(in_mm, unit_mm))
-    write_note(fmt::format("note: {}: {}\n", name_of_file(path), *doubt));
+  if (const auto warning = scale_warning(in_mm, unit_mm))
+    write_note(fmt::format("note: {}: {}\n", name_of_file(path), *warning));
   return in_mm;
 }
 

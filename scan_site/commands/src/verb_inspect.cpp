@@ -66,14 +66,14 @@ void print_table(const Inspection& inspection, double noise_mm) {
     write_output(fmt::format("plateau from {:.4f} to {:.4f} mm near ({:.3f}, {:.3f}), {} critical points\n", p.low_mm,
                              p.high_mm, p.place_mm.x(), p.place_mm.y(), p.critical_points));
   write_output(fmt::format("\nEuler number {}{}, {} contour arcs between {} nodes\n", t.euler(),
-                           t.euler_is_certain() ? "" : " (not certain: see the doubts)", t.arcs().size(),
+                           t.euler_is_certain() ? "" : " (not certain: see the inconsistencies)", t.arcs().size(),
                            t.nodes().size()));
   for (std::size_t i = 0; i < t.components().size(); ++i) {
     const SurfaceComponent& c = t.components()[i];
     write_output(fmt::format("piece {}: {:.3f} to {:.3f} mm, Euler number {}, {}\n", i, c.low_mm, c.high_mm, c.euler,
                              c.genus ? fmt::format("genus {}", *c.genus) : "not certain: genus unknown"));
   }
-  for (const std::string& doubt : t.doubts()) write_output(fmt::format("in doubt: {}\n", doubt));
+  for (const std::string& each : t.inconsistencies()) write_output(fmt::format("inconsistent: {}\n", each));
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {

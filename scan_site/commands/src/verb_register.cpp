@@ -187,7 +187,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const double unit_mm = loaded->unit_mm.value_or(1);
   if (loaded->unit_mm) {
     cloud = scaled(std::move(cloud), unit_mm);
-    if (const auto doubt = doubt_about_scale(cloud, unit_mm)) write_note(fmt::format("note: {}\n", *doubt));
+    if (const auto warning = scale_warning(cloud, unit_mm)) write_note(fmt::format("note: {}\n", *warning));
   }
   if (auto ok = write_file_atomically(
           o.out, write_ply(cloud, {}, registration_note(views->size(), registered->rms * unit_mm)));

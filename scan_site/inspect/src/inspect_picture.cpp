@@ -181,14 +181,15 @@ Image draw_inspection(const Inspection& inspection) {
     graph.title(fmt::format("{}: enhanced Reeb graph", views[v].name));
   }
 
-  canvas.text({16, 26},
-              fmt::format("{}   {} points   {:.1f} x {:.1f} x {:.1f} mm   chi {}   {} piece{}   {} critical points   "
-                          "{} plateau{}   {} doubt{}",
-                          inspection.scan_name, inspection.points, inspection.size_mm.x(), inspection.size_mm.y(),
-                          inspection.size_mm.z(), t.euler(), t.components().size(),
-                          t.components().size() == 1 ? "" : "s", t.critical_points().size(), t.plateaus().size(),
-                          t.plateaus().size() == 1 ? "" : "s", t.doubts().size(), t.doubts().size() == 1 ? "" : "s"),
-              {20, 20, 20}, 15);
+  canvas.text(
+      {16, 26},
+      fmt::format("{}   {} points   {:.1f} x {:.1f} x {:.1f} mm   chi {}   {} piece{}   {} critical points   "
+                  "{} plateau{}   {} inconsistenc{}",
+                  inspection.scan_name, inspection.points, inspection.size_mm.x(), inspection.size_mm.y(),
+                  inspection.size_mm.z(), t.euler(), t.components().size(), t.components().size() == 1 ? "" : "s",
+                  t.critical_points().size(), t.plateaus().size(), t.plateaus().size() == 1 ? "" : "s",
+                  t.inconsistencies().size(), t.inconsistencies().size() == 1 ? "y" : "ies"),
+      {20, 20, 20}, 15);
   double x = kPanel - 200.0;
   const auto legend = [&](Colour colour, std::string_view text, bool line, double y) {
     if (line)

@@ -47,7 +47,7 @@ Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_vie
   if (!topology) return fail_in(name, topology.error());
   clock.lap("topology");
   std::vector<std::string> warnings = prepared.warnings;
-  if (surface->placed.scale_doubt) warnings.push_back(*surface->placed.scale_doubt);
+  if (surface->placed.scale_warning) warnings.push_back(*surface->placed.scale_warning);
   return Inspection{.scan_name = std::string{name},
                     .points = prepared.points,
                     .kernel = field.kernel(),
@@ -110,7 +110,7 @@ std::string to_json(const Inspection& inspection) {
                              {"resolved", n.resolved}});
   json["arcs"] = Json::array();
   for (const ReebArc& a : t.arcs()) json["arcs"].push_back({{"lower", a.lower}, {"upper", a.upper}, {"hole", a.hole}});
-  json["doubts"] = t.doubts();
+  json["inconsistencies"] = t.inconsistencies();
   json["times_s"] = Json::object();
   for (const StageTime& time : inspection.times) json["times_s"][time.stage] = time.seconds;
   return json.dump();

@@ -79,9 +79,9 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
     scale = used.cwiseMax(room / 2).cwiseQuotient(size).minCoeff();
   }
   const Vec3 size_mm = scale * size;
-  std::optional<std::string> doubt;
-  if (!request.height_mm && !request.scale && !request.fit) doubt = doubt_about_scale(size_mm, unit_mm);
-  const std::string hint = doubt ? "; " + *doubt : std::string{};
+  std::optional<std::string> warning;
+  if (!request.height_mm && !request.scale && !request.fit) warning = scale_warning(size_mm, unit_mm);
+  const std::string hint = warning ? "; " + *warning : std::string{};
   if (!size_mm.allFinite() || (size_mm - room).maxCoeff() > 1e-9 * room.maxCoeff())
     return fail(ErrorCode::InvalidInput,
                 fmt::format("the part is {:.4g} x {:.4g} x {:.4g} mm, larger than {}: {:.4g} x {:.4g} mm platform, "
@@ -97,7 +97,7 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   const Vec3 shift{room.x() / 2 - scale * middle.x(), room.y() / 2 - scale * middle.y(), -scale * min.z()};
   Placement placed;
   placed.size_mm = size_mm;
-  placed.scale_doubt = std::move(doubt);
+  placed.scale_warning = std::move(warning);
   placed.unit_is_stated = request.unit_mm || scan.unit_mm;
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c) placed.scan_to_build[static_cast<std::size_t>(4 * r + c)] = scale * turn(r, c);

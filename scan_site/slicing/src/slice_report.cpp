@@ -81,7 +81,7 @@ std::string to_json(const SliceReport& report) {
       {"evaluations", report.evaluations},
       {"critical_points", report.critical_points},
       {"surface_euler", report.surface_euler ? ordered_json(*report.surface_euler) : ordered_json(nullptr)},
-      {"doubts", report.doubts},
+      {"inconsistencies", report.inconsistencies},
       {"seconds", times}};
   return root.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
 }

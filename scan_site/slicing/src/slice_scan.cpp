@@ -33,7 +33,7 @@ constexpr std::array kUpAxes{std::pair{UpAxis::PlusX, "x"}, std::pair{UpAxis::Mi
 constexpr std::uint32_t kBlock = 8;
 /// Samples this near to a plane (in widths of their kernels) must lie beside its contours.
 constexpr double kBandKernels = 0.8;
-/// Steeper samples than this (65 degrees) never lie near a critical point; the search in doubt looks this widely.
+/// Steeper samples than this (65 degrees) never lie near a critical point; the second search looks this widely.
 constexpr double kNearLevel = 0.42;
 /// Samples of a scan whose copies count.
 constexpr std::size_t kLargeScan = 500'000;
@@ -82,11 +82,11 @@ Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) 
     field.level_samples(least_nz, level);
     return analyse_height(field, level.points, level.normals, options, stop);
   };
-  // Only plateaus and places in doubt ask for the steeper samples. They are four times as many: of a large scan the
+  // Only plateaus and inconsistent places ask for the steeper samples. They are four times as many: of a large scan the
   // others are tried alone first, to save memory.
   if (field.sample_count() > kLargeScan) {
     auto found = from(options.steep_sift_cos);
-    if (found && found->doubts().empty() && found->plateaus().empty()) return found;
+    if (found && found->inconsistencies().empty() && found->plateaus().empty()) return found;
   }
   return from(kNearLevel);
 }
@@ -196,10 +196,10 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   result.normals_json = to_json(prepared.normals);
   result.warnings = prepared.warnings;
   result.size_mm = {placed->size_mm.x(), placed->size_mm.y(), placed->size_mm.z()};
-  if (placed->scale_doubt) {
+  if (placed->scale_warning) {
     if (!placed->unit_is_stated)
-      return fail(ErrorCode::InvalidInput, fmt::format("{}: {}", name, *placed->scale_doubt));
-    result.warnings.push_back(*placed->scale_doubt);
+      return fail(ErrorCode::InvalidInput, fmt::format("{}: {}", name, *placed->scale_warning));
+    result.warnings.push_back(*placed->scale_warning);
   }
   StackHeader& header = result.header;
   header.machine = request.machine.name;
@@ -245,11 +245,11 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       topology = std::move(*found);
       if (topology->euler_is_certain()) result.surface_euler = topology->euler();
       result.critical_points = topology->critical_points().size();
-      result.doubts.assign(topology->doubts().begin(), topology->doubts().end());
+      result.inconsistencies.assign(topology->inconsistencies().begin(), topology->inconsistencies().end());
     } else if (found.error().code == ErrorCode::Cancelled) {
       return tl::unexpected{found.error()};
     } else {
-      result.doubts.push_back(found.error().what);
+      result.inconsistencies.push_back(found.error().what);
     }
     clock.lap("topology");
   }

@@ -15,8 +15,9 @@ namespace {
 // Critical heights nearer than this (in kernel widths) are not put in order.
 constexpr double kFineRun = 0.01;
 constexpr double kCoarseRun = 0.04;
-/// A scan too rough for its kernel leaves hundreds of doubts, which no second look at the same surface takes away.
-constexpr std::size_t kHopelessDoubts = 50;
+/// A scan too rough for its kernel leaves hundreds of inconsistencies, which no second look at the same surface takes
+/// away.
+constexpr std::size_t kHopeless = 50;
 }  // namespace
 
 std::string_view name_of(CriticalKind kind) {
@@ -61,11 +62,11 @@ Result<void> TopologyOptions::validate() const {
 }
 
 HeightTopology::HeightTopology(Parts parts) : parts_{std::move(parts)} {
-  // Sum the steps from below, and from above for what lies behind a place in doubt.
+  // Sum the steps from below, and from above for what lies behind an inconsistent place.
   struct Event {
     double z;
     bool leaves;
-    std::optional<int> step;  ///< none: in doubt
+    std::optional<int> step;  ///< none: inconsistent
   };
   std::vector<Event> events;
   const auto add = [&](double low, double high, std::optional<int> step) {
@@ -83,7 +84,7 @@ HeightTopology::HeightTopology(Parts parts) : parts_{std::move(parts)} {
     from_below[e] = sum;
   }
   if (sum && *sum != 0)
-    parts_.doubts.push_back(
+    parts_.inconsistencies.push_back(
         fmt::format("the critical points leave {} contours open above the top; one was missed", *sum));
   std::vector<std::optional<int>> from_above(events.size());
   sum = 0;
@@ -149,7 +150,7 @@ std::optional<Vec3> HeightTopology::rounded_near(double z_mm, const std::functio
   return std::nullopt;
 }
 
-bool HeightTopology::is_doubtful(double z_mm, double within_mm) const {
+bool HeightTopology::is_inconsistent(double z_mm, double within_mm) const {
   const auto near = [&](double low, double high) { return low - within_mm <= z_mm && z_mm <= high + within_mm; };
   return std::any_of(parts_.blind.begin(), parts_.blind.end(),
                      [&](const auto& b) { return near(b.low_mm, b.high_mm); }) ||
@@ -206,7 +207,8 @@ Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const 
     if (parts.critical_points.empty()) {
       const Box3 box = field.bounds();
       parts.blind.push_back({box.min.z(), box.max.z()});
-      parts.doubts.push_back("no critical point was found, a closed surface has at least two; the samples are too few");
+      parts.inconsistencies.push_back(
+          "no critical point was found, a closed surface has at least two; the samples are too few");
     }
     if (const auto built = topology::build_reeb_graph(field, surface_samples, sample_normals, parts, run_kernels, stop);
         !built)
@@ -214,26 +216,27 @@ Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const 
     return HeightTopology{std::move(parts)};
   };
   // Where points and graph contradict each other: first order heights less finely, then search more widely at the
-  // heights in doubt. The first result without doubts is taken, else the one with the fewest.
+  // inconsistent heights. The first result without inconsistencies is taken, else the one with the fewest.
   auto best = build(kFineRun);
-  if (!best || best->doubts().empty() || best->doubts().size() > kHopelessDoubts) return best;
+  if (!best || best->inconsistencies().empty() || best->inconsistencies().size() > kHopeless) return best;
   if (auto coarse = build(kCoarseRun); !coarse)
     return coarse;
-  else if (coarse->doubts().size() < best->doubts().size())
+  else if (coarse->inconsistencies().size() < best->inconsistencies().size())
     best = std::move(coarse);
-  if (best->doubts().empty()) return best;
+  if (best->inconsistencies().empty()) return best;
 
-  std::vector<Vec3> near_doubt = topology::sift(field, surface_samples, sample_normals, wide);
-  std::erase_if(near_doubt, [&](const Vec3& p) { return !best->is_doubtful(p.z(), field.kernel_width_mm(p)); });
-  auto more = topology::find_critical_points(field, near_doubt, wide, stop);
+  std::vector<Vec3> near_inconsistency = topology::sift(field, surface_samples, sample_normals, wide);
+  std::erase_if(near_inconsistency,
+                [&](const Vec3& p) { return !best->is_inconsistent(p.z(), field.kernel_width_mm(p)); });
+  auto more = topology::find_critical_points(field, near_inconsistency, wide, stop);
   if (!more) return tl::unexpected{more.error()};
-  starts.insert(starts.end(), near_doubt.begin(), near_doubt.end());
+  starts.insert(starts.end(), near_inconsistency.begin(), near_inconsistency.end());
   points = topology::merged(field, std::move(*points), *more);
   for (const double run : {kFineRun, kCoarseRun}) {
     auto again = build(run);
     if (!again) return again;
-    if (again->doubts().size() < best->doubts().size()) best = std::move(again);
-    if (best->doubts().empty()) break;
+    if (again->inconsistencies().size() < best->inconsistencies().size()) best = std::move(again);
+    if (best->inconsistencies().empty()) break;
   }
   return best;
 }

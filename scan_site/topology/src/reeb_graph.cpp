@@ -135,7 +135,7 @@ void find_components(HeightTopology::Parts& parts, std::span<const NodeRings> bu
     const bool possible = c.euler % 2 == 0 && c.euler <= 2;
     if (possible && certain[i]) c.genus = 1 - c.euler / 2;
     if (!possible)
-      parts.doubts.push_back(
+      parts.inconsistencies.push_back(
           fmt::format("the surface piece from {:.3f} to {:.3f} mm has Euler number {}, which no "
                       "closed surface has",
                       c.low_mm, c.high_mm, c.euler));
@@ -174,15 +174,17 @@ Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> sa
     parts.nodes.push_back(built[n].node);
     parts.nodes.back().euler_step = built[n].euler_step;
     met[n].assign(built[n].below.size(), 0);
-    if (!built[n].doubt.empty())
-      parts.doubts.push_back(fmt::format("at {}: {}", place_text(built[n].node.place_mm), built[n].doubt));
+    if (!built[n].inconsistency.empty())
+      parts.inconsistencies.push_back(
+          fmt::format("at {}: {}", place_text(built[n].node.place_mm), built[n].inconsistency));
   }
   for (std::size_t k = 0; k < ports.size(); ++k) {
     Meeting& m = meetings[k];
     const NodeRings& from = built[ports[k].node];
     if (!m.node) {
-      parts.doubts.push_back(fmt::format("the contour that begins at {} was lost {}", place_text(from.node.place_mm),
-                                         m.path.empty() ? "at once" : "at " + place_text(m.path.back())));
+      parts.inconsistencies.push_back(fmt::format("the contour that begins at {} was lost {}",
+                                                  place_text(from.node.place_mm),
+                                                  m.path.empty() ? "at once" : "at " + place_text(m.path.back())));
       const double h = field.kernel_width_mm(from.node.place_mm);
       const double end = m.path.empty() ? from.node.high_mm : m.path.back().z();
       parts.blind.push_back({end - 0.5 * h, end + 0.5 * h});
@@ -191,8 +193,9 @@ Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> sa
     if (m.ring)
       ++met[*m.node][*m.ring];
     else if (!built[*m.node].below.empty() || built[*m.node].node.plateau)
-      parts.doubts.push_back(fmt::format("the contour that begins at {} reaches {} beside its rings",
-                                         place_text(from.node.place_mm), place_text(built[*m.node].node.place_mm)));
+      parts.inconsistencies.push_back(fmt::format("the contour that begins at {} reaches {} beside its rings",
+                                                  place_text(from.node.place_mm),
+                                                  place_text(built[*m.node].node.place_mm)));
     const std::size_t arc = parts.arcs.size();
     parts.nodes[ports[k].node].arcs_above.push_back(arc);
     parts.nodes[*m.node].arcs_below.push_back(arc);
@@ -202,7 +205,7 @@ Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> sa
     for (std::size_t r = 0; r < met[n].size(); ++r) {
       if (met[n][r] == 1) continue;
       const NodeRings& node = built[n];
-      parts.doubts.push_back(
+      parts.inconsistencies.push_back(
           fmt::format("{} contours arrive at one ring below {}", met[n][r], place_text(node.node.place_mm)));
       // Several: two became one somewhere since the later one began. None: it began unseen on the way down from here.
       double low = node.node.low_mm;

@@ -5,8 +5,8 @@
 namespace telefab::scan::topology {
 
 /// The enhanced Reeb graph over critical points and plateaus (which it reads and completes): fills lines, nodes,
-/// arcs, components, doubts and persistences of `parts`. Critical heights within `run_kernels` * h are not ordered.
-/// Fails with Cancelled.
+/// arcs, components, inconsistencies and persistences of `parts`. Critical heights within `run_kernels` * h are not
+/// ordered. Fails with Cancelled.
 [[nodiscard]] Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> samples,
                                             std::span<const Vec3> normals, HeightTopology::Parts& parts,
                                             double run_kernels, std::stop_token stop);

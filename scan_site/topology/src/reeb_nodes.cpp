@@ -144,10 +144,10 @@ void judge(NodeRings& n) {
   const int b = static_cast<int>(n.below.size() + n.above.size());
   const int step = signed_count(n.above) - signed_count(n.below);
   if (n.euler != 2 - b)
-    n.doubt = fmt::format("{} rings below and {} above do not fit its kind", n.below.size(), n.above.size());
+    n.inconsistency = fmt::format("{} rings below and {} above do not fit its kind", n.below.size(), n.above.size());
   else if (n.euler_step != step)
-    n.doubt = fmt::format("rings change the Euler number by {}, its kind says {}", step, n.euler_step);
-  n.node.resolved = n.doubt.empty();
+    n.inconsistency = fmt::format("rings change the Euler number by {}, its kind says {}", step, n.euler_step);
+  n.node.resolved = n.inconsistency.empty();
 }
 
 NodeRings plateau_node(const ScalarField& field, FieldCursor& cursor, std::span<const Vec3> samples,
@@ -205,7 +205,7 @@ NodeRings plateau_node(const ScalarField& field, FieldCursor& cursor, std::span<
   }
   if (sound && steps == n.euler_step && signs <= n.euler && (signs - n.euler) % 2 == 0) n.euler = signs;
   if (n.below.empty() && n.above.empty()) {
-    n.doubt = "no ring leaves it";
+    n.inconsistency = "no ring leaves it";
     n.node.resolved = false;
   }
   return n;

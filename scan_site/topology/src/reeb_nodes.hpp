@@ -14,9 +14,9 @@ struct NodeRings {
   std::vector<Ring> above;
   /// Where a curve up from each ring above starts: a line already traced from a saddle, or a point.
   std::vector<std::optional<std::size_t>> line_above;
-  int euler = 0;       ///< of the piece of surface between the rings
-  int euler_step = 0;  ///< of the slice, from below to above
-  std::string doubt;   ///< why it is not resolved
+  int euler = 0;              ///< of the piece of surface between the rings
+  int euler_step = 0;         ///< of the slice, from below to above
+  std::string inconsistency;  ///< why it is not resolved
 };
 
 /// Traces four lines a saddle (outside plateaus) and the rings around every node. Critical points nearly at one

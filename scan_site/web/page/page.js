@@ -108,7 +108,7 @@ site.showStage = async (job) => {
   byId("figures-box").hidden = false;
   byId("figures").replaceChildren(...figures(report).flatMap(([k, v]) => [element("dt", k), element("dd", String(v))]));
   const flags = (report.flagged_layers || []).map((f) => `layer ${f.layer}, z ${f.z_mm.toFixed(3)} mm: ${f.text}`);
-  const all = flags.concat((report.doubts || []).map(String));
+  const all = flags.concat((report.inconsistencies || []).map(String));
   byId("flags-box").hidden = all.length === 0;
   byId("flags").replaceChildren(...all.map((text) => element("li", text)));
 };

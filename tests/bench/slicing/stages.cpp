@@ -36,7 +36,7 @@ HeightTopology topology_of(const MlsField& field) {
   };
   if (field.sample_count() > 500'000) {
     HeightTopology found = from(TopologyOptions{}.steep_sift_cos);
-    if (found.doubts().empty() && found.plateaus().empty()) return found;
+    if (found.inconsistencies().empty() && found.plateaus().empty()) return found;
   }
   return from(0.42);
 }

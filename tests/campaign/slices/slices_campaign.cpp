@@ -175,7 +175,7 @@ Result<Tally> row(const std::string& name, int turn, const scan::PointCloud& clo
              distance, seconds);
   fmt::print("{}", lines);
   if (setup.reasons)
-    for (const std::string& doubt : report->doubts) fmt::print("    doubt: {}\n", doubt);
+    for (const std::string& each : report->inconsistencies) fmt::print("    inconsistent: {}\n", each);
   std::fflush(stdout);
   return tally;
 }
@@ -283,7 +283,7 @@ int main(int argc, char** argv) {
   options.add_option("--seed", setup.seed);
   options.add_option("--chord-mm", setup.chord_mm);
   options.add_flag("!--no-distances", setup.distances);
-  options.add_flag("--reasons", setup.reasons, "also list flagged layers and doubts");
+  options.add_flag("--reasons", setup.reasons, "also list flagged layers and inconsistencies");
   CLI11_PARSE(options, argc, argv);
   return telefab::campaign::run(setup);
 }

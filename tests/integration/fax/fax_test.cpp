@@ -120,7 +120,7 @@ TEST_F(Fax, GoesOnAfterTheFabWasKilledAndPrintsNoLayerTwice) {
   for (std::size_t i = 0; i < indices.size(); ++i) EXPECT_EQ(indices[i], static_cast<int>(i));
 }
 
-TEST_F(Fax, AsksTheOperatorAboutALayerInDoubtAndKeepsTheAnswerInJournalLogAndRecord) {
+TEST_F(Fax, AsksTheOperatorAboutALayerPerhapsExposedAndKeepsTheAnswerInJournalLogAndRecord) {
   set_machine(10);  // layers of 0.4 s
   start_fab({"--after-crash", "ask"});
   start_scan();
@@ -152,14 +152,14 @@ TEST_F(Fax, AsksTheOperatorAboutALayerInDoubtAndKeepsTheAnswerInJournalLogAndRec
     EXPECT_THAT(watch->wait_for_error_line("printing"), HasSubstr("printing"));
     const Outcome twice = telefab({"resume", job, "--as", answer});
     EXPECT_NE(twice.code, 0);
-    EXPECT_THAT(twice.errors, HasSubstr("in doubt"));
+    EXPECT_THAT(twice.errors, HasSubstr("no layer of it was perhaps exposed"));
   }
   fab().send_signal(SIGTERM);
   EXPECT_EQ(fab().finish(), 0);
   EXPECT_THAT(last_line(), HasSubstr(R"("stopped")"));
   set_machine(5000);
   start_fab({"--after-crash", "ask"});
-  ASSERT_EQ(telefab({"watch", job}).code, 0) << "an orderly stop leaves no doubt";
+  ASSERT_EQ(telefab({"watch", job}).code, 0) << "an orderly stop leaves no exposure unknown";
   const std::string written = text_of(journal);
   EXPECT_THAT(written, HasSubstr(R"("step":"decided-again")"));
   EXPECT_THAT(written, HasSubstr(R"("step":"decided-exposed")"));

@@ -37,7 +37,7 @@ TEST(Inspection, OfARingSeesOneHole) {
   ASSERT_EQ(inspection.topology.components().size(), 1u);
   EXPECT_EQ(inspection.topology.components()[0].genus, 1);
   EXPECT_EQ(inspection.topology.critical_points().size(), 4u);
-  EXPECT_TRUE(inspection.topology.doubts().empty());
+  EXPECT_TRUE(inspection.topology.inconsistencies().empty());
 }
 
 TEST(Inspection, StandsOnTheGroundAtTheAskedHeight) {

@@ -349,7 +349,7 @@ TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItsProjectorIsUnplugged) {
   ASSERT_GT(reference.light.size(), 4u);
   const auto is_paused = [&] { return jobs_output().find("paused") != std::string::npos; };
 
-  int unplugs = 0, parts = 0, doubts = 0, resumes = 0;
+  int unplugs = 0, parts = 0, unknown = 0, resumes = 0;
   std::ptrdiff_t before = 0, most = 0;
   double idle_share = 0;
   std::mt19937_64 rng{seed_wanted()};
@@ -376,7 +376,7 @@ TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItsProjectorIsUnplugged) {
         std::vector<std::string> command{"resume", job, "--site", fab_site()};
         if (jobs_output().find("--as") != std::string::npos) {
           command.insert(command.end(), {"--as", decide() == "exposed" ? "exposed" : "dark"});
-          ++doubts;
+          ++unknown;
         }
         ++resumes;
         const test::Outcome resumed = telefab(command);
@@ -402,7 +402,7 @@ TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItsProjectorIsUnplugged) {
   fmt::print(
       "{} unplugs of the projector in {} prints of {} lit layers: every part got the same light; {} resumes, {} with a "
       "decision; {} descriptors after the first, {} at most; idle at {:.2f} % of a processor\n",
-      unplugs, parts, reference.light.size(), resumes, doubts, before, most, idle_share * 100);
+      unplugs, parts, reference.light.size(), resumes, unknown, before, most, idle_share * 100);
 }
 
 }  // namespace

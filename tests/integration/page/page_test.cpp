@@ -39,16 +39,16 @@ class LivingBackend final : public RecordingBackend {
     job_.state = action == JobCommand::Pause    ? JobState::Paused
                  : action == JobCommand::Cancel ? JobState::Cancelled
                                                 : JobState::Printing;
-    job_.in_doubt = false;
+    job_.exposure_unknown = false;
     ++revision_;
     return {};
   }
   [[nodiscard]] std::uint64_t revision() override { return revision_; }
-  void leave_in_doubt() {
+  void leave_exposure_unknown() {
     const std::lock_guard lock{mutex_};
     job_.state = JobState::Paused;
     job_.message = "layer 7 was perhaps exposed: decide whether to expose it again";
-    job_.in_doubt = true;
+    job_.exposure_unknown = true;
     ++revision_;
   }
 
@@ -115,15 +115,15 @@ TEST_F(PageTest, PausesResumesAndCancelsWithTheOperatorsToken) {
   EXPECT_EQ(backend.actions.size(), 3U);
 }
 
-TEST_F(PageTest, AsksWhatBecameOfALayerInDoubtAndPassesTheAnswerOn) {
+TEST_F(PageTest, AsksWhatBecameOfALayerPerhapsExposedAndPassesTheAnswerOn) {
   const auto hidden = [](const char* css) {
     return fmt::format("return getComputedStyle(document.querySelector('{}')).display === 'none';", css);
   };
   EXPECT_TRUE(browser->becomes_true(hidden("[data-as=dark]")));
-  backend.leave_in_doubt();
+  backend.leave_exposure_unknown();
   ASSERT_TRUE(says("#job-message", "perhaps exposed"));
   EXPECT_TRUE(browser->becomes_true(hidden("[data-action=resume]:not([data-as])")));
-  keep_screenshot("page-doubt");
+  keep_screenshot("page-unknown");
   browser->click("[data-as=dark]");
   browser->type("#token", "secret\n");
   ASSERT_TRUE(says("#answer", "resume as dark: accepted"));

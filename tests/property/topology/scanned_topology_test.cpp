@@ -62,7 +62,7 @@ TEST_P(ScannedTopology, HasTheGenusOfTheShapeAndPredictsItsSlices) {
       *shape, {.spacing_mm = kSpacing, .noise_mm = c.noise * kSpacing, .normal_noise_rad = 0.3 * c.noise, .seed = 11},
       c.kernel_spacings * kSpacing);
   const HeightTopology& topology = scan.topology;
-  for (const std::string& doubt : topology.doubts()) ADD_FAILURE() << doubt;
+  for (const std::string& inconsistency : topology.inconsistencies()) ADD_FAILURE() << inconsistency;
   EXPECT_EQ(topology.euler(), *shape->facts().euler);
 
   // The scanned surface lies within a fraction of the kernel of the shape: heights that near to a change of the

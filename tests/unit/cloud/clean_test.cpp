@@ -79,14 +79,14 @@ TEST(Units, AreKnownOrRefused) {
   EXPECT_FALSE(millimetres_per("furlong"));
 }
 
-TEST(Units, DoubtASizeThatIsHardlyMeantAndNameTheUnitThatFits) {
+TEST(Units, WarnOfASizeThatIsHardlyMeantAndNameTheUnitThatFits) {
   using testing::HasSubstr;
-  EXPECT_FALSE(doubt_about_scale(ball(0), 1));
-  EXPECT_THAT(doubt_about_scale(Vec3{0.08, 0.05, 0.03}, 1).value(), HasSubstr("it is 80 mm: say --units m"));
-  EXPECT_THAT(doubt_about_scale(Vec3{1, 1.5, 1}, 1).value(), HasSubstr("say --units m"));
-  EXPECT_THAT(doubt_about_scale(Vec3{80000, 5, 3}, 1000).value(), HasSubstr("it is 80 mm: say --units mm"));
-  EXPECT_THAT(doubt_about_scale(Vec3{80000, 5, 3}, 1).value(), HasSubstr("--height-mm"));
-  EXPECT_FALSE(doubt_about_scale(PointCloud{}, 1));
+  EXPECT_FALSE(scale_warning(ball(0), 1));
+  EXPECT_THAT(scale_warning(Vec3{0.08, 0.05, 0.03}, 1).value(), HasSubstr("it is 80 mm: say --units m"));
+  EXPECT_THAT(scale_warning(Vec3{1, 1.5, 1}, 1).value(), HasSubstr("say --units m"));
+  EXPECT_THAT(scale_warning(Vec3{80000, 5, 3}, 1000).value(), HasSubstr("it is 80 mm: say --units mm"));
+  EXPECT_THAT(scale_warning(Vec3{80000, 5, 3}, 1).value(), HasSubstr("--height-mm"));
+  EXPECT_FALSE(scale_warning(PointCloud{}, 1));
 }
 
 TEST(Units, StayRightWhenACloudIsScaled) {

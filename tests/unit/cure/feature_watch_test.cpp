@@ -82,13 +82,13 @@ TEST(FeatureWatch, CountsAsWeakWhatFivePercentOfTheDoseLoses) {
   const auto lit_for = [&](double share) {
     return std::chrono::nanoseconds{static_cast<std::int64_t>(5e8 * (1 - latitude) / (1 - share))};
   };
-  const ThinReport enough = block.watched(lit_for(kDoseDoubt + 0.01));
+  const ThinReport enough = block.watched(lit_for(kDoseTolerance + 0.01));
   EXPECT_EQ(enough.walls.weak_layers, 0U);
   EXPECT_TRUE(enough.weak.empty());
-  const ThinReport little = block.watched(lit_for(kDoseDoubt - 0.01));
+  const ThinReport little = block.watched(lit_for(kDoseTolerance - 0.01));
   EXPECT_GE(little.walls.weak_layers, 1U);
   ASSERT_FALSE(little.weak.empty());
-  EXPECT_NEAR(*little.weak.front().latitude, kDoseDoubt - 0.01, 1e-4);
+  EXPECT_NEAR(*little.weak.front().latitude, kDoseTolerance - 0.01, 1e-4);
   EXPECT_LT(*block.watched(lit_for(-0.1)).walls.weakest->latitude, 0);
 }
 
@@ -102,7 +102,7 @@ TEST(FeatureWatch, FindsAGapThatClosesFromTooMuchLight) {
   EXPECT_LT(*report.gaps.weakest->latitude, 0);
   EXPECT_EQ(report.gaps.weak_layers, 10U);
   EXPECT_EQ(report.walls.weak_layers, 0U);
-  EXPECT_GT(*block.watched(100ms).gaps.weakest->latitude, kDoseDoubt);
+  EXPECT_GT(*block.watched(100ms).gaps.weakest->latitude, kDoseTolerance);
 }
 
 TEST(FeatureWatch, WithoutAModelStillFindsWhatIsFine) {

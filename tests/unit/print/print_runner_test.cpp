@@ -270,7 +270,7 @@ TEST(PrintRunner, GoesDarkAtOnceWhenTheRestOfTheLightIsLongerThanAStopMayTake) {
   EXPECT_LE(b.log.light().back().until - b.log.light().back().from, 60ms);
 }
 
-TEST(PrintRunner, StaysInDoubtWhenTheSiteStopsBeforeADecision) {
+TEST(PrintRunner, StaysUnknownWhenTheSiteStopsBeforeADecision) {
   Bench b;
   b.projector.faults.ignore_expose_at = 1;
   EXPECT_TRUE(b.print().maybe_exposed);

@@ -208,7 +208,7 @@ Result<SliceReport> one_layer_of_a_ball(double unit, SliceRequest request) {
   return slice(text_of(ball), request).report;
 }
 
-TEST(SliceScan, TakesTheUnitStatedAndDoubtsASizeHardlyMeant) {
+TEST(SliceScan, TakesTheUnitStatedAndWarnsOfASizeHardlyMeant) {
   SliceRequest in_metres = request_for();
   in_metres.unit_mm = 1000;
   const auto stated = one_layer_of_a_ball(0.001, in_metres);

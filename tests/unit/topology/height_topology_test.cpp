@@ -20,9 +20,9 @@ HeightTopology analysed(const AnalyticField& shape, double spacing_mm = 0.85) {
   return std::move(*topology);
 }
 
-std::string doubts_of(const HeightTopology& topology) {
+std::string inconsistencies_of(const HeightTopology& topology) {
   std::string text;
-  for (const std::string& d : topology.doubts()) text += d + "\n";
+  for (const std::string& d : topology.inconsistencies()) text += d + "\n";
   return text;
 }
 
@@ -85,7 +85,7 @@ class HeightTopologyOf : public testing::TestWithParam<Case> {};
 
 TEST_P(HeightTopologyOf, KnowsEulerNumberAndGenusExactly) {
   const auto& [shape, topology] = analysed(GetParam());
-  EXPECT_EQ(doubts_of(topology), "");
+  EXPECT_EQ(inconsistencies_of(topology), "");
   if (const auto euler = shape->facts().euler) {
     EXPECT_EQ(topology.euler(), *euler);
   }
@@ -167,7 +167,7 @@ TEST(HeightTopology, FlatTopsAreTwoPlateausAndNothingElse) {
 
 TEST(HeightTopology, AStepHasItsOwnPlateau) {
   const HeightTopology topology = analysed(*stepped_box(40, 2, 1));
-  ASSERT_EQ(topology.plateaus().size(), 3u) << doubts_of(topology);
+  ASSERT_EQ(topology.plateaus().size(), 3u) << inconsistencies_of(topology);
   EXPECT_NEAR(topology.plateaus()[1].low_mm, 0, 1e-4);
 }
 
@@ -235,7 +235,7 @@ TEST(HeightTopology, PredictsNothingWhereNoSampleIsNearLevel) {
   const HeightTopology topology = analyse_height(*shape, belt, normals, {}, {}).value();
   EXPECT_FALSE(topology.predicted_euler(0));
   EXPECT_FALSE(topology.predicted_contours(0));
-  EXPECT_FALSE(topology.doubts().empty());
+  EXPECT_FALSE(topology.inconsistencies().empty());
 }
 
 TEST(HeightTopology, StopsWhenAsked) {

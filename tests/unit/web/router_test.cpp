@@ -77,7 +77,7 @@ TEST(WebRouter, PausesWithTheToken) {
   EXPECT_EQ(backend.actions[0].second, JobCommand::Pause);
 }
 
-TEST(WebRouter, ResumesWithOrWithoutAWordAboutTheLayerInDoubt) {
+TEST(WebRouter, ResumesWithOrWithoutAWordAboutTheLayerPerhapsExposed) {
   const std::pair<const char*, JobCommand> bodies[]{{"", JobCommand::Resume},
                                                     {"{}", JobCommand::Resume},
                                                     {R"({"as":"exposed"})", JobCommand::ResumeExposed},
@@ -93,7 +93,7 @@ TEST(WebRouter, ResumesWithOrWithoutAWordAboutTheLayerInDoubt) {
   }
 }
 
-TEST(WebRouter, RefusesAnyOtherWordAboutTheLayerInDoubt) {
+TEST(WebRouter, RefusesAnyOtherWordAboutTheLayerPerhapsExposed) {
   for (const char* body : {R"({"as":"lit"})", R"({"as":1})", R"(["dark"])", R"({"as":"dark","and":1})", "dark", "{"}) {
     RecordingBackend backend;
     EXPECT_EQ(
@@ -107,7 +107,8 @@ TEST(WebRouter, RefusesAnyOtherWordAboutTheLayerInDoubt) {
 TEST(WebRouter, ApprovesWhatIsHeldOnlyByTheNamesInTheBody) {
   RecordingBackend backend;
   const auto approve = [&](const char* body) {
-    return answer({"POST", "/v1/jobs/job-1/approve", "Bearer secret", "application/json", body}, backend, kOptions).status;
+    return answer({"POST", "/v1/jobs/job-1/approve", "Bearer secret", "application/json", body}, backend, kOptions)
+        .status;
   };
   EXPECT_EQ(approve(R"({"although":["islands","supports"]})"), 200U);
   ASSERT_EQ(backend.approvals.size(), 1U);

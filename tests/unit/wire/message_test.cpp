@@ -95,7 +95,7 @@ TEST(Message, KeepsWhatAnOfferSaysOfItsScan) {
   EXPECT_EQ(std::get<Offer>(*back).registration_rms_mm, 0.04);
 }
 
-TEST(Message, CarriesBothAnswersAboutALayerInDoubt) {
+TEST(Message, CarriesBothAnswersAboutALayerPerhapsExposed) {
   for (const JobCommand answer : {JobCommand::ResumeExposed, JobCommand::ResumeAgain}) {
     const auto back = from_frame(to_frame(Command{RequestId{1}, "j1", answer, "ana"}));
     ASSERT_TRUE(back);

@@ -20,7 +20,7 @@ class RecordingScanBackend : public PageBackend {
         R"({"points":40000,"size_mm":[20.5,14.25,75],"surface":"unbiased","method":"marching","kernel":{"spacing_mm":0.21,)"
         R"("noise_mm":0.012,"width_mm":0.6,"dropped_samples":12},"normals":{"estimated":true},"layers":500,"layer_mm":0.15,)"
         R"("layers_cut":500,"certified":499,"contours":812,"vertices":98000,"flagged_layers":[{"layer":41,"z_mm":6.225,)"
-        R"("reason":"not-cross-checked","text":"nearly level"}],"doubts":[],"seconds":{"read":0.1,"slice":0.4}})"};
+        R"("reason":"not-cross-checked","text":"nearly level"}],"inconsistencies":[],"seconds":{"read":0.1,"slice":0.4}})"};
   }
   LinkView link() override { return {"127.0.0.1:7420", false, "connection refused"}; }
   Result<void> act(std::string_view id, JobCommand command, std::string_view) override {

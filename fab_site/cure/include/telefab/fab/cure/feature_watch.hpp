@@ -23,20 +23,20 @@ struct ThinFigures {
   std::uint32_t fine_layers = 0;  ///< layers with places narrower than a pixel
   double fine_mm = 0;             ///< their length, summed over layers
   std::optional<ThinFeature> narrowest;
-  std::uint32_t weak_layers = 0;       ///< layers with places that kDoseDoubt loses
+  std::uint32_t weak_layers = 0;       ///< layers with places that kDoseTolerance loses
   std::optional<ThinFeature> weakest;  ///< of all narrow places
 };
 struct ThinReport {
   ThinFigures walls, gaps;
-  std::vector<ThinFeature> weak;  ///< the weakest of each layer and kind that kDoseDoubt loses, weakest first
+  std::vector<ThinFeature> weak;  ///< the weakest of each layer and kind that kDoseTolerance loses, weakest first
   bool dose_known = false;
 };
 /// Masks show features from this width on; what is narrower is told.
 inline constexpr double kFinestFeature_px = 1;
 /// How far the dose of a calibrated machine may be off, as a share: lamps drift, and resins differ by the bottle.
-inline constexpr double kDoseDoubt = 0.05;
+inline constexpr double kDoseTolerance = 0.05;
 
-/// {"dose_doubt":..,"walls":{..},"gaps":{..},"weak":[..]}: at most 100 weak places, one a layer and kind.
+/// {"dose_tolerance":..,"walls":{..},"gaps":{..},"weak":[..]}: at most 100 weak places, one a layer and kind.
 [[nodiscard]] std::string to_json(const ThinReport& report);
 
 /// Warns of features too fine for the pixels or too weak for the dose, from contours and masks alone: the light of

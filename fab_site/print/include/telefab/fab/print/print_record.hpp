@@ -20,8 +20,8 @@ struct LayerRecord {
   Digest mask;                 ///< of the grey bytes that were loaded
   std::string note;            ///< "exposed", "passed", "decided-exposed" (no measurement)
   std::optional<double> resin_celsius;
-  /// Where the layer was in doubt after a crash: what was decided and by whom, "exposed: NAME" or "again: NAME", NAME
-  /// an operator or "policy"; one after the other, separated by "; ". Empty: it never was.
+  /// Where the layer was perhaps exposed before a crash: what was decided and by whom, "exposed: NAME" or "again:
+  /// NAME", NAME an operator or "policy"; one after the other, separated by "; ". Empty: it never was.
   std::string decided;
   friend bool operator==(const LayerRecord&, const LayerRecord&) = default;
 };

@@ -17,7 +17,7 @@ struct JobView {
   std::string machine;
   JobState state{};
   std::string message;                ///< why it failed, what it waits for; may be empty
-  bool in_doubt = false;              ///< paused because a layer was perhaps exposed: somebody must say whether it was
+  bool exposure_unknown = false;      ///< paused because a layer was perhaps exposed: somebody must say whether it was
   bool waits_for_platform = false;    ///< another part is on the platform: somebody must take it off and say so
   std::uint32_t layers = 0;           ///< of the print, supports included; 0: not known yet
   std::uint32_t layers_received = 0;  ///< of the part

@@ -17,9 +17,9 @@ namespace telefab::scan {
 /// A sentence if a thing of this size is hardly one to be printed (longest side below 2 mm or above 3 m): most likely
 /// its file is in another unit, and the sentence names one that would make it fit. `unit_mm`: millimetres in one unit
 /// of the file, as it was understood.
-[[nodiscard]] std::optional<std::string> doubt_about_scale(const Vec3& size_mm, double unit_mm);
+[[nodiscard]] std::optional<std::string> scale_warning(const Vec3& size_mm, double unit_mm);
 /// The same of a cloud in millimetres.
-[[nodiscard]] std::optional<std::string> doubt_about_scale(const PointCloud& cloud_mm, double unit_mm);
+[[nodiscard]] std::optional<std::string> scale_warning(const PointCloud& cloud_mm, double unit_mm);
 
 /// Extent along x, y and z; zero for no points.
 [[nodiscard]] Vec3 size_of(const PointCloud& cloud);

@@ -50,7 +50,7 @@ struct Inspection {
                                               const InspectRequest& request, const ProgressSink& progress,
                                               std::stop_token stop);
 
-/// One JSON object, fixed key order: kernel, critical points, plateaus, graph, components, doubts, times.
+/// One JSON object, fixed key order: kernel, critical points, plateaus, graph, components, inconsistencies, times.
 [[nodiscard]] std::string to_json(const Inspection& inspection);
 
 /// Two views from a little above. Upper row: the shaded cloud with critical points and the Morse-Smale complex; lower

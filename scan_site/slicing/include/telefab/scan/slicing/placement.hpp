@@ -10,8 +10,8 @@ struct Placement {
   PointCloud cloud;  ///< build frame, millimetres
   Transform4 scan_to_build = kIdentity4;
   Vec3 size_mm = Vec3::Zero();
-  std::optional<std::string> scale_doubt;  ///< nobody stated a size, and the one it has looks wrong
-  bool unit_is_stated = false;             ///< by the file or the request
+  std::optional<std::string> scale_warning;  ///< nobody stated a size, and the one it has looks wrong
+  bool unit_is_stated = false;               ///< by the file or the request
 };
 
 /// Scales and moves the scan onto the platform: centred, lowest point at z = 0. Fails: InvalidInput (no points, no

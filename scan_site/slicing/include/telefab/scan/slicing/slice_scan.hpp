@@ -112,7 +112,7 @@ struct SliceReport {
   std::uint64_t evaluations = 0;
   std::optional<int> surface_euler;  ///< of the whole surface, from its critical points
   std::size_t critical_points = 0;
-  std::vector<std::string> doubts;  ///< about the topology, for people
+  std::vector<std::string> inconsistencies;  ///< about the topology, for people
   std::vector<StageTime> times;
 };
 /// One JSON object, fixed key order; scan_to_build is a 4x4 list of rows, build = T * scan.

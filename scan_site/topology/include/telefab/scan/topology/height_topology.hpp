@@ -77,7 +77,7 @@ struct ReebArc {
 /// A connected piece of the surface.
 struct SurfaceComponent {
   int euler = 0;
-  std::optional<int> genus;  ///< 1 - euler / 2; none where a node of the piece is in doubt, or the number is odd
+  std::optional<int> genus;  ///< 1 - euler / 2; none where a node of the piece is inconsistent, or the number is odd
   std::size_t nodes = 0;
   double low_mm = 0;
   double high_mm = 0;
@@ -128,7 +128,7 @@ class HeightTopology {
     std::vector<SurfaceComponent> components;
     std::vector<BlindInterval> blind;
     std::vector<RoundedInterval> rounded;
-    std::vector<std::string> doubts;
+    std::vector<std::string> inconsistencies;
     double near_mm = 0;
   };
   explicit HeightTopology(Parts parts);
@@ -143,14 +143,15 @@ class HeightTopology {
   [[nodiscard]] std::span<const ReebArc> arcs() const { return parts_.arcs; }
   [[nodiscard]] std::span<const SurfaceComponent> components() const { return parts_.components; }
   /// What does not fit together, for people; empty where graph and critical points agree everywhere.
-  [[nodiscard]] std::span<const std::string> doubts() const { return parts_.doubts; }
+  [[nodiscard]] std::span<const std::string> inconsistencies() const { return parts_.inconsistencies; }
 
   /// Of the whole surface, from the graph.
   [[nodiscard]] int euler() const;
   /// Whether every piece has a genus: then the sum is the surface's own.
   [[nodiscard]] bool euler_is_certain() const;
   /// Outer minus hole contours of the slice, by summing what every node below changes (or above, where something
-  /// below is in doubt). None inside a plateau, and at heights that doubts hide from both ends. By bisection.
+  /// below is inconsistent). None inside a plateau, and at heights that inconsistencies hide from both ends. By
+  /// bisection.
   [[nodiscard]] std::optional<int> predicted_euler(double z_mm) const;
   /// From the arcs; none where they contradict predicted_euler or that has none.
   [[nodiscard]] std::optional<ContourCount> predicted_contours(double z_mm) const;
@@ -161,7 +162,7 @@ class HeightTopology {
   /// The same of edges whose place counts.
   [[nodiscard]] std::optional<Vec3> rounded_near(double z_mm, const std::function<bool(const Vec3&)>& counts) const;
   /// True within `within_mm` of a height where points and graph contradict each other.
-  [[nodiscard]] bool is_doubtful(double z_mm, double within_mm) const;
+  [[nodiscard]] bool is_inconsistent(double z_mm, double within_mm) const;
   /// One seed a contour where predicted_contours has a value; fewer or more where it has none. Ordered by arc.
   [[nodiscard]] std::vector<ContourSeed> seeds(double z_mm) const;
 
