@@ -42,7 +42,7 @@ int main(int argc, char** argv) {
        declare_resume,
        {{{"go on with the next layer", "telefab resume j19a-1 --site los-angeles"},
          {"after a power cut, where the layer that was perhaps exposed looks cured",
-          "telefab resume j19a-1 --site los-angeles --as exposed"}}}},
+          "telefab resume j19a-1 --site los-angeles --as treat-as-exposed"}}}},
       {"cleared",
        "say that the part is off the platform of a machine",
        declare_cleared,

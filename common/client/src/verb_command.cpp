@@ -28,9 +28,11 @@ VerbBody declare_command(VerbOptions& options, JobCommand command) {
   if (command == JobCommand::Resume)
     options
         .add("--as", o->as,
-             "exposed | dark: what to take a layer for that was perhaps exposed when the print broke off: "
-             "exposed goes on with the next layer, dark exposes it again; `telefab watch` says when this is asked")
-        .one_of({"exposed", "dark"});
+             "treat-as-exposed | expose-again: what to do about a layer that was perhaps exposed when the print broke "
+             "off: "
+             "treat-as-exposed goes on with the next layer, expose-again exposes it again; `telefab watch` says when "
+             "this is asked")
+        .one_of({"treat-as-exposed", "expose-again"});
   if (command == JobCommand::Approve)
     options
         .add("--although", o->although,
@@ -39,8 +41,8 @@ VerbBody declare_command(VerbOptions& options, JobCommand command) {
         .separated_by(',');
   return [o, command, is_of_machine](std::stop_token stop) -> Result<ExitCode> {
     JobCommand asked = command;
-    if (o->as == "exposed") asked = JobCommand::ResumeExposed;
-    if (o->as == "dark") asked = JobCommand::ResumeAgain;
+    if (o->as == "treat-as-exposed") asked = JobCommand::TreatAsExposed;
+    if (o->as == "expose-again") asked = JobCommand::ExposeAgain;
     if (is_of_machine && !is_job_id(o->job))
       return fail(ErrorCode::NotFound, fmt::format("no machine \"{}\": `telefab machines` lists them", o->job));
     if (!is_job_id(o->job))

@@ -51,10 +51,10 @@ std::string_view name_of(JobCommand command) {
       return "resume";
     case JobCommand::Cancel:
       return "cancel";
-    case JobCommand::ResumeExposed:
-      return "resume as exposed";
-    case JobCommand::ResumeAgain:
-      return "resume as dark";
+    case JobCommand::TreatAsExposed:
+      return "resume as treat-as-exposed";
+    case JobCommand::ExposeAgain:
+      return "resume as expose-again";
     case JobCommand::Cleared:
       return "cleared";
   }

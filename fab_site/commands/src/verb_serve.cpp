@@ -32,9 +32,10 @@ VerbBody declare_serve(VerbOptions& options) {
       .shows_default();
   options
       .add("--after-crash", o->after_crash,
-           "ask | exposed | again: what becomes of a layer that was perhaps exposed when the print broke off; "
+           "ask | treat-as-exposed | expose-again: what becomes of a layer that was perhaps exposed when the print "
+           "broke off; "
            "ask waits for an operator (telefab resume --as)")
-      .one_of({"exposed", "again", "ask"})
+      .one_of({"treat-as-exposed", "expose-again", "ask"})
       .shows_default();
   options
       .add("--after-restart", o->after_restart,
@@ -62,8 +63,8 @@ VerbBody declare_serve(VerbOptions& options) {
     if (o->platform == "cleared-by-operator") o->config.platform = PlatformPolicy::ClearedByOperator;
     if (o->platform == "automatic") o->config.platform = PlatformPolicy::Automatic;
     StartPolicy& at_start = o->config.at_start;
-    if (o->after_crash == "exposed") at_start.maybe_exposed = Decision::TreatAsExposed;
-    if (o->after_crash == "again") at_start.maybe_exposed = Decision::ExposeAgain;
+    if (o->after_crash == "treat-as-exposed") at_start.maybe_exposed = Decision::TreatAsExposed;
+    if (o->after_crash == "expose-again") at_start.maybe_exposed = Decision::ExposeAgain;
     at_start.go_on = o->after_restart == "go-on";
     at_start.within =
         std::chrono::duration_cast<Nanoseconds>(std::chrono::duration<double, std::ratio<60>>{o->within_min});

@@ -542,11 +542,11 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
         return end_job(job, JobState::Cancelled, fmt::format("at layer {}", record->next.count()));
       case PrintOutcome::Faulted:
         set_exposure_unknown(job, record->maybe_exposed);
-        return move(
-            job, JobState::Paused,
-            fmt::format("faulted at layer {}: {}; {}", record->next.count(), record->cause.what,
-                        record->maybe_exposed ? "the layer was perhaps exposed: telefab resume --as exposed|dark"
-                                              : "telefab resume tries again"));
+        return move(job, JobState::Paused,
+                    fmt::format("faulted at layer {}: {}; {}", record->next.count(), record->cause.what,
+                                record->maybe_exposed
+                                    ? "the layer was perhaps exposed: telefab resume --as treat-as-exposed|expose-again"
+                                    : "telefab resume tries again"));
     }
   });
 }
@@ -582,11 +582,11 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
       if (job->state != JobState::Printing) return refuse("only a print can be paused");
       if (control) return pass_to_print(command, control, done);
       return answer(pause(*job, command.who));
-    case JobCommand::ResumeExposed:
-    case JobCommand::ResumeAgain:
+    case JobCommand::TreatAsExposed:
+    case JobCommand::ExposeAgain:
       if (control && !is_exposure_unknown(id))
         return refuse("no layer of it was perhaps exposed; resume it without saying what the layer was");
-      decision = command.command == JobCommand::ResumeAgain ? Decision::ExposeAgain : Decision::TreatAsExposed;
+      decision = command.command == JobCommand::ExposeAgain ? Decision::ExposeAgain : Decision::TreatAsExposed;
       [[fallthrough]];
     case JobCommand::Resume:
       if (job->state != JobState::Paused) return refuse("it is not paused");
@@ -675,9 +675,9 @@ void FabSite::pass_to_print(const Command& command, const std::shared_ptr<PrintC
       return control->pause(command.who, kept);
     case JobCommand::Cancel:
       return control->cancel(command.who, kept);
-    case JobCommand::ResumeExposed:
+    case JobCommand::TreatAsExposed:
       return control->decide(Decision::TreatAsExposed, command.who, kept);
-    case JobCommand::ResumeAgain:
+    case JobCommand::ExposeAgain:
       return control->decide(Decision::ExposeAgain, command.who, kept);
     default:
       return control->resume(command.who, kept);

@@ -132,7 +132,7 @@ class MemoryJournalFile final : public JournalFile {
 };
 
 bool carries_record(JournalStep step) {
-  return step == JournalStep::Exposed || step == JournalStep::Passed || step == JournalStep::DecidedExposed;
+  return step == JournalStep::Exposed || step == JournalStep::Passed || step == JournalStep::DecidedTreatAsExposed;
 }
 
 /// What may be lost by a crash without harm: a layer is found ready or lifted again.
@@ -194,11 +194,11 @@ std::optional<ResumePoint> point_of(const JournalEntry& e) {
       return ResumePoint{e.layer, true};
     case JournalStep::Ready:
     case JournalStep::NotExposed:
-    case JournalStep::DecidedAgain:
+    case JournalStep::DecidedExposeAgain:
       return ResumePoint{e.layer, false};
     case JournalStep::Exposed:
     case JournalStep::Passed:
-    case JournalStep::DecidedExposed:
+    case JournalStep::DecidedTreatAsExposed:
       return ResumePoint{after(e.layer), false};
     default:
       return std::nullopt;
@@ -259,8 +259,8 @@ StandingOrder PrintJournal::order() const {
       case JournalStep::Resumed:
         now(Order::GoOn);
         break;
-      case JournalStep::DecidedAgain:
-      case JournalStep::DecidedExposed:
+      case JournalStep::DecidedExposeAgain:
+      case JournalStep::DecidedTreatAsExposed:
         if (e.by != kPolicy && standing.order != Order::Cancel) now(Order::GoOn);
         break;
       case JournalStep::PauseAsked:
@@ -312,10 +312,10 @@ std::vector<LayerRecord> PrintJournal::layers() const {
   std::vector<LayerRecord> made;
   std::map<LayerIndex, std::string> decided;
   for (const JournalEntry& e : entries_) {
-    if (e.step == JournalStep::DecidedAgain || e.step == JournalStep::DecidedExposed) {
+    if (e.step == JournalStep::DecidedExposeAgain || e.step == JournalStep::DecidedTreatAsExposed) {
       std::string& stated = decided[e.layer];
       stated += (stated.empty() ? "" : "; ") +
-                std::string{e.step == JournalStep::DecidedAgain ? "again: " : "exposed: "} + e.by;
+                std::string{e.step == JournalStep::DecidedExposeAgain ? "again: " : "exposed: "} + e.by;
     }
     if (!carries_record(e.step)) continue;
     made.push_back(e.made);
@@ -344,7 +344,7 @@ std::vector<std::string> PrintJournal::gaps() const {
     if (e.step == JournalStep::Exposing && point.maybe_exposed)
       gaps.push_back(fmt::format("layer {} was exposed while layer {} was in question, and nobody had decided",
                                  e.layer.count(), point.next.count()));
-    else if (e.layer < point.next && e.step != JournalStep::DecidedExposed)
+    else if (e.layer < point.next && e.step != JournalStep::DecidedTreatAsExposed)
       gaps.push_back(fmt::format("layer {} comes again behind layer {}", e.layer.count(), point.next.count() - 1));
     else if (e.layer > point.next)
       gaps.push_back(fmt::format("layers {} to {} are missing in it", point.next.count(), e.layer.count() - 1));

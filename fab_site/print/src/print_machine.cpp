@@ -154,11 +154,11 @@ Step decided(const AwaitingDecision& s, const DecisionMade& made, Builder& b) {
   LayerIndex layer = s.layer;
   switch (made.decision) {
     case Decision::ExposeAgain:
-      return b.home_for(layer, {WriteJournal{JournalStep::DecidedAgain, layer, made.by, {}}});
+      return b.home_for(layer, {WriteJournal{JournalStep::DecidedExposeAgain, layer, made.by, {}}});
     case Decision::TreatAsExposed: {
       Commands commands;
       for (std::uint32_t k = 0; k < s.in_question && !b.past_end(layer); ++k, layer = layer + LayerIndex{1})
-        commands.emplace_back(WriteJournal{JournalStep::DecidedExposed, layer, made.by, {}});
+        commands.emplace_back(WriteJournal{JournalStep::DecidedTreatAsExposed, layer, made.by, {}});
       return b.home_for(layer, std::move(commands));
     }
     case Decision::GiveUp:

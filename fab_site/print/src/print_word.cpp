@@ -12,16 +12,16 @@ std::vector<JournalEntry> lines_of(const PrintPlan& plan, const ResumePoint& poi
                                    Nanoseconds wall) {
   std::vector<JournalEntry> lines;
   if (word.decision == Decision::ExposeAgain)
-    lines.push_back({JournalStep::DecidedAgain, point.next, wall, {}, word.by, {}, {}});
+    lines.push_back({JournalStep::DecidedExposeAgain, point.next, wall, {}, word.by, {}, {}});
   if (word.decision == Decision::TreatAsExposed)
     for (std::uint32_t k = 0; k < point.in_question && point.next.count() + k < plan.layers.size(); ++k) {
       const PlannedLayer& layer = plan.layers[point.next.count() + k];
-      JournalEntry line{JournalStep::DecidedExposed, layer.index, wall, {}, word.by, {}, {}};
+      JournalEntry line{JournalStep::DecidedTreatAsExposed, layer.index, wall, {}, word.by, {}, {}};
       line.made.index = layer.index;
       line.made.planned = layer.exposure;
       line.made.mask = layer.mask;
       line.made.z_mm = layer.z_mm;
-      line.made.note = std::string{name_of(JournalStep::DecidedExposed)};
+      line.made.note = std::string{name_of(JournalStep::DecidedTreatAsExposed)};
       lines.push_back(std::move(line));
     }
   lines.push_back({word.step, point.next, wall, {}, word.by, {}, word.why});
@@ -58,7 +58,8 @@ std::string question_about(const ResumePoint& point, const std::string& job) {
   const std::string layers = point.in_question <= 1
                                  ? fmt::format("layer {} was", first)
                                  : fmt::format("layers {} to {} were", first, first + point.in_question - 1);
-  return fmt::format("{} perhaps exposed: look at the part, then telefab resume {} --as exposed|dark", layers, job);
+  return fmt::format("{} perhaps exposed: look at the part, then telefab resume {} --as treat-as-exposed|expose-again",
+                     layers, job);
 }
 
 }  // namespace telefab::fab

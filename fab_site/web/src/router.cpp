@@ -102,16 +102,16 @@ WebResponse approve(const Call& call) {
   return show_job(call);
 }
 
-/// An empty body resumes; {"as":"exposed"} and {"as":"dark"} also say whether a layer was exposed.
+/// An empty body resumes; {"as":"treat-as-exposed"} and {"as":"expose-again"} also say whether a layer was exposed.
 WebResponse resume(const Call& call) {
   if (call.request.body.empty()) return act<JobCommand::Resume>(call);
   const json body = json::parse(call.request.body, nullptr, false);
   if (body.is_object() && body.empty()) return act<JobCommand::Resume>(call);
   if (body.is_object() && body.size() == 1 && body.contains("as")) {
-    if (body["as"] == "exposed") return act<JobCommand::ResumeExposed>(call);
-    if (body["as"] == "dark") return act<JobCommand::ResumeAgain>(call);
+    if (body["as"] == "treat-as-exposed") return act<JobCommand::TreatAsExposed>(call);
+    if (body["as"] == "expose-again") return act<JobCommand::ExposeAgain>(call);
   }
-  return web_problem(400, "invalid-input", R"(the body is empty, {"as":"exposed"} or {"as":"dark"})");
+  return web_problem(400, "invalid-input", R"(the body is empty, {"as":"treat-as-exposed"} or {"as":"expose-again"})");
 }
 
 WebResponse asset(std::string_view target, const WebOptions& options) {

@@ -105,11 +105,11 @@ TEST_F(Fax, GoesOnAfterTheFabWasKilledAndPrintsNoLayerTwice) {
   const auto watch = telefab_begun({"watch", job});
   EXPECT_THAT(watch->wait_for_error_line("printing: 4"), HasSubstr("printing"));
   kill_fab();
-  start_fab({"--after-crash", "exposed"});
+  start_fab({"--after-crash", "treat-as-exposed"});
   EXPECT_THAT(watch->wait_for_error_line("printing: 10"), HasSubstr("printing"));
   kill_fab();
   set_machine(5000);
-  start_fab({"--after-crash", "exposed"});
+  start_fab({"--after-crash", "treat-as-exposed"});
   ASSERT_EQ(watch->finish(), 0) << watch->errors();
   const auto out = folder() / "out";
   ASSERT_EQ(telefab({"report", job, "--out", out.string()}).code, 0);
@@ -132,7 +132,7 @@ TEST_F(Fax, AsksTheOperatorAboutALayerPerhapsExposedAndKeepsTheAnswerInJournalLo
     return end == std::string::npos ? std::string{} : text.substr(text.rfind('\n', end) + 1);
   };
   std::vector<json> doubtful;
-  for (const char* answer : {"dark", "exposed"}) {
+  for (const char* answer : {"expose-again", "treat-as-exposed"}) {
     SCOPED_TRACE(answer);
     bool is_lit = false;
     while (!is_lit) {
@@ -174,8 +174,8 @@ TEST_F(Fax, AsksTheOperatorAboutALayerPerhapsExposedAndKeepsTheAnswerInJournalLo
   const std::string log = run({std::string{::getenv("TELEFAB_BIN")} + "/telefab-fab", "logs", job, "--data",
                                (folder() / "fab").string(), "--json"})
                               .output;
-  EXPECT_THAT(log, HasSubstr("resume as dark"));
-  EXPECT_THAT(log, HasSubstr("resume as exposed"));
+  EXPECT_THAT(log, HasSubstr("resume as expose-again"));
+  EXPECT_THAT(log, HasSubstr("resume as treat-as-exposed"));
 }
 
 TEST_F(Fax, GoesOnAfterTheScanSiteWasKilled) {

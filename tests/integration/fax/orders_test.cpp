@@ -71,7 +71,7 @@ class Orders : public TwoSites {
   /// Goes on, with a word about the layer that the stop may have left in question.
   [[nodiscard]] Outcome resume(const std::string& who) const {
     const Outcome plain = at_fab({"resume", job, "--who", who});
-    return plain.code == 0 ? plain : at_fab({"resume", job, "--as", "exposed", "--who", who});
+    return plain.code == 0 ? plain : at_fab({"resume", job, "--as", "treat-as-exposed", "--who", who});
   }
   void finish_quickly(const std::vector<std::string>& more = {}) {
     kill_fab();
@@ -105,7 +105,7 @@ TEST_F(Orders, APausedPrintStaysPausedOverEveryRestartUntilItIsResumed) {
   const std::size_t before = lights();
   for (const int signal : {SIGKILL, SIGTERM, SIGKILL}) {
     end_fab(signal);
-    start_fab({"--after-crash", "exposed"});
+    start_fab({"--after-crash", "treat-as-exposed"});
     EXPECT_THAT(says(), HasSubstr("paused"));
     expect_dark();
   }
@@ -115,7 +115,7 @@ TEST_F(Orders, APausedPrintStaysPausedOverEveryRestartUntilItIsResumed) {
   ASSERT_TRUE(await([&] { return lights() > before; })) << says();
   kill_fab();
   set_machine(5000);
-  start_fab({"--after-crash", "exposed"});
+  start_fab({"--after-crash", "treat-as-exposed"});
   ASSERT_EQ(at_fab({"watch", job}).code, 0);
   const json record = json::parse(text_of(job_folder() / "report" / "as-built.json"))["record"];
   std::string words;
@@ -126,18 +126,18 @@ TEST_F(Orders, APausedPrintStaysPausedOverEveryRestartUntilItIsResumed) {
 }
 
 TEST_F(Orders, APrintThatWasAwayTooLongOrIsToAskWaitsForAWord) {
-  begin_print(2, {"--after-crash", "exposed"});
+  begin_print(2, {"--after-crash", "treat-as-exposed"});
   for (const auto& option : {std::vector<std::string>{"--go-on-within-min", "0"}, {"--after-restart", "ask"}}) {
     kill_fab();
     auto options = option;
-    options.insert(options.end(), {"--after-crash", "exposed"});
+    options.insert(options.end(), {"--after-crash", "treat-as-exposed"});
     start_fab(options);
     EXPECT_THAT(says(), HasSubstr("paused"));
     expect_dark();
   }
   set_machine(5000);
   kill_fab();
-  start_fab({"--after-crash", "exposed"});
+  start_fab({"--after-crash", "treat-as-exposed"});
   const Outcome resumed = resume("ana");
   EXPECT_EQ(resumed.code, 0) << resumed.errors;
   EXPECT_EQ(at_fab({"watch", job}).code, 0);
@@ -158,7 +158,7 @@ TEST_F(Orders, ADamagedJournalIsAskedAboutSetAsideAndToldByTheRecord) {
   const Outcome resumed = resume("ana");
   ASSERT_EQ(resumed.code, 0) << resumed.errors;
   EXPECT_EQ(text_of(job_folder() / "journal.damaged-1"), text);
-  finish_quickly({"--after-crash", "exposed"});
+  finish_quickly({"--after-crash", "treat-as-exposed"});
   ASSERT_EQ(at_fab({"watch", job}).code, 0);
   const Outcome verified = verify_as_built();
   EXPECT_NE(verified.code, 0);
@@ -177,14 +177,14 @@ TEST_F(Orders, ABackupOfTheJournalIsAskedAbout) {
   end_fab(SIGTERM);
   const std::size_t seen = lights();
   std::ofstream{job_folder() / "journal", std::ios::binary} << backup;
-  start_fab({"--after-crash", "again"});
+  start_fab({"--after-crash", "expose-again"});
   EXPECT_THAT(says(), HasSubstr("older than what this site saw"));
   expect_dark();
   EXPECT_NE(at_fab({"resume", job}).code, 0) << "which layers are made is for an operator to say";
   set_machine(5000);
   kill_fab();
-  start_fab({"--after-crash", "again"});
-  ASSERT_EQ(at_fab({"resume", job, "--as", "exposed"}).code, 0) << says();
+  start_fab({"--after-crash", "expose-again"});
+  ASSERT_EQ(at_fab({"resume", job, "--as", "treat-as-exposed"}).code, 0) << says();
   ASSERT_EQ(at_fab({"watch", job}).code, 0);
   const std::string all = journal();
   EXPECT_EQ(all.find(R"("step":"exposing","layer":3)"), std::string::npos) << "what the store saw is not made again";

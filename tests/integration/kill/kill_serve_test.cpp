@@ -212,7 +212,7 @@ stage_serial = "{}"
     if (!journal || !journal->resume_point().maybe_exposed) return "ask";
     ++decisions;
     const PlannedLayer& layer = plan.layers[journal->resume_point().next.count()];
-    return light_at(layer.z_mm) > 0ns ? "exposed" : "again";
+    return light_at(layer.z_mm) > 0ns ? "treat-as-exposed" : "expose-again";
   }
 
   void expect_same_part(const Seen& now, const Seen& reference) {
@@ -375,7 +375,7 @@ TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItsProjectorIsUnplugged) {
       for (int tries = 0; tries < 20 && is_paused(); ++tries) {
         std::vector<std::string> command{"resume", job, "--site", fab_site()};
         if (jobs_output().find("--as") != std::string::npos) {
-          command.insert(command.end(), {"--as", decide() == "exposed" ? "exposed" : "dark"});
+          command.insert(command.end(), {"--as", decide()});
           ++unknown;
         }
         ++resumes;

@@ -119,17 +119,17 @@ TEST_F(PageTest, AsksWhatBecameOfALayerPerhapsExposedAndPassesTheAnswerOn) {
   const auto hidden = [](const char* css) {
     return fmt::format("return getComputedStyle(document.querySelector('{}')).display === 'none';", css);
   };
-  EXPECT_TRUE(browser->becomes_true(hidden("[data-as=dark]")));
+  EXPECT_TRUE(browser->becomes_true(hidden("[data-as=expose-again]")));
   backend.leave_exposure_unknown();
   ASSERT_TRUE(says("#job-message", "perhaps exposed"));
   EXPECT_TRUE(browser->becomes_true(hidden("[data-action=resume]:not([data-as])")));
   keep_screenshot("page-unknown");
-  browser->click("[data-as=dark]");
+  browser->click("[data-as=expose-again]");
   browser->type("#token", "secret\n");
-  ASSERT_TRUE(says("#answer", "resume as dark: accepted"));
-  ASSERT_TRUE(browser->becomes_true(hidden("[data-as=dark]")));
+  ASSERT_TRUE(says("#answer", "resume as expose-again: accepted"));
+  ASSERT_TRUE(browser->becomes_true(hidden("[data-as=expose-again]")));
   ASSERT_EQ(backend.actions.size(), 1U);
-  EXPECT_EQ(backend.actions[0].second, JobCommand::ResumeAgain);
+  EXPECT_EQ(backend.actions[0].second, JobCommand::ExposeAgain);
 }
 
 TEST_F(PageTest, RefusesAWrongTokenAndAsksAgain) {

@@ -168,7 +168,7 @@ TEST(PrintJournal, FindsLayersThatWereDoubledSkippedOrExposedInQuestion) {
   EXPECT_THAT(gaps({{Exposing, 0}, {Exposed, 0}, {Exposing, 0}}), testing::ElementsAre(HasSubstr("comes again")));
   EXPECT_THAT(gaps({{Exposing, 0}, {Exposed, 0}, {Exposing, 3}}), testing::ElementsAre(HasSubstr("missing")));
   EXPECT_THAT(gaps({{Exposing, 0}, {Exposing, 0}}), testing::ElementsAre(HasSubstr("nobody had decided")));
-  EXPECT_THAT(gaps({{Exposing, 0}, {DecidedAgain, 0}, {Ready, 0}, {Exposing, 0}, {Exposed, 0}}), IsEmpty());
+  EXPECT_THAT(gaps({{Exposing, 0}, {DecidedExposeAgain, 0}, {Ready, 0}, {Exposing, 0}, {Exposed, 0}}), IsEmpty());
   EXPECT_THAT(gaps({{Exposing, 0}, {NotExposed, 0}, {Exposing, 0}, {Exposed, 0}, {Passed, 1}, {Ready, 2}}), IsEmpty());
 }
 
@@ -185,7 +185,7 @@ TEST(PrintJournal, ReadsAJournalOfAnOlderVersionAndGoesOnInIt) {
   EXPECT_THAT(journal.damage(), IsEmpty());
   EXPECT_EQ(journal.resume_point(), (ResumePoint{LayerIndex{0}, true}));
   EXPECT_EQ(journal.order().order, Order::None);
-  ASSERT_TRUE(journal.write(line(JournalStep::DecidedAgain, 0)));
+  ASSERT_TRUE(journal.write(line(JournalStep::DecidedExposeAgain, 0)));
   EXPECT_THAT(open(state).damage(), IsEmpty());
   EXPECT_EQ(open(state).resume_point(), (ResumePoint{LayerIndex{0}, false}));
   state.text[25] ^= 1;

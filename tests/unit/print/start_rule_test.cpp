@@ -169,7 +169,7 @@ TEST(StartFacts, TakesTheNewestWordForTheOrder) {
   EXPECT_EQ(order_of({line(Approved, 0), line(JournalStep::PauseAsked, 2), line(Resumed, 2)}), Order::GoOn);
   EXPECT_EQ(order_of({line(Approved, 0), line(JournalStep::CancelAsked, 2), line(Resumed, 2)}), Order::Cancel)
       << "no word undoes a cancel";
-  JournalEntry by_policy = line(DecidedExposed, 2), by_ana = by_policy;
+  JournalEntry by_policy = line(DecidedTreatAsExposed, 2), by_ana = by_policy;
   by_policy.by = "policy", by_ana.by = "ana";
   EXPECT_EQ(order_of({line(Approved, 0), line(JournalStep::PauseAsked, 2), by_policy}), Order::Pause);
   EXPECT_EQ(order_of({line(Approved, 0), line(JournalStep::PauseAsked, 2), by_ana}), Order::GoOn);

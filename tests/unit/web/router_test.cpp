@@ -80,8 +80,8 @@ TEST(WebRouter, PausesWithTheToken) {
 TEST(WebRouter, ResumesWithOrWithoutAWordAboutTheLayerPerhapsExposed) {
   const std::pair<const char*, JobCommand> bodies[]{{"", JobCommand::Resume},
                                                     {"{}", JobCommand::Resume},
-                                                    {R"({"as":"exposed"})", JobCommand::ResumeExposed},
-                                                    {R"({ "as" : "dark" })", JobCommand::ResumeAgain}};
+                                                    {R"({"as":"treat-as-exposed"})", JobCommand::TreatAsExposed},
+                                                    {R"({ "as" : "expose-again" })", JobCommand::ExposeAgain}};
   for (const auto& [body, action] : bodies) {
     RecordingBackend backend;
     EXPECT_EQ(
@@ -94,7 +94,8 @@ TEST(WebRouter, ResumesWithOrWithoutAWordAboutTheLayerPerhapsExposed) {
 }
 
 TEST(WebRouter, RefusesAnyOtherWordAboutTheLayerPerhapsExposed) {
-  for (const char* body : {R"({"as":"lit"})", R"({"as":1})", R"(["dark"])", R"({"as":"dark","and":1})", "dark", "{"}) {
+  for (const char* body : {R"({"as":"lit"})", R"({"as":1})", R"(["expose-again"])", R"({"as":"expose-again","and":1})",
+                           "expose-again", "{"}) {
     RecordingBackend backend;
     EXPECT_EQ(
         answer({"POST", "/v1/jobs/job-1/resume", "Bearer secret", "application/json", body}, backend, kOptions).status,

@@ -96,7 +96,7 @@ TEST(Message, KeepsWhatAnOfferSaysOfItsScan) {
 }
 
 TEST(Message, CarriesBothAnswersAboutALayerPerhapsExposed) {
-  for (const JobCommand answer : {JobCommand::ResumeExposed, JobCommand::ResumeAgain}) {
+  for (const JobCommand answer : {JobCommand::TreatAsExposed, JobCommand::ExposeAgain}) {
     const auto back = from_frame(to_frame(Command{RequestId{1}, "j1", answer, "ana"}));
     ASSERT_TRUE(back);
     EXPECT_EQ(std::get<Command>(*back).command, answer);

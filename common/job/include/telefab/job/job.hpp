@@ -46,9 +46,9 @@ enum class JobCommand : std::uint8_t {
   Pause = 2,
   Resume = 3,
   Cancel = 4,
-  ResumeExposed = 5,  ///< resume; a layer that was perhaps exposed counts as exposed
-  ResumeAgain = 6,    ///< resume; such a layer is exposed again
-  Cleared = 7,        ///< about a machine, whose name is in Command::job: its platform is empty
+  TreatAsExposed = 5,  ///< resume; a layer that was perhaps exposed counts as exposed
+  ExposeAgain = 6,     ///< resume; such a layer is exposed again
+  Cleared = 7,         ///< about a machine, whose name is in Command::job: its platform is empty
 };
 [[nodiscard]] std::string_view name_of(JobCommand command);
 

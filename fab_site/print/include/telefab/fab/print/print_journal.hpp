@@ -46,7 +46,7 @@ struct JournalEntry {
   Nanoseconds wall{};
   Digest plan;       ///< Planned only
   std::string by;    ///< Decided* and operators' words: whose
-  LayerRecord made;  ///< Exposed, Passed and DecidedExposed only
+  LayerRecord made;  ///< Exposed, Passed and DecidedTreatAsExposed only
   std::string why;   ///< Approved: what an operator said about what holds the job; Faulted, SetAside: the cause
 };
 

@@ -172,11 +172,11 @@ enum class JournalStep : std::uint8_t {
   NotExposed,  ///< the exposure announced last was certainly not made
   Exposed,     ///< synced before anything moves
   Lifted,
-  Passed,          ///< empty layer: no light
-  DecidedAgain,    ///< maybe exposed: will be exposed again
-  DecidedExposed,  ///< maybe exposed: counts as exposed
-  Finished,        ///< every layer made and the part raised; a print that broke off before is raised at its resumption
-  Stopped,         ///< an orderly stop of the site; `layer` is the next one. Absent after a crash
+  Passed,                 ///< empty layer: no light
+  DecidedExposeAgain,     ///< maybe exposed: will be exposed again
+  DecidedTreatAsExposed,  ///< maybe exposed: counts as exposed
+  Finished,  ///< every layer made and the part raised; a print that broke off before is raised at its resumption
+  Stopped,   ///< an orderly stop of the site; `layer` is the next one. Absent after a crash
   // Words of operators, synced before the command is answered; `by` says whose.
   Approved,     ///< may begin; `by` is "automatic" where the site's policy starts every job
   PauseAsked,   ///< no further exposure until Resumed

@@ -21,7 +21,7 @@ struct PrintWord {
 [[nodiscard]] Result<void> keep_word(PrintJournal& journal, const PrintPlan& plan, LayerIndex layers_in_store,
                                      const PrintWord& word, Nanoseconds wall);
 
-/// "layer 4 was perhaps exposed: ... telefab resume JOB --as exposed|dark", for one layer or more.
+/// "layer 4 was perhaps exposed: ... telefab resume JOB --as treat-as-exposed|expose-again", for one layer or more.
 [[nodiscard]] std::string question_about(const ResumePoint& point, const std::string& job);
 
 }  // namespace telefab::fab
