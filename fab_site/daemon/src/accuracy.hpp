@@ -7,7 +7,7 @@
 
 namespace telefab::fab {
 
-/// Reckons out what the masks of a planned job will cure, by `telefab-fab predict` as a process of its own: it takes a
+/// Computes what the masks of a planned job will cure, by `telefab-fab predict` as a process of its own: it takes a
 /// gigabyte for a large part, and the daemon that prints must not stand for it. Of low priority, on one thread, and the
 /// first to go where memory runs out. Leaves report/accuracy.json, then report/accuracy.png in the job's folder. Blocks
 /// until it has ended, or was killed because of the token (Cancelled). Fails with Internal where it ends badly; its own

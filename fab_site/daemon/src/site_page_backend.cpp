@@ -230,7 +230,7 @@ Result<std::vector<std::byte>> SitePageBackend::accuracy_png(std::string_view id
   const auto path = plan->parent_path().parent_path() / "report" / "accuracy.png";
   std::error_code error;
   if (!std::filesystem::exists(path, error))
-    return fail(ErrorCode::NotFound, "the accuracy is reckoned out in the background once the job is planned");
+    return fail(ErrorCode::NotFound, "the accuracy is computed in the background once the job is planned");
   return read_file(path, kMaxFileBytes);
 }
 

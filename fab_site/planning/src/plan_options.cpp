@@ -20,10 +20,11 @@ Result<void> PlanOptions::validate() const {
                 fmt::format("a cure depth of {} layers; up to 20 are possible", cure_depth_layers));
   if (auto ok = pattern.validate(); !ok) return ok;
   if (pattern.kind != InnerPattern::Kind::Solid && masks != MaskMethod::BlendStack)
-    return fail(ErrorCode::InvalidInput,
-                fmt::format("the pattern {} needs masks by blend-stack, which reckon with the light of later layers; "
-                            "they are by {}",
-                            name_of(pattern.kind), name_of(masks)));
+    return fail(
+        ErrorCode::InvalidInput,
+        fmt::format("the pattern {} needs masks by blend-stack, which take account of the light of later layers; "
+                    "they are by {}",
+                    name_of(pattern.kind), name_of(masks)));
   return supports.validate();
 }
 

@@ -176,7 +176,7 @@ PreflightItem masks_of(const PlanSummary& summary) {
   item.text = fmt::format("by {}", name_of(summary.masks));
   if (summary.masks == MaskMethod::Cover) {
     item.value.reset();
-    item.text += ": the share of each pixel that the part covers, no dose is reckoned with";
+    item.text += ": the share of each pixel that the part covers, no dose is computed";
   } else {
     item.text +=
         fmt::format(": {:.0f} px of contour solved to {:.4f} px rms", figures.length_px, figures.residual_px());

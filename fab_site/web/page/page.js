@@ -91,7 +91,7 @@ async function showPreflight(id) {
   }));
 }
 
-// Reckoned out in the background once the job is planned: asked for again until it is there.
+// Computed in the background once the job is planned: asked for again until it is there.
 async function showAccuracy(id) {
   const box = byId("accuracy-box"), url = `/v1/jobs/${id}/accuracy.png`;
   const isThere = await fetch(url, { method: "HEAD" }).then((answer) => answer.ok, () => false);

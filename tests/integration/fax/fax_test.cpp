@@ -41,7 +41,7 @@ TEST_F(Fax, PrintsASubmittedScanAndBringsTheReportsBack) {
   EXPECT_THAT(text_of(out / "preview.png"), testing::StartsWith("\x89PNG"));
 }
 
-TEST_F(Fax, BringsThePictureOfThePredictedPartOnceItWasReckonedOut) {
+TEST_F(Fax, BringsThePictureOfThePredictedPartOnceItWasComputed) {
   start_both();
   const std::string job = submit_torus();
   EXPECT_EQ(telefab({"watch", job}).code, 0);

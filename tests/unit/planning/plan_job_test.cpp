@@ -251,7 +251,7 @@ TEST(PlanJob, PatternsTakeLightFromTheInsideAndNothingFromWhatCures) {
   }
 }
 
-TEST(PlanJob, RefusesAPatternThatNothingReckonsTheLightFor) {
+TEST(PlanJob, RefusesAPatternThatNothingComputesTheLightFor) {
   PlanOptions options = without_supports();
   options.pattern.kind = InnerPattern::Kind::Checker;
   options.masks = MaskMethod::Cover;

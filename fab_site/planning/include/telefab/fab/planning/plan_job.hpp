@@ -47,7 +47,7 @@ struct PlanOptions {
 };
 
 /// The machine with exposures that follow from a cure depth, as PlanOptions says; itself for 0.
-/// Fails with InvalidInput where resin or light have no figures to reckon with.
+/// Fails with InvalidInput where resin or light have no figures to compute with.
 [[nodiscard]] Result<MachineProfile> exposed_to_depth(MachineProfile machine, double cure_depth_layers);
 
 /// The largest layer: what the peel has to pull off the vat.

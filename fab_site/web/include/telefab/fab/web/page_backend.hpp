@@ -61,7 +61,7 @@ class PageBackend {
   [[nodiscard]] virtual Result<std::vector<std::byte>> mask_png(std::string_view id, std::uint32_t layer) = 0;
   /// PNG contact sheet of the plan.
   [[nodiscard]] virtual Result<std::vector<std::byte>> preview_png(std::string_view id) = 0;
-  /// PNG of the predicted part and how far its edges lie from the contours; NotFound until that was reckoned out.
+  /// PNG of the predicted part and how far its edges lie from the contours; NotFound until that was computed.
   [[nodiscard]] virtual Result<std::vector<std::byte>> accuracy_png(std::string_view id) = 0;
   /// JSON of one print layer, millimetres, build frame; z_mm is its middle, bounds are those of the whole print:
   /// {"layer":n,"z_mm":z,"thickness_mm":t,"bounds":[x0,y0,x1,y1],"part":[rings],"supports":[rings],"certificate":"..."}
