@@ -15,8 +15,8 @@ std::string_view label_of(WorkStage stage) {
       return "judging the result";
     case WorkStage::ReadingScan:
       return "reading";
-    case WorkStage::SiftingPoints:
-      return "sifting";
+    case WorkStage::PickingObject:
+      return "picking the object";
     case WorkStage::FindingNormals:
       return "normals";
     case WorkStage::FittingSurface:

@@ -135,7 +135,7 @@ class Motion {
         c.at = start_at_ + at;
         if (k == 0) {
           c.cost = 0;
-          settle(c, reference_[i], 0, 0);
+          finish(c, reference_[i], 0, 0);
         }
         ways_[k].push_back(c);
       }
@@ -143,7 +143,7 @@ class Motion {
   }
 
   /// Fills in residual and move of a candidate whose vertex before moved so.
-  void settle(Candidate& c, const MovingVertex& source, std::int32_t move_before, std::int32_t) const {
+  void finish(Candidate& c, const MovingVertex& source, std::int32_t move_before, std::int32_t) const {
     const std::int32_t unit = rule_.steps.residual * kDistanceUnit;
     const std::int32_t expected = move_rule_.expected(source, move_before);
     c.residual = source.no_history ? c.level - expected / unit : c.level;
@@ -184,7 +184,7 @@ class Motion {
         Candidate now = c;
         double cost = before.cost + dropped;
         if (!closing) {
-          settle(now, source, before.move, before.residual);
+          finish(now, source, before.move, before.residual);
           cost += c.penalty +
                   residual_cost(static_cast<std::size_t>(k), now.residual, {before.residual, before.residual_before});
         }

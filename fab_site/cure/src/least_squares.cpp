@@ -51,12 +51,12 @@ std::optional<LeastSquares> least_squares(const std::function<Eigen::VectorXd(co
       next = at - share * step;
       next_off = residuals(next);
     }
-    const bool settled = share <= 1e-6 || (share * step).norm() < 1e-9 * (1 + at.norm());
+    const bool converged = share <= 1e-6 || (share * step).norm() < 1e-9 * (1 + at.norm());
     if (share > 1e-6) {
       at = next;
       off = next_off;
     }
-    if (!settled) continue;
+    if (!converged) continue;
     LeastSquares fit;
     fit.parameters = at;
     const Eigen::Index freedom = std::max<Eigen::Index>(1, readings - parameters);

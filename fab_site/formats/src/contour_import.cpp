@@ -105,9 +105,9 @@ Result<Region> even_odd(const std::vector<std::vector<Point2>>& rings) {
 }
 
 /// The rings of one part in one layer, in our directions.
-Result<std::vector<Contour>> settle(std::vector<std::vector<Point2>> rings,
-                                    const std::vector<std::optional<bool>>& holes, ImportReport& report,
-                                    bool& rebuilt) {
+Result<std::vector<Contour>> contours_of_rings(std::vector<std::vector<Point2>> rings,
+                                               const std::vector<std::optional<bool>>& holes, ImportReport& report,
+                                               bool& rebuilt) {
   const auto order = order_rings(rings);
   if (!order) return tl::unexpected{order.error()};
   if (order->crossing)
@@ -133,8 +133,8 @@ Result<std::vector<Contour>> settle(std::vector<std::vector<Point2>> rings,
   return contours;
 }
 
-Result<std::vector<Contour>> settle_layer(RawLayer& layer, Point2 shift, const MachineProfile::Platform& platform,
-                                          ImportReport& report) {
+Result<std::vector<Contour>> contours_of_layer(RawLayer& layer, Point2 shift, const MachineProfile::Platform& platform,
+                                               ImportReport& report) {
   struct Part {
     std::vector<std::vector<Point2>> rings;
     std::vector<std::optional<bool>> holes;
@@ -153,25 +153,25 @@ Result<std::vector<Contour>> settle_layer(RawLayer& layer, Point2 shift, const M
     parts[raw.part].holes.push_back(raw.hole);
   }
   bool rebuilt = false;
-  std::vector<std::vector<Contour>> settled;
+  std::vector<std::vector<Contour>> parts_made;
   for (auto& [id, part] : parts) {
-    auto contours = settle(std::move(part.rings), part.holes, report, rebuilt);
+    auto contours = contours_of_rings(std::move(part.rings), part.holes, report, rebuilt);
     if (!contours) return contours;
-    if (!contours->empty()) settled.push_back(std::move(*contours));
+    if (!contours->empty()) parts_made.push_back(std::move(*contours));
   }
-  if (settled.size() > 1) {
+  if (parts_made.size() > 1) {
     rebuilt = true;
     std::vector<Region> regions;
-    for (const auto& contours : settled) {
+    for (const auto& contours : parts_made) {
       auto region = Region::from_contours(contours);
       if (!region) return tl::unexpected{region.error()};
       regions.push_back(std::move(*region));
     }
-    settled = {unite(regions).to_contours()};
+    parts_made = {unite(regions).to_contours()};
   }
   report.rebuilt_layers += rebuilt;
-  if (settled.empty()) return std::vector<Contour>{};
-  return sorted_canonically(std::move(settled.front()));
+  if (parts_made.empty()) return std::vector<Contour>{};
+  return sorted_canonically(std::move(parts_made.front()));
 }
 
 /// How far everything moves to lie on the platform.
@@ -264,7 +264,7 @@ Result<Import> import_contours(std::span<const std::byte> bytes, const MachinePr
     Layer layer;
     layer.index = LayerIndex{static_cast<std::uint32_t>(layers.size())};
     layer.z_mm = cut_height_mm(layer.index, thickness_mm);
-    auto contours = settle_layer(from, *shift, machine.platform, done);
+    auto contours = contours_of_layer(from, *shift, machine.platform, done);
     if (!contours)
       return fail_in(fmt::format("layer {} (top at {:.4f} mm)", layers.size(), from.top_mm), contours.error());
     from.rings = {};

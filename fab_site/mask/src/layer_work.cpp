@@ -377,16 +377,16 @@ class LayerWork {
         doses[x] = snapped(m_.passed * (doses[x] + light));
       }
     }
-    settle(tile, width, height);
+    keep_as_one_value(tile, width, height);
   }
 
   [[nodiscard]] float snapped(float dose) const {
-    const float steady = m_.passed / (1 - m_.passed);
+    const float steady_dose = m_.passed / (1 - m_.passed);
     if (dose < kSnap) return 0;
-    return std::abs(dose - steady) < kSnap ? steady : dose;
+    return std::abs(dose - steady_dose) < kSnap ? steady_dose : dose;
   }
 
-  static void settle(DoseTiles::Tile& tile, int width, int height) {
+  static void keep_as_one_value(DoseTiles::Tile& tile, int width, int height) {
     const float value = tile.pixels[0];
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x)

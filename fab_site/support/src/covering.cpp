@@ -153,7 +153,9 @@ class Solver {
     return region_.nudged_inside(region_.nearest_boundary(middle));
   }
 
-  Flat settled(Flat site, Flat target) { return region_.inside(target) ? target : region_.last_inside(site, target); }
+  Flat moved_inside(Flat site, Flat target) {
+    return region_.inside(target) ? target : region_.last_inside(site, target);
+  }
 
   /// Lloyd sweeps; keeps the best state seen. Centroids spread the sites, circle centres shrink the worst cell.
   void relax(State& state, int sweeps) {
@@ -166,7 +168,7 @@ class Solver {
         const double w = options_.plain ? 1.0 : sweep < 2 && state.worst > 1.2 ? 0.5 : 0.0;
         const Flat target{cell.circle_centre.x + w * (cell.centroid.x - cell.circle_centre.x),
                           cell.circle_centre.y + w * (cell.centroid.y - cell.circle_centre.y)};
-        state.sites[i] = settled(state.sites[i], target);
+        state.sites[i] = moved_inside(state.sites[i], target);
       }
       measure(state);
       if (state.worst < best.worst) best = state;
@@ -261,7 +263,7 @@ class Solver {
     look();
     for (int sweep = 0; sweep < options_.sweeps && local.worst > 1; ++sweep) {
       for (std::size_t i = 0; i < local.sites.size(); ++i)
-        if (moves[i]) local.sites[i] = settled(local.sites[i], local.cells[i].circle_centre);
+        if (moves[i]) local.sites[i] = moved_inside(local.sites[i], local.cells[i].circle_centre);
       look();
     }
     ++sweeps_;

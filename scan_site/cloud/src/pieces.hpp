@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
-#include <telefab/scan/cloud/sift.hpp>
+#include <telefab/scan/cloud/pick_object.hpp>
 #include <vector>
 
 #include "surface_graph.hpp"

@@ -19,7 +19,7 @@ constexpr float kReach = 2.6F;
 /// Normals that agree by less lie on the other side of a wall.
 constexpr float kLeastAgreement = -0.2F;
 
-/// Who settles whom: found once, samples move by parts of a spacing only.
+/// Who moves whom: found once, samples move by parts of a spacing only.
 struct Neighbours {
   std::vector<std::uint32_t> measured;
   std::vector<std::uint32_t> virtuals;
@@ -43,7 +43,7 @@ struct Sums {
   }
 };
 
-VirtualSample settled(const VirtualSample& sample, const Sums& sums) {
+VirtualSample relaxed(const VirtualSample& sample, const Sums& sums) {
   const double length = sums.normal.norm();
   if (!(sums.weight > 0) || !(length > 1e-6 * sums.weight)) return sample;
   VirtualSample moved = sample;
@@ -86,7 +86,7 @@ Result<void> relax(const MeasuredSide& measured, std::vector<VirtualSample>& sam
         sums.add(samples[i], measured.points[k], measured.normals[k], measured.areas[k], kernel[i]);
       for (const std::uint32_t k : neighbours[i].virtuals)
         sums.add(samples[i], samples[k].point, samples[k].normal, samples[k].spacing * samples[k].spacing, kernel[i]);
-      next[i] = settled(samples[i], sums);
+      next[i] = relaxed(samples[i], sums);
     });
     if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while closing gaps of the scan");
     samples.swap(next);

@@ -40,7 +40,7 @@ class PlaneCursor {
 
   /// In-plane Newton onto g = 0; none if it does not arrive within `most_move_mm` of p and `tolerance_mm` of zero
   /// (measured along the section's normal).
-  [[nodiscard]] std::optional<PlaneSample> polish(Point2 p, double most_move_mm, double tolerance_mm) {
+  [[nodiscard]] std::optional<PlaneSample> project_in_plane(Point2 p, double most_move_mm, double tolerance_mm) {
     PlaneSample s = at(p);
     for (int i = 0; i < 12; ++i) {
       if (!s.in_reach || !(s.steep > 1e-3)) return std::nullopt;

@@ -44,7 +44,7 @@ class Marcher {
   [[nodiscard]] std::uint64_t evaluations() const { return evaluations_; }
 
   /// Newton within the plane. A step so short that the next would be below the tolerance is not checked again.
-  std::optional<Vertex> settle(Vec2 p, double h, double limit_mm) {
+  std::optional<Vertex> project_in_plane(Vec2 p, double h, double limit_mm) {
     const Vec2 start = p;
     const double tolerance = kResidualShare * options_.chord_mm;
     for (int i = 0; i < 12; ++i) {
@@ -79,7 +79,8 @@ class Marcher {
       if (ring.size() % 32 == 0) h = kernel_at(here.point);
       step = std::min(step, options_.longest_step_kernels * h);
       const Vec2 left{-here.tangent.y(), here.tangent.x()};
-      const auto next = settle(here.point + step * here.tangent + 0.5 * bend * step * step * left, h, 0.5 * step);
+      const auto next =
+          project_in_plane(here.point + step * here.tangent + 0.5 * bend * step * step * left, h, 0.5 * step);
       const Vec2 chord = next ? Vec2{next->point - here.point} : Vec2{0, 0};
       const double length = chord.norm();
       if (!next || length < 0.3 * step) {
@@ -166,7 +167,7 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
 
   const auto try_seed = [&](const Vec2& seed, bool must_lead) {
     const double h = marcher.kernel_at(seed);
-    const auto first = marcher.settle(seed, h, options.seed_reach_kernels * h);
+    const auto first = marcher.project_in_plane(seed, h, options.seed_reach_kernels * h);
     if (!first) {
       if (must_lead) layer.problems.push_back({MarchProblem::Kind::SeedOffSurface, {seed.x(), seed.y()}});
       return false;

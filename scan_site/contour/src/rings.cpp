@@ -18,7 +18,7 @@ void refine_chord(const PlaneSample& a, const PlaneSample& b, PlaneCursor& plane
   const double length = distance_mm(a.at, b.at);
   if (depth == kDeepest || length < 2 * chord_mm || sagitta_mm(a, b) <= 0.9 * chord_mm) return;
   const Point2 middle{(a.at.x_mm + b.at.x_mm) / 2, (a.at.y_mm + b.at.y_mm) / 2};
-  const auto found = plane.polish(middle, 0.5 * length, 0.01 * chord_mm);
+  const auto found = plane.project_in_plane(middle, 0.5 * length, 0.01 * chord_mm);
   if (!found) return;
   refine_chord(a, *found, plane, chord_mm, depth + 1, out);
   out.push_back(*found);

@@ -96,7 +96,7 @@ std::uint64_t hash_of(const std::array<std::uint32_t, 3>& key) {
 }
 
 /// Leaves out the points without a normal while they are few; drops all normals when they are not.
-void settle_normals(PointCloud& cloud) {
+void drop_missing_normals(PointCloud& cloud) {
   if (!cloud.has_normals()) return;
   const auto is_missing = [](const Eigen::Vector3f& n) { return n.isZero(0); };
   const auto missing = static_cast<std::size_t>(std::count_if(cloud.normals.begin(), cloud.normals.end(), is_missing));
@@ -176,7 +176,7 @@ Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_vi
 PointCloud cloud_of(ScanFile file) {
   if (auto note = faces_without_points(file)) file.cloud.notes.push_back(std::move(*note));
   PointCloud cloud = std::move(file.cloud);
-  settle_normals(cloud);
+  drop_missing_normals(cloud);
   return without_duplicates(std::move(cloud));
 }
 

@@ -29,7 +29,7 @@ Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_vie
   std::vector<StageTime> times;
   StageClock clock{times};
   IntakeOptions intake = request.intake;
-  intake.sift.keep_outliers |= !request.mls.drop_outliers;
+  intake.pick.keep_outliers |= !request.mls.drop_outliers;
   intake.about_origin = !request.machine;
   auto surface = surface_of(scan, name, intake, place, progress, clock, stop);
   if (!surface) return tl::unexpected{surface.error()};
@@ -53,7 +53,7 @@ Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_vie
                     .kernel = field.kernel(),
                     .surface = std::string{name_of(request.mls.surface)},
                     .size_mm = surface->placed.size_mm,
-                    .sift = prepared.sift,
+                    .pick = prepared.pick,
                     .warnings = std::move(warnings),
                     .normals_json = to_json(prepared.normals),
                     .samples = std::move(all.points),
@@ -74,7 +74,7 @@ std::string to_json(const Inspection& inspection) {
   const KernelChoice& k = inspection.kernel;
   json["kernel"] = {{"kernel_mm", k.kernel_mm}, {"adaptive", k.adaptive},     {"spacing_mm", k.spacing_mm},
                     {"noise_mm", k.noise_mm},   {"unevenness", k.unevenness}, {"dropped_samples", k.dropped_samples}};
-  json["sift"] = Json::parse(to_json(inspection.sift), nullptr, false);
+  json["pick"] = Json::parse(to_json(inspection.pick), nullptr, false);
   json["warnings"] = inspection.warnings;
   json["normals"] = Json::parse(inspection.normals_json, nullptr, false);
   json["euler"] = t.euler();
@@ -89,7 +89,7 @@ std::string to_json(const Inspection& inspection) {
   json["critical_points"] = Json::array();
   for (const CriticalPoint& c : t.critical_points()) {
     Json row{{"kind", name_of(c.kind)}, {"place_mm", place(c.position_mm)}, {"normal_up", c.normal_up}};
-    row["bend_per_mm"] = {c.bend_per_mm[0], c.bend_per_mm[1]};
+    row["curvature_per_mm"] = {c.curvature_per_mm[0], c.curvature_per_mm[1]};
     row["persistence_mm"] = std::isfinite(c.persistence_mm) ? Json(c.persistence_mm) : Json();
     row["plateau"] = c.plateau ? Json(*c.plateau) : Json();
     json["critical_points"].push_back(std::move(row));

@@ -260,7 +260,7 @@ FieldSetup completed_by(const FieldSetup& setup, std::span<const GapSample> othe
   return completed;
 }
 
-FieldSetup with_wider_kernel(const FieldSetup& setup, double factor) {
+FieldSetup with_scaled_kernel(const FieldSetup& setup, double factor) {
   FieldSetup wider = setup;
   const double spacings = setup.choice.kernel_mm / setup.choice.spacing_mm;
   for (SampleGrid& band : wider.field.bands) band.scale_widths(static_cast<float>(1 / spacings));

@@ -18,7 +18,7 @@ struct FieldSetup {
 [[nodiscard]] Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, std::stop_token stop);
 
 /// The same samples with kernels `factor` times as wide.
-[[nodiscard]] FieldSetup with_wider_kernel(const FieldSetup& setup, double factor);
+[[nodiscard]] FieldSetup with_scaled_kernel(const FieldSetup& setup, double factor);
 
 /// The same samples and others in their gaps, in bands of their own; choice and measured bands stay as they are.
 [[nodiscard]] FieldSetup completed_by(const FieldSetup& setup, std::span<const GapSample> others);

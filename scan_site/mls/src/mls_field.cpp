@@ -52,9 +52,9 @@ Result<std::unique_ptr<MlsField>> MlsField::from_cloud(PointCloud placed, const 
   return std::unique_ptr<MlsField>{new MlsField{std::make_unique<const Parts>(Parts{std::move(*setup)})}};
 }
 
-std::unique_ptr<MlsField> MlsField::with_wider_kernel(double factor) const {
+std::unique_ptr<MlsField> MlsField::with_scaled_kernel(double factor) const {
   return std::unique_ptr<MlsField>{
-      new MlsField{std::make_unique<const Parts>(Parts{scan::with_wider_kernel(parts_->setup, factor)})}};
+      new MlsField{std::make_unique<const Parts>(Parts{scan::with_scaled_kernel(parts_->setup, factor)})}};
 }
 
 std::unique_ptr<MlsField> MlsField::completed_by(std::span<const GapSample> others) const {

@@ -79,8 +79,8 @@ Result<std::vector<std::vector<Match>>> adjust_all(std::span<const RangeImage> v
       poses[i].linear() = Eigen::Quaterniond{poses[i].linear()}.normalized().toRotationMatrix();
       moved = std::max(moved, twist.tail<3>().norm());
     }
-    const bool settled = reach <= options.last_reach && moved < 0.002 * options.last_reach;
-    if (settled || round + 1 >= options.max_rounds) return matches;
+    const bool converged = reach <= options.last_reach && moved < 0.002 * options.last_reach;
+    if (converged || round + 1 >= options.max_rounds) return matches;
     reach = std::max(options.last_reach, reach * 0.75);
   }
 }

@@ -120,8 +120,8 @@ Result<Alignment> align(std::span<const Eigen::Vector3f> points, std::span<const
     const RigidMotion about =
         Eigen::Translation3d{middle} * moved_by(twist, RigidMotion::Identity()) * Eigen::Translation3d{-middle};
     result.motion = about * result.motion;
-    const bool settled = twist.tail<3>().norm() < 1e-5 * options.last_distance && twist.head<3>().norm() < 1e-6;
-    if (reach <= options.last_distance && (settled || result.rounds >= options.max_rounds)) return result;
+    const bool converged = twist.tail<3>().norm() < 1e-5 * options.last_distance && twist.head<3>().norm() < 1e-6;
+    if (reach <= options.last_distance && (converged || result.rounds >= options.max_rounds)) return result;
     reach = std::max(options.last_distance, reach * 0.8);
   }
 }

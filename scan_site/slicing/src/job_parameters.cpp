@@ -32,8 +32,8 @@ Result<void> take_words(const SliceParameters& asked, SliceRequest& slice) {
   if (auto ok = take(asked.up, up_axis_from, slice.up); !ok) return ok;
   if (auto ok = take(asked.method, trace_method_from, slice.method); !ok) return ok;
   if (auto ok = take(asked.surface, surface_kind_from, slice.mls.surface); !ok) return ok;
-  if (auto ok = take(asked.crop, crop_box_from, slice.intake.sift.crop); !ok) return ok;
-  if (auto ok = take(asked.pieces, pieces_from, slice.intake.sift.pieces); !ok) return ok;
+  if (auto ok = take(asked.crop, crop_box_from, slice.intake.pick.crop); !ok) return ok;
+  if (auto ok = take(asked.pieces, pieces_from, slice.intake.pick.pieces); !ok) return ok;
   slice.intake.sample_faces = asked.sample_faces;
   if (asked.complete)
     if (auto ok = complete_gaps_as(*asked.complete, slice); !ok) return ok;

@@ -283,19 +283,19 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
     }
   }
 
-  std::optional<Doubt> unsettled;
+  std::optional<Doubt> objection;
   // Between rows of samples that the kernel does not span both methods find nothing, and so do the critical points.
   if (certified && chosen->trace.contours.empty())
-    if (const auto place = walls_of_next_rows(z_mm)) unsettled = Doubt{DoubtReason::ContourMissing, *place};
+    if (const auto place = walls_of_next_rows(z_mm)) objection = Doubt{DoubtReason::ContourMissing, *place};
   // Of a noisy scan the other kernels tell more.
-  if (!unsettled && setting_.topology && (setting_.sparse || setting_.other_kernels.empty()))
+  if (!objection && setting_.topology && (setting_.sparse || setting_.other_kernels.empty()))
     if (const auto edge = setting_.measured ? setting_.topology->rounded_near(z_mm, setting_.measured)
                                             : setting_.topology->rounded_near(z_mm))
-      unsettled = {DoubtReason::EdgeTooSharp, Point2{edge->x(), edge->y()}};
-  if (certified && !unsettled) {
+      objection = {DoubtReason::EdgeTooSharp, Point2{edge->x(), edge->y()}};
+  if (certified && !objection) {
     auto found = disagreement(*chosen, z_mm, seeds, stop);
     if (!found) return tl::unexpected{found.error()};
-    unsettled = std::move(*found);
+    objection = std::move(*found);
   }
 
   Layer& layer = result.layer;
@@ -308,8 +308,8 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
   certificate.measured_euler = chosen->trace.euler();
   if (!chosen->sound()) {
     certificate.flag(chosen->trace.faults[0]);
-  } else if (certified && unsettled) {
-    certificate.flag(*unsettled);
+  } else if (certified && objection) {
+    certificate.flag(*objection);
   } else if (!certified) {
     Doubt doubt{.reason = DoubtReason::NotCrossChecked};
     if (predicted && !near_critical)

@@ -30,7 +30,7 @@ struct CutSetting {
   bool sparse = false;
   double chord_mm = 0.014;
   TraceMethod method = TraceMethod::Auto;
-  /// The same samples seen with other kernels. Where they show other contours, the scan does not settle the layer.
+  /// The same samples seen with other kernels. Where they show other contours, the scan does not decide the layer.
   std::vector<const ScalarField*> other_kernels = {};
   /// Whether the scan shows the surface at a place; none: everywhere.
   std::function<bool(const Vec3& place_mm)> measured = {};

@@ -157,8 +157,8 @@ Result<OrientedCloud> estimated_normals(PointCloud cloud, std::shared_ptr<Surfac
 }
 
 /// Turns what is the wrong way round; says which pieces agree with the shape neither way.
-std::vector<bool> settle(PointCloud& cloud, const SurfaceFacts& facts, const Judgement& judgement,
-                         NormalReport& report) {
+std::vector<bool> decide_sides(PointCloud& cloud, const SurfaceFacts& facts, const Judgement& judgement,
+                               NormalReport& report) {
   std::vector<Verdict> verdicts;
   for (const Votes& v : judgement.pieces) verdicts.push_back(verdict_of(v));
   std::vector<bool> disagrees(facts.pieces);
@@ -219,7 +219,7 @@ Result<OrientedCloud> orient_cloud(PointCloud cloud, std::shared_ptr<SurfaceGrap
     asked = choose(facts);
     const Judgement judgement = judge(given.cloud, given.cloud.normals, facts, asked);
     openness = judgement.openness;
-    disagrees = settle(given.cloud, facts, judgement, given.report);
+    disagrees = decide_sides(given.cloud, facts, judgement, given.report);
   }
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while judging normals");
   if (given.report.disagreeing_points == 0 && openness <= kOpen && given.report.winding_agreement < kSure)

@@ -81,10 +81,10 @@ Result<PlacedSurface> surface_of(std::span<const std::byte> scan, std::string_vi
   if (moved_mm <= kMovedSpacings * spacing_mm) return made;
 
   IntakeOptions without = intake;
-  without.sift.surface_box = to_file(samples, made->placed.scan_to_build, 1e-3 * spacing_mm);
+  without.pick.surface_box = to_file(samples, made->placed.scan_to_build, 1e-3 * spacing_mm);
   auto again = attempt(scan, name, without, request, progress, clock, stop);
   if (!again) return again;
-  const std::size_t beyond = again->prepared.sift.strays - made->prepared.sift.strays;
+  const std::size_t beyond = again->prepared.pick.strays - made->prepared.pick.strays;
   const auto few = static_cast<std::size_t>(kFewShare * static_cast<double>(made->prepared.points));
   return beyond <= std::max(kFewStrays, few) ? std::move(again) : std::move(made);
 }

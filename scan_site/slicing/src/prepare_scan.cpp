@@ -40,18 +40,18 @@ Result<PreparedScan> prepare_scan(std::span<const std::byte> scan, std::string_v
   }
   clock.lap("reading");
 
-  report(progress, WorkStage::SiftingPoints, 0);
-  SiftOptions sift = options.sift;
+  report(progress, WorkStage::PickingObject, 0);
+  PickOptions pick = options.pick;
   // The corners of a drawing are far apart and all of them true.
-  sift.keep_outliers |= prepared.has_empty_faces;
-  auto sifted = sift_cloud(std::move(*cloud), sift, stop);
-  if (!sifted) return fail_in(name, sifted.error());
-  prepared.sift = std::move(sifted->report);
-  for (std::string& sentence : sentences_of(prepared.sift)) prepared.warnings.push_back(std::move(sentence));
-  clock.lap("sifting");
+  pick.keep_outliers |= prepared.has_empty_faces;
+  auto picked = pick_object(std::move(*cloud), pick, stop);
+  if (!picked) return fail_in(name, picked.error());
+  prepared.pick = std::move(picked->report);
+  for (std::string& sentence : sentences_of(prepared.pick)) prepared.warnings.push_back(std::move(sentence));
+  clock.lap("picking the object");
 
   report(progress, WorkStage::FindingNormals, 0);
-  auto oriented = orient_cloud(std::move(sifted->cloud), std::move(sifted->graph), stop);
+  auto oriented = orient_cloud(std::move(picked->cloud), std::move(picked->graph), stop);
   if (!oriented) return fail_in(name, oriented.error());
   for (std::string& sentence : oriented->warnings) prepared.warnings.push_back(std::move(sentence));
   prepared.normals = oriented->report;

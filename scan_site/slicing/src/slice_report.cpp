@@ -52,7 +52,7 @@ std::string to_json(const SliceReport& report) {
         {"width_mm", report.kernel.kernel_mm},
         {"adaptive", report.kernel.adaptive},
         {"dropped_samples", report.kernel.dropped_samples}}},
-      {"sift", parsed(to_json(report.sift))},
+      {"pick", parsed(to_json(report.pick))},
       {"normals", parsed(report.normals_json)},
       {"certified", report.certified},
       {"certified_by_march", report.certified_by_march},

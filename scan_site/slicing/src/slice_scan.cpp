@@ -85,7 +85,7 @@ Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) 
   // Only plateaus and inconsistent places ask for the steeper samples. They are four times as many: of a large scan the
   // others are tried alone first, to save memory.
   if (field.sample_count() > kLargeScan) {
-    auto found = from(options.steep_sift_cos);
+    auto found = from(options.min_start_nz);
     if (found && found->inconsistencies().empty() && found->plateaus().empty()) return found;
   }
   return from(kNearLevel);
@@ -185,14 +185,14 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   SliceReport result;
   StageClock clock{result.times};
   IntakeOptions intake = request.intake;
-  intake.sift.keep_outliers |= !request.mls.drop_outliers;
+  intake.pick.keep_outliers |= !request.mls.drop_outliers;
   auto surface = surface_of(scan, name, intake, request, progress, clock, stop);
   if (!surface) return tl::unexpected{surface.error()};
   PreparedScan& prepared = surface->prepared;
   Placement* const placed = &surface->placed;
   std::unique_ptr<MlsField>* const field = &surface->field;
   result.points = prepared.points;
-  result.sift = std::move(prepared.sift);
+  result.pick = std::move(prepared.pick);
   result.normals_json = to_json(prepared.normals);
   result.warnings = prepared.warnings;
   result.size_mm = {placed->size_mm.x(), placed->size_mm.y(), placed->size_mm.z()};
@@ -265,7 +265,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
     for (const double wanted : widely ? kSparseKernelFactors : kKernelFactors)
       // Narrower than 0.9 spacings a field has holes.
       if (const double factor = std::max(wanted, 0.9 / spacings); std::abs(factor - 1) > 0.05)
-        others.push_back((*field)->with_wider_kernel(factor));
+        others.push_back((*field)->with_scaled_kernel(factor));
   const ClosedField closed{**field, completed};
   CutSetting setting{
       .field = **field,

@@ -53,12 +53,12 @@ CriticalPoint classified(const Vec3& p, const Local& local, double h) {
   const double gz = local.sample.gradient.z();
   c.normal_up = gz > 0;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> bend{Eigen::Matrix2d{-local.hessian.topLeftCorner<2, 2>() / gz}};
-  c.bend_per_mm = bend.eigenvalues();
+  c.curvature_per_mm = bend.eigenvalues();
   c.axes = bend.eigenvectors();
-  c.degenerate = c.bend_per_mm.cwiseAbs().minCoeff() * h < kDegenerateBend;
-  if (c.bend_per_mm[0] > 0)
+  c.degenerate = c.curvature_per_mm.cwiseAbs().minCoeff() * h < kDegenerateBend;
+  if (c.curvature_per_mm[0] > 0)
     c.kind = CriticalKind::Minimum;
-  else if (c.bend_per_mm[1] < 0)
+  else if (c.curvature_per_mm[1] < 0)
     c.kind = CriticalKind::Maximum;
   else
     c.kind = c.normal_up ? CriticalKind::BottomSaddle : CriticalKind::TopSaddle;
@@ -100,8 +100,8 @@ std::optional<CriticalPoint> newton(FieldCursor& cursor, const Vec3& start, doub
 
 }  // namespace
 
-std::vector<Vec3> sift(const ScalarField& field, std::span<const Vec3> samples, std::span<const Vec3> normals,
-                       const SearchWidth& width) {
+std::vector<Vec3> candidates(const ScalarField& field, std::span<const Vec3> samples, std::span<const Vec3> normals,
+                             const SearchWidth& width) {
   struct Aligned {
     std::uint64_t key;
     double nz;

@@ -11,10 +11,10 @@ struct SearchWidth {
   double first_step_kernels = 1.5;  ///< a longer first step says: nothing level here
 };
 
-/// Starts of the search: of all samples with |n_z| above the sift, the best aligned one of every cell and sign of
+/// Starts of the search: of all samples with |n_z| above the least one, the best aligned one of every cell and sign of
 /// n_z. Sorted by height, x, y.
-[[nodiscard]] std::vector<Vec3> sift(const ScalarField& field, std::span<const Vec3> samples,
-                                     std::span<const Vec3> normals, const SearchWidth& width);
+[[nodiscard]] std::vector<Vec3> candidates(const ScalarField& field, std::span<const Vec3> samples,
+                                           std::span<const Vec3> normals, const SearchWidth& width);
 
 /// Constrained Newton on {g = 0, g_x = 0, g_y = 0} from every start; the same point found twice is one. Sorted by
 /// height, x, y. Fails with Cancelled.

@@ -49,8 +49,8 @@ int CriticalPoint::euler_step() const {
 }
 
 Result<void> TopologyOptions::validate() const {
-  if (!(steep_sift_cos > 0 && steep_sift_cos < 1))
-    return fail(ErrorCode::InvalidInput, "steep_sift_cos must lie between 0 and 1");
+  if (!(min_start_nz > 0 && min_start_nz < 1))
+    return fail(ErrorCode::InvalidInput, "min_start_nz must lie between 0 and 1");
   if (!(near_critical_kernels > 0 && near_critical_kernels <= 1))
     return fail(ErrorCode::InvalidInput, "near_critical_kernels must lie in (0, 1]");
   if (!(sharp_bend > 0)) return fail(ErrorCode::InvalidInput, "sharp_bend must be positive");
@@ -183,10 +183,10 @@ Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const 
   if (surface_samples.size() != sample_normals.size())
     return fail(ErrorCode::InvalidInput, fmt::format("{} samples but {} normals; give one normal a sample",
                                                      surface_samples.size(), sample_normals.size()));
-  const topology::SearchWidth narrow{.least_nz = options.steep_sift_cos};
+  const topology::SearchWidth narrow{.least_nz = options.min_start_nz};
   const topology::SearchWidth wide{
-      .least_nz = 0.5 * options.steep_sift_cos, .cell_kernels = 0.3, .first_step_kernels = 4};
-  std::vector<Vec3> starts = topology::sift(field, surface_samples, sample_normals, narrow);
+      .least_nz = 0.5 * options.min_start_nz, .cell_kernels = 0.3, .first_step_kernels = 4};
+  std::vector<Vec3> starts = topology::candidates(field, surface_samples, sample_normals, narrow);
   auto points = topology::find_critical_points(field, starts, narrow, stop);
   if (!points) return tl::unexpected{points.error()};
 
@@ -200,7 +200,7 @@ Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const 
     for (const CriticalPoint& c : parts.critical_points) {
       const double h = field.kernel_width_mm(c.position_mm);
       parts.near_mm = std::max(parts.near_mm, options.near_critical_kernels * h);
-      if (c.plateau || h * c.bend_per_mm.cwiseAbs().maxCoeff() < options.sharp_bend) continue;
+      if (c.plateau || h * c.curvature_per_mm.cwiseAbs().maxCoeff() < options.sharp_bend) continue;
       const double off = options.sharp_reach_kernels * h;
       parts.rounded.push_back({c.position_mm.z() - off, c.position_mm.z() + off, c.position_mm});
     }
@@ -225,7 +225,7 @@ Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const 
     best = std::move(coarse);
   if (best->inconsistencies().empty()) return best;
 
-  std::vector<Vec3> near_inconsistency = topology::sift(field, surface_samples, sample_normals, wide);
+  std::vector<Vec3> near_inconsistency = topology::candidates(field, surface_samples, sample_normals, wide);
   std::erase_if(near_inconsistency,
                 [&](const Vec3& p) { return !best->is_inconsistent(p.z(), field.kernel_width_mm(p)); });
   auto more = topology::find_critical_points(field, near_inconsistency, wide, stop);

@@ -60,12 +60,12 @@ std::vector<IntegralLine> lines_of(const ScalarField& field, FieldCursor& cursor
   for (const bool ascending : {true, false}) {
     if (c.kind == (ascending ? CriticalKind::Maximum : CriticalKind::Minimum)) continue;
     const int axis = ascending ? 1 : 0;
-    const double bend = std::max(std::abs(c.bend_per_mm[axis]), 1e-9);
+    const double bend = std::max(std::abs(c.curvature_per_mm[axis]), 1e-9);
     const double leave = std::clamp(std::sqrt(0.6 * margin_mm / bend), 0.005 * h, kLeaveKernels * h);
     for (const double side : {1.0, -1.0}) {
       if (side < 0 && !c.is_saddle()) continue;
       const Vec2 out = side * leave * c.axes.col(axis);
-      const Vec3 start = c.position_mm + Vec3{out.x(), out.y(), 0.5 * c.bend_per_mm[axis] * leave * leave};
+      const Vec3 start = c.position_mm + Vec3{out.x(), out.y(), 0.5 * c.curvature_per_mm[axis] * leave * leave};
       SteepestLine steepest = follow_steepest(field, cursor, index, start, ascending, i);
       IntegralLine line{i, steepest.end, ascending, {c.position_mm}};
       for (const Vec3& p : steepest.path_mm)

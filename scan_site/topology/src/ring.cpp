@@ -20,7 +20,7 @@ struct OnPlane {
   Vec2 tangent;  ///< unit, solid on the left
 };
 
-std::optional<OnPlane> settle(FieldCursor& cursor, Vec3 p, double h, double limit) {
+std::optional<OnPlane> project_with_slope(FieldCursor& cursor, Vec3 p, double h, double limit) {
   const Vec2 start = p.head<2>();
   for (int i = 0; i < 14; ++i) {
     const FieldSample f = cursor.at(p);
@@ -60,8 +60,8 @@ double Ring::distance_mm(const Vec2& p, double limit_mm) const {
   return found ? std::sqrt(best) : far;
 }
 
-std::optional<Vec3> onto_level(FieldCursor& cursor, const Vec3& p, double h_mm, double limit_mm) {
-  const auto on = settle(cursor, p, h_mm, limit_mm);
+std::optional<Vec3> project_in_plane(FieldCursor& cursor, const Vec3& p, double h_mm, double limit_mm) {
+  const auto on = project_with_slope(cursor, p, h_mm, limit_mm);
   if (!on) return std::nullopt;
   return Vec3{on->point.x(), on->point.y(), p.z()};
 }
@@ -69,7 +69,7 @@ std::optional<Vec3> onto_level(FieldCursor& cursor, const Vec3& p, double h_mm, 
 std::optional<Ring> trace_ring(const ScalarField& field, FieldCursor& cursor, const Vec3& start, std::stop_token stop) {
   const double z = start.z();
   double h = field.kernel_width_mm(start);
-  const auto first = settle(cursor, start, h, 0.2 * h);
+  const auto first = project_with_slope(cursor, start, h, 0.2 * h);
   if (!first) return std::nullopt;
 
   Ring ring;
@@ -83,7 +83,7 @@ std::optional<Ring> trace_ring(const ScalarField& field, FieldCursor& cursor, co
     step = std::min(step, kLongestStepKernels * h);
     const Vec2 left{-here.tangent.y(), here.tangent.x()};
     const Vec2 guess = here.point + step * here.tangent + 0.5 * bend * step * step * left;
-    const auto next = settle(cursor, {guess.x(), guess.y(), z}, h, 0.5 * step);
+    const auto next = project_with_slope(cursor, {guess.x(), guess.y(), z}, h, 0.5 * step);
     const Vec2 chord = next ? Vec2{next->point - here.point} : Vec2{0, 0};
     const double length = chord.norm();
     const double turn = next ? std::atan2(cross(here.tangent, next->tangent), here.tangent.dot(next->tangent)) : 9;
@@ -126,7 +126,7 @@ std::vector<Ring> distinct_rings(const ScalarField& field, FieldCursor& cursor, 
   std::vector<Ring> rings;
   for (const Vec3& seed : seeds) {
     const double h = field.kernel_width_mm(seed);
-    const auto on = onto_level(cursor, {seed.x(), seed.y(), z_mm}, h, limit_kernels * h);
+    const auto on = project_in_plane(cursor, {seed.x(), seed.y(), z_mm}, h, limit_kernels * h);
     if (!on) continue;
     const auto passes = [&](const Ring& r) { return r.distance_mm(on->head<2>(), same_mm) < same_mm; };
     if (std::any_of(rings.begin(), rings.end(), passes) || std::any_of(open.begin(), open.end(), passes)) continue;

@@ -25,7 +25,7 @@ struct Ring {
 };
 
 /// Moves p within its plane onto the surface, at most `limit_mm` away. None where the surface is level or out of reach.
-[[nodiscard]] std::optional<Vec3> onto_level(FieldCursor& cursor, const Vec3& p, double h_mm, double limit_mm);
+[[nodiscard]] std::optional<Vec3> project_in_plane(FieldCursor& cursor, const Vec3& p, double h_mm, double limit_mm);
 
 /// Walks the contour through `start` once around, or until it ends. None when `start` is not on the surface. A stop
 /// ends it early.

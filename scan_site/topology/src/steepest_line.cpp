@@ -13,7 +13,7 @@ constexpr double kStuckKernels = 1.5;  // where the slope is gone, this near wil
 constexpr std::size_t kMaxPoints = 100'000;
 
 /// Newton along the gradient onto the surface.
-std::optional<FieldSample> settle(FieldCursor& cursor, Vec3& p, double h) {
+std::optional<FieldSample> project_on_surface(FieldCursor& cursor, Vec3& p, double h) {
   FieldSample f = cursor.at(p);
   for (int i = 0; i < 6; ++i) {
     if (!f.in_reach) return std::nullopt;
@@ -53,7 +53,7 @@ SteepestLine follow_steepest(const ScalarField& field, FieldCursor& cursor, cons
   SteepestLine line;
   Vec3 p = start;
   double h = field.kernel_width_mm(p);
-  auto f = settle(cursor, p, h);
+  auto f = project_on_surface(cursor, p, h);
   if (!f) return line;
   line.path_mm.push_back(p);
   double step = kStepKernels * h;
@@ -70,13 +70,13 @@ SteepestLine follow_steepest(const ScalarField& field, FieldCursor& cursor, cons
       return line;
     }
     Vec3 q = p + sign * step * up;
-    auto g = settle(cursor, q, h);
+    auto g = project_on_surface(cursor, q, h);
     if (g) {
       // Midpoint rule with the mean of both directions.
       const auto [up_ahead, slope_ahead] = uphill(*g);
       if (up.dot(up_ahead) > 0.5) {
         q = p + sign * step * (up + up_ahead).normalized();
-        g = settle(cursor, q, h);
+        g = project_on_surface(cursor, q, h);
       } else {
         g.reset();
       }

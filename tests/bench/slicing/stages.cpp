@@ -35,7 +35,7 @@ HeightTopology topology_of(const MlsField& field) {
     return checked(analyse_height(field, level.points, level.normals, {}, {}));
   };
   if (field.sample_count() > 500'000) {
-    HeightTopology found = from(TopologyOptions{}.steep_sift_cos);
+    HeightTopology found = from(TopologyOptions{}.min_start_nz);
     if (found.inconsistencies().empty() && found.plateaus().empty()) return found;
   }
   return from(0.42);

@@ -290,12 +290,12 @@ TEST(SliceScan, LetsNoStrayPointSetSizePlaceOrLayerCount) {
     EXPECT_EQ(with.layers.size(), clean.layers.size()) << stray;
     EXPECT_NEAR(with.report->size_mm[0], clean.report->size_mm[0], 0.2) << stray;
     EXPECT_EQ(with.report->certified, clean.report->certified) << stray;
-    EXPECT_GE(with.report->sift.strays, 1U) << stray;
+    EXPECT_GE(with.report->pick.strays, 1U) << stray;
     ASSERT_FALSE(with.report->warnings.empty()) << stray;
     EXPECT_NE(with.report->warnings[0].find("belong to no surface"), std::string::npos) << with.report->warnings[0];
     EXPECT_NE(to_json(*with.report).find("\"strays\""), std::string::npos);
   }
-  EXPECT_EQ(clean.report->sift.strays, 0U);
+  EXPECT_EQ(clean.report->pick.strays, 0U);
 }
 
 TEST(SliceScan, NeverEndsWellWithoutAContour) {
@@ -327,11 +327,11 @@ TEST(SliceScan, KeepsTwoBodiesAndChoosesOne) {
   ASSERT_TRUE(all.report) << all.report.error().what;
   EXPECT_NEAR(all.report->size_mm[0], 32, 0.5);
   EXPECT_EQ(all.layers[all.layers.size() / 2].contours.size(), 2U);
-  request.intake.sift.pieces = 1;
+  request.intake.pick.pieces = 1;
   const Outcome one = slice(text_of(both), request);
   ASSERT_TRUE(one.report) << one.report.error().what;
   EXPECT_NEAR(one.report->size_mm[0], 20, 0.5);
-  request.intake.sift = {.crop = Box{{15, -5, -5}, {30, 5, 5}}};
+  request.intake.pick = {.crop = Box{{15, -5, -5}, {30, 5, 5}}};
   const Outcome cropped = slice(text_of(both), request);
   ASSERT_TRUE(cropped.report) << cropped.report.error().what;
   EXPECT_NEAR(cropped.report->size_mm[0], 4, 0.3);

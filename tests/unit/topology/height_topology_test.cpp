@@ -255,7 +255,7 @@ TEST(HeightTopology, RefusesWhatCannotBeSearched) {
   EXPECT_EQ(analyse_height(*shape, {}, {}, {}, {}).error().code, ErrorCode::InvalidInput);
   EXPECT_EQ(analyse_height(*shape, two, one, {}, {}).error().code, ErrorCode::InvalidInput);
   for (const scan::TopologyOptions& bad :
-       {scan::TopologyOptions{.steep_sift_cos = 1}, scan::TopologyOptions{.near_critical_kernels = 0},
+       {scan::TopologyOptions{.min_start_nz = 1}, scan::TopologyOptions{.near_critical_kernels = 0},
         scan::TopologyOptions{.noise_mm = -1}, scan::TopologyOptions{.max_critical_points = 0}})
     EXPECT_EQ(analyse_height(*shape, one, one, bad, {}).error().code, ErrorCode::InvalidInput);
 }

@@ -13,7 +13,7 @@ enum class WorkStage : std::uint8_t {
   AdjustingPoses,
   JudgingPoses,
   ReadingScan,
-  SiftingPoints,
+  PickingObject,
   FindingNormals,
   FittingSurface,
   ClosingGaps,

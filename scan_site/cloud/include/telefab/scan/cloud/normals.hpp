@@ -47,7 +47,7 @@ struct NormalResult {
 /// Fails: InvalidInput (fewer than 4 points, all in one place), Cancelled.
 /// Cost: O(n log n), memory about 300 bytes a point. Same bytes on any number of threads.
 [[nodiscard]] Result<NormalResult> with_normals(PointCloud cloud, const NormalOptions& options, std::stop_token stop);
-/// The same with the neighbours sift_cloud found; their plane normals are turned outward too.
+/// The same with the neighbours pick_object found; their plane normals are turned outward too.
 [[nodiscard]] Result<NormalResult> with_normals(PointCloud cloud, std::shared_ptr<SurfaceGraph> graph,
                                                 const NormalOptions& options, std::stop_token stop);
 

@@ -36,7 +36,7 @@ struct Inspection {
   KernelChoice kernel;
   std::string surface;
   Vec3 size_mm = Vec3::Zero();
-  SiftReport sift;                    ///< what was left out before the size was taken
+  PickReport pick;                    ///< what was left out before the size was taken
   std::vector<std::string> warnings;  ///< about the file, what was left out and the size, for people
   std::string normals_json;
   std::vector<Vec3> samples;  ///< that carry the surface, build frame

@@ -65,7 +65,7 @@ class MlsField final : public ScalarField {
                                                                     std::stop_token stop);
   ~MlsField() override;
   /// The field of the same samples with kernels `factor` times as wide, factor > 0. Copies the samples.
-  [[nodiscard]] std::unique_ptr<MlsField> with_wider_kernel(double factor) const;
+  [[nodiscard]] std::unique_ptr<MlsField> with_scaled_kernel(double factor) const;
   /// The field of the same samples and of others in its gaps, whose kernels follow their own spacing. How the kernel
   /// was chosen stays as the measured samples alone say. Copies the samples.
   [[nodiscard]] std::unique_ptr<MlsField> completed_by(std::span<const GapSample> others) const;

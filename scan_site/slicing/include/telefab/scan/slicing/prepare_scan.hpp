@@ -10,8 +10,8 @@
 #include <telefab/base/progress.hpp>
 #include <telefab/base/result.hpp>
 #include <telefab/scan/cloud/normals.hpp>
+#include <telefab/scan/cloud/pick_object.hpp>
 #include <telefab/scan/cloud/point_cloud.hpp>
-#include <telefab/scan/cloud/sift.hpp>
 #include <vector>
 
 namespace telefab::scan {
@@ -36,7 +36,7 @@ class StageClock {
 
 /// What of a file is the object.
 struct IntakeOptions {
-  SiftOptions sift;
+  PickOptions pick;
   bool sample_faces = false;  ///< points on the faces of a mesh file in place of its corners
   bool about_origin = false;  ///< placed with its middle at x = y = 0, not on the platform's
 };
@@ -45,14 +45,14 @@ struct IntakeOptions {
 struct PreparedScan {
   PointCloud cloud;        ///< frame and unit of the file
   std::size_t points = 0;  ///< read
-  SiftReport sift;
+  PickReport pick;
   NormalReport normals;
   bool has_empty_faces = false;       ///< a mesh whose faces carry no points, not sampled
-  std::vector<std::string> warnings;  ///< of reading, sifting and orienting, for people
+  std::vector<std::string> warnings;  ///< of reading, picking and orienting, for people
 };
 
-/// Reads, sifts and orients: what slicing and inspection begin with. Fails as read_cloud, sift_cloud and with_normals
-/// do.
+/// Reads, picks the object and orients: what slicing and inspection begin with. Fails as read_cloud, pick_object and
+/// with_normals do.
 [[nodiscard]] Result<PreparedScan> prepare_scan(std::span<const std::byte> scan, std::string_view name,
                                                 const IntakeOptions& options, const ProgressSink& progress,
                                                 StageClock& clock, std::stop_token stop);

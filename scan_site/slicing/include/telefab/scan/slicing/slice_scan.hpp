@@ -95,7 +95,7 @@ struct SliceReport {
   std::string surface;  ///< name of the surface kind
   std::string method;
   std::array<double, 3> size_mm{};  ///< of the placed scan
-  SiftReport sift;                  ///< what was left out before the size was taken; frame and unit of the file
+  PickReport pick;                  ///< what was left out before the size was taken; frame and unit of the file
   std::string normals_json;         ///< report of the normals, as they came
   std::uint32_t layers_cut = 0;
   std::uint32_t certified = 0;  ///< measured or completed

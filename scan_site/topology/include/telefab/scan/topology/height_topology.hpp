@@ -23,7 +23,7 @@ struct CriticalPoint {
   Vec3 position_mm = Vec3::Zero();
   CriticalKind kind = CriticalKind::Minimum;
   bool normal_up = false;                          ///< outward normal along +z: solid below
-  Eigen::Vector2d bend_per_mm{0, 0};               ///< eigenvalues of the height's Hessian, rising; signs give the kind
+  Eigen::Vector2d curvature_per_mm{0, 0};          ///< eigenvalues of the height's Hessian, rising; signs give the kind
   Eigen::Matrix2d axes = Eigen::Matrix2d::Zero();  ///< their directions in x, y (columns)
   bool degenerate = false;                         ///< |bend| < 1e-3 / h in some direction: part of a plateau
   double persistence_mm = std::numeric_limits<double>::infinity();  ///< height over which it lives; see simplify
@@ -100,13 +100,13 @@ struct RoundedInterval {
 
 /// A point of one contour of the slice at its height.
 struct ContourSeed {
-  Vec3 point_mm = Vec3::Zero();  ///< near the surface, z exactly the slice's; polish in the plane before use
+  Vec3 point_mm = Vec3::Zero();  ///< near the surface, z exactly the slice's; project in the plane before use
   bool hole = false;
   std::size_t arc = 0;
 };
 
 struct TopologyOptions {
-  double steep_sift_cos = 0.866;       ///< (0, 1); samples whose |n_z| is smaller start no search (30 degrees)
+  double min_start_nz = 0.866;         ///< (0, 1); samples whose |n_z| is smaller start no search (30 degrees)
   double near_critical_kernels = 0.1;  ///< (0, 1]; heights this near to a critical one are not promised
   double sharp_bend = 0.5;             ///< > 0; bend times kernel width from which on a critical point sits on an edge
   double sharp_reach_kernels = 0.35;   ///< [0, 1]; how far such a point's height may be off

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 #include <random>
-#include <telefab/scan/cloud/sift.hpp>
+#include <telefab/scan/cloud/pick_object.hpp>
 
 namespace telefab::scan {
 namespace {
@@ -29,10 +29,10 @@ PointCloud ball(std::size_t count = 2500) {
 
 double uniform(std::mt19937_64& dice) { return static_cast<double>(dice() >> 11U) * 0x1p-53; }
 
-SiftResult sifted(const PointCloud& cloud, const SiftOptions& options = {}) {
-  auto result = sift_cloud(cloud, options, {});
+PickResult picked(const PointCloud& cloud, const PickOptions& options = {}) {
+  auto result = pick_object(cloud, options, {});
   EXPECT_TRUE(result) << result.error().what;
-  return result ? std::move(*result) : SiftResult{};
+  return result ? std::move(*result) : PickResult{};
 }
 
 /// Strays of every number, far and near, alone and in clumps.
@@ -48,7 +48,7 @@ TEST_P(Strays, SetNeitherSizeNorPlace) {
       cloud.points.insert(cloud.points.begin() + static_cast<std::ptrdiff_t>(dice() % cloud.size()),
                           (distance * way + clump * off).cast<float>());
     }
-    const SiftResult result = sifted(cloud);
+    const PickResult result = picked(cloud);
     EXPECT_EQ(result.report.strays, static_cast<std::size_t>(count));
     EXPECT_EQ(result.cloud.size(), 2500U);
     EXPECT_LT((result.report.after.size() - Vec3::Constant(20)).cwiseAbs().maxCoeff(), 0.05);
@@ -60,9 +60,9 @@ INSTANTIATE_TEST_SUITE_P(Counts, Strays,
                          testing::Combine(testing::Values(1, 2, 5, 12, 25), testing::Values(25., 60., 400., 1e5),
                                           testing::Values(0.3, 2.)));
 
-TEST(Sift, LeavesACleanCloudAsItIs) {
+TEST(PickObject, LeavesACleanCloudAsItIs) {
   const PointCloud cloud = ball();
-  const SiftResult result = sifted(cloud);
+  const PickResult result = picked(cloud);
   EXPECT_EQ(result.cloud.points, cloud.points);
   EXPECT_EQ(result.report.strays, 0U);
   EXPECT_EQ(result.report.pieces.size(), 1U);
@@ -70,13 +70,13 @@ TEST(Sift, LeavesACleanCloudAsItIs) {
   EXPECT_TRUE(sentences_of(result.report).empty());
 }
 
-TEST(Sift, KeepsStraysWhenAsked) {
+TEST(PickObject, KeepsStraysWhenAsked) {
   PointCloud cloud = ball();
   cloud.points.emplace_back(0, 0, -400);
-  EXPECT_EQ(sifted(cloud, {.keep_outliers = true}).cloud.size(), 2501U);
+  EXPECT_EQ(picked(cloud, {.keep_outliers = true}).cloud.size(), 2501U);
 }
 
-TEST(Sift, DropsPointsScatteredInSpace) {
+TEST(PickObject, DropsPointsScatteredInSpace) {
   for (const double share : {0.01, 0.05}) {
     PointCloud cloud = ball(10'000);
     std::mt19937_64 dice{9};
@@ -86,55 +86,55 @@ TEST(Sift, DropsPointsScatteredInSpace) {
       cloud.points.push_back(p.cast<float>());
       far += std::abs(p.norm() - 10) > 5 ? 1 : 0;
     }
-    const SiftResult result = sifted(cloud);
+    const PickResult result = picked(cloud);
     EXPECT_GE(result.report.strays, far * 99 / 100) << share;
     EXPECT_LT((result.report.after.size() - Vec3::Constant(20)).cwiseAbs().maxCoeff(), 8) << share;
   }
 }
 
-TEST(Sift, KeepsEveryPieceAndChoosesTheLargestWhenAsked) {
+TEST(PickObject, KeepsEveryPieceAndChoosesTheLargestWhenAsked) {
   PointCloud cloud = ball();
   add_ball(cloud, {40, 0, 0}, 3, 300);
   add_ball(cloud, {-30, 0, 8}, 1, 60);
-  const SiftResult all = sifted(cloud);
+  const PickResult all = picked(cloud);
   EXPECT_EQ(all.cloud.size(), cloud.size());
   ASSERT_EQ(all.report.pieces.size(), 3U);
   EXPECT_EQ(all.report.pieces[1].points, 300U);
   EXPECT_THAT(sentences_of(all.report).at(0), HasSubstr("a piece of 60 points"));
-  EXPECT_EQ(sifted(cloud, {.pieces = 1}).cloud.size(), 2500U);
-  EXPECT_EQ(sifted(cloud, {.pieces = 2}).cloud.size(), 2800U);
-  const SiftResult one = sifted(cloud, {.pieces = 1});
+  EXPECT_EQ(picked(cloud, {.pieces = 1}).cloud.size(), 2500U);
+  EXPECT_EQ(picked(cloud, {.pieces = 2}).cloud.size(), 2800U);
+  const PickResult one = picked(cloud, {.pieces = 1});
   EXPECT_EQ(one.report.in_other_pieces, 360U);
   EXPECT_FALSE(one.report.pieces[1].kept);
 }
 
-TEST(Sift, TakesTheLinesOfALineScannerForOnePiece) {
+TEST(PickObject, TakesTheLinesOfALineScannerForOnePiece) {
   for (const double apart : {5., 10., 25.}) {
     PointCloud cloud;  // a tube: points dense along rings, rings far apart
     const double step = 0.1, ring = step * apart;
     for (int k = 0; k < 60; ++k)
       for (int i = 0; i < 628; ++i)
         cloud.points.emplace_back(10 * std::cos(i * step / 10), 10 * std::sin(i * step / 10), k * ring);
-    const SiftResult result = sifted(cloud);
+    const PickResult result = picked(cloud);
     EXPECT_EQ(result.cloud.size(), cloud.size()) << apart;
     EXPECT_EQ(result.report.pieces.size(), 1U) << apart;
   }
 }
 
-TEST(Sift, CropsInTheFrameOfTheFile) {
+TEST(PickObject, CropsInTheFrameOfTheFile) {
   PointCloud cloud = ball();
   cloud.origin = {1000, -500, 20};
   const auto box = crop_box_from("1000,-510,10,1010,-490,30");
   ASSERT_TRUE(box);
-  const SiftResult half = sifted(cloud, {.crop = *box});
+  const PickResult half = picked(cloud, {.crop = *box});
   EXPECT_NEAR(static_cast<double>(half.cloud.size()), 1250, 15);
   EXPECT_EQ(half.report.cropped, 2500 - half.cloud.size());
-  const auto none = sift_cloud(cloud, {.crop = Box{{0, 0, 0}, {1, 1, 1}}}, {});
+  const auto none = pick_object(cloud, {.crop = Box{{0, 0, 0}, {1, 1, 1}}}, {});
   ASSERT_FALSE(none);
   EXPECT_THAT(none.error().what, HasSubstr("the scan reaches from (990"));
 }
 
-TEST(Sift, NamesTheGroundAndLeavesItOutWithAPieceChosen) {
+TEST(PickObject, NamesTheGroundAndLeavesItOutWithAPieceChosen) {
   PointCloud cloud = ball();
   for (Eigen::Vector3f& p : cloud.points) p.z() += 10;
   std::erase_if(cloud.points, [](const auto& p) { return p.z() < 0.5F; });
@@ -143,17 +143,17 @@ TEST(Sift, NamesTheGroundAndLeavesItOutWithAPieceChosen) {
     for (int k = -50; k <= 50; ++k)
       if (i * i + k * k > 16)
         cloud.points.emplace_back(0.6F * static_cast<float>(i), 0.6F * static_cast<float>(k), 0.F);
-  const SiftResult all = sifted(cloud);
+  const PickResult all = picked(cloud);
   ASSERT_TRUE(all.report.ground);
   EXPECT_GT(all.report.ground->up.z(), 0.99);
   EXPECT_EQ(all.cloud.size(), cloud.size());
   EXPECT_THAT(sentences_of(all.report).at(0), HasSubstr("the object stands on it"));
-  const SiftResult alone = sifted(cloud, {.pieces = 1});
+  const PickResult alone = picked(cloud, {.pieces = 1});
   EXPECT_GT(alone.cloud.size(), object * 9 / 10);
   EXPECT_LE(alone.cloud.size(), object);
 }
 
-TEST(Sift, TakesNoFlatFaceForGround) {
+TEST(PickObject, TakesNoFlatFaceForGround) {
   PointCloud block;
   for (int i = 0; i <= 32; ++i)
     for (int k = 0; k <= 32; ++k)
@@ -163,22 +163,22 @@ TEST(Sift, TakesNoFlatFaceForGround) {
         block.points.emplace_back(u, z, v);
         block.points.emplace_back(z, u, v);
       }
-  EXPECT_FALSE(sifted(block).report.ground);
+  EXPECT_FALSE(picked(block).report.ground);
 }
 
-TEST(Sift, SaysThatAScatteringOfPiecesIsAScene) {
+TEST(PickObject, SaysThatAScatteringOfPiecesIsAScene) {
   PointCloud cloud;
   for (int i = 0; i < 12; ++i) add_ball(cloud, {30. * i, 0, 0}, 5, 400);
-  const SiftResult result = sifted(cloud);
+  const PickResult result = picked(cloud);
   EXPECT_TRUE(result.report.is_scene);
   EXPECT_THAT(sentences_of(result.report).at(0), HasSubstr("looks like a scene"));
 }
 
-TEST(Sift, AnswersDegenerateCloudsWithOneClearError) {
+TEST(PickObject, AnswersDegenerateCloudsWithOneClearError) {
   const auto why = [](const std::vector<Eigen::Vector3f>& points) {
     PointCloud cloud;
     cloud.points = points;
-    const auto result = sift_cloud(cloud, {}, {});
+    const auto result = pick_object(cloud, {}, {});
     return result ? std::string{"no error"} : result.error().what;
   };
   std::vector<Eigen::Vector3f> line, rows, plane, tilted;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <telefab/scan/cloud/sift.hpp>
+#include <telefab/scan/cloud/pick_object.hpp>
 
 #include <fmt/format.h>
 #include <Eigen/Eigenvalues>
@@ -90,12 +90,12 @@ std::vector<std::uint32_t> by_size(const PieceMap& map) {
   return order;
 }
 
-class Sifter {
+class Picker {
  public:
-  Sifter(PointCloud cloud, const SiftOptions& options, const std::stop_token& stop)
+  Picker(PointCloud cloud, const PickOptions& options, const std::stop_token& stop)
       : options_{options}, stop_{stop}, cloud_{std::move(cloud)} {}
 
-  Result<SiftResult> sift() {
+  Result<PickResult> pick() {
     report_.points_in = cloud_.size();
     if (options_.crop)
       if (auto done = crop(*options_.crop); !done) return tl::unexpected{done.error()};
@@ -111,7 +111,7 @@ class Sifter {
       if (auto done = build_graph(); !done) return tl::unexpected{done.error()};
     }
     report_.after = box_of(cloud_);
-    return SiftResult{std::move(cloud_), std::move(report_), std::move(graph_)};
+    return PickResult{std::move(cloud_), std::move(report_), std::move(graph_)};
   }
 
  private:
@@ -196,10 +196,10 @@ class Sifter {
                                                                      kScenePiece * static_cast<double>(cloud_.size());
   }
 
-  const SiftOptions& options_;
+  const PickOptions& options_;
   const std::stop_token& stop_;
   PointCloud cloud_;
-  SiftReport report_;
+  PickReport report_;
   std::shared_ptr<SurfaceGraph> graph_;
   std::vector<bool> keep_;
 };
@@ -207,7 +207,7 @@ class Sifter {
 std::string sizes(const Vec3& v) { return fmt::format("{:.4g} x {:.4g} x {:.4g}", v.x(), v.y(), v.z()); }
 
 /// A small piece that makes the whole much larger than the rest.
-std::optional<std::string> size_setter(const SiftReport& report) {
+std::optional<std::string> size_setter(const PickReport& report) {
   std::size_t all = 0;
   for (const Piece& p : report.pieces) all += p.kept ? p.points : 0;
   for (std::size_t i = 1; i < report.pieces.size(); ++i) {
@@ -261,11 +261,11 @@ Result<std::uint32_t> pieces_from(std::string_view text) {
   return count;
 }
 
-Result<SiftResult> sift_cloud(PointCloud cloud, const SiftOptions& options, std::stop_token stop) {
-  return Sifter{std::move(cloud), options, stop}.sift();
+Result<PickResult> pick_object(PointCloud cloud, const PickOptions& options, std::stop_token stop) {
+  return Picker{std::move(cloud), options, stop}.pick();
 }
 
-std::vector<std::string> sentences_of(const SiftReport& r) {
+std::vector<std::string> sentences_of(const PickReport& r) {
   std::vector<std::string> sentences;
   if (r.cropped > 0)
     sentences.push_back(fmt::format("{} of {} points lie outside the crop and are left out", r.cropped, r.points_in));
@@ -294,7 +294,7 @@ std::vector<std::string> sentences_of(const SiftReport& r) {
   return sentences;
 }
 
-std::string to_json(const SiftReport& r) {
+std::string to_json(const PickReport& r) {
   const auto place = [](const Vec3& v) { return fmt::format("[{:.9g},{:.9g},{:.9g}]", v.x(), v.y(), v.z()); };
   const auto box = [&](const Box& b) { return fmt::format("[{},{}]", place(b.low), place(b.high)); };
   constexpr std::size_t kListed = 20;

@@ -28,7 +28,7 @@ struct Box {
 [[nodiscard]] Result<std::uint32_t> pieces_from(std::string_view text);
 
 /// What of a cloud is the object.
-struct SiftOptions {
+struct PickOptions {
   std::optional<Box> crop;     ///< points outside are left out first of all
   std::uint32_t pieces = 0;    ///< so many of the largest pieces stay, and the ground they stand on goes; 0: all
   bool keep_outliers = false;  ///< strays stay
@@ -50,7 +50,7 @@ struct StandingGround {
   bool left_out = false;
 };
 
-struct SiftReport {
+struct PickReport {
   std::size_t points_in = 0;
   std::size_t cropped = 0;          ///< points outside the box asked for
   std::size_t strays = 0;           ///< points on no surface: alone, in clumps too small for one, or scattered in space
@@ -62,9 +62,9 @@ struct SiftReport {
   Box after;              ///< of the points that are left
 };
 
-struct SiftResult {
+struct PickResult {
   PointCloud cloud;
-  SiftReport report;
+  PickReport report;
   std::shared_ptr<SurfaceGraph> graph;  ///< of `cloud`; with_normals takes it over instead of building its own
 };
 
@@ -73,11 +73,11 @@ struct SiftResult {
 /// stay are as they were. Fails: InvalidInput (too few points, all on one line or plane or in one place, nothing within
 /// the crop, no such pieces), Cancelled. Same bytes on any number of threads. Cost: that of the 16 nearest neighbours
 /// of every point, which with_normals needs too.
-[[nodiscard]] Result<SiftResult> sift_cloud(PointCloud cloud, const SiftOptions& options, std::stop_token stop);
+[[nodiscard]] Result<PickResult> pick_object(PointCloud cloud, const PickOptions& options, std::stop_token stop);
 
 /// What was left out and what the scan looks like, for people; nothing for one clean piece.
-[[nodiscard]] std::vector<std::string> sentences_of(const SiftReport& report);
+[[nodiscard]] std::vector<std::string> sentences_of(const PickReport& report);
 /// One JSON object, fixed key order.
-[[nodiscard]] std::string to_json(const SiftReport& report);
+[[nodiscard]] std::string to_json(const PickReport& report);
 
 }  // namespace telefab::scan
