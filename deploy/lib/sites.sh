@@ -2,7 +2,7 @@
 # Both daemons on loopback, with the virtual devices of a machine sped up 2,000 times. Source steps.sh first.
 # shellcheck shell=bash
 
-# start_sites FOLDER MACHINE BIN: begins anew in FOLDER; ends both with the script. Sets scan_site, fab_site and fab_page.
+# start_sites FOLDER MACHINE BIN: begins again in FOLDER; ends both with the script. Sets scan_site, fab_site and fab_page.
 start_sites() {
   local folder=$1 machine=$2 bin=$3 profile="$repository/deploy/config/machines/$2.toml"
   [ -f "$profile" ] || { echo "$(basename "$0"): no machine $machine in deploy/config/machines" >&2; exit 2; }

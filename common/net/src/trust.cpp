@@ -43,7 +43,7 @@ Result<std::shared_ptr<ssl::context>> make_context(const TlsFiles& files) {
   SSL_CTX* native = context->native_handle();
   SSL_CTX_set_min_proto_version(native, TLS1_3_VERSION);
   SSL_CTX_set_max_proto_version(native, TLS1_3_VERSION);
-  // Every handshake shows and checks the certificate anew; a revoked peer cannot come back on a ticket.
+  // Every handshake shows and checks the certificate again; a revoked peer cannot come back on a ticket.
   SSL_CTX_set_session_cache_mode(native, SSL_SESS_CACHE_OFF);
   SSL_CTX_set_num_tickets(native, 0);
   context->set_verify_mode(ssl::verify_peer | ssl::verify_fail_if_no_peer_cert);

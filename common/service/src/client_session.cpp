@@ -118,11 +118,11 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
     const auto& role = connection_->peer().role;
     return !role || *role == net::Role::Operator;
   }
-  [[nodiscard]] Error refuse_role(std::string_view deed) {
+  [[nodiscard]] Error refuse_role(std::string_view operation) {
     const net::Peer& peer = connection_->peer();
-    service_.note(peer.name, fmt::format("refused: {}", deed));
+    service_.note(peer.name, fmt::format("refused: {}", operation));
     return {ErrorCode::NotPermitted,
-            fmt::format("\"{}\" has the role {} and may not {}", peer.name, net::name_of(*peer.role), deed)};
+            fmt::format("\"{}\" has the role {} and may not {}", peer.name, net::name_of(*peer.role), operation)};
   }
   [[nodiscard]] std::string who(std::string_view claimed) const {
     const net::Peer& peer = connection_->peer();

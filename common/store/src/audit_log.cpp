@@ -62,9 +62,9 @@ struct AuditLog::Impl {
     if (file >= 0) ::close(file);
   }
 
-  [[nodiscard]] tl::unexpected<Error> failed(std::string_view deed) const {
+  [[nodiscard]] tl::unexpected<Error> failed(std::string_view operation) const {
     return fail(errno == EACCES || errno == EROFS ? ErrorCode::NotPermitted : ErrorCode::StorageFailed,
-                fmt::format("cannot {} the audit log {}: {}", deed, path.string(), std::strerror(errno)));
+                fmt::format("cannot {} the audit log {}: {}", operation, path.string(), std::strerror(errno)));
   }
 
   /// Follows the chain through the text; returns the bytes of whole lines.

@@ -107,9 +107,9 @@ struct ChunkSpool::Impl {
     if (file >= 0) ::close(file);
   }
 
-  [[nodiscard]] tl::unexpected<Error> storage_failed(std::string_view deed) const {
+  [[nodiscard]] tl::unexpected<Error> storage_failed(std::string_view operation) const {
     return fail(errno == EACCES || errno == EROFS ? ErrorCode::NotPermitted : ErrorCode::StorageFailed,
-                fmt::format("cannot {} {}: {}", deed, path.string(), std::strerror(errno)));
+                fmt::format("cannot {} {}: {}", operation, path.string(), std::strerror(errno)));
   }
 
   [[nodiscard]] Result<std::vector<std::byte>> bytes_at(std::uint64_t offset, std::size_t size) const {

@@ -380,7 +380,7 @@ void FabSite::plan(const std::string& job, std::stop_token stop) {
   } catch (const std::exception& error) {
     outcome = fail(ErrorCode::Internal, fmt::format("planning: a fault of Telefab: {}", error.what()));
   }
-  if (stop.stop_requested()) return;  // planned anew at the next start, or cancelled
+  if (stop.stop_requested()) return;  // planned again at the next start, or cancelled
   later([this, job, outcome, seconds = std::chrono::duration<double>(clock_.now() - began).count()] {
     if (!outcome) return end_job(job, JobState::Failed, outcome.error().what);
     count_planned(job, outcome->print_layers, outcome->print_layers);
@@ -400,7 +400,7 @@ std::shared_ptr<const PartRegions> FabSite::take_analysed(const std::string& job
     analysed_.erase(found);
   }
   auto part = analysis->finish();
-  // What went wrong is said by the planner, which begins anew.
+  // What went wrong is said by the planner, which begins again.
   if (!part || part->layers.size() != layers) return nullptr;
   return std::make_shared<const PartRegions>(std::move(*part));
 }

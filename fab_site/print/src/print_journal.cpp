@@ -27,12 +27,12 @@ constexpr std::uint64_t kLayerRoom_bytes = 2048;    // a layer's five lines are 
 constexpr std::uint64_t kOrdersRoom_bytes = 65536;  // words, faults and starts
 constexpr std::string_view kPolicy = "policy";
 
-tl::unexpected<Error> io_failed(std::string_view deed, const std::filesystem::path& path) {
+tl::unexpected<Error> io_failed(std::string_view operation, const std::filesystem::path& path) {
   const int reason = errno;
   const ErrorCode code = reason == EACCES || reason == EPERM ? ErrorCode::NotPermitted
                          : reason == ENOENT                  ? ErrorCode::NotFound
                                                              : ErrorCode::StorageFailed;
-  return fail(code, fmt::format("{} the print journal {}: {}", deed, path.string(), std::strerror(reason)));
+  return fail(code, fmt::format("{} the print journal {}: {}", operation, path.string(), std::strerror(reason)));
 }
 
 class DiskJournalFile final : public JournalFile {

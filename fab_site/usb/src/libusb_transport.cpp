@@ -30,9 +30,9 @@ using Handle = std::unique_ptr<libusb_device_handle, FreeUsb>;
 using Transfer = std::unique_ptr<libusb_transfer, FreeUsb>;
 
 /// libusb's codes end here.
-Error error_of(int code, std::string_view deed) {
+Error error_of(int code, std::string_view operation) {
   const auto error = [&](ErrorCode e) {
-    return Error{e, fmt::format("USB, {}: {}", deed, libusb_strerror(static_cast<libusb_error>(code)))};
+    return Error{e, fmt::format("USB, {}: {}", operation, libusb_strerror(static_cast<libusb_error>(code)))};
   };
   switch (code) {
     case LIBUSB_ERROR_TIMEOUT:
@@ -41,9 +41,9 @@ Error error_of(int code, std::string_view deed) {
       return error(ErrorCode::DeviceRefused);
     case LIBUSB_ERROR_ACCESS:
       return {ErrorCode::DeviceLost,
-              fmt::format("USB, {}: no permission; install deploy/udev/70-telefab.rules and replug", deed)};
+              fmt::format("USB, {}: no permission; install deploy/udev/70-telefab.rules and replug", operation)};
     case LIBUSB_ERROR_BUSY:
-      return {ErrorCode::DeviceLost, fmt::format("USB, {}: another program holds the device", deed)};
+      return {ErrorCode::DeviceLost, fmt::format("USB, {}: another program holds the device", operation)};
     case LIBUSB_ERROR_NO_MEM:
       return error(ErrorCode::Internal);
     default:
@@ -219,22 +219,22 @@ class LibusbTransport final : public UsbTransport {
   static void LIBUSB_CALL done(libusb_transfer* t) { *static_cast<int*>(t->user_data) = 1; }
 
   /// The buffer's bytes over one interrupt transfer; the number that went.
-  Result<std::size_t> transfer(std::uint8_t endpoint, Milliseconds timeout, std::string_view deed) {
-    if (!handle_) return fail(ErrorCode::DeviceLost, fmt::format("USB, {}: the device is not open", deed));
-    if (has_left_) return fail(ErrorCode::DeviceLost, fmt::format("USB, {}: the device was unplugged", deed));
+  Result<std::size_t> transfer(std::uint8_t endpoint, Milliseconds timeout, std::string_view operation) {
+    if (!handle_) return fail(ErrorCode::DeviceLost, fmt::format("USB, {}: the device is not open", operation));
+    if (has_left_) return fail(ErrorCode::DeviceLost, fmt::format("USB, {}: the device was unplugged", operation));
     const Transfer t{libusb_alloc_transfer(0)};
     if (!t) return fail(ErrorCode::Internal, "USB: out of memory");
     int completed = 0;
     libusb_fill_interrupt_transfer(t.get(), handle_.get(), endpoint, reinterpret_cast<unsigned char*>(buffer_.data()),
                                    static_cast<int>(buffer_.size()), &LibusbTransport::done, &completed,
                                    static_cast<unsigned>(std::max<Milliseconds::rep>(timeout.count(), 1)));
-    if (const int code = libusb_submit_transfer(t.get()); code != 0) return tl::unexpected{error_of(code, deed)};
+    if (const int code = libusb_submit_transfer(t.get()); code != 0) return tl::unexpected{error_of(code, operation)};
     while (completed == 0) {
       timeval slice{1, 0};
       const int code = libusb_handle_events_timeout_completed(context_.get(), &slice, &completed);
       if (code != 0 && code != LIBUSB_ERROR_INTERRUPTED && completed == 0) (void)libusb_cancel_transfer(t.get());
     }
-    if (const int code = error_of_status(t->status); code != 0) return tl::unexpected{error_of(code, deed)};
+    if (const int code = error_of_status(t->status); code != 0) return tl::unexpected{error_of(code, operation)};
     return static_cast<std::size_t>(t->actual_length);
   }
 

@@ -143,10 +143,10 @@ class TtyLine final : public LineTransport {
   std::string describe() const override { return "serial port " + path_ + "\n"; }
 
  private:
-  tl::unexpected<Error> gone(std::string_view deed) {
+  tl::unexpected<Error> gone(std::string_view operation) {
     const int reason = errno;
     close_port();
-    return fail(ErrorCode::DeviceLost, fmt::format("stage: {} {}: {}", deed, path_, std::strerror(reason)));
+    return fail(ErrorCode::DeviceLost, fmt::format("stage: {} {}: {}", operation, path_, std::strerror(reason)));
   }
   void close_port() {
     if (fd_ >= 0) ::close(fd_);

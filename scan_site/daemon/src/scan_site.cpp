@@ -372,7 +372,7 @@ void ScanSite::file(const std::string& job, const std::string& name,
     return done(fail(ErrorCode::NotFound, fmt::format("job {} has no file {} here{}", job, name,
                                                       link_->is_up() ? "" : ", and the fab is not reachable now")));
   }
-  // Fetched anew each time: the fab may have gone on.
+  // Fetched again each time: the fab may have gone on.
   struct Arriving {
     std::ofstream file;
     std::filesystem::path path;

@@ -75,7 +75,7 @@ Result<E57Bytes> E57Bytes::from(std::span<const std::byte> file, const std::stop
     if (const std::uint32_t found = crc32c(payload); found != stated)
       return fail(ErrorCode::InvalidInput,
                   fmt::format("E57 page {} of {} (byte {}) is damaged: its checksum is {:08x}, its content has {:08x}; "
-                              "copy the file again or export it anew",
+                              "copy the file again or export it again",
                               i, pages, i * kPage, stated, found));
     std::copy(payload.begin(), payload.end(), bytes.logical_.begin() + static_cast<std::ptrdiff_t>(i * kPayload));
   }

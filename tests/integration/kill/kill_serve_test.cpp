@@ -20,7 +20,7 @@
 #include "usbfs_host.hpp"
 
 // kill -9 of the unmodified `telefab-fab serve`, whose projector and stage are the strict models behind an emulated
-// usbfs node and a pseudo terminal. The models live on, as real devices do, and are the witness. TELEFAB_KILLS says
+// usbfs node and a pseudo terminal. The models live on, as real devices do, and record what was lit. TELEFAB_KILLS says
 // how many kills (default 6), TELEFAB_UNPLUGS how many pulled cables (default 2), TELEFAB_SEED when they strike.
 
 namespace telefab::fab {
@@ -36,7 +36,7 @@ constexpr double kZTolerance_mm = 1e-3;
 
 class ServeKilled : public test::TwoSites {
  protected:
-  /// What the witness saw of one print.
+  /// What the recorder saw of one print.
   struct Seen {
     std::vector<LitSpan> light;
     std::vector<float> dose;
@@ -169,7 +169,7 @@ stage_serial = "{}"
     return (used_ns() - before) / double((clock.now() - from).count());
   }
 
-  /// The part without any misfortune; leaves the sealed record in place.
+  /// The part without any injected fault; leaves the sealed record in place.
   Seen reference_part() {
     begin_part();
     start_site("ask");
@@ -203,7 +203,7 @@ stage_serial = "{}"
     return sum;
   }
 
-  /// The option that decides about a layer that was perhaps exposed, by what the witness saw; "ask" where there is
+  /// The option that decides about a layer that was perhaps exposed, by what the recorder saw; "ask" where there is
   /// none.
   [[nodiscard]] std::string decide() {
     auto file = open_journal_file(job_folder() / "journal");

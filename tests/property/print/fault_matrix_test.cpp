@@ -25,7 +25,7 @@ struct Tally {
   int recovered = 0, resumed = 0, decided_exposed = 0, decided_again = 0;
 };
 
-/// Full time of one layer's light; what the witness saw of it.
+/// Full time of one layer's light; what the recorder saw of it.
 Nanoseconds light_of(PrintRig& rig, LayerIndex layer) {
   const Digest want = rig.mirrors_digest(layer);
   Nanoseconds sum{};
@@ -162,19 +162,19 @@ TEST(LightInjection, NeverShinesBeyondItsTimeNorWhileThePlatformMoves) {
     struct Dead {};
     class TriggerClock final : public Clock {
      public:
-      TriggerClock(VirtualClock& inner, Nanoseconds at, std::function<void()> deed)
-          : inner_{inner}, at_{at}, deed_{std::move(deed)} {}
+      TriggerClock(VirtualClock& inner, Nanoseconds at, std::function<void()> operation)
+          : inner_{inner}, at_{at}, operation_{std::move(operation)} {}
       Nanoseconds now() const override { return inner_.now(); }
       Nanoseconds wall() const override { return inner_.wall(); }
       void sleep_for(Nanoseconds d) override {
         inner_.sleep_for(d);
-        if (deed_ && now() >= at_) std::exchange(deed_, {})();
+        if (operation_ && now() >= at_) std::exchange(operation_, {})();
       }
 
      private:
       VirtualClock& inner_;
       Nanoseconds at_;
-      std::function<void()> deed_;
+      std::function<void()> operation_;
     };
     std::stop_source stop;
     TriggerClock clock{rig.clock, when, [&] {

@@ -23,13 +23,13 @@ constexpr Nanoseconds kExposure = 700ms;
 
 struct Killed {};
 
-/// Counts what the daemon does and kills it at the n-th deed.
+/// Counts what the daemon does and kills it at the n-th operation.
 class KillSwitch {
  public:
   void arm(std::uint64_t after) { left_ = after; }
   void disarm() { left_ = UINT64_MAX; }
-  void deed() {
-    ++deeds_;
+  void operation() {
+    ++operations_;
     if (left_ != UINT64_MAX && left_-- == 0) {
       disarm();
       dead_ = true;
@@ -37,19 +37,19 @@ class KillSwitch {
     }
   }
   void revive() { dead_ = false; }
-  [[nodiscard]] std::uint64_t deeds() const { return deeds_; }
+  [[nodiscard]] std::uint64_t operations() const { return operations_; }
 
  private:
   std::uint64_t left_ = UINT64_MAX;
-  std::uint64_t deeds_ = 0;
+  std::uint64_t operations_ = 0;
   bool dead_ = false;
 };
 
 template <class F>
-auto watched(KillSwitch& kill, F deed) {
-  kill.deed();
-  auto result = deed();
-  kill.deed();
+auto watched(KillSwitch& kill, F operation) {
+  kill.operation();
+  auto result = operation();
+  kill.operation();
   return result;
 }
 
@@ -147,7 +147,7 @@ class KillClock final : public Clock {
   Nanoseconds now() const override { return inner_.now(); }
   Nanoseconds wall() const override { return inner_.wall(); }
   void sleep_for(Nanoseconds d) override {
-    kill_.deed();
+    kill_.operation();
     inner_.sleep_for(d);
   }
 
@@ -192,14 +192,14 @@ struct Site {
     }
   }
 
-  /// After a kill: what the journal says, decided by what the witness saw.
+  /// After a kill: what the journal says, decided by what the recorder saw.
   [[nodiscard]] PrintPolicy decide() {
     PrintPolicy policy;
     auto journal = PrintJournal::open(std::make_unique<DroppingFile>(disk, kill));
     const ResumePoint point = journal->resume_point();
     if (!point.maybe_exposed) return policy;
     ++decisions;
-    (void)projector.dark();  // so that the witness has written everything down
+    (void)projector.dark();  // so that the recorder has written everything down
     policy.maybe_exposed = light_of(point.next) > 0ns ? Decision::TreatAsExposed : Decision::ExposeAgain;
     return policy;
   }
@@ -221,21 +221,21 @@ PrintPlan job() {
   return test::formula_plan(masks, kSize, kLayers, std::chrono::duration_cast<Microseconds>(kExposure));
 }
 
-std::uint64_t deeds_of_a_print(const PrintPlan& plan) {
+std::uint64_t operations_of_a_print(const PrintPlan& plan) {
   Site site{plan};
   EXPECT_TRUE(site.live(UINT64_MAX, {}));
-  return site.kill.deeds();
+  return site.kill.operations();
 }
 
 TEST(Kill, NeitherSkipsNorDoublesALayerAtTenThousandPoints) {
   const PrintPlan plan = job();
-  const std::uint64_t deeds = deeds_of_a_print(plan);
-  ASSERT_GT(deeds, 300u);
+  const std::uint64_t operations = operations_of_a_print(plan);
+  ASSERT_GT(operations, 300u);
   int decided = 0, partial = 0;
   for (std::uint64_t i = 0; i < 10'000; ++i) {
     std::mt19937_64 rng{i};
     Site site{plan};
-    if (site.live(i % deeds, {})) continue;
+    if (site.live(i % operations, {})) continue;
     site.clock.advance(Milliseconds{rng() % 1500});
     site.disk.crash(rng);
     const PrintPolicy policy = site.decide();
@@ -251,20 +251,20 @@ TEST(Kill, NeitherSkipsNorDoublesALayerAtTenThousandPoints) {
       ASSERT_TRUE(whole || cut) << "kill " << i << ", layer " << layer.index.count() << ": " << lit.count() << " ns";
     }
   }
-  fmt::print("10000 kills over {} deeds: {} explicit decisions, {} of them on a layer that was cut short\n", deeds,
-             decided, partial);
+  fmt::print("10000 kills over {} operations: {} explicit decisions, {} of them on a layer that was cut short\n",
+             operations, decided, partial);
   EXPECT_GT(decided, 100);
 }
 
 TEST(Kill, EndsWithTheSameLightInEveryVoxelHoweverOftenItIsKilled) {
   const PrintPlan plan = job();
-  const std::uint64_t deeds = deeds_of_a_print(plan);
+  const std::uint64_t operations = operations_of_a_print(plan);
   int kills = 0;
   for (std::uint64_t seed = 0; seed < 500; ++seed) {
     std::mt19937_64 rng{seed + 77};
     Site site{plan};
     PrintPolicy policy;
-    for (int life = 0; life < 6 && !site.live(life == 5 ? UINT64_MAX : rng() % deeds, policy); ++life) {
+    for (int life = 0; life < 6 && !site.live(life == 5 ? UINT64_MAX : rng() % operations, policy); ++life) {
       ++kills;
       site.clock.advance(2s);  // a restart takes longer than the exposure, which ends by itself
       site.disk.crash(rng);

@@ -13,10 +13,11 @@
 #include <telefab/fab/print/start_rule.hpp>
 #include <telefab/test/print_rig.hpp>
 
-// Operators who pause, cancel, resume, approve and stop a print that is killed between any two of its deeds, on a disk
-// that fills, with journals put back from a backup, bits that change and a clock that jumps. The devices live on and
-// are the recorder: no light begins after an answered pause or cancel without a later resume; no layer is lit twice or
-// left out without an operator's decision. TELEFAB_WORDS says how many prints (default 400; the campaign takes 10,000).
+// Operators who pause, cancel, resume, approve and stop a print that is killed between any two of its operations, on a
+// disk that fills, with journals put back from a backup, bits that change and a clock that jumps. The devices live on
+// and are the recorder: no light begins after an answered pause or cancel without a later resume; no layer is lit twice
+// or left out without an operator's decision. TELEFAB_WORDS says how many prints (default 400; the campaign takes
+// 10,000).
 
 namespace telefab::fab {
 namespace {
@@ -31,11 +32,11 @@ constexpr int kLives = 12;
 
 struct Killed {};
 
-/// What a life of the site does, counted; at one of these deeds something happens.
-struct Deeds {
+/// What a life of the site does, counted; at one of these operations something happens.
+struct Operations {
   std::uint64_t count = 0;
   std::map<std::uint64_t, std::function<void()>> at;
-  void deed() {
+  void operation() {
     const auto due = at.find(count++);
     if (due != at.end()) due->second();
   }
@@ -54,22 +55,22 @@ struct Disk {
 
 class DiskFile final : public JournalFile {
  public:
-  DiskFile(Disk& disk, Deeds& deeds) : disk_{disk}, deeds_{deeds} {}
+  DiskFile(Disk& disk, Operations& operations) : disk_{disk}, operations_{operations} {}
   Result<std::string> read_all() override { return disk_.text(); }
   Result<void> append(std::string_view text) override {
-    deeds_.deed();
+    operations_.operation();
     if (disk_.is_full) {
       disk_.unsafe += text.substr(0, text.size() / 3);
       return fail(ErrorCode::StorageFailed, "the disk is full");
     }
     disk_.unsafe += text;
-    deeds_.deed();
+    operations_.operation();
     return {};
   }
   Result<void> sync() override {
-    deeds_.deed();
+    operations_.operation();
     disk_.safe += std::exchange(disk_.unsafe, {});
-    deeds_.deed();
+    operations_.operation();
     return {};
   }
   Result<void> truncate(std::uint64_t bytes) override {
@@ -78,7 +79,7 @@ class DiskFile final : public JournalFile {
     return {};
   }
   Result<void> set_aside(std::string_view text) override {
-    deeds_.deed();
+    operations_.operation();
     if (disk_.is_full) return fail(ErrorCode::StorageFailed, "the disk is full");
     disk_.safe = text;
     disk_.unsafe.clear();
@@ -88,53 +89,54 @@ class DiskFile final : public JournalFile {
 
  private:
   Disk& disk_;
-  Deeds& deeds_;
+  Operations& operations_;
 };
 
 class CountedProjector final : public Projector {
  public:
   /// `on_light` is called when light is about to begin.
-  CountedProjector(Projector& inner, Deeds& deeds, std::function<void()> on_light)
-      : inner_{inner}, deeds_{deeds}, on_light_{std::move(on_light)} {}
+  CountedProjector(Projector& inner, Operations& operations, std::function<void()> on_light)
+      : inner_{inner}, operations_{operations}, on_light_{std::move(on_light)} {}
   const ProjectorFacts& facts() const override { return inner_.facts(); }
   Result<void> load(const MaskView& m, Microseconds e) override {
-    deeds_.deed();
+    operations_.operation();
     return inner_.load(m, e);
   }
   Result<void> expose() override {
-    deeds_.deed();
+    operations_.operation();
     on_light_();
     auto lit = inner_.expose();
-    deeds_.deed();
+    operations_.operation();
     return lit;
   }
   Result<ProjectorStatus> poll() override { return inner_.poll(); }
   Result<void> dark() override {
-    deeds_.deed();
+    operations_.operation();
     return inner_.dark();
   }
   Nanoseconds load_time(const MaskView& m) const override { return inner_.load_time(m); }
 
  private:
   Projector& inner_;
-  Deeds& deeds_;
+  Operations& operations_;
   std::function<void()> on_light_;
 };
 
 /// The wall clock jumps; the monotonic one does not.
 class JumpingClock final : public Clock {
  public:
-  JumpingClock(VirtualClock& inner, Deeds& deeds, Nanoseconds& jump) : inner_{inner}, deeds_{deeds}, jump_{jump} {}
+  JumpingClock(VirtualClock& inner, Operations& operations, Nanoseconds& jump)
+      : inner_{inner}, operations_{operations}, jump_{jump} {}
   Nanoseconds now() const override { return inner_.now(); }
   Nanoseconds wall() const override { return inner_.wall() + jump_; }
   void sleep_for(Nanoseconds d) override {
-    deeds_.deed();
+    operations_.operation();
     inner_.sleep_for(d);
   }
 
  private:
   VirtualClock& inner_;
-  Deeds& deeds_;
+  Operations& operations_;
   Nanoseconds& jump_;
 };
 
@@ -157,7 +159,7 @@ class Story {
 
  private:
   [[nodiscard]] PrintJournal open() {
-    auto journal = PrintJournal::open(std::make_unique<DiskFile>(disk_, no_deeds_));
+    auto journal = PrintJournal::open(std::make_unique<DiskFile>(disk_, no_operations_));
     EXPECT_TRUE(journal) << journal.error().what;
     return std::move(*journal);
   }
@@ -172,7 +174,7 @@ class Story {
   /// One life of the site: what the start rule allows, with things that happen on the way.
   void live(bool is_last) {
     disk_.is_full = false;
-    Deeds deeds;
+    Operations operations;
     std::stop_source stop;
     PrintControl control;
     PrintJournal journal = open();
@@ -186,11 +188,11 @@ class Story {
       if (!give_go_on(journal, facts)) return;
       is_paused_in_store_ = false;
     }
-    if (!is_last) plan_trouble(deeds, stop, control);
+    if (!is_last) plan_trouble(operations, stop, control);
     try {
-      CountedProjector p{projector_, deeds, [this] { lights_against_order_ += dark_since_.has_value(); }};
-      JumpingClock c{clock_, deeds, jump_};
-      auto file = PrintJournal::open(std::make_unique<DiskFile>(disk_, deeds));
+      CountedProjector p{projector_, operations, [this] { lights_against_order_ += dark_since_.has_value(); }};
+      JumpingClock c{clock_, operations, jump_};
+      auto file = PrintJournal::open(std::make_unique<DiskFile>(disk_, operations));
       ASSERT_TRUE(file) << file.error().what;
       PrintRunner runner{p, stage_, masks_, *file, c};
       const auto record = runner.run(
@@ -246,22 +248,22 @@ class Story {
     ++seen_["cancelled at rest"];
   }
 
-  /// Up to three of: a word, a kill, a full disk, a jump of the clock, each at a deed of its own.
-  void plan_trouble(Deeds& deeds, std::stop_source& stop, PrintControl& control) {
+  /// Up to three of: a word, a kill, a full disk, a jump of the clock, each at a operation of its own.
+  void plan_trouble(Operations& operations, std::stop_source& stop, PrintControl& control) {
     const auto when = [&] { return rng_() % 700; };
-    if (chance(70)) deeds.at[when()] = [] { throw Killed{}; };
+    if (chance(70)) operations.at[when()] = [] { throw Killed{}; };
     if (chance(25))
-      deeds.at[when()] = [this] {
+      operations.at[when()] = [this] {
         disk_.is_full = true;
         ++seen_["full disks"];
       };
     if (chance(15))
-      deeds.at[when()] = [this] {
+      operations.at[when()] = [this] {
         jump_ += chance(50) ? Nanoseconds{-1h} : Nanoseconds{1h};
         ++seen_["clock jumps"];
       };
     for (int n = static_cast<int>(rng_() % 3); n > 0; --n)
-      deeds.at[when()] = [this, &control, &stop] { give_word(control, stop); };
+      operations.at[when()] = [this, &control, &stop] { give_word(control, stop); };
   }
 
   void give_word(PrintControl& control, std::stop_source& stop) {
@@ -369,7 +371,7 @@ class Story {
   VirtualProjector projector_{kSize, 0, clock_, log_};
   VirtualZStage stage_{25, clock_, log_};
   Disk disk_;
-  Deeds no_deeds_;
+  Operations no_operations_;
   LayerIndex seen_by_store_;
   bool is_paused_in_store_ = false;
   std::string backup_;

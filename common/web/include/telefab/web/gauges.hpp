@@ -7,7 +7,7 @@
 
 namespace telefab {
 
-/// Numbers for Prometheus, gathered anew for every answer: nothing is kept twice.
+/// Numbers for Prometheus, gathered again for every answer: nothing is kept twice.
 class Gauges {
  public:
   using Labels = std::map<std::string, std::string>;

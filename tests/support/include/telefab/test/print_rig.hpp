@@ -56,7 +56,7 @@ struct PrintRig {
     projector_model.add_up_dose(false);
   }
 
-  /// Opens the drivers anew, as a started daemon does.
+  /// Opens the drivers again, as a started daemon does.
   Result<void> connect() {
     projector.reset();
     stage.reset();

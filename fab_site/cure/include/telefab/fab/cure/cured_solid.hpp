@@ -54,14 +54,14 @@ struct CureOptions {
                                             const CureOptions& options, const ProgressSink& progress,
                                             std::stop_token stop);
 
-/// One time the light was on, as a machine's witness wrote it down (MachineLog::light()).
+/// One time the light was on, as a machine's recorder wrote it down (MachineLog::light()).
 struct LitRecord {
   Digest mask;
   double z_mm = 0;  ///< gap between platform and vat
   std::chrono::nanoseconds lit{};
 };
 
-/// The solid that a witnessed print left behind: which layer a record belongs to follows from its gap, times of one
+/// The solid that a recorded print left behind: which layer a record belongs to follows from its gap, times of one
 /// mask in one layer add up. So a print that was interrupted and resumed compares equal, bit for bit, with one that
 /// went through if and only if every layer got the same light. `mask_of` finds a mask by its digest.
 /// Fails as cure_solid does, and with InvalidInput for a gap that is no layer's.

@@ -27,7 +27,7 @@ struct MoveSpan {
   friend bool operator==(const MoveSpan&, const MoveSpan&) = default;
 };
 
-/// What a simulated machine really did, as a witness beside it would have written it down. Virtual devices and device
+/// What a simulated machine really did, as a recorder beside it would have written it down. Virtual devices and device
 /// models write it, tests and `report` read it. Threads: all methods may be called from several threads.
 class MachineLog {
  public:
@@ -35,7 +35,7 @@ class MachineLog {
   void moved(const MoveSpan& span);
   [[nodiscard]] std::vector<LitSpan> light() const;
   [[nodiscard]] std::vector<MoveSpan> moves() const;
-  /// Where the platform is now, as far as the witness knows.
+  /// Where the platform is now, as far as the recorder knows.
   [[nodiscard]] double z_mm() const;
   /// Summed time of light and motion at once; zero on a safe machine.
   [[nodiscard]] Nanoseconds light_while_moving() const;

@@ -59,7 +59,7 @@ class Dlpc900Model {
   [[nodiscard]] std::uint32_t ms_per_report() const { return slow_ ? 4 : 1; }
   [[nodiscard]] bool present() const { return !gone_; }
 
-  // ---- the witness ----
+  // ---- the recorder ----
   /// Lets time pass: ends what is over by now.
   void tick();
   [[nodiscard]] bool lit() const { return running_ && glow() > 0; }
@@ -79,7 +79,7 @@ class Dlpc900Model {
   /// The last mask it decoded, both halves.
   [[nodiscard]] const Mask& image() const { return image_; }
 
-  // ---- misfortune ----
+  // ---- injected faults ----
   void plan_fault(ProjectorFault fault, std::uint64_t transfers_from_now);
   /// A LedStuck, ParkedStuck or SequencerAbort is repaired by a restart.
   void power_cycle();

@@ -64,7 +64,7 @@ struct StandingOrder {
 };
 
 /// What has been done so far and who allowed it, a record line (record_line.hpp) of JSON each. Each line is written
-/// before the deed it announces and synced where the deed cannot be taken back (all but Ready and Lifted).
+/// before the operation it announces and synced where the operation cannot be taken back (all but Ready and Lifted).
 /// Exposing is refused while the standing order is Pause or Cancel: no light without a living order, whoever asks.
 /// Threads: one caller at a time.
 class PrintJournal {
@@ -94,8 +94,8 @@ class PrintJournal {
   /// NotTrusted when the journal belongs to another plan.
   [[nodiscard]] Result<void> belongs_to(const Digest& plan) const;
   /// Appends, and syncs where the step demands it. Fails with StorageFailed, NotTrusted (damaged and not set aside),
-  /// Conflict (Exposing against the standing order); the deed must then not be done. After a failed sync every further
-  /// write fails until the journal is opened anew.
+  /// Conflict (Exposing against the standing order); the operation must then not be done. After a failed sync every
+  /// further write fails until the journal is opened again.
   [[nodiscard]] Result<void> write(const JournalEntry& entry);
   /// The damaged file is kept beside; what was sound goes on here, a SetAside line says by whom and what is lost, and
   /// `words`, the operator's decision, follow it: all of it or nothing.
