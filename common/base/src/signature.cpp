@@ -90,7 +90,7 @@ Result<Signature> sign_ed25519(std::string_view private_key_pem, std::string_vie
   const Key key = key_from_pem(private_key_pem, true);
   if (!key)
     return fail(ErrorCode::InvalidInput,
-                "the key is no Ed25519 private key in PEM; make one with: openssl genpkey -algorithm ed25519");
+                "the key is not an Ed25519 private key in PEM; make one with: openssl genpkey -algorithm ed25519");
   const Context context{EVP_MD_CTX_new()};
   std::array<unsigned char, 64> raw{};
   std::size_t size = raw.size();
@@ -103,7 +103,7 @@ Result<Signature> sign_ed25519(std::string_view private_key_pem, std::string_vie
 Result<void> verify_ed25519(const Signature& signature, std::string_view message, std::string_view public_key_pem) {
   if (!public_key_pem.empty()) {
     const Key expected = key_from_pem(public_key_pem, false);
-    if (!expected) return fail(ErrorCode::InvalidInput, "the key to check with is no Ed25519 public key in PEM");
+    if (!expected) return fail(ErrorCode::InvalidInput, "the key to check with is not an Ed25519 public key in PEM");
     if (public_half(expected.get()) != signature.public_key_hex)
       return fail(ErrorCode::NotTrusted, "signed with another key than the one given");
   }

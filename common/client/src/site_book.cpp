@@ -103,7 +103,7 @@ Result<SiteBook> site_book_from_toml(std::string_view text, std::string_view ori
   std::ranges::sort(book.sites, {}, &SiteEntry::name);
   if (!book.default_site.empty() && !book.find(book.default_site))
     return fail(ErrorCode::InvalidInput,
-                fmt::format("{}: default names {}, which is no site of this file", origin, book.default_site));
+                fmt::format("{}: default names {}, which is not a site of this file", origin, book.default_site));
   return book;
 }
 
@@ -137,7 +137,7 @@ Result<void> write_site_book(const std::filesystem::path& path, const SiteBook& 
 Result<void> validate(const SiteEntry& site) {
   if (!is_name(site.name))
     return fail(ErrorCode::InvalidInput,
-                fmt::format("\"{}\" is no name for a site; use a-z, 0-9 and -, at most 64", site.name));
+                fmt::format("\"{}\" is not a name for a site; use a-z, 0-9 and -, at most 64", site.name));
   const auto endpoint = net::endpoint_from_text(site.address);
   if (!endpoint) return fail_in(site.name, endpoint.error());
   if (site.tls_folder.empty() && !net::is_loopback(*endpoint))

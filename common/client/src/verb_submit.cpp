@@ -47,7 +47,7 @@ Result<Submit> announce(const SubmitOptions& o, RequestId request) {
   const auto status = std::filesystem::status(path, error);
   if (!std::filesystem::exists(status)) return fail(ErrorCode::NotFound, fmt::format("{} does not exist", o.scan));
   if (!std::filesystem::is_regular_file(status))
-    return fail(ErrorCode::InvalidInput, fmt::format("{} is no regular file; name one scan", o.scan));
+    return fail(ErrorCode::InvalidInput, fmt::format("{} is not a regular file; name one scan", o.scan));
   Submit submit{request, path.filename().string(), o.machine, to_json(o.asked), 0, {}};
   submit.size_bytes = std::filesystem::file_size(path, error);
   if (error) return fail(ErrorCode::StorageFailed, fmt::format("cannot read {}: {}", o.scan, error.message()));

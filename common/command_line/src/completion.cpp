@@ -115,7 +115,7 @@ Result<Shell> shell_from_name(std::string_view name) {
   if (name == "bash") return Shell::Bash;
   if (name == "zsh") return Shell::Zsh;
   if (name == "fish") return Shell::Fish;
-  return fail(ErrorCode::InvalidInput, fmt::format("{} is no shell known here; there are: bash, zsh, fish", name));
+  return fail(ErrorCode::InvalidInput, fmt::format("{} is not a shell known here; there are: bash, zsh, fish", name));
 }
 
 std::string completion_script(const ProgramManual& program, Shell shell) {

@@ -38,7 +38,7 @@ std::string_view name_of(JobState state) {
 Result<JobState> job_state_from_name(std::string_view name) {
   for (const JobState state : kJobStates)
     if (name_of(state) == name) return state;
-  return fail(ErrorCode::InvalidInput, fmt::format("{} is no state of a job", name));
+  return fail(ErrorCode::InvalidInput, fmt::format("{} is not a state of a job", name));
 }
 
 std::string_view name_of(JobCommand command) {
@@ -78,7 +78,7 @@ std::string_view name_of(JobStage stage) {
 Result<JobStage> job_stage_from_name(std::string_view name) {
   for (const JobStage stage : kJobStages)
     if (name_of(stage) == name) return stage;
-  return fail(ErrorCode::InvalidInput, fmt::format("{} is no stage of a job", name));
+  return fail(ErrorCode::InvalidInput, fmt::format("{} is not a stage of a job", name));
 }
 
 bool is_before(JobState a, JobState b) { return std::ranges::find(kJobStates, a) < std::ranges::find(kJobStates, b); }

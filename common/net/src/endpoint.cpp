@@ -10,7 +10,7 @@ namespace telefab::net {
 
 Result<Endpoint> endpoint_from_text(std::string_view text) {
   const auto refuse = [&](std::string_view why) {
-    return fail(ErrorCode::InvalidInput, fmt::format("\"{}\" is no HOST:PORT: {}", text, why));
+    return fail(ErrorCode::InvalidInput, fmt::format("\"{}\" is not a HOST:PORT: {}", text, why));
   };
   const std::size_t colon = text.rfind(':');
   if (colon == std::string_view::npos) return refuse("the port is missing");

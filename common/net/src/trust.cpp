@@ -31,7 +31,7 @@ Result<void> add_revoked(ssl::context& context, const std::filesystem::path& pat
   const std::unique_ptr<BIO, FreeBio> file{BIO_new_file(path.c_str(), "r")};
   if (!file) return fail(ErrorCode::NotFound, fmt::format("cannot read the revocation list {}", path.string()));
   const std::unique_ptr<X509_CRL, FreeCrl> list{PEM_read_bio_X509_CRL(file.get(), nullptr, nullptr, nullptr)};
-  if (!list) return fail(ErrorCode::InvalidInput, fmt::format("{} is no revocation list in PEM", path.string()));
+  if (!list) return fail(ErrorCode::InvalidInput, fmt::format("{} is not a revocation list in PEM", path.string()));
   X509_STORE* store = SSL_CTX_get_cert_store(context.native_handle());
   X509_STORE_add_crl(store, list.get());
   X509_STORE_set_flags(store, X509_V_FLAG_CRL_CHECK | X509_V_FLAG_CRL_CHECK_ALL);

@@ -69,7 +69,7 @@ Result<void> set_log_level(std::string_view name) {
       daemon_log().logger->set_level(level);
       return {};
     }
-  return fail(ErrorCode::InvalidInput, fmt::format("{} is no log level; there are: debug, info, warning", name));
+  return fail(ErrorCode::InvalidInput, fmt::format("{} is not a log level; there are: debug, info, warning", name));
 }
 
 }  // namespace telefab

@@ -7,7 +7,8 @@ namespace telefab {
 namespace {
 
 Result<Hello> check(const Frame& frame, const net::Peer& peer) {
-  if (frame.type != FrameType::Hello) return fail(ErrorCode::ProtocolBroken, "handshake: the first message is no hello");
+  if (frame.type != FrameType::Hello)
+    return fail(ErrorCode::ProtocolBroken, "handshake: the first message is not a hello");
   auto message = from_frame(frame);
   if (!message) return tl::unexpected{message.error()};
   Hello hello = std::get<Hello>(std::move(*message));
@@ -31,7 +32,7 @@ Result<Hello> check(const Frame& frame, const net::Peer& peer) {
 }  // namespace
 
 void handshake(net::Loop&, const net::ConnectionPtr& connection, Hello own, std::function<void(const Hello&)> on_ready,
-           std::function<void(const Error&)> refused) {
+               std::function<void(const Error&)> refused) {
   // The events belong to the connection, so they may hold it only weakly.
   const std::weak_ptr<net::Connection> weak = connection;
   net::ConnectionEvents events;

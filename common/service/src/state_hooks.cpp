@@ -185,7 +185,7 @@ struct StateHooks::Impl {
 Result<std::unique_ptr<StateHooks>> StateHooks::start(const HookOptions& options) {
   if (!options.program.empty() && ::access(options.program.c_str(), X_OK) != 0)
     return fail(ErrorCode::InvalidInput,
-                fmt::format("--hook: {} is no program that may be run; check its path and mode", options.program));
+                fmt::format("--hook: {} is not a program that may be run; check its path and mode", options.program));
   if (!options.url.empty() && !options.url.starts_with("http://") && !options.url.starts_with("https://"))
     return fail(ErrorCode::InvalidInput, fmt::format("--webhook: {} must begin with http:// or https://", options.url));
   auto impl = std::make_unique<Impl>();

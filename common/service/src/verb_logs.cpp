@@ -67,7 +67,7 @@ Result<ExitCode> run(const LogsOptions& o, const std::stop_token& stop) {
   const std::filesystem::path folder{o.data};
   std::error_code error;
   if (!std::filesystem::exists(folder / "jobs.sqlite", error))
-    return fail(ErrorCode::NotFound, fmt::format("{} is no folder of a daemon: it holds no jobs.sqlite", o.data));
+    return fail(ErrorCode::NotFound, fmt::format("{} is not a folder of a daemon: it holds no jobs.sqlite", o.data));
   SystemClock clock;
   const auto store = JobStore::open(folder / "jobs.sqlite", clock);
   if (!store) return tl::unexpected{store.error()};

@@ -136,7 +136,7 @@ class Session : public std::enable_shared_from_this<Session> {
       send(web_problem(413, "too-large", "the request is too large"), false);
     else if (error != http::error::end_of_stream &&
              error.category() == http::make_error_code(http::error::bad_method).category())
-      send(web_problem(400, "invalid-input", "this is no HTTP request"), false);
+      send(web_problem(400, "invalid-input", "this is not an HTTP request"), false);
   }
 
   void serve() {
@@ -281,7 +281,7 @@ Result<std::unique_ptr<WebServer>> WebServer::listen(const std::string& host, st
   const auto address = asio::ip::make_address(host, error);
   if (error)
     return fail(ErrorCode::InvalidInput,
-                fmt::format("web page: {} is no address; use 127.0.0.1 or the address of one interface", host));
+                fmt::format("web page: {} is not an address; use 127.0.0.1 or the address of one interface", host));
   const tcp::endpoint endpoint{address, port};
   impl->acceptor.open(endpoint.protocol(), error);
   if (!error) impl->acceptor.set_option(asio::socket_base::reuse_address{true}, error);

@@ -79,7 +79,7 @@ Result<std::optional<Frame>> FrameReader::take() {
   if (available < kFrameHeaderBytes) return std::optional<Frame>{};
   const auto type = static_cast<FrameType>(get(header + 2, 2));
   if (std::find(kKnown.begin(), kKnown.end(), type) == kKnown.end())
-    return refuse(fmt::format("frame-type: {} is no frame of this version", static_cast<int>(type)));
+    return refuse(fmt::format("frame-type: {} is not a frame of this version", static_cast<int>(type)));
   const std::size_t size = get(header + 4, 4);
   if (size > max_body_bytes_)
     return refuse(fmt::format("frame-size: a body of {} bytes is above the limit of {}", size, max_body_bytes_));

@@ -32,12 +32,12 @@ std::string words(Reading& reading, const std::string& from, std::string_view fi
 }
 
 std::string job_id(Reading& reading, const std::string& from) {
-  expect(reading, is_job_id(from), "job", "is no job id");
+  expect(reading, is_job_id(from), "job", "is not a job id");
   return reading.fault ? std::string{} : from;
 }
 
 std::string plain_name(Reading& reading, const std::string& from, std::string_view field) {
-  expect(reading, is_file_name(from), field, "is no plain file name");
+  expect(reading, is_file_name(from), field, "is not a plain file name");
   return reading.fault ? std::string{} : from;
 }
 
@@ -50,7 +50,7 @@ std::vector<std::byte> content(Reading& reading, const std::string& from, std::s
 
 Digest digest(Reading& reading, const std::string& from, std::string_view field) {
   Digest value;
-  expect(reading, from.size() == value.bytes.size(), field, "is no SHA-256");
+  expect(reading, from.size() == value.bytes.size(), field, "is not a SHA-256");
   if (!reading.fault)
     std::transform(from.begin(), from.end(), value.bytes.begin(), [](char c) { return static_cast<std::byte>(c); });
   return value;
@@ -79,16 +79,16 @@ Job read_job(Reading& reading, const v1::Job& proto) {
   job.message = words(reading, proto.message(), "message");
   const bool known = std::any_of(kJobStates.begin(), kJobStates.end(),
                                  [&](JobState state) { return static_cast<std::uint32_t>(state) == proto.state(); });
-  expect(reading, known, "state", "is no state of a job");
+  expect(reading, known, "state", "is not a state of a job");
   if (known) job.state = static_cast<JobState>(proto.state());
   job.counters = {proto.layers(),         proto.layers_sliced(),  proto.layers_sent(), proto.print_layers(),
                   proto.layers_planned(), proto.layers_printed(), proto.scan_bytes(),  proto.wire_bytes()};
   expect(reading, proto.stages_size() <= 32, "stages", "lists too many stages");
   if (!reading.fault)
     for (const v1::StageSeconds& row : proto.stages()) {
-      expect(reading, std::isfinite(row.seconds()) && row.seconds() >= 0, "seconds", "is no duration");
+      expect(reading, std::isfinite(row.seconds()) && row.seconds() >= 0, "seconds", "is not a duration");
       const auto stage = job_stage_from_name(name(reading, row.stage(), "stage"));
-      expect(reading, stage.has_value(), "stage", "is no stage of a job");
+      expect(reading, stage.has_value(), "stage", "is not a stage of a job");
       if (stage) job.stages.push_back({*stage, row.seconds()});
     }
   job.created_unix_ms = proto.created_unix_ms();
@@ -124,7 +124,7 @@ void read(Reading& reading, const v1::Hello& proto, Hello& value) {
 void read(Reading& reading, const v1::Fault& proto, Fault& value) {
   value.request = request(proto.request());
   expect(reading, proto.code() >= 1 && proto.code() <= static_cast<std::uint32_t>(ErrorCode::Internal), "code",
-         "is no error code of this version");
+         "is not an error code of this version");
   if (reading.fault) return;
   value.error = {static_cast<ErrorCode>(proto.code()), words(reading, proto.what(), "what")};
   if (!proto.job().empty()) value.job = job_id(reading, proto.job());
@@ -213,13 +213,14 @@ void read(Reading& reading, const v1::Offer& proto, Offer& value) {
   expect(reading, proto.coding() >= kFirstCoding && proto.coding() <= kLastCoding, "coding", "is none of this version");
   value.coding = proto.coding();
   value.owner = name(reading, proto.owner(), "owner");
-  expect(reading, proto.public_key().empty() || proto.public_key().size() == 32, "public_key", "is no Ed25519 key");
-  expect(reading, proto.signature().empty() || proto.signature().size() == 64, "signature", "is no Ed25519 signature");
+  expect(reading, proto.public_key().empty() || proto.public_key().size() == 32, "public_key", "is not an Ed25519 key");
+  expect(reading, proto.signature().empty() || proto.signature().size() == 64, "signature",
+         "is not an Ed25519 signature");
   value.public_key = content(reading, proto.public_key(), 32, "public_key");
   value.signature = content(reading, proto.signature(), 64, "signature");
   if (!proto.scan_sha256().empty()) value.scan = digest(reading, proto.scan_sha256(), "scan_sha256");
   expect(reading, proto.registration_rms_mm() >= 0 && proto.registration_rms_mm() < 1e6, "registration_rms_mm",
-         "is no length");
+         "is not a length");
   value.registration_rms_mm = proto.registration_rms_mm();
 }
 void read(Reading& reading, const v1::OfferAccepted& proto, OfferAccepted& value) {
@@ -252,7 +253,8 @@ void read(Reading& reading, const v1::StackEnd& proto, StackEnd& value) {
   value.chunk_count = proto.chunk_count();
   value.chain = digest(reading, proto.chain_sha256(), "chain_sha256");
   value.stack = digest(reading, proto.stack_sha256(), "stack_sha256");
-  expect(reading, proto.signature().empty() || proto.signature().size() == 64, "signature", "is no Ed25519 signature");
+  expect(reading, proto.signature().empty() || proto.signature().size() == 64, "signature",
+         "is not an Ed25519 signature");
   value.signature = content(reading, proto.signature(), 64, "signature");
 }
 void read(Reading& reading, const v1::StackStored& proto, StackStored& value) {

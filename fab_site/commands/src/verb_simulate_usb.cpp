@@ -75,7 +75,7 @@ Result<Socket> listen_on(const std::string& address, std::uint16_t port) {
   where.sin_family = AF_INET;
   where.sin_port = htons(port);
   if (::inet_pton(AF_INET, address.c_str(), &where.sin_addr) != 1)
-    return fail(ErrorCode::InvalidInput, address + " is no IPv4 address");
+    return fail(ErrorCode::InvalidInput, address + " is not an IPv4 address");
   if (socket.fd() < 0 || ::setsockopt(socket.fd(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) != 0 ||
       ::bind(socket.fd(), reinterpret_cast<const sockaddr*>(&where), sizeof where) != 0 ||
       ::listen(socket.fd(), 4) != 0)

@@ -113,7 +113,7 @@ Result<CuredSolid> cure_recorded(const CureModel& model, std::span<const LitReco
     // A stage at rest is off by micrometres, never by a quarter of a layer.
     if (!(std::abs(at - whole) < 0.25) || whole < 0 || whole >= kMaxLayers)
       return fail(ErrorCode::InvalidInput,
-                  fmt::format("light at a gap of {} mm, which is no layer of {} mm", record.z_mm, model.layer_mm));
+                  fmt::format("light at a gap of {} mm, which is not a layer of {} mm", record.z_mm, model.layer_mm));
     const auto index = static_cast<std::uint32_t>(whole);
     layers = std::max(layers, index + 1);
     auto& sums = lit[index];

@@ -50,7 +50,7 @@ Result<std::string> SiteKeys::check(const Offer& offer, const net::Peer& peer) c
       return fmt::format("signed with {} ({})", name_of_key(offer), path.filename().string());
   }
   return fail(ErrorCode::NotTrusted,
-              fmt::format("job-signature: job {} of {} is signed with {}, which is no key in {}{}; copy the site's "
+              fmt::format("job-signature: job {} of {} is signed with {}, which is not a key in {}{}; copy the site's "
                           "sign.pub there if it is to be trusted",
                           offer.job, peer.name, name_of_key(offer), folder_.string(),
                           peer.role ? fmt::format("/{}{}", peer.name, kEnding) : std::string{}));

@@ -45,7 +45,7 @@ class CliLayers {
                               layer_->top_mm));
     if (direction > kCliOpenLine)
       return fail(ErrorCode::InvalidInput,
-                  fmt::format("layer at {:.4f} mm: {} is no direction (0, 1 or 2)", layer_->top_mm, direction));
+                  fmt::format("layer at {:.4f} mm: {} is not a direction (0, 1 or 2)", layer_->top_mm, direction));
     for (Point2& p : vertices) p = {p.x_mm * unit_mm_, p.y_mm * unit_mm_};
     return RawLayers::add(*layer_, {id, direction == kCliClockwise, std::move(vertices)});
   }
@@ -266,7 +266,7 @@ Result<RawLayers> read_binary(std::string_view bytes, const CliHeader& header) {
       reader.skip(std::uint64_t{count} * 4 * size);
       layers.skip_hatches(count);
     } else {
-      return bad(begin, fmt::format("{} is no command (127 to 132)", command));
+      return bad(begin, fmt::format("{} is not a command (127 to 132)", command));
     }
   }
   return layers.take();

@@ -29,7 +29,7 @@ std::string_view name_of(InnerPattern::Kind kind) {
 Result<InnerPattern::Kind> inner_pattern_from_name(std::string_view name) {
   for (const auto& [kind, known] : kNames)
     if (name == known) return kind;
-  return fail(ErrorCode::InvalidInput, fmt::format("{} is no pattern; there are: solid, checker, shell-core", name));
+  return fail(ErrorCode::InvalidInput, fmt::format("{} is not a pattern; there are: solid, checker, shell-core", name));
 }
 
 Result<void> InnerPattern::validate() const {

@@ -21,7 +21,7 @@ Result<MaskMethod> mask_method_from_name(std::string_view name) {
   for (const MaskMethod method : kMaskMethods)
     if (name == name_of(method)) return method;
   return fail(ErrorCode::InvalidInput,
-              fmt::format("{} is no way to make masks; there are: cover, blend, blend-stack", name));
+              fmt::format("{} is not a way to make masks; there are: cover, blend, blend-stack", name));
 }
 
 }  // namespace telefab::fab

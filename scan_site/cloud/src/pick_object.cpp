@@ -73,7 +73,7 @@ Result<void> check_shape(std::span<const Eigen::Vector3f> points) {
   if (!(all > 0)) return fail(ErrorCode::InvalidInput, "all points lie in one place");
   if (spread[1] < kFlat * all)
     return fail(ErrorCode::InvalidInput,
-                fmt::format("all {} points lie on one line: that is no surface", points.size()));
+                fmt::format("all {} points lie on one line: that is not a surface", points.size()));
   if (spread[0] < kFlat * all)
     return fail(ErrorCode::InvalidInput,
                 fmt::format("all {} points lie in one plane: a sheet encloses nothing; scan all sides of the object",

@@ -46,7 +46,7 @@ std::uint32_t crc32c(std::span<const std::byte> bytes) {
 
 Result<E57Bytes> E57Bytes::from(std::span<const std::byte> file, const std::stop_token& stop) {
   if (!as_text(file).starts_with("ASTM-E57"))
-    return fail(ErrorCode::InvalidInput, "this is no E57 file: it does not begin with ASTM-E57");
+    return fail(ErrorCode::InvalidInput, "this is not an E57 file: it does not begin with ASTM-E57");
   if (file.size() < kHeader)
     return fail(ErrorCode::InvalidInput, "the file ends within the E57 header: it is truncated");
   const auto word = [&](std::size_t at) { return load<std::uint64_t>(file.data() + at, kBigEndianHost); };

@@ -29,7 +29,8 @@ Result<T> number_of(std::string_view text, std::string_view what) {
   T value{};
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc{} || end != text.data() + text.size())
-    return fail(ErrorCode::InvalidInput, fmt::format("E57: {} is '{}', which is no number", what, text.substr(0, 40)));
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("E57: {} is '{}', which is not a number", what, text.substr(0, 40)));
   return value;
 }
 
@@ -129,7 +130,7 @@ Result<std::optional<Eigen::Isometry3d>> pose_of(const pugi::xml_node& scan) {
   const Eigen::Quaterniond q{turn[0], turn[1], turn[2], turn[3]};
   constexpr double kTolerance = 0.01;
   if (!(std::abs(q.norm() - 1) < kTolerance) || !pose.translation().allFinite())
-    return fail(ErrorCode::InvalidInput, "E57: the pose of a scan is no unit quaternion and finite translation");
+    return fail(ErrorCode::InvalidInput, "E57: the pose of a scan is not a unit quaternion and finite translation");
   pose.linear() = q.normalized().toRotationMatrix();
   return pose;
 }

@@ -87,7 +87,7 @@ void hold_against(const std::string& example, const Help& help) {
       continue;
     }
     const auto option = help.options.find(words[i]);
-    ASSERT_NE(option, help.options.end()) << words[i] << " is no option";
+    ASSERT_NE(option, help.options.end()) << words[i] << " is not an option";
     given.insert(words[i]);
     if (!option->second.takes_value) continue;
     ASSERT_LT(++i, words.size()) << "a value is missing";

@@ -83,7 +83,7 @@ TEST_F(Sites, ADamagedBookIsNamedWithLineAndKey) {
   EXPECT_THAT(error_of("default = \n"), HasSubstr("sites.toml: line 1"));
   EXPECT_THAT(error_of("[sites.a]\naddress = \"127.0.0.1:1\"\nport = 3\n"), HasSubstr("unknown key port"));
   EXPECT_THAT(error_of("[sites.a]\naddress = 7\n"), HasSubstr("address must be a string"));
-  EXPECT_THAT(error_of("default = \"b\"\n"), HasSubstr("which is no site of this file"));
+  EXPECT_THAT(error_of("default = \"b\"\n"), HasSubstr("which is not a site of this file"));
 }
 
 TEST_F(Sites, AnUnknownNameSaysHowToKeepIt) {
