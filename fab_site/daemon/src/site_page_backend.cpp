@@ -234,32 +234,32 @@ Result<std::vector<std::byte>> SitePageBackend::accuracy_png(std::string_view id
   return read_file(path, kMaxFileBytes);
 }
 
-Result<const SitePageBackend::Sheets*> SitePageBackend::sheets_of(std::string_view id) {
-  if (sheets_ && sheets_->job == id) return &*sheets_;
+Result<const SitePageBackend::LayerImages*> SitePageBackend::layer_images_of(std::string_view id) {
+  if (layer_images_ && layer_images_->job == id) return &*layer_images_;
   const auto path = plan_file(id, "supports.jsonl");
   if (!path) return tl::unexpected{path.error()};
   const auto lines = text_of(*path);
   if (!lines) return fail(ErrorCode::NotFound, "the layers can be looked at once the job is planned");
   auto part = received_stack(path->parent_path().parent_path());
   if (!part) return tl::unexpected{part.error()};
-  Sheets sheets{std::string{id}, std::move(*part), {}, {{1e9, 1e9}, {-1e9, -1e9}}};
+  LayerImages images{std::string{id}, std::move(*part), {}, {{1e9, 1e9}, {-1e9, -1e9}}};
   for (std::string_view rest = *lines; !rest.empty();) {
     const auto end = std::min(rest.find('\n'), rest.size());
     auto layer = layer_from_json_line(rest.substr(0, end));
     if (!layer) return fail_in(path->string(), layer.error());
-    widen(sheets.bounds, layer->contours);
-    sheets.supports.push_back(std::move(*layer));
+    widen(images.bounds, layer->contours);
+    images.supports.push_back(std::move(*layer));
     rest.remove_prefix(std::min(end + 1, rest.size()));
   }
-  for (const Layer& layer : sheets.part.layers()) widen(sheets.bounds, layer.contours);
-  sheets_ = std::move(sheets);
-  return &*sheets_;
+  for (const Layer& layer : images.part.layers()) widen(images.bounds, layer.contours);
+  layer_images_ = std::move(images);
+  return &*layer_images_;
 }
 
 Result<std::string> SitePageBackend::layer_json(std::string_view id, std::uint32_t layer) {
-  const auto found = sheets_of(id);
+  const auto found = layer_images_of(id);
   if (!found) return tl::unexpected{found.error()};
-  const Sheets& s = **found;
+  const LayerImages& s = **found;
   if (layer >= s.supports.size())
     return fail(ErrorCode::NotFound, fmt::format("the print has {} layers", s.supports.size()));
   const std::size_t elevation = s.supports.size() - s.part.layers().size();

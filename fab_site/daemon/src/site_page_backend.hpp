@@ -56,7 +56,7 @@ class SitePageBackend final : public PageBackend {
   std::uint64_t revision() override { return store_.revision(); }
 
  private:
-  struct Sheets {
+  struct LayerImages {
     std::string job;
     LayerStack part;
     std::vector<Layer> supports;  ///< by print layer
@@ -76,7 +76,7 @@ class SitePageBackend final : public PageBackend {
   /// Null until planned.
   [[nodiscard]] const Light* light_of(const Job& job);
   [[nodiscard]] Result<std::filesystem::path> plan_file(std::string_view id, std::string_view name);
-  [[nodiscard]] Result<const Sheets*> sheets_of(std::string_view id);
+  [[nodiscard]] Result<const LayerImages*> layer_images_of(std::string_view id);
 
   JobStore& store_;
   const DataFolder& folder_;
@@ -84,7 +84,7 @@ class SitePageBackend final : public PageBackend {
   CommandPost post_;
   UploadPost uploaded_;
   QuestionAsker questions_;
-  std::optional<Sheets> sheets_;
+  std::optional<LayerImages> layer_images_;
   std::map<std::string, Light> lights_;  ///< by job
 };
 

@@ -87,14 +87,14 @@ Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& 
   const FolderUnderWay under_way{wanted};
   if (auto ok = under_way.begin(); !ok) return tl::unexpected{ok.error()};
   std::string support_lines;
-  const auto keep = [&](const PlannedSheet& sheet) -> Result<void> {
-    if (sheet.index.count() == 0) support_lines.clear();  // planned again
+  const auto keep = [&](const PlannedImage& layer_image) -> Result<void> {
+    if (layer_image.index.count() == 0) support_lines.clear();  // planned again
     Layer supports;
-    supports.index = sheet.index;
-    supports.z_mm = cut_height_mm(sheet.index, stack.header().layer_thickness_mm);
-    supports.contours.assign(sheet.supports.begin(), sheet.supports.end());
+    supports.index = layer_image.index;
+    supports.z_mm = cut_height_mm(layer_image.index, stack.header().layer_thickness_mm);
+    supports.contours.assign(layer_image.supports.begin(), layer_image.supports.end());
     support_lines += to_json_line(supports) + '\n';
-    return write_new_file(under_way.path() / "masks" / mask_name(sheet.index), sheet.png);
+    return write_new_file(under_way.path() / "masks" / mask_name(layer_image.index), layer_image.png);
   };
   auto summary = plan_job(stack, machine, options, keep, clock, progress, stop);
   if (!summary) return summary;

@@ -89,7 +89,7 @@ struct Checker {
   }
 
   /// True where the part's piece at that point is smaller than two pixels: nothing begins or ends with it.
-  [[nodiscard]] bool is_fleck(std::size_t k, Point2 at) const {
+  [[nodiscard]] bool is_speck(std::size_t k, Point2 at) const {
     for (const Region& piece : part[k].pieces())
       if (piece.contains(at)) return piece.area_mm2() < speck / 2;
     return false;
@@ -125,7 +125,7 @@ struct Checker {
     // Narrower than a pixel is nothing a mask shows.
     const Region core = offset(rest, Millimetres{-pixel / 2}, Millimetres{pixel / 20});
     for (const Region& piece : core.pieces())
-      if (!is_fleck(k, inner_point(piece))) note(Finding::Kind::OutOfReach, k, piece);
+      if (!is_speck(k, inner_point(piece))) note(Finding::Kind::OutOfReach, k, piece);
   }
 
   /// Whether material of the part begins in that layer within a piece of support.

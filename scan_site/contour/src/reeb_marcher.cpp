@@ -104,7 +104,7 @@ class Marcher {
           std::abs(cross(chord, to_start)) / length < std::max(3 * ds, 0.2 * length) &&
           first.tangent.dot(here.tangent) > 0.3) {
         if (closeness / static_cast<double>(ring.size()) > options_.pick_kernels * h)
-          return lost(MarchProblem::Kind::FalseSheet, first.point);
+          return lost(MarchProblem::Kind::FalseBranch, first.point);
         // A last vertex on top of the first adds nothing.
         if (to_start.norm() < 0.05 * length && ring.size() > 4) ring.pop_back();
         auto contour = Contour::from_vertices(std::move(ring));

@@ -172,7 +172,7 @@ Result<Cuts> cuts_of(const LayerStack& stack, const MachineProfile& machine) {
 Result<std::size_t> row(const fs::path& scan, const MachineProfile& machine, int turn, const Setup& setup) {
   const auto stack = sliced(scan, machine, turn, setup);
   if (!stack) return tl::unexpected{stack.error()};
-  const fab::PlanSink drop = [](const fab::PlannedSheet&) -> Result<void> { return {}; };
+  const fab::PlanSink drop = [](const fab::PlannedImage&) -> Result<void> { return {}; };
   const SystemClock clock;
   const auto plan = fab::plan_job(*stack, machine, {}, drop, clock, {}, {});
   if (!plan) return tl::unexpected{plan.error()};

@@ -93,7 +93,7 @@ TEST_P(RandomParts, FloatNowhereAndNoPinEndsInResin) {
   const LayerStack stack = random_part(GetParam());
   const MachineProfile machine = machine_of(GetParam());
   const VirtualClock clock;
-  const auto plan = plan_job(stack, machine, {}, [](const PlannedSheet&) { return Result<void>{}; }, clock, {}, {});
+  const auto plan = plan_job(stack, machine, {}, [](const PlannedImage&) { return Result<void>{}; }, clock, {}, {});
   ASSERT_TRUE(plan) << plan.error().what;
   EXPECT_EQ(plan->check.count(Finding::Kind::Island), 0U) << to_json(plan->check);
   const auto supports = WrittenSupports::from_json(plan->supports_json);

@@ -15,7 +15,7 @@ constexpr double kStep = 0.25;
 
 Point2 sample(int column, int row) { return {(column + 0.37) * kStep, (row + 0.41) * kStep}; }
 
-/// Rings of the nasty kind: stars that cross themselves, slivers, boxes that share edges and corners.
+/// Rings of the nasty kind: stars that cross themselves, very thin rings, boxes that share edges and corners.
 std::vector<GridRing> nasty_rings(std::mt19937_64& rng) {
   const auto in = [&](double from, double to) { return std::uniform_real_distribution<double>{from, to}(rng); };
   const auto cell = [&] { return std::floor(in(0, 15)); };

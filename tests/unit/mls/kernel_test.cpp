@@ -134,7 +134,7 @@ TEST(Kernel, IsTheDistanceOfAPlaneForTheNormalisedForms) {
   for (const float z : {-1.3F, -0.4F, 0.2F, 0.9F, 1.4F}) {
     for (const KernelForm form : {KernelForm::Unbiased, KernelForm::Paper, KernelForm::Imls})
       EXPECT_NEAR(baseline_kernels().evaluate(dome.input(), form, 0.1F, 0.1F, z).value, z, 1e-5);
-    // The literal form turns back to zero at one kernel width: the paper's spurious sheet.
+    // The literal form turns back to zero at one kernel width: the paper's spurious branch.
     EXPECT_NEAR(baseline_kernels().evaluate(dome.input(), KernelForm::PaperLiteral, 0.1F, 0.1F, z).value, z - z * z * z,
                 1e-5);
   }

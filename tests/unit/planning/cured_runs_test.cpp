@@ -30,9 +30,9 @@ struct Planned {
 Planned planned(const LayerStack& stack, const PlanOptions& options) {
   const VirtualClock clock;
   std::vector<Mask> masks;
-  const auto keep = [&](const PlannedSheet& sheet) -> Result<void> {
-    if (sheet.index.count() == 0) masks.clear();
-    auto image = decode_png(sheet.png, 10'000'000);
+  const auto keep = [&](const PlannedImage& layer_image) -> Result<void> {
+    if (layer_image.index.count() == 0) masks.clear();
+    auto image = decode_png(layer_image.png, 10'000'000);
     if (!image) return tl::unexpected{image.error()};
     masks.push_back({{image->width_px, image->height_px}, std::move(image->pixels)});
     return {};

@@ -31,8 +31,8 @@ struct Watched {
 Watched plan(const LayerStack& stack, const PlanOptions& options) {
   const VirtualClock clock;
   Watched watched;
-  const auto keep = [&](const PlannedSheet& sheet) -> Result<void> {
-    watched.layers.push_back(sheet.index.count());
+  const auto keep = [&](const PlannedImage& layer_image) -> Result<void> {
+    watched.layers.push_back(layer_image.index.count());
     return {};
   };
   auto summary = plan_job(stack, test::small_machine(), options, keep, clock, {}, {});

@@ -27,10 +27,10 @@ Planned plan(const LayerStack& stack, PlanOptions options = {}, const MachinePro
              std::stop_token stop = {}) {
   const VirtualClock clock;
   Planned planned{fail(ErrorCode::Internal, ""), {}};
-  const auto keep = [&](const PlannedSheet& sheet) -> Result<void> {
-    if (sheet.index.count() == 0) planned.pngs.clear();
-    EXPECT_EQ(sheet.index.count(), planned.pngs.size());
-    planned.pngs.emplace_back(sheet.png.begin(), sheet.png.end());
+  const auto keep = [&](const PlannedImage& layer_image) -> Result<void> {
+    if (layer_image.index.count() == 0) planned.pngs.clear();
+    EXPECT_EQ(layer_image.index.count(), planned.pngs.size());
+    planned.pngs.emplace_back(layer_image.png.begin(), layer_image.png.end());
     return {};
   };
   planned.summary = plan_job(stack, machine, options, keep, clock, {}, stop);
@@ -161,7 +161,7 @@ TEST(PlanJob, StopsWhenAskedAndHandsOnTheSinksError) {
   EXPECT_EQ(plan(test::table(3, 3), {}, test::small_machine(), stop.get_token()).summary.error().code,
             ErrorCode::Cancelled);
   const VirtualClock clock;
-  const auto full = [](const PlannedSheet&) -> Result<void> {
+  const auto full = [](const PlannedImage&) -> Result<void> {
     return fail(ErrorCode::StorageFailed, "the disk is full");
   };
   EXPECT_EQ(plan_job(test::table(3, 3), test::small_machine(), {}, full, clock, {}, {}).error().code,
@@ -278,7 +278,7 @@ TEST(PlanJob, StopsSolvingAMaskAtItsDeadlineAndKeepsTheCoverOfTheRest) {
     options.mask_deadline = 5ms;
     const HurryingClock clock;
     std::size_t layers = 0;
-    const auto count = [&](const PlannedSheet&) -> Result<void> {
+    const auto count = [&](const PlannedImage&) -> Result<void> {
       ++layers;
       return {};
     };

@@ -27,7 +27,7 @@ class PreflightTest : public testing::Test {
   PlanSummary summary = plan();
   [[nodiscard]] PlanSummary plan() const {
     const VirtualClock clock;
-    auto planned = plan_job(stack, machine, {}, [](const PlannedSheet&) { return Result<void>{}; }, clock, {}, {});
+    auto planned = plan_job(stack, machine, {}, [](const PlannedImage&) { return Result<void>{}; }, clock, {}, {});
     EXPECT_TRUE(planned) << planned.error().what;
     return std::move(*planned);
   }

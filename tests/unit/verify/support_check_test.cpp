@@ -64,7 +64,7 @@ TEST(SupportCheck, FindsTheDropOfAHookThatNobodyHolds) {
 }
 
 /// A speck beside a block, for two layers: the second lies on the first but for a strip of `beyond` pixels.
-stacks::Stack crumb_that_ends(double beyond) {
+stacks::Stack speck_that_ends(double beyond) {
   const double px = stacks::machine().projection.pixel_pitch_mm;
   return stacks::stack(3.0, [=](double z) {
     std::vector<std::vector<Point2>> rings{stacks::box(20, 20, 30, 30)};
@@ -77,7 +77,7 @@ stacks::Stack crumb_that_ends(double beyond) {
 
 TEST(SupportCheck, FindsNoFreePinUnderACrumbThatEndsWithItsLayer) {
   for (const double beyond : {0.1, 0.3, 0.5, 0.7, 1.0, 2.0, 4.0}) {
-    const auto s = crumb_that_ends(beyond);
+    const auto s = speck_that_ends(beyond);
     const auto report = checked(s, planned(s));
     EXPECT_TRUE(report.passes()) << beyond << '\n' << to_json(report);
   }
@@ -130,7 +130,7 @@ TEST(SupportCheck, LetsAPinEndInTheLayerWhereWhatItHoldsBeginsAndEnds) {
 }
 
 TEST(SupportCheck, CallsNoSkinAnIslandThatIsTooThinToCure) {
-  const auto sheet = [](double wide) {
+  const auto thin_plate = [](double wide) {
     return stacks::stack(6, [wide](double z) {
       std::vector<std::vector<Point2>> rings{stacks::box(30, 30, 50, 50)};
       if (z > 3) rings.push_back(stacks::box(60, 30, 60 + wide, 50));
@@ -138,7 +138,7 @@ TEST(SupportCheck, CallsNoSkinAnIslandThatIsTooThinToCure) {
     });
   };
   for (const auto& [wide, islands] : {std::pair{0.02, 0U}, {0.2, 1U}}) {
-    const auto s = sheet(wide);
+    const auto s = thin_plate(wide);
     PrintGeometry print;
     print.part = s.layers;
     EXPECT_EQ(check_supports(print, stacks::machine(), {}, {})->count(Finding::Kind::Island), islands) << wide;

@@ -51,7 +51,7 @@ class Contour {
   double signed_area_mm2_ = 0;
 };
 
-/// The shoelace sum; exact sign is not promised for slivers. Any number of vertices.
+/// The shoelace sum; exact sign is not promised for very thin rings. Any number of vertices.
 [[nodiscard]] double signed_area_mm2(std::span<const Point2> ring);
 
 /// Even-odd test against the ring; points on the boundary may fall to either side.

@@ -86,14 +86,14 @@ struct PlanSummary {
 };
 
 /// One print layer as it leaves the planner. Views live as long as the call.
-struct PlannedSheet {
+struct PlannedImage {
   LayerIndex index;
   std::span<const std::byte> png;     ///< of the mask
   std::span<const Contour> supports;  ///< the support's rings, canonical order
 };
 /// Takes the next print layer. Called in order, from one thread. Where the print has to be planned again it is called
 /// from layer 0 on again: what came before is void.
-using PlanSink = std::function<Result<void>(const PlannedSheet&)>;
+using PlanSink = std::function<Result<void>(const PlannedImage&)>;
 
 /// Plans a print: supports (section 4), one mask a layer with part and supports merged (section 5), exposures with
 /// longer bottom layers, and an independent check of the final masks. Where the check finds islands (masks may leave

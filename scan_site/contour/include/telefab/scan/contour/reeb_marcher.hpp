@@ -20,7 +20,7 @@ struct MarchOptions {
 
 /// Why a seed gave no contour.
 struct MarchProblem {
-  enum class Kind : std::uint8_t { SeedOffSurface = 1, Open = 2, FalseSheet = 3, NoArea = 4 };
+  enum class Kind : std::uint8_t { SeedOffSurface = 1, Open = 2, FalseBranch = 3, NoArea = 4 };
   Kind kind = Kind::Open;
   Point2 place;
 };

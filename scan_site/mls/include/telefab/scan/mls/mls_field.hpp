@@ -17,7 +17,7 @@ namespace telefab::scan {
 enum class SurfaceKind : std::uint8_t {
   Unbiased = 1,      ///< mean of both plane distances, curvature corrected: no shrinking, no swelling
   Paper = 2,         ///< the paper's g with weights normalised to sum 1
-  PaperLiteral = 3,  ///< the paper's g with plain weights; has a spurious sheet at one kernel width
+  PaperLiteral = 3,  ///< the paper's g with plain weights; has a spurious branch at one kernel width
   Imls = 4,          ///< weighted mean of the samples' own plane distances; swells by h^2 / 2R
 };
 /// "unbiased", "paper", "paper-literal", "imls"; InvalidInput lists them.
