@@ -35,7 +35,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
   void on_frame(const Frame& frame) {
     auto message = from_frame(frame);
     if (!message) return end(message.error());
-    std::visit([&](const auto& message_read) { handle(message_read); }, *message);
+    std::visit([&](const auto& each) { handle(each); }, *message);
   }
 
   void on_closed(const Error& why) {
@@ -93,14 +93,14 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
   }
 
   /// The job, if this site offered it on this connection.
-  OwnJob* own_job(const std::string& job) {
+  OwnJob* offered_here(const std::string& job) {
     const auto found = jobs_.find(job);
     return found == jobs_.end() ? nullptr : &found->second;
   }
 
   void handle(const Offer& offer) {
     const net::Peer& peer = connection_->peer();
-    if (jobs_.size() >= kMaxJobs && !own_job(offer.job))
+    if (jobs_.size() >= kMaxJobs && !offered_here(offer.job))
       return send(Fault{{}, {ErrorCode::TooLarge, "job-limit: too many jobs on one connection"}, offer.job});
     auto intake = receiver_.take_offer(offer, peer);
     if (!intake) {
@@ -116,7 +116,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
   }
 
   void handle(const SendChunk& chunk) {
-    OwnJob* own = own_job(chunk.job);
+    OwnJob* own = offered_here(chunk.job);
     // Chunks of a job that was refused or cancelled may still be on their way.
     if (!own || !own->intake) return;
     auto taken = chunk.sequence >= own->due
@@ -133,7 +133,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
   }
 
   void handle(const StackEnd& stack) {
-    OwnJob* own = own_job(stack.job);
+    OwnJob* own = offered_here(stack.job);
     if (!own || !own->intake) return;
     if (auto finished = own->intake->finish(stack); !finished) {
       receiver_.broken(stack.job, finished.error());
@@ -201,7 +201,7 @@ class ScanSession : public std::enable_shared_from_this<ScanSession> {
     if (is_open_) downloads_.pump(*connection_, [this](const Message& block) { send(block); });
   }
 
-  /// What a scan site does not say to a fab.
+  /// What a scan site does not send to a fab.
   template <class Other>
   void handle(const Other&) {
     end({ErrorCode::ProtocolBroken, "message-order: a scan site does not send this message"});
