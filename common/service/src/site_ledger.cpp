@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <telefab/service/daemon_log.hpp>
+#include <telefab/service/log.hpp>
 #include <telefab/service/site_ledger.hpp>
 
 namespace telefab {

@@ -13,8 +13,8 @@
 #include <condition_variable>
 #include <deque>
 #include <mutex>
-#include <telefab/service/daemon_log.hpp>
-#include <telefab/service/site_runtime.hpp>
+#include <telefab/service/data_folder.hpp>
+#include <telefab/service/log.hpp>
 #include <telefab/service/state_hooks.hpp>
 #include <thread>
 

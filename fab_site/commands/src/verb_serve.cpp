@@ -2,7 +2,7 @@
 #include <map>
 #include <memory>
 #include <telefab/fab/daemon/serve_fab_site.hpp>
-#include <telefab/service/daemon_log.hpp>
+#include <telefab/service/log.hpp>
 
 #include "contour_limit_options.hpp"
 #include "mask_options.hpp"

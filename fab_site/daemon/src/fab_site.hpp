@@ -8,8 +8,8 @@
 #include <telefab/fab/web/router.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/service/client_session.hpp>
-#include <telefab/service/daemon_log.hpp>
 #include <telefab/service/live_counters.hpp>
+#include <telefab/service/log.hpp>
 #include <telefab/service/service_notifier.hpp>
 #include <telefab/service/site_ledger.hpp>
 

@@ -7,7 +7,7 @@
 #include <telefab/fab/web/page_backend.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/machine/machine_profile.hpp>
-#include <telefab/service/site_page.hpp>
+#include <telefab/service/web_page.hpp>
 #include <telefab/store/job_store.hpp>
 #include <telefab/wire/message.hpp>
 

@@ -4,7 +4,7 @@
 #include <span>
 #include <string_view>
 #include <telefab/machine/machine_profile.hpp>
-#include <telefab/service/site_runtime.hpp>
+#include <telefab/service/data_folder.hpp>
 #include <telefab/store/job_store.hpp>
 
 namespace telefab::fab {

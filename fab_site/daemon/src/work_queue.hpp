@@ -7,7 +7,7 @@
 #include <functional>
 #include <mutex>
 #include <string>
-#include <telefab/service/site_runtime.hpp>
+#include <telefab/service/data_folder.hpp>
 #include <thread>
 
 namespace telefab::fab {

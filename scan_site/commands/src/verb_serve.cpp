@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <memory>
 #include <telefab/scan/daemon/serve_scan_site.hpp>
-#include <telefab/service/daemon_log.hpp>
+#include <telefab/service/log.hpp>
 
 #include "verbs.hpp"
 

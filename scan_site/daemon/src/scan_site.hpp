@@ -2,8 +2,8 @@
 #pragma once
 #include <telefab/scan/daemon/serve_scan_site.hpp>
 #include <telefab/service/client_session.hpp>
-#include <telefab/service/daemon_log.hpp>
 #include <telefab/service/live_counters.hpp>
+#include <telefab/service/log.hpp>
 #include <telefab/service/service_notifier.hpp>
 #include <telefab/service/site_ledger.hpp>
 

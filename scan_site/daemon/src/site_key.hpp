@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <filesystem>
-#include <telefab/service/site_runtime.hpp>
+#include <telefab/service/serve_options.hpp>
 
 namespace telefab::scan {
 

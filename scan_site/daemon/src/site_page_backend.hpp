@@ -2,7 +2,7 @@
 #pragma once
 #include <mutex>
 #include <telefab/scan/web/scan_web.hpp>
-#include <telefab/service/site_page.hpp>
+#include <telefab/service/web_page.hpp>
 #include <telefab/store/job_store.hpp>
 
 namespace telefab::scan {

@@ -7,7 +7,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/scan/formats/registration_note.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
-#include <telefab/service/site_runtime.hpp>
+#include <telefab/service/data_folder.hpp>
 #include <telefab/wire/job_signature.hpp>
 
 namespace telefab::scan {

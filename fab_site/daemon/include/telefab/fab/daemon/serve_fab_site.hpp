@@ -7,7 +7,7 @@
 #include <telefab/fab/planning/plan_job.hpp>
 #include <telefab/fab/print/print_runner.hpp>
 #include <telefab/fab/print/start_rule.hpp>
-#include <telefab/service/site_runtime.hpp>
+#include <telefab/service/serve_options.hpp>
 
 namespace telefab::fab {
 

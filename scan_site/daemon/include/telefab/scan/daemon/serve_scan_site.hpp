@@ -3,7 +3,7 @@
 #include <stop_token>
 #include <string>
 #include <telefab/base/clock.hpp>
-#include <telefab/service/site_runtime.hpp>
+#include <telefab/service/serve_options.hpp>
 
 namespace telefab::scan {
 

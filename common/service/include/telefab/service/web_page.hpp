@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <functional>
-#include <telefab/service/site_runtime.hpp>
+#include <telefab/service/data_folder.hpp>
+#include <telefab/service/serve_options.hpp>
 #include <telefab/web/web_server.hpp>
 #include <telefab/wire/message.hpp>
 

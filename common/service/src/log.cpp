@@ -10,7 +10,7 @@
 #include <array>
 #include <cstdlib>
 #include <string>
-#include <telefab/service/daemon_log.hpp>
+#include <telefab/service/log.hpp>
 
 namespace telefab {
 namespace {

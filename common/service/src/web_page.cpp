@@ -5,8 +5,8 @@
 #include <array>
 #include <future>
 #include <telefab/base/file.hpp>
-#include <telefab/service/daemon_log.hpp>
-#include <telefab/service/site_page.hpp>
+#include <telefab/service/log.hpp>
+#include <telefab/service/web_page.hpp>
 
 namespace telefab {
 namespace {

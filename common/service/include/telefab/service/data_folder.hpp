@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <string_view>
+#include <telefab/base/result.hpp>
+
+namespace telefab {
+
+/// A daemon's folder: jobs.sqlite, audit.log, port, incoming/ and jobs/ID/. Locked while the daemon lives, so that two
+/// daemons never share one.
+class DataFolder {
+ public:
+  /// Makes what is missing. Fails with NotPermitted, StorageFailed, Conflict (another daemon works there).
+  [[nodiscard]] static Result<DataFolder> open(const std::filesystem::path& path);
+  ~DataFolder();
+  DataFolder(DataFolder&& other) noexcept;
+  DataFolder& operator=(DataFolder&&) = delete;
+
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+  [[nodiscard]] std::filesystem::path incoming() const { return path_ / "incoming"; }
+  /// The folder of a job, which exists afterwards.
+  [[nodiscard]] Result<std::filesystem::path> job(std::string_view id) const;
+  /// Tells which port was bound: one line on standard output and the file `port`.
+  [[nodiscard]] Result<void> announce_port(std::uint16_t port) const;
+
+ private:
+  DataFolder(std::filesystem::path path, int lock) : path_{std::move(path)}, lock_{lock} {}
+  std::filesystem::path path_;
+  int lock_ = -1;
+};
+
+/// Names the calling thread, as the site's README lists it; at most 15 bytes.
+void set_thread_name(const char* name);
+
+}  // namespace telefab

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/service/serve_options.hpp>
+
+namespace telefab {
+
+void declare_serve_options(VerbOptions& app, ServeOptions& options) {
+  app.add("--listen", options.listen, "HOST:PORT; port 0 takes a free one; off loopback --tls is needed")
+      .shows_default();
+  app.add("--data", options.data, "folder for jobs, made where there is none; one daemon a folder").required();
+  declare_machine_folder(app, options.machines);
+  app.add("--tls", options.tls_folder,
+          "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as deploy/certs makes it");
+  app.add("--tls-name", options.tls_name, "NAME of the certificate in that folder").shows_default();
+  app.add("--web", options.web,
+          "HOST:PORT of the web page and its API, e.g. 127.0.0.1:7480; default: none. What changes a job needs "
+          "the token in DATA/web-token");
+  app.add("--hook", options.hooks.program,
+          "program to run at every change of a job's state: TELEFAB_JOB, TELEFAB_STATE, TELEFAB_MESSAGE, "
+          "TELEFAB_NAME and TELEFAB_MACHINE in its environment, the job as JSON on its input");
+  app.add("--webhook", options.hooks.url, "http:// or https:// address that gets the same JSON as a POST");
+  app.add("--log-level", options.log_level, "how much is logged; debug adds a line a layer")
+      .one_of({"debug", "info", "warning"})
+      .shows_default();
+}
+
+Result<std::shared_ptr<net::Trust>> trust_of(const ServeOptions& options) {
+  if (options.tls_folder.empty()) return std::shared_ptr<net::Trust>{};
+  return net::Trust::load(net::tls_files_in(options.tls_folder, options.tls_name));
+}
+
+Result<std::unique_ptr<net::Listener>> open_listener(
+    net::Loop& loop, const ServeOptions& options, std::shared_ptr<net::Trust> trust,
+    std::function<void(const net::ConnectionPtr&)> on_connection,
+    std::function<void(std::string_view who, std::string_view what)> note) {
+  const auto listen = net::endpoint_from_text(options.listen);
+  if (!listen) return fail_in("--listen", listen.error());
+  return net::Listener::open(
+      loop, {*listen, std::move(trust), {}},
+      {std::move(on_connection), [note = std::move(note)](const std::string& address, const Error& why) {
+         note(address, "refused: " + why.what);
+       }});
+}
+
+}  // namespace telefab
