@@ -162,7 +162,7 @@ Result<LayerStack> read_tfc(std::span<const std::byte> bytes) {
     return fail(ErrorCode::InvalidInput, fmt::format("contour file (.tfc), byte {}: {}", at, what));
   };
   if (bytes.size() < kMagic.size() || std::memcmp(bytes.data(), kMagic.data(), kMagic.size()) != 0)
-    return bad("this is no .tfc file of version 1; make one with telefab-scan slice --out");
+    return bad("this is not a .tfc file of version 1; make one with telefab-scan slice --out");
   at = kMagic.size();
 
   std::optional<StackDecoder> decoder;

@@ -71,7 +71,7 @@ std::string not_taken(std::string_view name) {
           "(telefab submit FILE --machine NAME), or cut it into a .tfc file first (telefab-scan slice FILE --out "
           "part.tfc)",
           name);
-  return fmt::format("{} is no .tfc file; a fab takes layers as telefab-scan slice writes them", name);
+  return fmt::format("{} is not a .tfc file; a fab takes layers as telefab-scan slice writes them", name);
 }
 
 }  // namespace

@@ -22,7 +22,7 @@ constexpr std::uint32_t kLayers = 3;
 constexpr Nanoseconds kFrame = 16'667us;
 
 struct Tally {
-  int recovered = 0, resumed = 0, decided_exposed = 0, decided_again = 0;
+  int recovered = 0, resumed = 0, decided_exposed = 0, expose_again = 0;
 };
 
 /// Full time of one layer's light; what the recorder saw of it.
@@ -71,7 +71,7 @@ void run_with(PrintRig& rig, Tally& tally, bool& decided, PlanFault plan_fault) 
     rig.projector_model.tick();
     const bool lit = light_of(rig, first->next) > 0ns;
     policy.maybe_exposed = lit ? Decision::TreatAsExposed : Decision::ExposeAgain;
-    ++(lit ? tally.decided_exposed : tally.decided_again);
+    ++(lit ? tally.decided_exposed : tally.expose_again);
   }
   // The operator looks after the machine, then resumes.
   rig.projector_model.power_cycle();
@@ -101,7 +101,7 @@ Steps steps_of_a_layer() {
 
 void print_row(std::string_view fault, const Tally& t) {
   fmt::print("{:<18} recovered {:3}  resumed {:3}  decided exposed {:3}  decided again {:3}\n", fault, t.recovered,
-             t.resumed, t.decided_exposed, t.decided_again);
+             t.resumed, t.decided_exposed, t.expose_again);
 }
 
 class ProjectorFaultMatrix : public testing::TestWithParam<std::size_t> {};
@@ -120,7 +120,7 @@ TEST_P(ProjectorFaultMatrix, RecoversOrStopsDarkAtEveryStep) {
     if (HasFailure()) break;
   }
   print_row(name_of(fault), tally);
-  EXPECT_EQ(static_cast<std::uint64_t>(tally.recovered + tally.resumed + tally.decided_exposed + tally.decided_again),
+  EXPECT_EQ(static_cast<std::uint64_t>(tally.recovered + tally.resumed + tally.decided_exposed + tally.expose_again),
             steps.transfers);
 }
 INSTANTIATE_TEST_SUITE_P(Faults, ProjectorFaultMatrix, testing::Range<std::size_t>(0, kProjectorFaults),
@@ -145,7 +145,7 @@ TEST_P(StageFaultMatrix, RecoversOrStopsDarkAtEveryLine) {
     expect_sound(rig, decided);
   }
   print_row(name_of(fault), tally);
-  EXPECT_EQ(static_cast<std::uint64_t>(tally.recovered + tally.resumed + tally.decided_exposed + tally.decided_again),
+  EXPECT_EQ(static_cast<std::uint64_t>(tally.recovered + tally.resumed + tally.decided_exposed + tally.expose_again),
             steps.lines);
 }
 INSTANTIATE_TEST_SUITE_P(Faults, StageFaultMatrix, testing::Range<std::size_t>(0, kStageFaults));

@@ -84,7 +84,7 @@ TEST(PlanJob, SeesWhatFloatsWhereNothingHoldsIt) {
   EXPECT_EQ(planned.summary->check.count(Finding::Kind::Island), 1U);
 }
 
-TEST(PlanJob, GivesNoLightToAFleckThatWouldFloat) {
+TEST(PlanJob, GivesNoLightToASpeckThatWouldFloat) {
   for (const MaskMethod method : {MaskMethod::Cover, MaskMethod::BlendStack}) {
     test::Overlooked part{0.3, 1};
     part.options.masks = method;

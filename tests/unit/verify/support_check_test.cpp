@@ -75,7 +75,7 @@ stacks::Stack speck_that_ends(double beyond) {
   });
 }
 
-TEST(SupportCheck, FindsNoFreePinUnderACrumbThatEndsWithItsLayer) {
+TEST(SupportCheck, FindsNoFreePinUnderASpeckThatEndsWithItsLayer) {
   for (const double beyond : {0.1, 0.3, 0.5, 0.7, 1.0, 2.0, 4.0}) {
     const auto s = speck_that_ends(beyond);
     const auto report = checked(s, planned(s));

@@ -54,7 +54,7 @@ class RecordingBackend : public PageBackend {
     return {};
   }
   [[nodiscard]] Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) override {
-    if (tfc.empty()) return fail(ErrorCode::InvalidInput, "this is no .tfc file");
+    if (tfc.empty()) return fail(ErrorCode::InvalidInput, "this is not a .tfc file");
     files.push_back({std::string{name}, std::string{tfc}, start});
     return std::string{"u1"};
   }
