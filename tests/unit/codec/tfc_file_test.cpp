@@ -118,7 +118,7 @@ TEST(TfcFile, RefusesAChunkOfAnotherStack) {
 
 TEST(TfcFile, RefusesOtherFiles) {
   for (const std::string_view text : {"", "ply\nformat ascii 1.0\n", "TFC2\r\n\x1a\n", "PK\x03\x04"})
-    EXPECT_THAT(read_tfc(std::as_bytes(std::span{text})).error().what, HasSubstr("no .tfc file"));
+    EXPECT_THAT(read_tfc(std::as_bytes(std::span{text})).error().what, HasSubstr("not a .tfc file"));
 }
 
 TEST(TfcWriter, HandsOnTheSinksError) {
