@@ -324,7 +324,7 @@ TEST_F(Fax, RefusesWhatCannotBecomeAJobAtTheClient) {
   const std::string scan = torus().string();
   const BadSubmit bad[]{
       {{"submit", (folder() / "none.ply").string(), "--machine", "toy"}, 7, "does not exist"},
-      {{"submit", folder().string(), "--machine", "toy"}, 2, "no regular file"},
+      {{"submit", folder().string(), "--machine", "toy"}, 2, "not a regular file"},
       {{"submit", empty.string(), "--machine", "toy"}, 2, "is empty"},
       {{"submit", scan, "--machine", "gigantic"}, 2, "toy"},
       {{"submit", scan, "--machine", "toy", "--method", "magic"}, 2, "reeb"},

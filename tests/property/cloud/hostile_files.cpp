@@ -338,7 +338,7 @@ void add_surveys(const Points& points, std::vector<HostileFile>& out) {
   e57("version_2.e57", with(logical, 8, raw(std::uint32_t{2})), "version 2");
   e57("xml_beyond_the_end.e57", with(logical, 24, raw(UINT64_MAX - 9)), "");
   e57("xml_of_1e19_bytes.e57", with(logical, 32, raw(UINT64_MAX)), "");
-  e57("claims_1e18.e57", instead(logical, "recordCount=\"240\"", "recordCount=\"1e9\""), "no number");
+  e57("claims_1e18.e57", instead(logical, "recordCount=\"240\"", "recordCount=\"1e9\""), "not a number");
   e57("not_xml.e57", instead(logical, "<e57Root", "<e57Root<"), "XML");
   e57("pose_of_nan.e57", instead(logical, ">1.5<", ">nan<"), "");
   e57("packet_of_no_kind.e57", with(logical, 80, "\x7F"), "kind 127");

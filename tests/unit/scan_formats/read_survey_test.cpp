@@ -168,9 +168,9 @@ TEST(ReadE57, SaysWhatIsWrong) {
     return why(test::on_e57_pages(logical.replace(at, from.size(), to)));
   };
   EXPECT_THAT(damaged("recordCount=\"3\"", "recordCount=\"4\""), HasSubstr("only 3 values"));
-  EXPECT_THAT(damaged("recordCount=\"3\"", "recordCount=\"x\""), HasSubstr("no number"));
+  EXPECT_THAT(damaged("recordCount=\"3\"", "recordCount=\"x\""), HasSubstr("not a number"));
   EXPECT_THAT(damaged("fileOffset=\"48\"", "fileOffset=\"56\""), HasSubstr("begins no section"));
-  EXPECT_THAT(damaged("fileOffset=\"48\"", "fileOffset=\"1e\""), HasSubstr("no number"));
+  EXPECT_THAT(damaged("fileOffset=\"48\"", "fileOffset=\"1e\""), HasSubstr("not a number"));
   EXPECT_THAT(damaged("<cartesianX", "<cartesianA"), HasSubstr("without cartesian or spherical"));
   EXPECT_THAT(damaged("0.70710678118654752", "1.70710678118654752"), HasSubstr("quaternion"));
   EXPECT_THAT(damaged("</e57Root>", "</e57Roof>"), HasSubstr("XML section is damaged"));
