@@ -13,12 +13,12 @@
 #include <telefab/service/service_notifier.hpp>
 #include <telefab/service/site_ledger.hpp>
 
+#include <telefab/service/work_queue.hpp>
 #include "platforms.hpp"
 #include "print_orders.hpp"
 #include "scan_session.hpp"
 #include "site_keys.hpp"
 #include "site_page_backend.hpp"
-#include "work_queue.hpp"
 
 namespace telefab::fab {
 

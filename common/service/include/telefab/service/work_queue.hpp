@@ -10,7 +10,7 @@
 #include <telefab/service/data_folder.hpp>
 #include <thread>
 
-namespace telefab::fab {
+namespace telefab {
 
 /// One thread that takes jobs in the order they came. Destruction stops the work under way and joins.
 class WorkQueue {
@@ -92,4 +92,4 @@ class WorkQueue {
   std::jthread thread_;  ///< last: everything above is there before it runs
 };
 
-}  // namespace telefab::fab
+}  // namespace telefab
