@@ -5,7 +5,7 @@
 #include <telefab/net/listener.hpp>
 #include <telefab/wire/message.hpp>
 
-#include "spool_registry.hpp"
+#include <telefab/transfer/spool_registry.hpp>
 
 namespace telefab::scan {
 

@@ -8,7 +8,7 @@
 #include <telefab/wire/message.hpp>
 #include <thread>
 
-#include "spool_registry.hpp"
+#include <telefab/transfer/spool_registry.hpp>
 
 namespace telefab::scan {
 

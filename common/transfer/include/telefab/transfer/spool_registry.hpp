@@ -5,7 +5,7 @@
 #include <mutex>
 #include <telefab/transfer/chunk_spool.hpp>
 
-namespace telefab::scan {
+namespace telefab {
 
 /// One job's spool, shared by the slicer, which fills it, and the link, which sends it.
 class SharedSpool {
@@ -48,4 +48,4 @@ class SpoolRegistry {
   std::map<std::string, std::shared_ptr<SharedSpool>> spools_;
 };
 
-}  // namespace telefab::scan
+}  // namespace telefab
