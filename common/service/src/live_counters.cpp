@@ -10,7 +10,7 @@ constexpr auto kKeepAfter = std::chrono::milliseconds{100};
 
 void LiveCounters::keep() {
   for (auto& [job, live] : jobs_)
-    if (std::exchange(live.is_dirty, false)) ledger_.set_counters(job, live.counters);
+    if (std::exchange(live.is_dirty, false)) tracker_.set_counters(job, live.counters);
 }
 
 void LiveCounters::end(const std::string& job) {

@@ -53,10 +53,10 @@ Result<std::unique_ptr<FabSite>> FabSite::open(const FabSiteConfig& config, cons
 }
 
 Result<void> FabSite::start() {
-  auto ledger = SiteLedger::open(folder_.path(), config_.serve.hooks, clock_);
-  if (!ledger) return tl::unexpected{ledger.error()};
-  ledger_ = std::move(*ledger);
-  counters_ = std::make_unique<LiveCounters>(loop_, *ledger_);
+  auto tracker = JobTracker::open(folder_.path(), config_.serve.hooks, clock_);
+  if (!tracker) return tl::unexpected{tracker.error()};
+  tracker_ = std::move(*tracker);
+  counters_ = std::make_unique<LiveCounters>(loop_, *tracker_);
   auto trust = trust_of(config_.serve);
   if (!trust) return tl::unexpected{trust.error()};
 
@@ -166,7 +166,7 @@ void FabSite::on_connection(const net::ConnectionPtr& connection) {
       [this, address = connection->peer().address](const Error& why) { note(address, "refused: " + why.what); });
 }
 
-void FabSite::note(std::string_view who, std::string_view what) { ledger_->note(who, what); }
+void FabSite::note(std::string_view who, std::string_view what) { tracker_->note(who, what); }
 
 Machines FabSite::machines() {
   Machines machines;
@@ -249,7 +249,7 @@ void FabSite::completed(const std::string& job) {
     analysed_[job] = std::move(live->second.analysis);
   }
   const double seconds = std::chrono::duration<double>(clock_.now() - live->second.send_began).count();
-  ledger_->set_stage_seconds(job, JobStage::Send, seconds);
+  tracker_->set_stage_seconds(job, JobStage::Send, seconds);
   move(job, JobState::Planning, "");
   planner_->add(job);
 }
@@ -384,7 +384,7 @@ void FabSite::plan(const std::string& job, std::stop_token stop) {
   later([this, job, outcome, seconds = std::chrono::duration<double>(clock_.now() - began).count()] {
     if (!outcome) return end_job(job, JobState::Failed, outcome.error().what);
     count_planned(job, outcome->print_layers, outcome->print_layers);
-    ledger_->set_stage_seconds(job, JobStage::Plan, seconds);
+    tracker_->set_stage_seconds(job, JobStage::Plan, seconds);
     planned(job, outcome->hold_reason);
     predictor_->add(job);
   });
@@ -485,7 +485,7 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
   if (!next || is_final(next->state)) return;
   if (const auto known = find_machine(machines_, next->machine); known && !take_platform(*next, *known)) return;
   // Not before the store says so: what the next start knows of this print begins there.
-  ledger_->move(job, JobState::Printing, "");
+  tracker_->move(job, JobState::Printing, "");
   if (const auto now = store().find(job); !now || now->state != JobState::Printing) {
     if (!now || !is_final(now->state))
       later([this, job] { loop_.after(kRetryEvery, [this, job] { device_->add(job); }); });
@@ -526,7 +526,7 @@ void FabSite::print(const std::string& job, std::stop_token stop) {
   control->close();                  // words that came too late are kept without it
   if (device_->is_ending()) return;  // the journal tells the next start where to go on
   later([this, job, record, seconds = std::chrono::duration<double>(clock_.now() - began).count()] {
-    ledger_->set_stage_seconds(job, JobStage::Print, seconds);
+    tracker_->set_stage_seconds(job, JobStage::Print, seconds);
     if (!record && (is_device_trouble(record.error().code) || is_site_trouble(record.error().code)))
       return move(job, JobState::Paused, record.error().what + "; telefab resume tries again");
     if (!record) return end_job(job, JobState::Failed, record.error().what);
@@ -766,7 +766,7 @@ void FabSite::file(const std::string& job, const std::string& name,
 
 void FabSite::move(const std::string& job, JobState state, std::string_view message) {
   counters_->keep();
-  ledger_->move(job, state, message);
+  tracker_->move(job, state, message);
 }
 
 void FabSite::end_job(const std::string& job, JobState state, std::string_view message) {

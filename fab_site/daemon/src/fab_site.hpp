@@ -8,10 +8,10 @@
 #include <telefab/fab/web/router.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/service/client_session.hpp>
+#include <telefab/service/job_tracker.hpp>
 #include <telefab/service/live_counters.hpp>
 #include <telefab/service/log.hpp>
 #include <telefab/service/service_notifier.hpp>
-#include <telefab/service/site_ledger.hpp>
 
 #include <telefab/service/work_queue.hpp>
 #include "platforms.hpp"
@@ -24,7 +24,7 @@ namespace telefab::fab {
 
 /// The daemon: layers in from scan sites, planned, printed; commands and questions from clients and scan sites.
 /// Threads: network (everything but the three below), planner, device, web. Stop order: web, listener, planner,
-/// device, ledger.
+/// device, tracker.
 class FabSite final : public StackReceiver {
  public:
   /// Everything is checked and the port is bound when this returns.
@@ -33,7 +33,7 @@ class FabSite final : public StackReceiver {
   /// Serves until the stop is requested. The calling thread is the loop's.
   [[nodiscard]] Result<void> run(std::stop_token stop);
 
-  JobStore& store() override { return ledger_->store(); }
+  JobStore& store() override { return tracker_->store(); }
   Machines machines() override;
   Result<void> may_submit(const Submit& submit) override;
   std::filesystem::path incoming() override { return folder_.incoming(); }
@@ -115,7 +115,7 @@ class FabSite final : public StackReceiver {
   FabSiteConfig config_;
   SiteKeys site_keys_;
   Platforms platforms_;
-  std::unique_ptr<SiteLedger> ledger_;
+  std::unique_ptr<JobTracker> tracker_;
   net::Loop loop_;
   std::unique_ptr<LiveCounters> counters_;
   std::map<std::string, Live> live_;

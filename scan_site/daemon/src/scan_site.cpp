@@ -36,10 +36,10 @@ Result<std::unique_ptr<ScanSite>> ScanSite::open(const ScanSiteConfig& config, c
 }
 
 Result<void> ScanSite::start(const ScanSiteConfig& config) {
-  auto ledger = SiteLedger::open(folder_.path(), config.serve.hooks, clock_);
-  if (!ledger) return tl::unexpected{ledger.error()};
-  ledger_ = std::move(*ledger);
-  counters_ = std::make_unique<LiveCounters>(loop_, *ledger_);
+  auto tracker = JobTracker::open(folder_.path(), config.serve.hooks, clock_);
+  if (!tracker) return tl::unexpected{tracker.error()};
+  tracker_ = std::move(*tracker);
+  counters_ = std::make_unique<LiveCounters>(loop_, *tracker_);
   auto trust = trust_of(config.serve);
   if (!trust) return tl::unexpected{trust.error()};
   const auto fab = net::endpoint_from_text(config.fab);
@@ -120,7 +120,7 @@ void ScanSite::on_connection(const net::ConnectionPtr& connection) {
       [this, address = connection->peer().address](const Error& why) { note(address, "refused: " + why.what); });
 }
 
-void ScanSite::note(std::string_view who, std::string_view what) { ledger_->note(who, what); }
+void ScanSite::note(std::string_view who, std::string_view what) { tracker_->note(who, what); }
 
 const std::vector<MachineProfile>& ScanSite::known_machines() const {
   return link_->machines().empty() ? own_machines_ : link_->machines();
@@ -183,7 +183,7 @@ Result<void> ScanSite::resume_unfinished(const Job& job) {
 
 void ScanSite::move(const std::string& job, JobState state, std::string_view message) {
   counters_->keep();
-  ledger_->move(job, state, message);
+  tracker_->move(job, state, message);
 }
 
 void ScanSite::end_job(const std::string& job, JobState state, std::string_view message) {
@@ -219,7 +219,7 @@ SlicerEvents ScanSite::slicer_events() {
                 const bool is_cancelled = seconds.error().code == ErrorCode::Cancelled;
                 return end_job(job, is_cancelled ? JobState::Cancelled : JobState::Failed, seconds.error().what);
               }
-              ledger_->set_stage_seconds(job, JobStage::Slice, *seconds);
+              tracker_->set_stage_seconds(job, JobStage::Slice, *seconds);
               move(job, JobState::Sending, link_->is_up() ? "" : "waits for the fab: " + link_->why_down());
               link_->pump(job);
             });
@@ -252,7 +252,7 @@ void ScanSite::on_kept(const std::string& job) {
   const auto now = store().find(job);
   if (!counters_->contains(job) || !now || is_before(JobState::Sending, now->state)) return;
   const double seconds = std::chrono::duration<double>(clock_.now() - send_began_[job]).count();
-  ledger_->set_stage_seconds(job, JobStage::Send, seconds);
+  tracker_->set_stage_seconds(job, JobStage::Send, seconds);
   move(job, JobState::Planning, "");
 }
 
@@ -265,7 +265,7 @@ void ScanSite::on_job_changed(const Job& theirs) {
   if (!is_live || is_before(theirs.state, JobState::Planning)) return;
   for (const StageSeconds& stage : theirs.stages)
     if (stage.stage == JobStage::Plan || stage.stage == JobStage::Print)
-      ledger_->set_stage_seconds(theirs.id, stage.stage, stage.seconds);
+      tracker_->set_stage_seconds(theirs.id, stage.stage, stage.seconds);
   // What the fab did while the line was down, or between two looks, is not told step by step: a pause that ended in a
   // finished print went through printing.
   if (theirs.state == JobState::Done) move(theirs.id, JobState::Printing, "");

@@ -2,10 +2,10 @@
 #pragma once
 #include <telefab/scan/daemon/serve_scan_site.hpp>
 #include <telefab/service/client_session.hpp>
+#include <telefab/service/job_tracker.hpp>
 #include <telefab/service/live_counters.hpp>
 #include <telefab/service/log.hpp>
 #include <telefab/service/service_notifier.hpp>
-#include <telefab/service/site_ledger.hpp>
 
 #include "fab_link.hpp"
 #include "site_page_backend.hpp"
@@ -14,7 +14,7 @@
 namespace telefab::scan {
 
 /// The daemon: clients' scans in, layers out to the fab, and the fab's news back. Stop order: web, listener, link,
-/// slicer, ledger.
+/// slicer, tracker.
 class ScanSite final : public JobService {
  public:
   /// Everything is checked and the port is bound when this returns.
@@ -23,7 +23,7 @@ class ScanSite final : public JobService {
   /// Serves until the stop is requested. The calling thread is the loop's.
   [[nodiscard]] Result<void> run(std::stop_token stop);
 
-  JobStore& store() override { return ledger_->store(); }
+  JobStore& store() override { return tracker_->store(); }
   Machines machines() override;
   Result<void> may_submit(const Submit& submit) override;
   std::filesystem::path incoming() override { return folder_.incoming(); }
@@ -56,7 +56,7 @@ class ScanSite final : public JobService {
   const Clock& clock_;
   std::vector<MachineProfile> own_machines_;
   std::string fab_;
-  std::unique_ptr<SiteLedger> ledger_;
+  std::unique_ptr<JobTracker> tracker_;
   net::Loop loop_;
   std::unique_ptr<LiveCounters> counters_;
   std::map<std::string, Nanoseconds> send_began_;  ///< of the jobs under way

@@ -2,7 +2,7 @@
 #pragma once
 #include <map>
 #include <telefab/net/loop.hpp>
-#include <telefab/service/site_ledger.hpp>
+#include <telefab/service/job_tracker.hpp>
 
 namespace telefab {
 
@@ -11,7 +11,7 @@ namespace telefab {
 class LiveCounters {
  public:
   /// Both must outlive the counters' last change.
-  LiveCounters(net::Loop& loop, SiteLedger& ledger) : loop_{loop}, ledger_{ledger} {}
+  LiveCounters(net::Loop& loop, JobTracker& tracker) : loop_{loop}, tracker_{tracker} {}
   ~LiveCounters() { keep(); }
   LiveCounters(const LiveCounters&) = delete;
   LiveCounters& operator=(const LiveCounters&) = delete;
@@ -43,7 +43,7 @@ class LiveCounters {
   void keep_soon();
 
   net::Loop& loop_;
-  SiteLedger& ledger_;
+  JobTracker& tracker_;
   std::map<std::string, Live> jobs_;
   bool is_keeping_soon_ = false;
   std::shared_ptr<bool> alive_ = std::make_shared<bool>(true);

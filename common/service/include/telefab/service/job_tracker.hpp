@@ -8,10 +8,10 @@
 namespace telefab {
 
 /// What a daemon writes down: jobs, audit log, log lines; and who hears of a change. Threads: any.
-class SiteLedger {
+class JobTracker {
  public:
   /// jobs.sqlite and audit.log in `folder`. Fails as JobStore, AuditLog and StateHooks do. The clock must outlive it.
-  [[nodiscard]] static Result<std::unique_ptr<SiteLedger>> open(const std::filesystem::path& folder,
+  [[nodiscard]] static Result<std::unique_ptr<JobTracker>> open(const std::filesystem::path& folder,
                                                                 const HookOptions& hooks, const Clock& clock);
   [[nodiscard]] JobStore& store() { return *store_; }
   /// Who did what, or was refused what: into log and audit log.
@@ -22,7 +22,7 @@ class SiteLedger {
   void set_counters(const std::string& job, const JobCounters& counters);
 
  private:
-  SiteLedger(std::unique_ptr<JobStore> store, std::unique_ptr<AuditLog> audit, std::unique_ptr<StateHooks> hooks)
+  JobTracker(std::unique_ptr<JobStore> store, std::unique_ptr<AuditLog> audit, std::unique_ptr<StateHooks> hooks)
       : store_{std::move(store)}, audit_{std::move(audit)}, hooks_{std::move(hooks)} {}
   std::unique_ptr<JobStore> store_;
   std::unique_ptr<AuditLog> audit_;

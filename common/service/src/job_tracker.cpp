@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
+#include <telefab/service/job_tracker.hpp>
 #include <telefab/service/log.hpp>
-#include <telefab/service/site_ledger.hpp>
 
 namespace telefab {
 namespace {
@@ -14,7 +14,7 @@ void warn_of(const Result<void>& outcome, const LogFields& fields = {}) {
 
 }  // namespace
 
-Result<std::unique_ptr<SiteLedger>> SiteLedger::open(const std::filesystem::path& folder, const HookOptions& hooks,
+Result<std::unique_ptr<JobTracker>> JobTracker::open(const std::filesystem::path& folder, const HookOptions& hooks,
                                                      const Clock& clock) {
   auto store = JobStore::open(folder / "jobs.sqlite", clock);
   if (!store) return tl::unexpected{store.error()};
@@ -22,15 +22,15 @@ Result<std::unique_ptr<SiteLedger>> SiteLedger::open(const std::filesystem::path
   if (!audit) return tl::unexpected{audit.error()};
   auto notifier = StateHooks::start(hooks);
   if (!notifier) return tl::unexpected{notifier.error()};
-  return std::unique_ptr<SiteLedger>{new SiteLedger{std::move(*store), std::move(*audit), std::move(*notifier)}};
+  return std::unique_ptr<JobTracker>{new JobTracker{std::move(*store), std::move(*audit), std::move(*notifier)}};
 }
 
-void SiteLedger::note(std::string_view who, std::string_view what) {
+void JobTracker::note(std::string_view who, std::string_view what) {
   log_line(fmt::format("{}: {}", who, what));
   warn_of(audit_->add(who, what));
 }
 
-void SiteLedger::move(const std::string& job, JobState state, std::string_view message) {
+void JobTracker::move(const std::string& job, JobState state, std::string_view message) {
   const auto now = store_->find(job);
   if (!now || (now->state == state && now->message == message)) return;
   if (now->state != state && !may_follow(now->state, state)) return;
@@ -40,11 +40,11 @@ void SiteLedger::move(const std::string& job, JobState state, std::string_view m
   hooks_->notify(*moved);
 }
 
-void SiteLedger::set_stage_seconds(const std::string& job, JobStage stage, double seconds) {
+void JobTracker::set_stage_seconds(const std::string& job, JobStage stage, double seconds) {
   warn_of(store_->set_stage_seconds(job, stage, seconds), {job});
 }
 
-void SiteLedger::set_counters(const std::string& job, const JobCounters& counters) {
+void JobTracker::set_counters(const std::string& job, const JobCounters& counters) {
   warn_of(store_->set_counters(job, counters), {job});
 }
 
