@@ -9,6 +9,7 @@
 #include <telefab/base/version.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/fab/planning/preflight.hpp>
+#include <telefab/service/saved_message.hpp>
 
 #include "accuracy.hpp"
 #include "plan_print.hpp"

@@ -3,38 +3,10 @@
 
 #include <fmt/format.h>
 
-#include <telefab/base/file.hpp>
+#include <telefab/service/saved_message.hpp>
 #include <telefab/wire/job_signature.hpp>
 
 namespace telefab::fab {
-
-namespace {
-
-/// The one message of a file that write_message made.
-template <class Value>
-Result<Value> saved_message(const std::filesystem::path& path) {
-  const auto bytes = read_file(path, kMaxBodyBytes + kFrameHeaderBytes);
-  if (!bytes) return tl::unexpected{bytes.error()};
-  FrameReader reader;
-  reader.feed(*bytes);
-  auto frame = reader.take();
-  if (!frame) return fail_in(path.string(), frame.error());
-  if (!*frame) return fail(ErrorCode::InvalidInput, fmt::format("{} is truncated", path.string()));
-  auto message = from_frame(**frame);
-  if (!message) return fail_in(path.string(), message.error());
-  if (auto* value = std::get_if<Value>(&*message)) return std::move(*value);
-  return fail(ErrorCode::InvalidInput, fmt::format("{} holds another message", path.string()));
-}
-
-Result<void> write_message(const std::filesystem::path& path, const Message& message) {
-  const auto bytes = to_bytes(to_frame(message));
-  if (!bytes) return tl::unexpected{bytes.error()};
-  return write_file_atomically(path, std::span<const std::byte>{*bytes});
-}
-
-}  // namespace
-
-Result<Offer> saved_offer(const std::filesystem::path& folder) { return saved_message<Offer>(folder / "offer"); }
 
 Result<Intake> Intake::open(const std::filesystem::path& folder, const Offer& offer, LayerSink sink) {
   const Frame frame = to_frame(offer);
@@ -45,7 +17,7 @@ Result<Intake> Intake::open(const std::filesystem::path& folder, const Offer& of
       return fail(ErrorCode::Conflict,
                   fmt::format("replayed-job: job {} is here already and is another one", offer.job));
   } else {
-    if (auto saved = write_message(folder / "offer", offer); !saved) return tl::unexpected{saved.error()};
+    if (auto saved = save_offer(folder, offer); !saved) return tl::unexpected{saved.error()};
   }
   return reopen(folder, std::move(sink));
 }
@@ -113,7 +85,7 @@ Result<void> Intake::finish(const StackEnd& end) {
     return fail(ErrorCode::NotTrusted, "stack-digest: the decoded layers are not those the scan site cut");
   if (is_signed(offer_))
     if (auto held = check_end(offer_, end); !held) return held;
-  if (auto saved = write_message(folder_ / "end", end); !saved) return saved;
+  if (auto saved = save_end(folder_, end); !saved) return saved;
   return spool_.finish(end.stack);
 }
 
@@ -125,7 +97,7 @@ Result<LayerStack> received_stack(const std::filesystem::path& folder) {
   const auto spool = ChunkSpool::open(folder / "chunks");
   if (!spool) return tl::unexpected{spool.error()};
   if (is_signed(*offer)) {
-    const auto end = saved_message<StackEnd>(folder / "end");
+    const auto end = saved_end(folder);
     if (!end) return tl::unexpected{end.error()};
     if (auto held = check_offer(*offer, {}); !held) return tl::unexpected{held.error()};
     if (auto held = check_end(*offer, *end); !held) return tl::unexpected{held.error()};

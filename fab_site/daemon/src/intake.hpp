@@ -52,9 +52,6 @@ class Intake {
   LayerSink sink_;
 };
 
-/// The offer of a job as its folder keeps it.
-[[nodiscard]] Result<Offer> saved_offer(const std::filesystem::path& folder);
-
 /// All layers of a complete job, its digest and its signatures checked again.
 [[nodiscard]] Result<LayerStack> received_stack(const std::filesystem::path& folder);
 

@@ -15,6 +15,7 @@
 #include <telefab/fab/print/admission.hpp>
 #include <telefab/fab/print/print_record.hpp>
 #include <telefab/fab/print/provenance.hpp>
+#include <telefab/service/saved_message.hpp>
 
 namespace telefab::fab {
 

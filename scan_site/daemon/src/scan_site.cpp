@@ -8,6 +8,7 @@
 #include <telefab/base/version.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
+#include <telefab/service/saved_message.hpp>
 
 #include "site_key.hpp"
 

@@ -8,6 +8,7 @@
 #include <telefab/scan/formats/registration_note.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
 #include <telefab/service/data_folder.hpp>
+#include <telefab/service/saved_message.hpp>
 #include <telefab/wire/job_signature.hpp>
 
 namespace telefab::scan {
@@ -94,10 +95,7 @@ class SpoolWriter {
                 scan_,
                 registration_rms_ * scale_of(header.scan_to_build)};
     if (auto signed_now = sign_offer(offer, site_key_); !signed_now) return signed_now;
-    const auto bytes = to_bytes(to_frame(offer));
-    if (!bytes) return tl::unexpected{bytes.error()};
-    if (auto saved = write_file_atomically(task_.folder / "offer", std::span<const std::byte>{*bytes}); !saved)
-      return saved;
+    if (auto saved = save_offer(task_.folder, offer); !saved) return saved;
     events_.offered(task_.job, offer);
     return {};
   }
@@ -141,20 +139,6 @@ class SpoolWriter {
 };
 
 }  // namespace
-
-Result<Offer> saved_offer(const std::filesystem::path& folder) {
-  const auto bytes = read_file(folder / "offer", kMaxBodyBytes + kFrameHeaderBytes);
-  if (!bytes) return tl::unexpected{bytes.error()};
-  FrameReader reader;
-  reader.feed(*bytes);
-  auto frame = reader.take();
-  if (!frame) return fail_in((folder / "offer").string(), frame.error());
-  if (!*frame) return fail(ErrorCode::InvalidInput, fmt::format("{} is truncated", (folder / "offer").string()));
-  auto message = from_frame(**frame);
-  if (!message) return fail_in((folder / "offer").string(), message.error());
-  if (auto* offer = std::get_if<Offer>(&*message)) return std::move(*offer);
-  return fail(ErrorCode::InvalidInput, fmt::format("{} holds no offer", (folder / "offer").string()));
-}
 
 Slicer::Slicer(SpoolRegistry& registry, const Clock& clock, std::string site_key, SlicerEvents events)
     : spools_{registry},

@@ -59,7 +59,4 @@ class Slicer {
   std::jthread thread_;
 };
 
-/// The offer of a job as its folder keeps it; NotFound before the first layer was cut.
-[[nodiscard]] Result<Offer> saved_offer(const std::filesystem::path& folder);
-
 }  // namespace telefab::scan
