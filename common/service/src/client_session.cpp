@@ -7,7 +7,7 @@
 #include <map>
 #include <telefab/base/text.hpp>
 #include <telefab/service/client_session.hpp>
-#include <telefab/service/file_sender.hpp>
+#include <telefab/service/message_session.hpp>
 
 namespace telefab {
 namespace {
@@ -68,70 +68,36 @@ class Upload {
   Hasher hasher_;
 };
 
-class ClientSession : public std::enable_shared_from_this<ClientSession> {
+class ClientSession final : public MessageSession {
  public:
   ClientSession(net::Loop& loop, net::ConnectionPtr connection, JobService& service, const ClientLimits& limits)
-      : loop_{loop}, connection_{std::move(connection)}, service_{service}, limits_{limits} {}
-
-  void begin() {
-    connection_->set_events({[self = shared_from_this()](const Frame& frame) { self->on_frame(frame); },
-                             [self = shared_from_this()] { self->send_files(); },
-                             [self = shared_from_this()](const Error& why) { self->on_closed(why); }});
-  }
+      : MessageSession{loop, std::move(connection), service}, limits_{limits} {}
 
  private:
-  void on_frame(const Frame& frame) {
-    const auto message = from_frame(frame);
-    if (!message) return end(message.error());
-    std::visit([&](const auto& question) { answer(question); }, *message);
+  void on_message(const Message& message) override {
+    std::visit([&](const auto& question) { answer(question); }, message);
   }
-
-  void on_closed(const Error& why) {
-    is_open_ = false;
-    if (why.code == ErrorCode::ProtocolBroken) {
-      service_.note(connection_->peer().address, why.what);
-      connection_->close(to_frame(Fault{{}, why, {}}));
-    }
+  void on_end() override {
     uploads_.clear();
     watches_.clear();
-    downloads_.clear();
-  }
-
-  void end(const Error& why) {
-    is_open_ = false;
-    service_.note(connection_->peer().address, why.what);
-    connection_->close(to_frame(Fault{{}, why, {}}));
-    uploads_.clear();
-    watches_.clear();
-    downloads_.clear();
-  }
-
-  void send(const Message& message) {
-    if (!is_open_) return;
-    if (auto sent = connection_->send(to_frame(message)); !sent) end(sent.error());
-  }
-  void send_fault(RequestId request, const Error& error, const std::string& job = {}) {
-    send(Fault{request, error, job});
   }
 
   [[nodiscard]] bool may_change() const {
-    const auto& role = connection_->peer().role;
+    const auto& role = peer().role;
     return !role || *role == net::Role::Operator;
   }
   [[nodiscard]] Error refuse_role(std::string_view operation) {
-    const net::Peer& peer = connection_->peer();
-    service_.note(peer.name, fmt::format("refused: {}", operation));
+    service().note(peer().name, fmt::format("refused: {}", operation));
     return {ErrorCode::NotPermitted,
-            fmt::format("\"{}\" has the role {} and may not {}", peer.name, net::name_of(*peer.role), operation)};
+            fmt::format("\"{}\" has the role {} and may not {}", peer().name, net::name_of(*peer().role), operation)};
   }
   [[nodiscard]] std::string who(std::string_view claimed) const {
-    const net::Peer& peer = connection_->peer();
-    if (peer.role || claimed.empty()) return peer.name;
+    if (peer().role || claimed.empty()) return peer().name;
     return std::string{claimed};  // on loopback without certificates the name is what the caller says
   }
 
   void answer(const AskMachines& question) {
-    Machines machines = service_.machines();
+    Machines machines = service().machines();
     machines.request = question.request;
     send(machines);
   }
@@ -142,8 +108,8 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
       return send_fault(submit.request, {ErrorCode::TooLarge, "upload-limit: too many uploads at once"});
     if (submit.size_bytes == 0)
       return send_fault(submit.request, {ErrorCode::InvalidInput, fmt::format("{} is empty", submit.name)});
-    if (auto may = service_.may_submit(submit); !may) return send_fault(submit.request, may.error());
-    auto upload = Upload::begin(submit, service_.incoming());
+    if (auto may = service().may_submit(submit); !may) return send_fault(submit.request, may.error());
+    auto upload = Upload::begin(submit, service().incoming());
     if (!upload) return send_fault(submit.request, upload.error());
     uploads_[submit.request] = std::move(*upload);
     send(UploadReady{submit.request, 0});
@@ -162,7 +128,7 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
       uploads_.erase(found);
       return;
     }
-    auto job = service_.submit(upload.submit(), upload.path(), who(""));
+    auto job = service().submit(upload.submit(), upload.path(), who(""));
     if (job)
       send(Jobs{block.request, {std::move(*job)}});
     else
@@ -172,11 +138,11 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
 
   void answer(const AskJobs& question) {
     if (question.job.empty()) {
-      auto jobs = service_.store().list(question.most);
+      auto jobs = service().store().list(question.most);
       if (!jobs) return send_fault(question.request, jobs.error());
       return send(Jobs{question.request, std::move(*jobs)});
     }
-    auto job = service_.store().find(question.job);
+    auto job = service().store().find(question.job);
     if (!job) return send_fault(question.request, job.error(), question.job);
     send(Jobs{question.request, {*job}});
     if (!question.watch || is_final(job->state)) return;
@@ -188,22 +154,22 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
 
   void watch_again() {
     is_watching_ = true;
-    loop_.after(kWatchEvery, [weak = weak_from_this()] {
-      if (const auto self = weak.lock()) self->look_at_watches();
+    loop().after(kWatchEvery, [weak = weak_from_this()] {
+      if (const auto self = weak.lock()) static_cast<ClientSession&>(*self).look_at_watches();
     });
   }
 
   void look_at_watches() {
     is_watching_ = false;
-    if (!is_open_) return;
-    const std::uint64_t revision = service_.store().revision();
+    if (!is_open()) return;
+    const std::uint64_t revision = service().store().revision();
     if (revision != seen_revision_) {
       seen_revision_ = revision;
       for (auto each = watches_.begin(); each != watches_.end();) {
-        auto job = service_.store().find(each->second.id);
+        auto job = service().store().find(each->second.id);
         if (job && *job != each->second) {
           send(Jobs{each->first, {*job}});
-          if (!is_open_) return;
+          if (!is_open()) return;
           each->second = std::move(*job);
         }
         each = is_final(each->second.state) ? watches_.erase(each) : std::next(each);
@@ -216,62 +182,28 @@ class ClientSession : public std::enable_shared_from_this<ClientSession> {
     if (!may_change()) return send_fault(command.request, refuse_role(name_of(command.command)), command.job);
     Command with_name = command;
     with_name.who = who(command.who);
-    service_.note(with_name.who, fmt::format("{} {}", name_of(command.command), command.job));
-    service_.command(with_name,
-                     [weak = weak_from_this(), request = command.request, id = command.job](Result<Job> job) {
-                       const auto self = weak.lock();
-                       if (!self) return;
-                       if (job)
-                         self->send(Jobs{request, {std::move(*job)}});
-                       else
-                         self->send_fault(request, job.error(), id);
-                     });
+    carry_out(with_name);
   }
 
-  void answer(const AskFiles& question) {
-    service_.files(question.job, [weak = weak_from_this(), question](Result<std::vector<FileEntry>> files) {
-      const auto self = weak.lock();
-      if (!self) return;
-      if (files)
-        self->send(Files{question.request, std::move(*files)});
-      else
-        self->send_fault(question.request, files.error(), question.job);
-    });
-  }
+  void answer(const AskFiles& question) { send_list(question); }
 
   void answer(const AskFile& question) {
-    if (downloads_.size() >= limits_.max_files)
+    if (files_under_way() >= limits_.max_files)
       return send_fault(question.request, {ErrorCode::TooLarge, "file-limit: too many files at once"}, question.job);
-    service_.file(question.job, question.name, [weak = weak_from_this(), question](Result<std::filesystem::path> path) {
-      const auto self = weak.lock();
-      if (!self) return;
-      if (!path) return self->send_fault(question.request, path.error(), question.job);
-      if (auto added = self->downloads_.add(question.request, *path); !added)
-        return self->send_fault(question.request, added.error(), question.job);
-      self->send_files();
-    });
+    send_file(question);
   }
 
-  void send_files() {
-    if (is_open_) downloads_.pump(*connection_, [this](const Message& block) { send(block); });
-  }
-
-  /// What only sites say to each other, or only a site says to a client.
+  /// What only sites send each other, or only a site sends a client.
   template <class Other>
   void answer(const Other&) {
-    end({ErrorCode::ProtocolBroken, "message-order: a client does not send this message"});
+    refuse_message("client");
   }
 
-  net::Loop& loop_;
-  net::ConnectionPtr connection_;
-  JobService& service_;
   ClientLimits limits_;
-  bool is_open_ = true;
   bool is_watching_ = false;
   std::uint64_t seen_revision_ = 0;
   std::map<RequestId, std::unique_ptr<Upload>> uploads_;
   std::map<RequestId, Job> watches_;
-  FileSender downloads_;
 };
 
 }  // namespace

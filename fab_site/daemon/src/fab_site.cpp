@@ -160,7 +160,7 @@ void FabSite::on_connection(const net::ConnectionPtr& connection) {
         const auto strong = weak.lock();
         if (!strong) return;
         if (theirs.side == Side::ScanSite)
-          serve_scan_site(loop_, strong, *this);
+          serve_scan_site(loop_, strong, *this, *this);
         else
           serve_client(loop_, strong, *this, {});
       },

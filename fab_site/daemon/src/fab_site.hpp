@@ -25,7 +25,7 @@ namespace telefab::fab {
 /// The daemon: layers in from scan sites, planned, printed; commands and questions from clients and scan sites.
 /// Threads: network (everything but the three below), planner, device, web. Stop order: web, listener, planner,
 /// device, tracker.
-class FabSite final : public StackReceiver {
+class FabSite final : public JobService, public StackReceiver {
  public:
   /// Everything is checked and the port is bound when this returns.
   [[nodiscard]] static Result<std::unique_ptr<FabSite>> open(const FabSiteConfig& config, const Clock& clock);

@@ -15,7 +15,7 @@ class FileSender {
  public:
   /// StorageFailed where the file cannot be read.
   [[nodiscard]] Result<void> add(RequestId request, const std::filesystem::path& path);
-  /// Gives blocks to `say` while the connection's queue is short. `say` may clear the sender.
+  /// Gives blocks to `send` while the connection's queue is short. `send` may clear the sender.
   void pump(const net::Connection& connection, const std::function<void(const Message&)>& send);
   void clear() { sending_.clear(); }
   [[nodiscard]] std::size_t size() const { return sending_.size(); }
