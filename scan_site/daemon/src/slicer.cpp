@@ -7,7 +7,6 @@
 #include <telefab/base/file.hpp>
 #include <telefab/scan/formats/registration_note.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
-#include <telefab/service/data_folder.hpp>
 #include <telefab/service/saved_message.hpp>
 #include <telefab/wire/job_signature.hpp>
 
@@ -145,64 +144,45 @@ Slicer::Slicer(SpoolRegistry& registry, const Clock& clock, std::string site_key
       clock_{clock},
       site_key_{std::move(site_key)},
       events_{std::move(events)},
-      thread_{[this](std::stop_token stop) { run(stop); }} {}
-
-Slicer::~Slicer() {
-  thread_.request_stop();
-  {
-    const std::lock_guard lock{mutex_};
-    current_stop_.request_stop();
-  }
-  changed_.notify_all();
-}
+      queue_{"slicer", [this](const std::string& job, std::stop_token stop) { run(job, stop); }} {}
 
 void Slicer::add(SliceTask task) {
+  const std::string job = task.job;
   {
     const std::lock_guard lock{mutex_};
-    waiting_.push_back(std::move(task));
+    waiting_.insert_or_assign(job, std::move(task));
   }
-  changed_.notify_all();
+  queue_.add(job);
 }
 
 void Slicer::cancel(const std::string& job) {
+  if (queue_.drop(job)) return;
   const std::lock_guard lock{mutex_};
-  std::erase_if(waiting_, [&](const SliceTask& task) { return task.job == job; });
-  if (current_ == job) current_stop_.request_stop();
+  waiting_.erase(job);
 }
 
-void Slicer::run(std::stop_token stop) {
-  set_thread_name("slicer");
-  while (true) {
-    std::unique_lock lock{mutex_};
-    if (!changed_.wait(lock, stop, [&] { return !waiting_.empty(); })) return;
-    const SliceTask task = std::move(waiting_.front());
-    waiting_.pop_front();
-    current_ = task.job;
-    current_stop_ = std::stop_source{};
-    const std::stop_token current_token = current_stop_.get_token();
-    lock.unlock();
-    if (stop.stop_requested()) return;
-
-    const Nanoseconds began = clock_.now();
-    events_.began(task.job);
-    Result<void> outcome;
-    try {
-      outcome = slice(task, current_token);
-    } catch (const std::bad_alloc&) {
-      outcome = fail(ErrorCode::TooLarge, fmt::format("{} does not fit into this machine's memory", task.name));
-    } catch (const std::exception& error) {
-      outcome = fail(ErrorCode::Internal, fmt::format("slicing {}: a fault of Telefab: {}", task.name, error.what()));
-    }
-    lock.lock();
-    current_.clear();
-    lock.unlock();
-    // Interrupted by the end of the daemon: the job goes on at the next start.
-    if (stop.stop_requested() && !outcome) return;
-    if (outcome)
-      events_.ended(task.job, std::chrono::duration<double>(clock_.now() - began).count());
-    else
-      events_.ended(task.job, tl::unexpected{outcome.error()});
+void Slicer::run(const std::string& job, const std::stop_token& stop) {
+  std::unique_lock lock{mutex_};
+  const auto found = waiting_.extract(job);
+  lock.unlock();
+  if (found.empty()) return;  // cancelled a moment ago
+  const SliceTask& task = found.mapped();
+  const Nanoseconds began = clock_.now();
+  events_.began(job);
+  Result<void> outcome;
+  try {
+    outcome = slice(task, stop);
+  } catch (const std::bad_alloc&) {
+    outcome = fail(ErrorCode::TooLarge, fmt::format("{} does not fit into this machine's memory", task.name));
+  } catch (const std::exception& error) {
+    outcome = fail(ErrorCode::Internal, fmt::format("slicing {}: a fault of Telefab: {}", task.name, error.what()));
   }
+  // Interrupted by the end of the daemon: the job goes on at the next start.
+  if (queue_.is_ending() && !outcome) return;
+  if (outcome)
+    events_.ended(job, std::chrono::duration<double>(clock_.now() - began).count());
+  else
+    events_.ended(job, tl::unexpected{outcome.error()});
 }
 
 Result<void> Slicer::slice(const SliceTask& task, std::stop_token stop) {

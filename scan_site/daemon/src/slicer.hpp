@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
-#include <condition_variable>
-#include <deque>
 #include <filesystem>
+#include <map>
+#include <mutex>
 #include <telefab/base/clock.hpp>
 #include <telefab/machine/machine_profile.hpp>
+#include <telefab/service/work_queue.hpp>
 #include <telefab/wire/message.hpp>
-#include <thread>
 
 #include <telefab/transfer/spool_registry.hpp>
 
@@ -36,15 +36,12 @@ class Slicer {
  public:
   /// `site_key`: private Ed25519 key in PEM; signs the offers.
   Slicer(SpoolRegistry& registry, const Clock& clock, std::string site_key, SlicerEvents events);
-  ~Slicer();  ///< stops what is under way; the spool keeps what it has
-  Slicer(const Slicer&) = delete;
-  Slicer& operator=(const Slicer&) = delete;
   void add(SliceTask task);
   /// Ends the job's slicing, or takes it out of the queue; no event comes for it any more but `ended` with Cancelled.
   void cancel(const std::string& job);
 
  private:
-  void run(std::stop_token stop);
+  void run(const std::string& job, const std::stop_token& stop);
   [[nodiscard]] Result<void> slice(const SliceTask& task, std::stop_token stop);
 
   SpoolRegistry& spools_;
@@ -52,11 +49,8 @@ class Slicer {
   std::string site_key_;
   SlicerEvents events_;
   std::mutex mutex_;
-  std::condition_variable_any changed_;
-  std::deque<SliceTask> waiting_;
-  std::string current_;
-  std::stop_source current_stop_{std::nostopstate};
-  std::jthread thread_;
+  std::map<std::string, SliceTask> waiting_;  ///< by job; guarded by mutex_
+  WorkQueue queue_;  ///< last: its end stops what is under way, and the spool keeps what it has
 };
 
 }  // namespace telefab::scan
