@@ -30,10 +30,6 @@ Nanoseconds travel(double distance_mm, double speed_mm_per_s) {
   return seconds(std::abs(distance_mm) / speed_mm_per_s);
 }
 
-bool is_device_fault(ErrorCode code) {
-  return code == ErrorCode::DeviceLost || code == ErrorCode::DeviceTimeout || code == ErrorCode::DeviceRefused;
-}
-
 /// One run of a print: what the machine waits for, and the replies.
 class Run {
  public:
@@ -348,6 +344,10 @@ class Run {
 };
 
 }  // namespace
+
+bool is_device_fault(ErrorCode code) {
+  return code == ErrorCode::DeviceLost || code == ErrorCode::DeviceTimeout || code == ErrorCode::DeviceRefused;
+}
 
 std::optional<PrintControl::Wish> PrintControl::take() {
   const std::lock_guard lock{mutex_};

@@ -65,6 +65,9 @@ class PrintControl {
   bool is_closed_ = false;
 };
 
+/// Whether it is something that an operator can put right at the machine; nothing of the print is lost by it.
+[[nodiscard]] bool is_device_fault(ErrorCode code);
+
 /// What the print does when nobody is asked.
 struct PrintPolicy {
   /// For a layer that was perhaps exposed, unless PrintControl::decide() was called before; empty: wait in
