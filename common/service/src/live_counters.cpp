@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <telefab/service/live_counters.hpp>
+#include <utility>
 
 namespace telefab {
 namespace {
@@ -10,7 +11,7 @@ constexpr auto kKeepAfter = std::chrono::milliseconds{100};
 
 void LiveCounters::keep() {
   for (auto& [job, live] : jobs_)
-    if (std::exchange(live.is_dirty, false)) tracker_.set_counters(job, live.counters);
+    if (std::exchange(live.is_dirty, false)) store_(job, live.counters);
 }
 
 void LiveCounters::end(const std::string& job) {

@@ -8,6 +8,8 @@
 // The order to print as it lies in a job's folder. Callers see to it that nobody prints from the folder meanwhile.
 namespace telefab::fab {
 
+inline constexpr const char* kAutomatic = "automatic";  ///< whose word a job prints by where no operator is asked
+
 /// Keeps a word in the folder's journal; durable when it returns. Fails as keep_word of print does.
 [[nodiscard]] Result<void> keep_word(const std::filesystem::path& folder, const Job& job, const PrintWord& word,
                                      Nanoseconds wall);

@@ -21,110 +21,60 @@ constexpr const char* kCancelMark = "tell-cancelled";
 }  // namespace
 
 Result<void> serve_scan_site(const ScanSiteConfig& config, const Clock& clock, std::stop_token stop) {
-  auto site = ScanSite::open(config, clock);
+  const auto site = Site::open("telefab-scan", config.serve, clock);
   if (!site) return tl::unexpected{site.error()};
-  return (*site)->run(std::move(stop));
-}
-
-Result<std::unique_ptr<ScanSite>> ScanSite::open(const ScanSiteConfig& config, const Clock& clock) {
-  auto machines = machine_profiles(config.serve.machines);
-  if (!machines) return tl::unexpected{machines.error()};
-  auto folder = DataFolder::open(config.serve.data);
-  if (!folder) return tl::unexpected{folder.error()};
-  std::unique_ptr<ScanSite> site{new ScanSite{std::move(*folder), clock, std::move(machines->machines)}};
-  if (auto started = site->start(config); !started) return tl::unexpected{started.error()};
-  return site;
-}
-
-Result<void> ScanSite::start(const ScanSiteConfig& config) {
-  auto tracker = JobTracker::open(folder_.path(), config.serve.hooks, clock_);
-  if (!tracker) return tl::unexpected{tracker.error()};
-  tracker_ = std::move(*tracker);
-  counters_ = std::make_unique<LiveCounters>(loop_, *tracker_);
-  auto trust = trust_of(config.serve);
-  if (!trust) return tl::unexpected{trust.error()};
-  const auto fab = net::endpoint_from_text(config.fab);
-  if (!fab) return fail_in("--fab", fab.error());
-  fab_ = config.fab;
-
-  auto key = site_key(config.serve, folder_.path());
-  if (!key) return tl::unexpected{key.error()};
-
-  slicer_ = std::make_unique<Slicer>(spools_, clock_, *key, slicer_events());
-  link_ =
-      std::make_unique<FabLink>(loop_, net::ConnectOptions{*fab, *trust, net::Role::FabSite, {}}, *key, link_events());
-  const auto left = store().unfinished();
-  if (!left) return tl::unexpected{left.error()};
-  for (const Job& job : *left)
-    if (auto taken = resume_unfinished(job); !taken) end_job(job.id, JobState::Failed, taken.error().what);
-
-  auto listener = open_listener(
-      loop_, config.serve, *trust, [this](const net::ConnectionPtr& connection) { on_connection(connection); },
-      [this](std::string_view who, std::string_view what) { note(who, what); });
-  if (!listener) return tl::unexpected{listener.error()};
-  listener_ = std::move(*listener);
-  return start_web(config.serve);
-}
-
-Result<void> ScanSite::start_web(const ServeOptions& options) {
-  if (options.web.empty()) return {};
-  auto token = web_token(folder_);
-  if (!token) return tl::unexpected{token.error()};
-  page_backend_ = std::make_unique<SitePageBackend>(
-      store(), folder_, fab_, [this](const Command& asked, std::function<void(Result<Job>)> done) {
-        loop_.post([this, asked, done = std::move(done)] {
-          note(asked.who, fmt::format("{} {}", name_of(asked.command), asked.job));
-          command(asked, done);
-        });
-      });
-  web_site_ = std::make_unique<ScanWeb>(*page_backend_, std::move(*token), std::string{kVersion});
-  auto server = open_page(options, folder_, *web_site_, fmt::format("telefab-scan/{}", kVersion));
-  if (!server) return tl::unexpected{server.error()};
-  web_ = std::move(*server);
-  return {};
-}
-
-ScanSite::~ScanSite() {
-  web_.reset();
-  listener_.reset();
-  link_.reset();
-  slicer_.reset();
-}
-
-Result<void> ScanSite::run(std::stop_token stop) {
-  set_thread_name("network");
-  if (auto announced = folder_.announce_port(listener_->port()); !announced) return announced;
-  log_line(fmt::format("telefab-scan listens on port {}, the fab is {}", listener_->port(), fab_));
-  link_->start();
-  ServiceNotifier service;
-  service.begin(loop_, [] { return true; });
-  const std::stop_callback on_stop{stop, [this] { loop_.stop(); }};
-  if (!stop.stop_requested()) loop_.run();
-  service.end();
+  const auto work = ScanSite::open(**site, config.fab);
+  if (!work) return tl::unexpected{work.error()};
+  if (auto served = (*site)->serve(**work, std::move(stop)); !served) return served;
   log_line("telefab-scan ends");
   return {};
 }
 
-void ScanSite::on_connection(const net::ConnectionPtr& connection) {
-  const Hello own{kProtocolVersion, Side::ScanSite, fmt::format("telefab-scan {}", kVersion), {}, {}};
-  const std::weak_ptr<net::Connection> weak = connection;
-  handshake(
-      loop_, connection, own,
-      [this, weak](const Hello& theirs) {
-        const auto strong = weak.lock();
-        if (!strong) return;
-        if (theirs.side != Side::Client)
-          return strong->close(
-              to_frame(Fault{{}, {ErrorCode::ProtocolBroken, "handshake: only clients call a scan site"}, {}}));
-        serve_client(loop_, strong, *this, {});
-      },
-      [this, address = connection->peer().address](const Error& why) { note(address, "refused: " + why.what); });
+Result<std::unique_ptr<ScanSite>> ScanSite::open(Site& site, const std::string& fab) {
+  std::unique_ptr<ScanSite> work{new ScanSite{site, fab}};
+  if (auto started = work->start(); !started) return tl::unexpected{started.error()};
+  return work;
 }
 
-void ScanSite::note(std::string_view who, std::string_view what) { tracker_->note(who, what); }
+Result<void> ScanSite::start() {
+  const auto fab = net::endpoint_from_text(fab_);
+  if (!fab) return fail_in("--fab", fab.error());
+  auto key = site_key(site().options(), site().folder().path());
+  if (!key) return tl::unexpected{key.error()};
+  slicer_ = std::make_unique<Slicer>(spools_, site().clock(), *key, slicer_events());
+  link_ = std::make_unique<FabLink>(site().loop(), net::ConnectOptions{*fab, site().trust(), net::Role::FabSite, {}},
+                                    *key, link_events());
+  tracker().on_end([this](const std::string& job) {
+    link_->forget(job);
+    spools_.close(job);
+  });
+  return {};
+}
+
+ScanSite::~ScanSite() {
+  link_.reset();
+  slicer_.reset();
+}
+
+WebSite& ScanSite::open_page(std::string token, CommandPost post) {
+  page_backend_ = std::make_unique<SitePageBackend>(store(), site().folder(), fab_, std::move(post));
+  web_site_ = std::make_unique<ScanWeb>(*page_backend_, std::move(token), std::string{kVersion});
+  return *web_site_;
+}
+
+void ScanSite::begin(std::uint16_t port) {
+  log_line(fmt::format("telefab-scan listens on port {}, the fab is {}", port, fab_));
+  link_->start();
+}
+
+Hello ScanSite::hello() { return {kProtocolVersion, Side::ScanSite, fmt::format("telefab-scan {}", kVersion), {}, {}}; }
+
+void ScanSite::on_site(const net::ConnectionPtr& connection) {
+  connection->close(to_frame(Fault{{}, {ErrorCode::ProtocolBroken, "handshake: only clients call a scan site"}, {}}));
+}
 
 const std::vector<MachineProfile>& ScanSite::known_machines() const {
-  return link_->machines().empty() ? own_machines_ : link_->machines();
+  return link_->machines().empty() ? site().machines() : link_->machines();
 }
 
 Machines ScanSite::machines() {
@@ -140,7 +90,7 @@ Result<void> ScanSite::may_submit(const Submit& submit) {
   if (auto parameters = job_parameters_from(submit.parameters, *machine); !parameters)
     return tl::unexpected{parameters.error()};
   std::error_code error;
-  const auto space = std::filesystem::space(folder_.path(), error);
+  const auto space = std::filesystem::space(site().folder().path(), error);
   if (!error && space.available / 2 < submit.size_bytes)
     return fail(ErrorCode::StorageFailed, fmt::format("the scan site has no room for {} bytes", submit.size_bytes));
   return {};
@@ -151,27 +101,31 @@ Result<Job> ScanSite::submit(const Submit& submit, const std::filesystem::path& 
   if (!job) return job;
   note(owner, fmt::format("submit {} {} for {} {} sha256 {}", job->id, submit.name, submit.machine, submit.parameters,
                           to_hex(submit.content)));
-  const auto folder = folder_.job(job->id);
+  const auto folder = site().folder().job(job->id);
   if (!folder) return tl::unexpected{folder.error()};
   std::error_code error;
   std::filesystem::rename(upload, *folder / "scan", error);
   if (error) {
-    end_job(job->id, JobState::Failed, "the scan could not be kept: " + error.message());
+    tracker().end(job->id, JobState::Failed, "the scan could not be kept: " + error.message());
     return fail(ErrorCode::StorageFailed, fmt::format("cannot keep {}: {}", submit.name, error.message()));
   }
-  JobCounters counters = job->counters;
-  counters.scan_bytes = submit.size_bytes;
-  if (auto kept = store().set_counters(job->id, counters); !kept) return tl::unexpected{kept.error()};
-  counters_->begin(job->id, counters);
-  if (auto taken = resume_unfinished(*job); !taken) end_job(job->id, JobState::Failed, taken.error().what);
+  JobCounters begun = job->counters;
+  begun.scan_bytes = submit.size_bytes;
+  if (auto kept = store().set_counters(job->id, begun); !kept) return tl::unexpected{kept.error()};
+  counters().begin(job->id, begun);
+  if (auto taken = resume_unfinished(*job); !taken) tracker().end(job->id, JobState::Failed, taken.error().what);
   return store().find(job->id);
 }
 
+void ScanSite::resume(const Job& job) {
+  if (auto taken = resume_unfinished(job); !taken) tracker().end(job.id, JobState::Failed, taken.error().what);
+}
+
 Result<void> ScanSite::resume_unfinished(const Job& job) {
-  auto folder = folder_.job(job.id);
+  auto folder = site().folder().job(job.id);
   if (!folder) return tl::unexpected{folder.error()};
-  counters_->begin(job.id, job.counters);
-  send_began_[job.id] = clock_.now();
+  counters().begin(job.id, job.counters);
+  tracker().begin_stage(job.id, JobStage::Send);
   auto spool = spools_.of(job.id, *folder);
   if (!spool) return tl::unexpected{spool.error()};
   if (const auto offer = saved_offer(*folder)) link_->add(*offer, *spool);
@@ -182,46 +136,35 @@ Result<void> ScanSite::resume_unfinished(const Job& job) {
   return {};
 }
 
-void ScanSite::move(const std::string& job, JobState state, std::string_view message) {
-  counters_->keep();
-  tracker_->move(job, state, message);
-}
-
-void ScanSite::end_job(const std::string& job, JobState state, std::string_view message) {
-  move(job, state, message);
-  link_->forget(job);
-  spools_.close(job);
-  counters_->end(job);
-  send_began_.erase(job);
-}
-
 SlicerEvents ScanSite::slicer_events() {
   // From the slicer's thread to the loop's.
-  return {[this](const std::string& job) { loop_.post([this, job] { move(job, JobState::Slicing, ""); }); },
+  return {[this](const std::string& job) {
+            site().loop().post([this, job] { tracker().move(job, JobState::Slicing, ""); });
+          },
           [this](const std::string& job, const Offer& offer) {
-            loop_.post([this, job, offer] {
-              const auto folder = folder_.job(job);
+            site().loop().post([this, job, offer] {
+              const auto folder = site().folder().job(job);
               if (!folder) return;
-              if (!counters_->change(job, [&](JobCounters& c) { c.layers = offer.header.layer_count; })) return;
-              send_began_[job] = clock_.now();
+              if (!counters().change(job, [&](JobCounters& c) { c.layers = offer.header.layer_count; })) return;
+              tracker().begin_stage(job, JobStage::Send);
               if (auto spool = spools_.of(job, *folder)) link_->add(offer, *spool);
             });
           },
           [this](const std::string& job, std::uint32_t layers) {
-            loop_.post([this, job, layers] {
-              if (counters_->change(job, [&](JobCounters& c) { c.layers_sliced = std::max(c.layers_sliced, layers); }))
+            site().loop().post([this, job, layers] {
+              if (counters().change(job, [&](JobCounters& c) { c.layers_sliced = std::max(c.layers_sliced, layers); }))
                 link_->pump(job);
             });
           },
           [this](const std::string& job, const Result<double>& seconds) {
-            loop_.post([this, job, seconds] {
-              if (!counters_->contains(job)) return;
+            site().loop().post([this, job, seconds] {
+              if (!counters().contains(job)) return;
               if (!seconds) {
                 const bool is_cancelled = seconds.error().code == ErrorCode::Cancelled;
-                return end_job(job, is_cancelled ? JobState::Cancelled : JobState::Failed, seconds.error().what);
+                return tracker().end(job, is_cancelled ? JobState::Cancelled : JobState::Failed, seconds.error().what);
               }
-              tracker_->set_stage_seconds(job, JobStage::Slice, *seconds);
-              move(job, JobState::Sending, link_->is_up() ? "" : "waits for the fab: " + link_->why_down());
+              tracker().set_stage_seconds(job, JobStage::Slice, *seconds);
+              tracker().move(job, JobState::Sending, link_->is_up() ? "" : "waits for the fab: " + link_->why_down());
               link_->pump(job);
             });
           }};
@@ -232,12 +175,12 @@ FabLinkEvents ScanSite::link_events() {
             log_line(is_up ? fmt::format("the fab {} is reached", fab_) : fmt::format("the fab {}: {}", fab_, why));
             if (page_backend_) page_backend_->set_link(is_up, why);
             if (is_up) send_cancelled();
-            for (const std::string& job : counters_->jobs())
+            for (const std::string& job : counters().jobs())
               if (const auto now = store().find(job); now && now->state == JobState::Sending)
-                move(job, JobState::Sending, is_up ? "" : "waits for the fab: " + why);
+                tracker().move(job, JobState::Sending, is_up ? "" : "waits for the fab: " + why);
           },
           [this](const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
-            counters_->change(job, [&](JobCounters& c) {
+            counters().change(job, [&](JobCounters& c) {
               c.layers_sent = std::max(c.layers_sent, layers);
               c.wire_bytes += bytes;
             });
@@ -245,20 +188,19 @@ FabLinkEvents ScanSite::link_events() {
           [this](const std::string& job) { on_kept(job); }, [this](const Job& theirs) { on_job_changed(theirs); },
           [this](const std::string& job, const Error& why) {
             slicer_->cancel(job);
-            end_job(job, JobState::Failed, "the fab refused it: " + why.what);
+            tracker().end(job, JobState::Failed, "the fab refused it: " + why.what);
           }};
 }
 
 void ScanSite::on_kept(const std::string& job) {
   const auto now = store().find(job);
-  if (!counters_->contains(job) || !now || is_before(JobState::Sending, now->state)) return;
-  const double seconds = std::chrono::duration<double>(clock_.now() - send_began_[job]).count();
-  tracker_->set_stage_seconds(job, JobStage::Send, seconds);
-  move(job, JobState::Planning, "");
+  if (!counters().contains(job) || !now || is_before(JobState::Sending, now->state)) return;
+  tracker().end_stage(job, JobStage::Send);
+  tracker().move(job, JobState::Planning, "");
 }
 
 void ScanSite::on_job_changed(const Job& theirs) {
-  const bool is_live = counters_->change(theirs.id, [&](JobCounters& c) {
+  const bool is_live = counters().change(theirs.id, [&](JobCounters& c) {
     c.print_layers = theirs.counters.print_layers;
     c.layers_planned = theirs.counters.layers_planned;
     c.layers_printed = theirs.counters.layers_printed;
@@ -266,15 +208,15 @@ void ScanSite::on_job_changed(const Job& theirs) {
   if (!is_live || is_before(theirs.state, JobState::Planning)) return;
   for (const StageSeconds& stage : theirs.stages)
     if (stage.stage == JobStage::Plan || stage.stage == JobStage::Print)
-      tracker_->set_stage_seconds(theirs.id, stage.stage, stage.seconds);
+      tracker().set_stage_seconds(theirs.id, stage.stage, stage.seconds);
   // What the fab did while the line was down, or between two looks, is not told step by step: a pause that ended in a
   // finished print went through printing.
-  if (theirs.state == JobState::Done) move(theirs.id, JobState::Printing, "");
+  if (theirs.state == JobState::Done) tracker().move(theirs.id, JobState::Printing, "");
   if (is_final(theirs.state)) {
     keep_reports(theirs.id);
-    return end_job(theirs.id, theirs.state, theirs.message);
+    return tracker().end(theirs.id, theirs.state, theirs.message);
   }
-  move(theirs.id, theirs.state, theirs.message);
+  tracker().move(theirs.id, theirs.state, theirs.message);
 }
 
 void ScanSite::keep_reports(const std::string& job) {
@@ -293,11 +235,11 @@ void ScanSite::command(const Command& command, std::function<void(Result<Job>)> 
   if (command.command == JobCommand::Cancel) {
     const bool is_known_there = link_->knows(job->id);
     slicer_->cancel(job->id);
-    if (const auto folder = folder_.job(job->id); is_known_there && folder)
+    if (const auto folder = site().folder().job(job->id); is_known_there && folder)
       std::ofstream{*folder / kCancelMark} << command.who << '\n';
     const bool waits = is_known_there && !link_->is_up();
-    end_job(job->id, JobState::Cancelled,
-            fmt::format("by {}{}", command.who, waits ? "; the fab will be told as soon as it is reached" : ""));
+    tracker().end(job->id, JobState::Cancelled,
+                  fmt::format("by {}{}", command.who, waits ? "; the fab will be told as soon as it is reached" : ""));
     send_cancelled();
     return done(store().find(job->id));
   }
@@ -321,7 +263,7 @@ void ScanSite::command(const Command& command, std::function<void(Result<Job>)> 
 void ScanSite::send_cancelled() {
   if (!link_->is_up()) return;
   std::error_code error;
-  for (const auto& entry : std::filesystem::directory_iterator{folder_.path() / "jobs", error}) {
+  for (const auto& entry : std::filesystem::directory_iterator{site().folder().path() / "jobs", error}) {
     const auto mark = entry.path() / kCancelMark;
     if (!std::filesystem::exists(mark, error)) continue;
     std::string who;
@@ -340,10 +282,9 @@ void ScanSite::send_cancelled() {
 }
 
 void ScanSite::files(const std::string& job, std::function<void(Result<std::vector<FileEntry>>)> done) {
-  if (const auto found = store().find(job); !found) return done(tl::unexpected{found.error()});
-  const auto folder = folder_.job(job);
-  if (!folder) return done(tl::unexpected{folder.error()});
-  auto own = files_of(*folder / "report");
+  const auto found = site().find(job);
+  if (!found) return done(tl::unexpected{found.error()});
+  auto own = files_of(found->folder / "report");
   const RequestId request = link_->next_request();
   link_->ask(
       request, AskFiles{request, job}, [own = std::move(own), done = std::move(done)](Result<Message> answer) mutable {
@@ -362,12 +303,11 @@ void ScanSite::files(const std::string& job, std::function<void(Result<std::vect
 
 void ScanSite::file(const std::string& job, const std::string& name,
                     std::function<void(Result<std::filesystem::path>)> done) {
-  if (const auto found = store().find(job); !found) return done(tl::unexpected{found.error()});
-  const auto folder = folder_.job(job);
-  if (!folder) return done(tl::unexpected{folder.error()});
+  const auto found = site().find(job);
+  if (!found) return done(tl::unexpected{found.error()});
   std::error_code error;
-  std::filesystem::create_directories(*folder / "report", error);
-  const auto kept = *folder / "report" / name;
+  std::filesystem::create_directories(found->folder / "report", error);
+  const auto kept = found->folder / "report" / name;
   if (name == "slice.json" || !link_->is_up()) {
     if (std::filesystem::is_regular_file(kept, error)) return done(kept);
     return done(fail(ErrorCode::NotFound, fmt::format("job {} has no file {} here{}", job, name,
@@ -381,7 +321,7 @@ void ScanSite::file(const std::string& job, const std::string& name,
   };
   const RequestId request = link_->next_request();
   auto arriving = std::make_shared<Arriving>();
-  arriving->path = folder_.incoming() / fmt::format("fetched-{}", static_cast<std::uint64_t>(request));
+  arriving->path = site().folder().incoming() / fmt::format("fetched-{}", static_cast<std::uint64_t>(request));
   arriving->file.open(arriving->path, std::ios::binary);
   link_->ask(request, AskFile{request, job, name}, [arriving, kept, done = std::move(done)](Result<Message> answer) {
     std::error_code failed;

@@ -114,7 +114,7 @@ TEST(Decisions, ANoteBeginsWithItsNumber) {
 
 TEST(Threads, TheTableOfEachSiteNamesEveryThreadThatIsNamedInItsCode) {
   static const std::regex pattern{
-      R"re((?:set_thread_name\(|pthread_setname_np\(pthread_self\(\), |make_unique<WorkQueue>\(\s*)"([a-z]+)")re"};
+      R"re((?:set_thread_name\(|pthread_setname_np\(pthread_self\(\), |\b\w+_\{)"([a-z]+)"(?:\)|, \[this\]\(const std::string& job, std::stop_token))re"};
   for (const char* site : {"scan_site", "fab_site"}) {
     std::string code;
     for (const fs::path& file : all_files()) {

@@ -1,32 +1,61 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <filesystem>
+#include <map>
+#include <telefab/service/live_counters.hpp>
 #include <telefab/service/state_hooks.hpp>
 #include <telefab/store/audit_log.hpp>
 #include <telefab/store/job_store.hpp>
+#include <vector>
 
 namespace telefab {
 
-/// What a daemon writes down: jobs, audit log, log lines; and who hears of a change. Threads: any.
+/// Every change of a site's jobs goes through here: into the store, the audit log and the log, to the hooks, and to
+/// whoever works on a job and must know that it is at its end.
 class JobTracker {
  public:
-  /// jobs.sqlite and audit.log in `folder`. Fails as JobStore, AuditLog and StateHooks do. The clock must outlive it.
+  /// jobs.sqlite and audit.log in `folder`. Fails as JobStore, AuditLog and StateHooks do. Clock and loop must outlive
+  /// it.
   [[nodiscard]] static Result<std::unique_ptr<JobTracker>> open(const std::filesystem::path& folder,
-                                                                const HookOptions& hooks, const Clock& clock);
+                                                                const HookOptions& hooks, const Clock& clock,
+                                                                net::Loop& loop);
+  ~JobTracker();
+  JobTracker(const JobTracker&) = delete;
+  JobTracker& operator=(const JobTracker&) = delete;
+
+  // ---- any thread ----
   [[nodiscard]] JobStore& store() { return *store_; }
   /// Who did what, or was refused what: into log and audit log.
   void note(std::string_view who, std::string_view what);
-  /// Moves a job where that is a change and may be; logs it and tells the hooks.
-  void move(const std::string& job, JobState state, std::string_view message);
+  /// Moves a job where that is a change and may be; logs it and calls the hooks.
+  void record(const std::string& job, JobState state, std::string_view message);
   void set_stage_seconds(const std::string& job, JobStage stage, double seconds);
-  void set_counters(const std::string& job, const JobCounters& counters);
+
+  // ---- the loop's thread ----
+  /// How far the jobs under way are.
+  [[nodiscard]] LiveCounters& counters() { return counters_; }
+  /// Stores the counters as they are, then records the move.
+  void move(const std::string& job, JobState state, std::string_view message);
+  /// Moves a job to a state that is final; whoever works on it forgets it, and then its counters are forgotten.
+  void end(const std::string& job, JobState state, std::string_view message);
+  /// Called with every job that end() ends, in the order of these calls.
+  void on_end(std::function<void(const std::string& job)> forget) { forgetters_.push_back(std::move(forget)); }
+  /// The stage begins now, also where it had begun before.
+  void begin_stage(const std::string& job, JobStage stage);
+  /// Stores how long the stage took; nothing where it did not begin since the site started.
+  void end_stage(const std::string& job, JobStage stage);
 
  private:
-  JobTracker(std::unique_ptr<JobStore> store, std::unique_ptr<AuditLog> audit, std::unique_ptr<StateHooks> hooks)
-      : store_{std::move(store)}, audit_{std::move(audit)}, hooks_{std::move(hooks)} {}
+  JobTracker(std::unique_ptr<JobStore> store, std::unique_ptr<AuditLog> audit, std::unique_ptr<StateHooks> hooks,
+             const Clock& clock, net::Loop& loop);
+
   std::unique_ptr<JobStore> store_;
   std::unique_ptr<AuditLog> audit_;
   std::unique_ptr<StateHooks> hooks_;
+  const Clock& clock_;
+  LiveCounters counters_;
+  std::vector<std::function<void(const std::string&)>> forgetters_;
+  std::map<std::string, std::map<JobStage, Nanoseconds>> began_;  ///< by job
 };
 
 }  // namespace telefab

@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <functional>
 #include <map>
+#include <memory>
+#include <string>
+#include <telefab/job/job.hpp>
 #include <telefab/net/loop.hpp>
-#include <telefab/service/job_tracker.hpp>
+#include <vector>
 
 namespace telefab {
 
@@ -10,13 +14,15 @@ namespace telefab {
 /// first change that is not. While nothing changes, nothing runs. Threads: the loop's only.
 class LiveCounters {
  public:
-  /// Both must outlive the counters' last change.
-  LiveCounters(net::Loop& loop, JobTracker& tracker) : loop_{loop}, tracker_{tracker} {}
+  /// Stores the counters of a job.
+  using Keep = std::function<void(const std::string& job, const JobCounters& counters)>;
+  /// The loop must outlive the counters' last change.
+  LiveCounters(net::Loop& loop, Keep store) : loop_{loop}, store_{std::move(store)} {}
   ~LiveCounters() { keep(); }
   LiveCounters(const LiveCounters&) = delete;
   LiveCounters& operator=(const LiveCounters&) = delete;
 
-  /// Takes a job up with what the store knows of it. One that is live already stays as it is.
+  /// A job goes live with what the store knows of it. One that is live already stays as it is.
   void begin(const std::string& job, const JobCounters& counters) { jobs_.try_emplace(job, Live{counters, false}); }
   [[nodiscard]] bool contains(const std::string& job) const { return jobs_.contains(job); }
   /// `change(JobCounters&)`; false, and nothing is called, for a job that is not live.
@@ -43,7 +49,7 @@ class LiveCounters {
   void keep_soon();
 
   net::Loop& loop_;
-  JobTracker& tracker_;
+  Keep store_;
   std::map<std::string, Live> jobs_;
   bool is_keeping_soon_ = false;
   std::shared_ptr<bool> alive_ = std::make_shared<bool>(true);

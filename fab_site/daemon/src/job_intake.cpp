@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "job_intake.hpp"
+
+#include <fmt/format.h>
+
+#include <telefab/service/saved_message.hpp>
+#include <telefab/wire/job_signature.hpp>
+
+#include "print_orders.hpp"
+#include "upload.hpp"
+
+namespace telefab::fab {
+
+JobIntake::JobIntake(Site& site, SiteKeys keys, StartPolicy policy, JobPlanner& planner)
+    : site_{site}, keys_{std::move(keys)}, policy_{policy}, planner_{planner} {
+  tracker().on_end([this](const std::string& job) { live_.erase(job); });
+}
+
+Result<std::shared_ptr<Intake>> JobIntake::take_offer(const Offer& offer, const net::Peer& peer) {
+  const std::string& site = peer.name;
+  const auto signer = keys_.check(offer, peer);
+  if (!signer) return tl::unexpected{signer.error()};
+  const auto machine = find_machine(site_.machines(), offer.machine);
+  if (!machine) return tl::unexpected{machine.error()};
+  auto job = site_.store().find(offer.job);
+  if (job && job->owner != site)
+    return fail(ErrorCode::Conflict, fmt::format("replayed-job: there is a job {} of another site", offer.job));
+  const auto folder = site_.folder().job(offer.job);
+  if (!folder) return tl::unexpected{folder.error()};
+  if (job && is_before(JobState::Sending, job->state)) {
+    const auto before = saved_offer(*folder);
+    if (!before || to_frame(*before) != to_frame(offer))
+      return fail(ErrorCode::Conflict, fmt::format("replayed-job: job {} was another one", offer.job));
+    return std::shared_ptr<Intake>{};
+  }
+  if (offer.profile != digest_of_profile(*machine) || offer.header.machine != machine->name)
+    return fail(ErrorCode::Conflict,
+                fmt::format("the profile of {} was changed since the scan was cut; submit it again", machine->name));
+  if (!job) {
+    job = site_.store().create({offer.job, offer.name, offer.machine, offer.parameters, site});
+    if (!job) return tl::unexpected{job.error()};
+    tracker().note(
+        site, fmt::format("offer {} {} for {} by {}, {}", offer.job, offer.name, offer.machine, offer.owner, *signer));
+  }
+  Live& live = live_[offer.job];
+  if (!live.intake) {
+    auto analysis = std::make_shared<LayerStream>(*machine);
+    auto intake = Intake::open(*folder, offer, [analysis](const Layer& layer) { analysis->add(layer); });
+    if (!intake) return tl::unexpected{intake.error()};
+    live.analysis = std::move(analysis);
+    live.intake = std::make_shared<Intake>(std::move(*intake));
+    tracker().begin_stage(offer.job, JobStage::Send);
+    tracker().counters().begin(offer.job, job->counters);
+  } else if (to_frame(live.intake->offer()) != to_frame(offer)) {
+    return fail(ErrorCode::Conflict, fmt::format("replayed-job: job {} is another one", offer.job));
+  }
+  tracker().counters().change(offer.job, [&](JobCounters& c) {
+    c.layers = offer.header.layer_count;
+    c.layers_sent = live.intake->spool().layer_count();
+  });
+  tracker().move(offer.job, JobState::Sending, "");
+  auto intake = live.intake;
+  if (intake->is_complete()) completed(offer.job);
+  return intake;
+}
+
+void JobIntake::received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
+  tracker().counters().change(job, [&](JobCounters& c) {
+    c.layers_sent = layers;
+    c.wire_bytes += bytes;
+  });
+}
+
+void JobIntake::completed(const std::string& job) {
+  const auto live = live_.find(job);
+  const auto now = site_.store().find(job);
+  if (live == live_.end() || !now || is_before(JobState::Sending, now->state)) return;
+  live->second.intake.reset();
+  tracker().end_stage(job, JobStage::Send);
+  tracker().move(job, JobState::Planning, "");
+  planner_.add(job, std::move(live->second.analysis));
+}
+
+Result<Job> JobIntake::take_upload(const NewJob& upload) {
+  const auto folder = site_.folder().job(*upload.id);
+  if (!folder) return tl::unexpected{folder.error()};
+  const auto offer = saved_offer(*folder);
+  if (!offer) return tl::unexpected{offer.error()};
+  auto job = site_.store().create(upload);
+  if (!job) return job;
+  tracker().note(upload.owner,
+                 fmt::format("upload {} {} for {} {}", job->id, job->name, job->machine, upload.parameters));
+  live_[job->id] = {};
+  tracker().begin_stage(job->id, JobStage::Send);
+  tracker().counters().begin(job->id, job->counters);
+  tracker().counters().change(job->id, [&](JobCounters& c) {
+    c.layers = c.layers_sent = offer->header.layer_count;
+    if (const auto spool = ChunkSpool::open(*folder / "chunks")) c.wire_bytes = spool->payload_bytes();
+  });
+  completed(job->id);
+  return site_.store().find(job->id);
+}
+
+void JobIntake::broken(const std::string& job, const Error& why) { tracker().end(job, JobState::Failed, why.what); }
+
+Result<void> JobIntake::resume(const Job& job) {
+  live_[job.id] = {};
+  const auto folder = site_.folder().job(job.id);
+  if (!folder) return tl::unexpected{folder.error()};
+  const auto before = start_case(*folder, job);
+  if (!before) return tl::unexpected{before.error()};
+  if (before->facts.order.order == Order::Cancel) {
+    tracker().end(job.id, JobState::Cancelled, fmt::format("by {}", before->facts.order.by));
+    return {};
+  }
+  // The word by which it would print by itself once planned is as old as its last change.
+  StartFacts facts;
+  facts.order = {Order::GoOn, kAutomatic, {}};
+  facts.last_sign = std::chrono::milliseconds{job.changed_unix_ms};
+  if (may_light_at_start(facts, false, policy_, site_.clock().wall()).ruling != StartRuling::GoOn)
+    if (auto held = hold_for_approval(*folder); !held) return held;
+  if (job.state == JobState::Planning) {
+    planner_.add(job.id, nullptr);
+    return {};
+  }
+  // A scan site will offer its job again; nobody would an upload, whose layers are all here.
+  if (const auto intake = Intake::reopen(*folder); intake && intake->is_complete()) completed(job.id);
+  return {};
+}
+
+}  // namespace telefab::fab

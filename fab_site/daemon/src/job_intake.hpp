@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <map>
+#include <telefab/fab/support/part_regions.hpp>
+#include <telefab/service/site.hpp>
+
+#include "job_planner.hpp"
+#include "scan_session.hpp"
+#include "site_keys.hpp"
+
+namespace telefab::fab {
+
+/// Jobs on their way in, from scan sites and as uploads, until their layers are whole here; then the planner has them.
+/// Threads: the loop's.
+class JobIntake final : public StackReceiver {
+ public:
+  /// Both must outlive it. `policy`: what may light by itself when the site starts.
+  JobIntake(Site& site, SiteKeys keys, StartPolicy policy, JobPlanner& planner);
+
+  Result<std::shared_ptr<Intake>> take_offer(const Offer& offer, const net::Peer& peer) override;
+  void received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) override;
+  void completed(const std::string& job) override;
+  void broken(const std::string& job, const Error& why) override;
+
+  /// Makes the job whose layers write_upload has put on disk.
+  [[nodiscard]] Result<Job> take_upload(const NewJob& upload);
+  /// Goes on with a job that was not planned when the site ended last. Fails where its folder cannot be read.
+  [[nodiscard]] Result<void> resume(const Job& job);
+
+ private:
+  struct Live {
+    std::shared_ptr<Intake> intake;         ///< until the stack is whole
+    std::shared_ptr<LayerStream> analysis;  ///< of its layers, likewise
+  };
+  [[nodiscard]] JobTracker& tracker() const { return site_.tracker(); }
+
+  Site& site_;
+  SiteKeys keys_;
+  StartPolicy policy_;
+  JobPlanner& planner_;
+  std::map<std::string, Live> live_;
+};
+
+}  // namespace telefab::fab

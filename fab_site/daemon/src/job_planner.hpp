@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <map>
+#include <mutex>
+#include <telefab/fab/planning/plan_job.hpp>
+#include <telefab/fab/support/part_regions.hpp>
+#include <telefab/service/site.hpp>
+#include <telefab/service/work_queue.hpp>
+
+#include "job_printer.hpp"
+
+namespace telefab::fab {
+
+/// Plans jobs one after the other on the thread "planner"; then the printer has them, and the thread "predictor",
+/// behind everything else, computes what their masks will cure. Threads: the loop's.
+class JobPlanner {
+ public:
+  /// Both must outlive it. `options`: of every job; name, registration and regions are its own.
+  JobPlanner(Site& site, PlanOptions options, JobPrinter& printer);
+  ~JobPlanner();
+  JobPlanner(const JobPlanner&) = delete;
+  JobPlanner& operator=(const JobPlanner&) = delete;
+
+  /// A job whose layers are all here. `analysis`: of these layers, where they came in since the start; null otherwise.
+  void add(const std::string& job, std::shared_ptr<LayerStream> analysis);
+  /// A job that is planned; nothing is computed where that was done before.
+  void predict(const std::string& job) { predictor_.add(job); }
+  /// Nothing is planned or computed for the job any more.
+  void drop(const std::string& job);
+  void ask_to_end();
+
+ private:
+  /// On the planner's thread.
+  void plan(const std::string& job, std::stop_token stop);
+  [[nodiscard]] Result<PlanOutcome> attempt(const std::string& job, std::stop_token stop);
+  [[nodiscard]] std::shared_ptr<const PartRegions> take_analysed(const std::string& job, std::uint32_t layers);
+  /// On the predictor's thread.
+  void compute_accuracy(const std::string& job, std::stop_token stop);
+  [[nodiscard]] Result<void> attempt_accuracy(const std::string& job, const std::stop_token& stop);
+  void count(const std::string& job, std::uint32_t done, std::uint32_t all);
+
+  Site& site_;
+  PlanOptions options_;
+  JobPrinter& printer_;
+  std::mutex mutex_;
+  std::map<std::string, std::shared_ptr<LayerStream>> analysed_;  ///< of jobs to be planned; guarded by mutex_
+  WorkQueue predictor_;
+  WorkQueue queue_;
+};
+
+}  // namespace telefab::fab
