@@ -61,7 +61,7 @@ void JobPlanner::plan(const std::string& job, std::stop_token stop) {
     if (!outcome) return tracker.end(job, JobState::Failed, outcome.error().what);
     count(job, outcome->print_layers, outcome->print_layers);
     tracker.set_stage_seconds(job, JobStage::Plan, seconds);
-    printer_.planned(job, outcome->hold_reason);
+    printer_.planned(job, outcome->preflight);
     predictor_.add(job);
   });
 }

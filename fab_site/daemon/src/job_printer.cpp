@@ -32,11 +32,12 @@ JobPrinter::JobPrinter(Site& site, const FabSiteConfig& config)
 
 JobPrinter::~JobPrinter() { queue_.end(); }
 
-void JobPrinter::planned(const std::string& job, const std::string& hold_reason) {
+void JobPrinter::planned(const std::string& job, const Preflight& preflight) {
   const auto folder = site_.folder().job(job);
-  if (start_on_approval_ || !hold_reason.empty() || (folder && waits_for_approval(*folder)))
-    return tracker().move(job, JobState::AwaitingApproval,
-                          fmt::format("waits for `telefab approve`{}{}", hold_reason.empty() ? "" : ": ", hold_reason));
+  if (start_on_approval_ || preflight.holds() || (folder && waits_for_approval(*folder)))
+    return tracker().move(
+        job, JobState::AwaitingApproval,
+        fmt::format("waits for `telefab approve`{}{}", preflight.holds() ? ": " : "", preflight.why_held()));
   const auto now = store().find(job);
   if (!now || is_final(now->state)) return;
   tracker().move(job, JobState::Ready, "");
@@ -183,12 +184,13 @@ void JobPrinter::on_progress(const std::string& job, const PrintProgress& progre
     });
     if (!is_live) return;
     // A fault says in its record whether a layer was perhaps exposed.
-    if (progress.state != "faulted") set_exposure_unknown(job, progress.state == "awaiting-decision");
-    if (progress.state == "done" || progress.state == "cancelled") return;  // the record follows
+    if (progress.phase != PrintPhase::Faulted)
+      set_exposure_unknown(job, progress.phase == PrintPhase::AwaitingDecision);
+    if (progress.phase == PrintPhase::Done || progress.phase == PrintPhase::Cancelled) return;  // the record follows
     // Stopped with the site, not by a fault of its own: the journal says which, and the next start goes by it.
-    if (progress.state == "faulted" && queue_.is_ending()) return;
-    const bool waits =
-        progress.state == "paused" || progress.state == "awaiting-decision" || progress.state == "faulted";
+    if (progress.phase == PrintPhase::Faulted && queue_.is_ending()) return;
+    const bool waits = progress.phase == PrintPhase::Paused || progress.phase == PrintPhase::AwaitingDecision ||
+                       progress.phase == PrintPhase::Faulted;
     if (waits)
       tracker().move(job, JobState::Paused, progress.message);
     else if (now->state != JobState::Printing || now->message != progress.message)

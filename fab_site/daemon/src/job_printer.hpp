@@ -24,9 +24,8 @@ class JobPrinter {
   JobPrinter(const JobPrinter&) = delete;
   JobPrinter& operator=(const JobPrinter&) = delete;
 
-  /// The job is planned: it is printed, or waits for somebody's approval. `hold_reason`: what the check of the masks
-  /// found; empty: nothing.
-  void planned(const std::string& job, const std::string& hold_reason);
+  /// The job is planned: it is printed, or waits for somebody's approval.
+  void planned(const std::string& job, const Preflight& preflight);
   /// Goes on with a job that was planned when the site ended last, as far as the start rule lets it. Fails where the
   /// job's folder cannot be read.
   [[nodiscard]] Result<void> resume(const Job& job);

@@ -25,8 +25,7 @@ Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const LayerSt
   if (const auto offer = saved_offer(folder)) options.registration_rms_mm = offer->registration_rms_mm;
   const auto summary = write_plan_folder(folder / "plan", stack, machine, options, clock, progress, std::move(stop));
   if (!summary) return tl::unexpected{summary.error()};
-  const Preflight preflight = preflight_of(stack, machine, *summary);
-  return PlanOutcome{static_cast<std::uint32_t>(summary->plan.layers.size()), preflight.why_held()};
+  return PlanOutcome{static_cast<std::uint32_t>(summary->plan.layers.size()), preflight_of(stack, machine, *summary)};
 }
 
 namespace {

@@ -3,7 +3,7 @@
 #include <atomic>
 #include <filesystem>
 #include <telefab/base/progress.hpp>
-#include <telefab/fab/planning/plan_job.hpp>
+#include <telefab/fab/planning/preflight.hpp>
 #include <telefab/fab/print/print_runner.hpp>
 #include <telefab/geometry/layer.hpp>
 
@@ -12,7 +12,7 @@ namespace telefab::fab {
 /// What the daemon wants to know of a plan.
 struct PlanOutcome {
   std::uint32_t print_layers = 0;
-  std::string hold_reason;  ///< what the check of the masks found; empty: nothing
+  Preflight preflight;  ///< what may hold it
 };
 
 /// Plans a received job into folder/plan: supports, masks, exposures, pictures and reports. How well the scan's views

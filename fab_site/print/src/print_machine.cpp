@@ -355,13 +355,22 @@ LayerIndex layer_of(const PrintState& state) {
                     state);
 }
 
-std::string_view name_of(const PrintState& state) {
+PrintPhase phase_of(const PrintState& state) {
+  static_assert(std::variant_size_v<PrintState> == static_cast<std::size_t>(PrintPhase::Faulted) + 1);
+  static_assert(
+      std::is_same_v<std::variant_alternative_t<static_cast<std::size_t>(PrintPhase::Paused), PrintState>, Paused>);
+  return static_cast<PrintPhase>(state.index());
+}
+
+std::string_view name_of(PrintPhase phase) {
   static constexpr std::string_view names[] = {
       "idle",   "awaiting-decision", "homing",     "lowering", "settling",  "exposing", "lifting", "retreating",
       "paused", "finishing",         "cancelling", "done",     "cancelled", "faulted"};
   static_assert(std::size(names) == std::variant_size_v<PrintState>);
-  return names[state.index()];
+  return names[static_cast<std::size_t>(phase)];
 }
+
+std::string_view name_of(const PrintState& state) { return name_of(phase_of(state)); }
 
 std::string_view name_of(Decision decision) {
   static constexpr std::string_view names[] = {"expose-again", "treat-as-exposed", "give-up"};

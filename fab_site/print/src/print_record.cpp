@@ -53,6 +53,13 @@ Digest digest_from_json(const nlohmann::json& j) {
   return *digest;
 }
 
+JournalStep note_from(const nlohmann::json& j) {
+  const auto text = j.get<std::string>();
+  for (const JournalStep step : {JournalStep::Exposed, JournalStep::Passed, JournalStep::DecidedTreatAsExposed})
+    if (name_of(step) == text) return step;
+  throw nlohmann::json::other_error::create(501, "unknown note " + text, nullptr);
+}
+
 PrintRecord record_from(const nlohmann::json& j) {
   if (j.at("format") != kFormat) throw nlohmann::json::other_error::create(501, "unknown format", nullptr);
   PrintRecord r;
@@ -99,7 +106,7 @@ Json layer_to_json(const LayerRecord& l) {
          {"retries", l.retries},
          {"parts", l.parts},
          {"mask_sha256", to_hex(l.mask)},
-         {"note", l.note}};
+         {"note", name_of(l.note)}};
   if (!l.decided.empty()) j["decided"] = l.decided;
   if (l.resin_celsius) j["resin_celsius"] = *l.resin_celsius;
   return j;
@@ -115,7 +122,7 @@ LayerRecord layer_from_json(const nlohmann::json& j) {
   l.retries = j.at("retries").get<std::uint32_t>();
   l.parts = j.at("parts").get<std::uint32_t>();
   l.mask = digest_from_json(j.at("mask_sha256"));
-  l.note = j.at("note").get<std::string>();
+  l.note = note_from(j.at("note"));
   l.decided = j.value("decided", "");
   if (j.contains("resin_celsius")) l.resin_celsius = j.at("resin_celsius").get<double>();
   return l;
@@ -150,7 +157,7 @@ std::vector<std::string> compare(const PrintRecord& record, const PrintPlan& pla
       break;
     }
     if (made.planned != want.exposure) add_finding("its exposure is not the planned one");
-    if (want.exposure.count() == 0 || made.note == "decided-exposed") continue;
+    if (want.exposure.count() == 0 || made.note == JournalStep::DecidedTreatAsExposed) continue;
     if (made.mask != want.mask) add_finding("another mask was shown");
     if (std::abs(made.z_mm - want.z_mm) > kHeightTolerance_mm)
       add_finding(fmt::format("made at {} mm, planned at {} mm", made.z_mm, want.z_mm));

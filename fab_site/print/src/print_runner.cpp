@@ -156,7 +156,7 @@ class Run {
     if (std::holds_alternative<AwaitingDecision>(state_))
       message = fmt::format("layer {} was perhaps exposed: decide whether to expose it again", layer.count());
     const auto count = static_cast<std::uint32_t>(plan_.layers.size());
-    sink_({name_of(state_), layer, LayerIndex{count}, z_mm_, left_[std::min(layer.count(), count)], message});
+    sink_({phase_of(state_), layer, LayerIndex{count}, z_mm_, left_[std::min(layer.count(), count)], message});
   }
 
   [[nodiscard]] std::optional<PrintEvent> carry_out(const PrintCommand& command) {
@@ -233,7 +233,7 @@ class Run {
       entry.made.index = c.layer;
       entry.made.planned = planned.exposure;
       entry.made.mask = planned.mask;
-      entry.made.note = std::string{name_of(c.step)};
+      entry.made.note = c.step;
       if (c.step == JournalStep::Exposed)
         entry.made.z_mm = z_mm_;
       else

@@ -21,7 +21,7 @@ std::vector<JournalEntry> lines_of(const PrintPlan& plan, const ResumePoint& poi
       line.made.planned = layer.exposure;
       line.made.mask = layer.mask;
       line.made.z_mm = layer.z_mm;
-      line.made.note = std::string{name_of(JournalStep::DecidedTreatAsExposed)};
+      line.made.note = JournalStep::DecidedTreatAsExposed;
       lines.push_back(std::move(line));
     }
   lines.push_back({word.step, point.next, wall, {}, word.by, {}, word.why});

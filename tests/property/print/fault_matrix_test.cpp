@@ -54,7 +54,7 @@ void run_with(PrintRig& rig, Tally& tally, bool& decided, PlanFault plan_fault) 
   bool planned = false;
   ASSERT_TRUE(rig.connect());
   const auto first = rig.print({}, [&](const PrintProgress& p) {
-    if (p.state == "lifting" && p.layer == LayerIndex{1} && !std::exchange(planned, true)) plan_fault();
+    if (p.phase == PrintPhase::Lifting && p.layer == LayerIndex{1} && !std::exchange(planned, true)) plan_fault();
   });
   ASSERT_TRUE(first) << first.error().what;
   rig.projector_model.tick();
@@ -91,7 +91,7 @@ Steps steps_of_a_layer() {
   EXPECT_TRUE(rig.connect());
   Steps from, to;
   (void)rig.print({}, [&](const PrintProgress& p) {
-    if (p.state != "lifting") return;
+    if (p.phase != PrintPhase::Lifting) return;
     const Steps now{rig.projector_model.transfers(), rig.stage_model.lines()};
     if (p.layer == LayerIndex{1}) from = now;
     if (p.layer == LayerIndex{2}) to = now;

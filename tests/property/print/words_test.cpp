@@ -296,7 +296,7 @@ class Story {
   /// The store sees what the sink is told, now and then. Paused at its machine, an operator comes, or the site stops.
   void watch(const PrintProgress& at, PrintControl& control, std::stop_source& stop) {
     if (chance(60)) seen_by_store_ = at.layer;
-    if (at.state != "paused") return;
+    if (at.phase != PrintPhase::Paused) return;
     if (chance(50)) {
       stop.request_stop();
     } else {

@@ -186,7 +186,7 @@ TEST(HeatedPrint, KeepsTheResinsTemperatureOfEveryLayer) {
   HeatedPrint p;
   p.bench.open();
   const PrintRecord record = p.print([&](const PrintProgress& now) {
-    if (now.state == "lowering") p.bench.model.bed_celsius = 25.0 + now.layer.count();
+    if (now.phase == PrintPhase::Lowering) p.bench.model.bed_celsius = 25.0 + now.layer.count();
   });
   ASSERT_EQ(record.outcome, PrintOutcome::Done) << record.cause.what;
   ASSERT_EQ(record.layers.size(), 4u);
@@ -201,7 +201,7 @@ TEST(HeatedPrint, StopsDarkOutsideTheLimitsAndGoesOnWithinThem) {
     p.policy.coldest_celsius = 15;
     p.bench.open();
     PrintRecord record = p.print([&](const PrintProgress& now) {
-      if (now.state == "lifting" && now.layer == LayerIndex{2}) p.bench.model.bed_celsius = wrong;
+      if (now.phase == PrintPhase::Lifting && now.layer == LayerIndex{2}) p.bench.model.bed_celsius = wrong;
     });
     EXPECT_EQ(record.outcome, PrintOutcome::Faulted);
     EXPECT_EQ(record.cause.code, ErrorCode::NotPermitted);

@@ -43,7 +43,7 @@ PrintRecord record_of(const PrintPlan& plan) {
   r.next = LayerIndex{2};
   r.provenance["scan_sha256"] = "ab";
   for (const PlannedLayer& l : plan.layers)
-    r.layers.push_back({l.index, l.z_mm, l.exposure, l.exposure + 3ms, 5s, 1, 1, l.mask, "exposed", 31.5});
+    r.layers.push_back({l.index, l.z_mm, l.exposure, l.exposure + 3ms, 5s, 1, 1, l.mask, JournalStep::Exposed, 31.5});
   return r;
 }
 

@@ -87,8 +87,8 @@ TEST(PrintRunner, PausesLiftedAndGoesOnWithTheNextLayer) {
   Bench b;
   int pauses = 0;
   b.print([&](const PrintProgress& p) {
-    if (p.state == "exposing" && p.layer == LayerIndex{2} && pauses == 0) b.control.pause();
-    if (p.state == "paused") {
+    if (p.phase == PrintPhase::Exposing && p.layer == LayerIndex{2} && pauses == 0) b.control.pause();
+    if (p.phase == PrintPhase::Paused) {
       ++pauses;
       EXPECT_GT(b.log.z_mm(), b.plan.layers[2].z_mm + 4.9);
       b.control.resume();
@@ -99,13 +99,14 @@ TEST(PrintRunner, PausesLiftedAndGoesOnWithTheNextLayer) {
 }
 
 TEST(PrintRunner, PausesFromEveryStateAndStillPrintsEveryLayerOnce) {
-  for (const char* where : {"homing", "lowering", "settling", "exposing", "lifting"}) {
-    SCOPED_TRACE(where);
+  for (const PrintPhase where :
+       {PrintPhase::Homing, PrintPhase::Lowering, PrintPhase::Settling, PrintPhase::Exposing, PrintPhase::Lifting}) {
+    SCOPED_TRACE(name_of(where));
     Bench b;
     int pauses = 0;
     const PrintRecord record = b.print([&](const PrintProgress& p) {
-      if (p.state == where && pauses == 0) b.control.pause();
-      if (p.state == "paused") {
+      if (p.phase == where && pauses == 0) b.control.pause();
+      if (p.phase == PrintPhase::Paused) {
         ++pauses;
         b.control.resume();
       }
@@ -117,12 +118,13 @@ TEST(PrintRunner, PausesFromEveryStateAndStillPrintsEveryLayerOnce) {
 }
 
 TEST(PrintRunner, CancelsDarkAtOnceFromEveryState) {
-  for (const char* where : {"homing", "lowering", "settling", "exposing", "lifting"}) {
-    SCOPED_TRACE(where);
+  for (const PrintPhase where :
+       {PrintPhase::Homing, PrintPhase::Lowering, PrintPhase::Settling, PrintPhase::Exposing, PrintPhase::Lifting}) {
+    SCOPED_TRACE(name_of(where));
     Bench b;
     Nanoseconds asked{};
     const PrintRecord record = b.print([&](const PrintProgress& p) {
-      if (p.state == where && asked == 0ns) {
+      if (p.phase == where && asked == 0ns) {
         b.control.cancel();
         asked = b.clock.now();
       }
@@ -172,7 +174,7 @@ TEST(PrintRunner, WaitsForTheOperatorWhenNoPolicyDecides) {
   b.projector.faults.ignore_expose_at = 1;
   EXPECT_TRUE(b.print().maybe_exposed);
   const PrintRecord record = b.print([&](const PrintProgress& p) {
-    if (p.state == "awaiting-decision") b.control.decide(Decision::ExposeAgain, "ana");
+    if (p.phase == PrintPhase::AwaitingDecision) b.control.decide(Decision::ExposeAgain, "ana");
   });
   EXPECT_EQ(record.outcome, PrintOutcome::Done);
   expect_every_layer_once(b);
@@ -185,7 +187,7 @@ TEST(PrintRunner, GoesDarkWhenTheCoverIsOpenedAndWhenTheResinIsOutsideItsLimits)
     policy.hottest_celsius = 45;
     const PrintRecord record = b.print(
         [&](const PrintProgress& p) {
-          if (p.state != "exposing" || p.layer != LayerIndex{1}) return;
+          if (p.phase != PrintPhase::Exposing || p.layer != LayerIndex{1}) return;
           b.sensors.reading.interlock_open = !hot;
           if (hot) b.sensors.reading.resin_celsius = 50;
         },
@@ -199,7 +201,7 @@ TEST(PrintRunner, GoesDarkWhenTheCoverIsOpenedAndWhenTheResinIsOutsideItsLimits)
 TEST(PrintRunner, SaysThatTheLightMayBeOnWhenTheProjectorDoesNotAnswer) {
   Bench b;
   const PrintRecord record = b.print([&](const PrintProgress& p) {
-    if (p.state != "exposing" || p.layer != LayerIndex{1}) return;
+    if (p.phase != PrintPhase::Exposing || p.layer != LayerIndex{1}) return;
     b.projector.faults.refuse_dark = 100;
     b.control.cancel();
   });
@@ -209,7 +211,7 @@ TEST(PrintRunner, SaysThatTheLightMayBeOnWhenTheProjectorDoesNotAnswer) {
 TEST(PrintRunner, StopsDarkAndResumableWhenTheSiteStops) {
   Bench b;
   const PrintRecord record = b.print([&](const PrintProgress& p) {
-    if (p.state == "lowering" && p.layer == LayerIndex{3}) b.stop.request_stop();
+    if (p.phase == PrintPhase::Lowering && p.layer == LayerIndex{3}) b.stop.request_stop();
   });
   EXPECT_EQ(record.outcome, PrintOutcome::Faulted);
   EXPECT_EQ(record.cause.code, ErrorCode::Cancelled);
@@ -223,7 +225,7 @@ TEST(PrintRunner, LetsTheLightEndWhenTheSiteStopsAndGuessesAboutNoLayer) {
     SCOPED_TRACE(after.count());
     Bench b;
     const PrintRecord record = b.print([&](const PrintProgress& p) {
-      if (p.state != "exposing" || p.layer != LayerIndex{2}) return;
+      if (p.phase != PrintPhase::Exposing || p.layer != LayerIndex{2}) return;
       b.clock.advance(after);
       b.stop.request_stop();
     });
@@ -244,7 +246,7 @@ TEST(PrintRunner, LetsTheLightEndWhenTheSiteStopsAndGuessesAboutNoLayer) {
 TEST(PrintRunner, RaisesThePartOfAPrintThatBrokeOffBehindItsLastLayer) {
   Bench b;
   const PrintRecord record = b.print([&](const PrintProgress& p) {
-    if (p.state == "finishing") b.stop.request_stop();
+    if (p.phase == PrintPhase::Finishing) b.stop.request_stop();
   });
   EXPECT_EQ(record.outcome, PrintOutcome::Faulted);
   EXPECT_FALSE(record.maybe_exposed);
@@ -261,7 +263,7 @@ TEST(PrintRunner, GoesDarkAtOnceWhenTheRestOfTheLightIsLongerThanAStopMayTake) {
   policy.longest_last_light = 200ms;
   const PrintRecord record = b.print(
       [&](const PrintProgress& p) {
-        if (p.state == "exposing" && p.layer == LayerIndex{2}) b.stop.request_stop();
+        if (p.phase == PrintPhase::Exposing && p.layer == LayerIndex{2}) b.stop.request_stop();
       },
       policy);
   EXPECT_TRUE(record.maybe_exposed);
@@ -275,7 +277,7 @@ TEST(PrintRunner, StaysUnknownWhenTheSiteStopsBeforeADecision) {
   b.projector.faults.ignore_expose_at = 1;
   EXPECT_TRUE(b.print().maybe_exposed);
   const PrintRecord record = b.print([&](const PrintProgress& p) {
-    if (p.state == "awaiting-decision") b.stop.request_stop();
+    if (p.phase == PrintPhase::AwaitingDecision) b.stop.request_stop();
   });
   EXPECT_TRUE(record.maybe_exposed);
   EXPECT_TRUE(b.journal.resume_point().maybe_exposed);
@@ -312,7 +314,7 @@ TEST(PrintRunner, KeepsEveryDecisionAboutALayerInItsOrder) {
   const PrintRecord record = b.print();
   EXPECT_EQ(record.outcome, PrintOutcome::Done);
   EXPECT_EQ(record.layers.at(1).decided, "again: policy; exposed: ana");
-  EXPECT_EQ(record.layers.at(1).note, "decided-exposed");
+  EXPECT_EQ(record.layers.at(1).note, JournalStep::DecidedTreatAsExposed);
 }
 
 TEST(PrintRunner, ForgetsADecisionAboutNothing) {

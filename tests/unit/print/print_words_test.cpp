@@ -81,7 +81,7 @@ struct Rig {
     const auto record = runner.run(
         plan, {}, now,
         [&](const PrintProgress& p) {
-          if (p.state == "paused") site.request_stop();
+          if (p.phase == PrintPhase::Paused) site.request_stop();
           if (sink) sink(p);
         },
         site.get_token());
@@ -116,16 +116,17 @@ struct Rig {
   PrintControl* control = nullptr;
 };
 
-constexpr const char* kStates[] = {"homing", "lowering", "settling", "exposing", "lifting"};
+constexpr PrintPhase kPhases[] = {PrintPhase::Homing, PrintPhase::Lowering, PrintPhase::Settling, PrintPhase::Exposing,
+                                  PrintPhase::Lifting};
 
 TEST(PrintWords, ShowNoLightAfterAnAnsweredWordHoweverOftenTheSiteStartsAgain) {
   for (const Word word : {Word::Pause, Word::Cancel})
-    for (const char* where : kStates) {
-      SCOPED_TRACE(where);
+    for (const PrintPhase where : kPhases) {
+      SCOPED_TRACE(name_of(where));
       Rig rig;
       Answer answer;
       rig.live([&](const PrintProgress& p) {
-        if (p.state == where && p.layer.count() == (std::string_view{where} == "homing" ? 0u : 1u) && rig.control &&
+        if (p.phase == where && p.layer.count() == (where == PrintPhase::Homing ? 0u : 1u) && rig.control &&
             answer.times == 0)
           rig.give(word, answer);
       });
@@ -142,12 +143,12 @@ TEST(PrintWords, ShowNoLightAfterAnAnsweredWordHoweverOftenTheSiteStartsAgain) {
 
 TEST(PrintWords, RefuseAWordThatTheDiskCannotKeepAndGoDark) {
   for (const Word word : {Word::Pause, Word::Cancel})
-    for (const char* where : kStates) {
-      SCOPED_TRACE(where);
+    for (const PrintPhase where : kPhases) {
+      SCOPED_TRACE(name_of(where));
       Rig rig;
       Answer answer;
       const PrintRecord record = rig.live([&](const PrintProgress& p) {
-        if (p.state != where || answer.times > 0) return;
+        if (p.phase != where || answer.times > 0) return;
         rig.disk.is_full = true;
         rig.give(word, answer);
       });
@@ -176,7 +177,7 @@ TEST(PrintWords, KeepsWhoSaidWhatInTheRecord) {
   Rig rig;
   Answer answer;
   rig.live([&](const PrintProgress& p) {
-    if (p.state == "settling" && p.layer == LayerIndex{2}) rig.give(Word::Pause, answer);
+    if (p.phase == PrintPhase::Settling && p.layer == LayerIndex{2}) rig.give(Word::Pause, answer);
   });
   {
     PrintJournal journal = *PrintJournal::open(std::make_unique<DiskFile>(rig.disk));

@@ -106,6 +106,27 @@ struct Faulted {
 using PrintState = std::variant<Idle, AwaitingDecision, Homing, Lowering, Settling, Exposing, Lifting, Retreating,
                                 Paused, Finishing, Cancelling, Done, Cancelled, Faulted>;
 
+/// Which of the states; a row of theirs, in their order.
+enum class PrintPhase : std::uint8_t {
+  Idle,
+  AwaitingDecision,
+  Homing,
+  Lowering,
+  Settling,
+  Exposing,
+  Lifting,
+  Retreating,
+  Paused,
+  Finishing,
+  Cancelling,
+  Done,
+  Cancelled,
+  Faulted,
+};
+[[nodiscard]] PrintPhase phase_of(const PrintState& state);
+/// One word with hyphens: "awaiting-decision".
+[[nodiscard]] std::string_view name_of(PrintPhase phase);
+
 // ---- events --------------------------------------------------------------------------------------------------------
 
 struct StartAsked {

@@ -18,7 +18,7 @@ struct LayerRecord {
   std::uint32_t retries = 0;   ///< commands repeated for it
   std::uint32_t parts = 1;     ///< exposures it was split into
   Digest mask;                 ///< of the grey bytes that were loaded
-  std::string note;            ///< "exposed", "passed", "decided-exposed" (no measurement)
+  JournalStep note = JournalStep::Exposed;  ///< or Passed, or DecidedTreatAsExposed (no measurement)
   std::optional<double> resin_celsius;
   /// Where the layer was perhaps exposed before a crash: what was decided and by whom, "exposed: NAME" or "again:
   /// NAME", NAME an operator or "policy"; one after the other, separated by "; ". Empty: it never was.

@@ -90,12 +90,12 @@ struct PrintPolicy {
 
 /// Told after every change of state, from the runner's thread.
 struct PrintProgress {
-  std::string_view state;  ///< name_of(PrintState)
-  LayerIndex layer;        ///< next to expose
-  LayerIndex layers;       ///< of the plan
-  double z_mm = 0;         ///< last known
-  Nanoseconds left{};      ///< estimate of what remains
-  std::string message;     ///< the cause in faulted, the question in awaiting-decision
+  PrintPhase phase = PrintPhase::Idle;
+  LayerIndex layer;     ///< next to expose
+  LayerIndex layers;    ///< of the plan
+  double z_mm = 0;      ///< last known
+  Nanoseconds left{};   ///< estimate of what remains
+  std::string message;  ///< for people: the cause in Faulted, the question in AwaitingDecision
 };
 using PrintSink = std::function<void(const PrintProgress&)>;
 
