@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 constexpr std::uint64_t kMaxMeasuredBytes = 64U << 20U;
 
 struct CalibrateVerb {
-  std::string what, measured, out;
+  std::string part, measured, out;
   MachineChoice machine;
   double irradiance_mw_per_cm2 = 0;
 };
@@ -77,7 +77,7 @@ Result<ExitCode> fit(const CalibrateVerb& o) {
 
 VerbBody declare_calibrate(VerbOptions& options) {
   auto o = std::make_shared<CalibrateVerb>();
-  options.add("WHAT", o->what, "masks: write test masks; fit: fit the profile's figures to measurements")
+  options.add("WHAT", o->part, "masks: write test masks; fit: fit the profile's figures to measurements")
       .required()
       .one_of({"masks", "fit"});
   options.add("MEASURED", o->measured, "fit: the filled-in measured.csv");
@@ -92,7 +92,7 @@ VerbBody declare_calibrate(VerbOptions& options) {
       "measured.csv has the columns test, grey, row, column, period_px, exposure_s, value, unit; `calibrate masks` "
       "writes\n"
       "it with a row for everything to measure.");
-  return [o](std::stop_token stop) { return o->what == "masks" ? write_masks(*o, stop) : fit(*o); };
+  return [o](std::stop_token stop) { return o->part == "masks" ? write_masks(*o, stop) : fit(*o); };
 }
 
 }  // namespace telefab::fab

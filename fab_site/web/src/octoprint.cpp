@@ -127,12 +127,11 @@ WebResponse octoprint_printer(PageBackend& backend) {
   const auto jobs = backend.jobs();
   if (!jobs) return octoprint_problem(jobs.error());
   const JobView* job = on_machine(*jobs);
-  const std::string text = state_text(job);
-  const bool is_printing = text == "Printing", is_paused = text == "Paused";
+  const bool is_printing = job && job->state == JobState::Printing, is_paused = job && job->state == JobState::Paused;
   return with(200, {{"temperature", ordered_json::object()},
                     {"sd", {{"ready", false}}},
                     {"state",
-                     {{"text", text},
+                     {{"text", state_text(job)},
                       {"flags",
                        {{"operational", true},
                         {"paused", is_paused},

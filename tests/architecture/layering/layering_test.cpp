@@ -325,6 +325,28 @@ TEST(Layering, ChangesNothingGlobally) {
     }
 }
 
+/// A member that holds a state, or a sentence for people about one, compared with a literal: what a program decides by
+/// is an enumeration.
+bool decides_by_text(const std::string& line) {
+  static const std::regex compared{
+      R"re((?:\.|->)(?:state|phase|verdict|note|outcome|message|reason|why|cause|what|text)(?:\(\))?\s*(?:==|!=)\s*"|)re"
+      R"re((?:\.|->)(?:state|phase|verdict|note|outcome|message|reason|why|cause|what|text)(?:\(\))?\.)re"
+      R"re((?:starts_with|ends_with|find|contains)\(\s*"|name_of\([^"]*\)\s*(?:==|!=)\s*"|"\s*(?:==|!=)\s*name_of\()re"};
+  return line.find('"') != std::string::npos && std::regex_search(line, compared);
+}
+
+// "Waits for approval" was once a message that was not empty, and a hold a sentence that began in a certain way.
+TEST(Layering, NoProgramDecidesByATextForPeople) {
+  for (const Line& line : all_lines())
+    EXPECT_FALSE(decides_by_text(line.text)) << place(line) << "makes it an enumeration, and its text at the edge";
+  for (const char* wrong :
+       {R"(if (progress.state == "paused") return;)", R"(hold.reason.starts_with("open"))", R"(x = job->message != "")",
+        R"(item.verdict == "held")", R"(if (name_of(state) == "done"))", R"(certificate.why.find("gap") == 0)"})
+    EXPECT_TRUE(decides_by_text(wrong)) << wrong;
+  for (const char* right : {R"(if (request.method == "GET"))", R"(job.message.empty() ? "" : ": ")", R"(word == "ok")"})
+    EXPECT_FALSE(decides_by_text(right)) << right;
+}
+
 // The rules themselves, on lines that must be refused.
 TEST(Layering, RefusesWhatItShouldRefuse) {
   EXPECT_NE(complaint("scan_site/mls/src/a.cpp", "telefab/fab/mask/mask.hpp"), "");
