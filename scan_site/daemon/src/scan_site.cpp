@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <fstream>
 #include <telefab/base/version.hpp>
-#include <telefab/command_line/machine_choice.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
 #include <telefab/service/saved_message.hpp>
 
