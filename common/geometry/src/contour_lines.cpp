@@ -3,6 +3,7 @@
 #include <cmath>
 #include <iterator>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_number.hpp>
 #include <telefab/geometry/contour_lines.hpp>
 #include <telefab/geometry/limits.hpp>
 
@@ -31,14 +32,14 @@ Result<Layer> layer_from_json_line(std::string_view line) {
   const auto index = value.find("layer");
   const auto z = value.find("z_mm");
   const auto rings = value.find("contours");
-  if (index == value.end() || !index->is_number_unsigned() || index->get<std::uint64_t>() >= kMaxLayers)
+  if (index == value.end() || !index->is_number_unsigned() || *index >= kMaxLayers)
     return bad("\"layer\" is missing or no layer number");
   if (z == value.end() || !z->is_number() || !std::isfinite(z->get<double>()))
     return bad("\"z_mm\" is missing or not a number");
   if (rings == value.end() || !rings->is_array()) return bad("\"contours\" is missing or not a list");
   if (rings->size() > kMaxRingsPerLayer) return fail(ErrorCode::TooLarge, "contour line: too many contours");
   Layer layer;
-  layer.index = LayerIndex{index->get<std::uint32_t>()};
+  layer.index = LayerIndex{whole_number<std::uint32_t>(*index)};
   layer.z_mm = z->get<double>();
   for (const json& ring : *rings) {
     if (!ring.is_array() || ring.size() > kMaxVerticesPerLayer) return bad("a contour is not a list of vertices");

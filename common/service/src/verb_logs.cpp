@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
+#include <telefab/base/json_number.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/service/shared_verbs.hpp>
 #include <telefab/store/job_store.hpp>
@@ -51,14 +52,21 @@ Result<std::vector<LogEntry>> audit_of(const std::filesystem::path& path, const 
   for (std::size_t end; (end = text.find('\n')) != std::string_view::npos; text.remove_prefix(end + 1)) {
     const std::string_view line = text.substr(0, end);
     if (line.find(job) == std::string_view::npos) continue;
-    const auto entry = nlohmann::json::parse(line, nullptr, false);
-    if (!entry.is_object()) continue;
-    std::string what = entry.value("what", "");
+    std::string who, what;
+    std::int64_t unix_ms = 0;
+    try {
+      const auto entry = nlohmann::json::parse(line);
+      who = entry.at("who").get<std::string>();
+      what = entry.at("what").get<std::string>();
+      unix_ms = whole_number<std::int64_t>(entry.at("unix_ms"));
+    } catch (const nlohmann::json::exception&) {
+      continue;  // the daemon complains of it
+    }
     // A longer id may begin with this one.
     const std::size_t at = what.find(job);
     const std::size_t after = at == std::string::npos ? at : at + job.size();
     if (at == std::string::npos || (after < what.size() && what[after] != ' ')) continue;
-    entries.push_back({entry.value("unix_ms", std::int64_t{0}), entry.value("who", ""), std::move(what)});
+    entries.push_back({unix_ms, std::move(who), std::move(what)});
   }
   return entries;
 }

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 #include <telefab/base/file.hpp>
+#include <telefab/base/json_number.hpp>
 #include <telefab/fab/planning/preflight.hpp>
 
 #include "preflight_contours.hpp"
@@ -317,7 +318,7 @@ Result<Preflight> preflight_from_json(std::string_view text) {
       item.text = value.at("text").get<std::string>();
       item.unit = value.value("unit", "");
       if (value.contains("value") && value["value"].is_number()) item.value = value["value"].get<double>();
-      if (value.contains("layer")) item.layer = LayerIndex{value["layer"].get<std::uint32_t>()};
+      if (value.contains("layer")) item.layer = LayerIndex{whole_number<std::uint32_t>(value["layer"])};
       if (value.contains("place"))
         item.place = Point2{value["place"].at(0).get<double>(), value["place"].at(1).get<double>()};
       const auto verdict = value.at("verdict").get<std::string>();

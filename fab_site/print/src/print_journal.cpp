@@ -10,6 +10,7 @@
 #include <cstring>
 #include <map>
 #include <telefab/base/file.hpp>
+#include <telefab/base/json_number.hpp>
 #include <telefab/fab/print/print_journal.hpp>
 #include <utility>
 
@@ -169,8 +170,8 @@ std::optional<JournalEntry> entry_of(std::string_view body) {
     const auto step = step_of(j.at("step").get<std::string>());
     if (!step) return std::nullopt;
     e.step = *step;
-    e.layer = LayerIndex{j.at("layer").get<std::uint32_t>()};
-    e.wall = Nanoseconds{j.at("wall_ns").get<std::int64_t>()};
+    e.layer = LayerIndex{whole_number<std::uint32_t>(j.at("layer"))};
+    e.wall = Nanoseconds{whole_number<std::int64_t>(j.at("wall_ns"))};
     if (e.step == JournalStep::Planned) {
       const auto plan = digest_from_hex(j.at("plan_sha256").get<std::string>());
       if (!plan) return std::nullopt;

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_number.hpp>
 #include <telefab/fab/print/print_plan.hpp>
 #include <telefab/machine/profile_digest.hpp>
 
@@ -101,15 +102,16 @@ Result<PrintPlan> print_plan_from_json(std::string_view text) {
       if (!profile) return fail_in("print plan, profile_sha256", profile.error());
       plan.profile = *profile;
     }
-    plan.mask_size = {j.at("mask_width_px").get<std::uint32_t>(), j.at("mask_height_px").get<std::uint32_t>()};
+    plan.mask_size = {whole_number<std::uint32_t>(j.at("mask_width_px")),
+                      whole_number<std::uint32_t>(j.at("mask_height_px"))};
     plan.z_travel_mm = j.at("z_travel_mm").get<double>();
     plan.motion = {j.at("lift_mm").get<double>(), j.at("lift_speed_mm_per_s").get<double>(),
                    j.at("lower_speed_mm_per_s").get<double>(), j.at("settle_s").get<double>()};
     for (const auto& l : j.at("layers")) {
       const auto mask = digest_from_hex(l.at("mask_sha256").get<std::string>());
       if (!mask) return fail_in("print plan, mask_sha256", mask.error());
-      plan.layers.push_back({LayerIndex{l.at("layer").get<std::uint32_t>()}, l.at("z_mm").get<double>(),
-                             std::chrono::microseconds{l.at("exposure_us").get<std::int64_t>()}, *mask});
+      plan.layers.push_back({LayerIndex{whole_number<std::uint32_t>(l.at("layer"))}, l.at("z_mm").get<double>(),
+                             std::chrono::microseconds{whole_number<std::int64_t>(l.at("exposure_us"))}, *mask});
     }
     if (const auto ok = plan.validate(); !ok) return tl::unexpected{ok.error()};
     return plan;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
+#include <telefab/base/json_number.hpp>
 #include <telefab/base/signature.hpp>
 
 #include "print_record_json.hpp"
@@ -67,13 +69,14 @@ PrintRecord record_from(const nlohmann::json& j) {
   r.machine = j.at("machine").get<std::string>();
   r.plan = digest_from_json(j.at("plan_sha256"));
   const auto outcome = j.at("outcome").get<std::string>();
-  r.outcome = outcome == "done"        ? PrintOutcome::Done
-              : outcome == "cancelled" ? PrintOutcome::Cancelled
-                                       : PrintOutcome::Faulted;
-  r.next = LayerIndex{j.at("next_layer").get<std::uint32_t>()};
+  const auto known = {PrintOutcome::Done, PrintOutcome::Cancelled, PrintOutcome::Faulted};
+  const auto found = std::find_if(known.begin(), known.end(), [&](PrintOutcome o) { return name_of(o) == outcome; });
+  if (found == known.end()) throw nlohmann::json::other_error::create(501, "unknown outcome", nullptr);
+  r.outcome = *found;
+  r.next = LayerIndex{whole_number<std::uint32_t>(j.at("next_layer"))};
   r.maybe_exposed = j.at("maybe_exposed").get<bool>();
-  r.cause = {static_cast<ErrorCode>(j.at("cause_code").get<int>()), j.at("cause").get<std::string>()};
-  r.runs = j.at("runs").get<std::uint32_t>();
+  r.cause = {static_cast<ErrorCode>(whole_number<int>(j.at("cause_code"))), j.at("cause").get<std::string>()};
+  r.runs = whole_number<std::uint32_t>(j.at("runs"));
   r.projector = j.at("projector").get<std::string>();
   r.stage = j.at("stage").get<std::string>();
   for (const auto& [key, value] : j.at("provenance").items()) r.provenance[key] = value.get<std::string>();
@@ -81,7 +84,7 @@ PrintRecord record_from(const nlohmann::json& j) {
   if (j.contains("orders"))
     for (const auto& o : j.at("orders"))
       r.orders.push_back({o.at("word").get<std::string>(), o.at("by").get<std::string>(), o.value("why", ""),
-                          Nanoseconds{o.at("wall_ns").get<std::int64_t>()}});
+                          Nanoseconds{whole_number<std::int64_t>(o.at("wall_ns"))}});
   if (j.contains("journal_gaps")) r.gaps = j.at("journal_gaps").get<std::vector<std::string>>();
   return r;
 }
@@ -114,13 +117,13 @@ Json layer_to_json(const LayerRecord& l) {
 
 LayerRecord layer_from_json(const nlohmann::json& j) {
   LayerRecord l;
-  l.index = LayerIndex{j.at("layer").get<std::uint32_t>()};
+  l.index = LayerIndex{whole_number<std::uint32_t>(j.at("layer"))};
   l.z_mm = j.at("z_mm").get<double>();
-  l.planned = Microseconds{j.at("planned_us").get<std::int64_t>()};
-  l.measured = Microseconds{j.at("measured_us").get<std::int64_t>()};
-  l.started_wall = Nanoseconds{j.at("started_wall_ns").get<std::int64_t>()};
-  l.retries = j.at("retries").get<std::uint32_t>();
-  l.parts = j.at("parts").get<std::uint32_t>();
+  l.planned = Microseconds{whole_number<std::int64_t>(j.at("planned_us"))};
+  l.measured = Microseconds{whole_number<std::int64_t>(j.at("measured_us"))};
+  l.started_wall = Nanoseconds{whole_number<std::int64_t>(j.at("started_wall_ns"))};
+  l.retries = whole_number<std::uint32_t>(j.at("retries"));
+  l.parts = whole_number<std::uint32_t>(j.at("parts"));
   l.mask = digest_from_json(j.at("mask_sha256"));
   l.note = note_from(j.at("note"));
   l.decided = j.value("decided", "");

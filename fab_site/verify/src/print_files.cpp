@@ -2,6 +2,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <telefab/base/json_number.hpp>
 #include <telefab/fab/verify/print_files.hpp>
 
 namespace telefab::fab {
@@ -33,11 +34,7 @@ Result<WrittenSupports> WrittenSupports::from_json(std::string_view text) {
       if (!(std::abs(v) <= 1e5)) throw std::out_of_range{"a number beyond 100 m"};
       return v;
     };
-    const auto layer = [](const nlohmann::json& value) {
-      const auto n = value.get<std::int64_t>();
-      if (n < 0 || n > 10'000'000) throw std::out_of_range{"a layer below 0 or beyond ten million"};
-      return static_cast<std::uint32_t>(n);
-    };
+    const auto layer = [](const nlohmann::json& value) { return whole_number<std::uint32_t>(value, 0, 10'000'000); };
     out.elevation_layers_ = layer(root.at("lift_layers"));
     for (const auto& a : root.at("anchors"))
       out.anchors_.emplace_back(Point2{finite(a.at("x_mm")), finite(a.at("y_mm"))},

@@ -278,6 +278,16 @@ TEST(Layering, TimeIsAnArgument) {
     }
 }
 
+// A plan that said 8e51 for a layer was undefined behaviour.
+TEST(Layering, AWholeNumberOfJsonIsReadWhereItsRangeIsChecked) {
+  static const std::regex pattern{
+      R"((\.|->)(get<|value\("[a-z_0-9]+", *)(std::)?(u?int[0-9_t]*|size_t|unsigned|long))"};
+  for (const Line& line : all_lines())
+    if (holds_any(line.text, {"get<", "value("}) && std::regex_search(line.text, pattern)) {
+      ADD_FAILURE() << place(line) << "takes whole_number of base";
+    }
+}
+
 TEST(Layering, TheVersionStandsInOnePlace) {
   std::ifstream project{fs::path{std::getenv("TELEFAB_SOURCE")} / "CMakeLists.txt"};
   const std::string text{std::istreambuf_iterator<char>{project}, {}};

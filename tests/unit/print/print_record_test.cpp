@@ -56,6 +56,38 @@ TEST(PrintPlanJson, GivesThePlanBack) {
   EXPECT_FALSE(print_plan_from_json("[]"));
 }
 
+TEST(PrintPlanJson, RefusesNumbersThatAreNotWholeOrDoNotFit) {
+  const std::string text = to_json(two_layers());
+  ASSERT_NE(text.find("\"layer\": 1,"), std::string::npos);
+  ASSERT_NE(text.find("\"exposure_us\": 1000000,"), std::string::npos);
+  for (const std::string_view number : {"8e51", "-1", "1.0", "4294967296", "18446744073709551616", "true", "\"1\""}) {
+    std::string layer = text, width = text;
+    layer.replace(layer.find("\"layer\": 1,"), 11, "\"layer\": " + std::string{number});
+    EXPECT_EQ(print_plan_from_json(layer).error().code, ErrorCode::InvalidInput) << number;
+    width.replace(width.find("\"mask_width_px\": 4"), 18, "\"mask_width_px\": " + std::string{number});
+    EXPECT_EQ(print_plan_from_json(width).error().code, ErrorCode::InvalidInput) << number;
+  }
+  for (const std::string_view number : {"8e51", "-1", "1e6", "9223372036854775808"}) {
+    std::string exposure = text;
+    exposure.replace(exposure.find("\"exposure_us\": 1000000"), 22, "\"exposure_us\": " + std::string{number});
+    EXPECT_EQ(print_plan_from_json(exposure).error().code, ErrorCode::InvalidInput) << number;
+  }
+}
+
+TEST(PrintRecordJson, RefusesNumbersThatDoNotFitAndOutcomesItDoesNotKnow) {
+  const std::string text = to_json(record_of(two_layers()));
+  for (const auto& [from, to] :
+       std::vector<std::pair<std::string, std::string>>{{"\"next_layer\": 2", "\"next_layer\": -1"},
+                                                        {"\"retries\": 1", "\"retries\": 1e300"},
+                                                        {"\"cause_code\": ", "\"cause_code\": 5e9, \"x\": "},
+                                                        {"\"done\"", "\"undone\""}}) {
+    std::string changed = text;
+    ASSERT_NE(changed.find(from), std::string::npos) << from;
+    changed.replace(changed.find(from), from.size(), to);
+    EXPECT_EQ(print_record_from_json(changed).error().code, ErrorCode::InvalidInput) << to;
+  }
+}
+
 TEST(PrintPlanJson, StatesHowTheMasksWereMadeAndRefusesAWayItDoesNotKnow) {
   PrintPlan plan = two_layers();
   const std::string unstated = to_json(plan);
