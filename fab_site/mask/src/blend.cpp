@@ -100,7 +100,7 @@ struct BlendStack::State {
 };
 
 BlendStack::BlendStack(const MaskBlender& blender)
-    : state_{std::make_unique<State>(*blender.model_, DoseTiles{blender.model_->frame.size})} {}
+    : state_{new State{*blender.model_, DoseTiles{blender.model_->frame.size}}} {}
 BlendStack::~BlendStack() = default;
 BlendStack::BlendStack(BlendStack&&) noexcept = default;
 BlendStack& BlendStack::operator=(BlendStack&&) noexcept = default;
