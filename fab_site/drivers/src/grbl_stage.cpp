@@ -18,6 +18,7 @@ constexpr Nanoseconds kWait = 10ms;
 constexpr int kLinesPerPoll = 64;
 constexpr Nanoseconds kStale = 2s;  ///< a reading older than this is asked for again
 constexpr Nanoseconds kSilentThermometer = 5s;
+constexpr double kFarthest_mm = 10'000;  ///< what no board calls the end of its axis; garbled, no move would be right
 
 /// What differs between the two firmwares.
 struct DialectFacts {
@@ -288,6 +289,8 @@ Result<void> SerialStage::take_ok() {
 
 Result<void> SerialStage::take_position(double reported_mm) {
   if (doing_ == Doing::AskingHome) {
+    if (std::abs(reported_mm) > kFarthest_mm)
+      return lost(ErrorCode::DeviceRefused, fmt::format("homed, it says it is at {} mm", reported_mm));
     board_top_mm_ = reported_mm;
     z_mm_ = options_.top_mm;
   } else {

@@ -48,6 +48,41 @@ TEST(GrblStage, HomesUpThenGoesWhereItIsSent) {
   EXPECT_TRUE(status->homed);
 }
 
+/// A board that says whatever it is given to say.
+class SpeakingLine final : public LineTransport {
+ public:
+  explicit SpeakingLine(std::vector<std::string> lines) : lines_{std::move(lines)} {}
+  Result<void> write(std::string_view, Milliseconds) override { return {}; }
+  Result<std::optional<std::string>> read_line(Milliseconds) override {
+    if (next_ == lines_.size()) return std::optional<std::string>{};
+    return std::optional<std::string>{lines_[next_++]};
+  }
+  Result<void> reopen() override { return {}; }
+  std::string describe() const override { return "lines"; }
+
+ private:
+  std::vector<std::string> lines_;
+  std::size_t next_ = 0;
+};
+
+// Found by the fuzzer: every later move would have been ordered relative to a place that does not exist.
+TEST(GrblStage, IsNotHomedWhereTheBoardNamesAPlaceBeyondAnyAxis) {
+  for (const std::string_view place : {"1e30", "-20000.0", "nan", "inf"}) {
+    VirtualClock clock;
+    auto stage = SerialStage::open(
+        std::make_unique<SpeakingLine>(std::vector<std::string>{
+            "Grbl 1.1h ['$' for help]", "ok", "<Idle|MPos:0.000,0.000," + std::string{place} + "|FS:0,0>"}),
+        {.top_mm = 25, .homing_mm_per_s = 20}, clock);
+    ASSERT_TRUE(stage);
+    ASSERT_TRUE((*stage)->home());
+    for (int i = 0; i < 5; ++i) {
+      const auto status = (*stage)->poll();
+      EXPECT_FALSE(status && status->homed) << place;
+      clock.sleep_for(10ms);
+    }
+  }
+}
+
 TEST(GrblStage, TakesTheTimeOfTheMove) {
   StageBench b;
   b.open();
