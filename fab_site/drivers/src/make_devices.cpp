@@ -37,6 +37,12 @@ Result<void> check_statements(const MachineProfile& machine) {
         "state devices.led_polarity, normal or inverted, as the board's maker says (fab_site/drivers/first-light.md)");
   if (d.projector == ProjectorKind::Dlpc900 && d.led_current == 0)
     return wrong("devices.led_current is 0, nothing would cure; raise it as fab_site/drivers/first-light.md says");
+  if (d.projector == ProjectorKind::Dlpc900 && d.led_off == LedOff::EnableAndCurrent && d.led_cutoff == LedCutoff::None)
+    return wrong(
+        "its LEDs glow until this computer sends a current of zero (devices.led_off), so nothing would darken them "
+        "where "
+        "this computer dies; put a watchdog before them and state devices.led_cutoff = \"watchdog\" "
+        "(fab_site/drivers/first-light.md)");
   if (d.thermometer != Thermometer::None && d.stage != StageKind::Marlin)
     return wrong("devices.thermometer needs stage = \"marlin\"; GRBL boards and virtual stages have none");
   if ((d.hottest_celsius > 0 || d.coldest_celsius > 0) && d.thermometer == Thermometer::None)
@@ -63,7 +69,7 @@ double stage_top_mm(const MachineProfile& machine) { return machine.platform.z_t
 Result<std::unique_ptr<Dlpc900Projector>> open_projector(const MachineProfile& machine, Clock& clock) {
   if (machine.devices.led_current > 255)
     return fail(ErrorCode::InvalidInput, "machine " + machine.name + ": devices.led_current is above 255");
-  auto usb = open_libusb({kTexasInstruments, kDlpc900, {}});
+  auto usb = open_libusb({kTexasInstruments, kDlpc900, machine.devices.projector_serial});
   if (!usb) return tl::unexpected{usb.error()};
   Dlpc900Options options;
   options.mask = machine.mask_size();

@@ -188,7 +188,8 @@ class LibusbTransport final : public UsbTransport {
                               identity_.serial.empty() ? "" : " with serial " + identity_.serial));
     if (found.size() > 1)
       return fail(ErrorCode::DeviceLost,
-                  fmt::format("{} USB devices {}: name the serial of the one to use", found.size(), name));
+                  fmt::format("{} USB devices {}: name the serial of the one to use in devices.projector_serial",
+                              found.size(), name));
     (void)libusb_set_auto_detach_kernel_driver(found[0].get(), 1);
     if (const int code = libusb_claim_interface(found[0].get(), kInterface); code != 0)
       return tl::unexpected{error_of(code, "claiming " + name)};

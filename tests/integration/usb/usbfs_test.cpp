@@ -167,23 +167,37 @@ TEST_F(Usbfs, IsProbedByTheUnmodifiedProgram) {
   const auto folder = std::filesystem::temp_directory_path() / fmt::format("telefab-usb-{}", ::getpid());
   std::filesystem::create_directories(folder);
   std::ifstream profile{std::filesystem::path{source} / "deploy/config/machines/dlp6500.toml"};
-  std::ofstream{folder / "real.toml"} << std::string{std::istreambuf_iterator<char>{profile}, {}}
-                                      << "\n[devices]\nprojector = \"dlpc900\"\nstage = \"grbl\"\nled_current = "
-                                         "20\nled_polarity = \"normal\"\nstage_serial = \""
-                                      << pty.path() << "\"\n";
+  std::ofstream{folder / "real.toml"}
+      << std::string{std::istreambuf_iterator<char>{profile}, {}}
+      << "\n[devices]\nprojector = \"dlpc900\"\nstage = \"grbl\"\nled_current = "
+         "20\nled_polarity = \"normal\"\nprojector_serial = \"T6500\"\nstage_serial = \""
+      << pty.path() << "\"\n";
   const std::string command =
       fmt::format("{}/telefab-fab probe --machine dlp6500 --machines {} 2>&1", bin, folder.string());
-  std::FILE* out = ::popen(command.c_str(), "r");
-  ASSERT_NE(out, nullptr);
   std::string text;
-  std::array<char, 512> chunk{};
-  while (const std::size_t n = std::fread(chunk.data(), 1, chunk.size(), out)) text.append(chunk.data(), n);
-  const int status = ::pclose(out);
-  std::filesystem::remove_all(folder);
+  const auto run = [&] {
+    text.clear();
+    std::FILE* out = ::popen(command.c_str(), "r");
+    if (out == nullptr) return -1;
+    std::array<char, 512> chunk{};
+    while (const std::size_t n = std::fread(chunk.data(), 1, chunk.size(), out)) text.append(chunk.data(), n);
+    return ::pclose(out);
+  };
+  const int status = run();
   EXPECT_EQ(WEXITSTATUS(status), 0) << text;
   EXPECT_THAT(text, testing::HasSubstr("DLPC900 DLP6500 firmware 6.0.0"));
   EXPECT_THAT(text, testing::HasSubstr("self-test passed"));
   EXPECT_THAT(text, testing::HasSubstr("GRBL stage"));
+  // Another light engine than the one that is there is not taken for it.
+  {
+    std::ifstream in{folder / "real.toml"};
+    std::string other{std::istreambuf_iterator<char>{in}, {}};
+    other.replace(other.find("\"T6500\""), 7, "\"T9999\"");
+    std::ofstream{folder / "real.toml"} << other;
+  }
+  EXPECT_NE(WEXITSTATUS(run()), 0) << text;
+  EXPECT_THAT(text, testing::HasSubstr("with serial T9999"));
+  std::filesystem::remove_all(folder);
   const std::lock_guard lock{mutex};
   EXPECT_TRUE(log.light().empty()) << "a probe must not light anything";
 }

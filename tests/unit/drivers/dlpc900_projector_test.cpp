@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <telefab/fab/drivers/make_devices.hpp>
 #include <telefab/fab/mask/orientation.hpp>
 #include <telefab/fab/usb/decorators.hpp>
 #include <telefab/test/print_rig.hpp>
@@ -291,6 +292,26 @@ TEST(LedBoards, GiveTheirStatedCurrentInTheLightAndNothingElsewhereOnceTheirProf
       EXPECT_EQ(b.in_light, 10u);
       EXPECT_EQ(b.stray, 0u);
     }
+}
+
+// The controller ends an exposure by itself; the current of such a board ends only if this computer says so.
+TEST(LedBoards, ThatNothingDarkensWhereThisComputerDiesAreRefused) {
+  VirtualClock clock;
+  MachineProfile machine;
+  machine.name = "m";
+  machine.devices.projector = ProjectorKind::Dlpc900;
+  machine.devices.led_polarity = LedPolarity::Normal;
+  machine.devices.led_current = 10;
+  machine.devices.projector_serial = "none has this one";
+  machine.devices.led_off = LedOff::EnableAndCurrent;
+  const auto refused = make_devices(machine, clock);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::InvalidInput);
+  EXPECT_THAT(refused.error().what, testing::HasSubstr("devices.led_cutoff"));
+  machine.devices.led_cutoff = LedCutoff::Watchdog;
+  const auto looked_for = make_devices(machine, clock);
+  ASSERT_FALSE(looked_for);
+  EXPECT_NE(looked_for.error().code, ErrorCode::InvalidInput) << looked_for.error().what;
 }
 
 TEST(LedBoards, BetrayAWrongProfile) {

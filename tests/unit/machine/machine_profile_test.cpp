@@ -70,6 +70,7 @@ TEST(MachineProfile, TakesTheWordsOfEachEnumerationAndNoOthers) {
   takes_its_words_and_no_others("devices", "led_colour", &P::devices, &P::Devices::led_colour);
   takes_its_words_and_no_others("devices", "led_polarity", &P::devices, &P::Devices::led_polarity);
   takes_its_words_and_no_others("devices", "led_off", &P::devices, &P::Devices::led_off);
+  takes_its_words_and_no_others("devices", "led_cutoff", &P::devices, &P::Devices::led_cutoff);
   takes_its_words_and_no_others("devices", "thermometer", &P::devices, &P::Devices::thermometer);
 }
 

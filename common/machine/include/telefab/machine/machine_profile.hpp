@@ -100,10 +100,12 @@ struct MachineProfile {
     LedColour led_colour = LedColour::Blue;            ///< dlpc900
     LedPolarity led_polarity = LedPolarity::Unstated;  ///< dlpc900: it is not lit before this is stated
     LedOff led_off = LedOff::Enable;                   ///< dlpc900
+    LedCutoff led_cutoff = LedCutoff::None;            ///< dlpc900 with LedOff::EnableAndCurrent
     Thermometer thermometer = Thermometer::None;       ///< marlin
     double hottest_celsius = 0;                        ///< resin above this stops the print; 0: no limit
     double coldest_celsius = 0;                        ///< resin below this stops the print; 0: no limit
     double allowed_slowdown = 1.1;  ///< real projectors: a job whose uploads stretch it beyond this is refused
+    std::string projector_serial;   ///< USB serial number of the light engine; empty: the only one found
     std::string stage_serial;       ///< USB serial number of the stage's tty; empty: the only one found
     friend bool operator==(const Devices&, const Devices&) = default;
   } devices;

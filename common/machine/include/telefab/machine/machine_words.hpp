@@ -24,6 +24,8 @@ enum class LedColour : std::uint8_t { Red, Green, Blue };
 enum class LedPolarity : std::uint8_t { Unstated, Normal, Inverted };
 /// What darkens a board's LEDs: their enable lines, or only these and a current of zero.
 enum class LedOff : std::uint8_t { Enable, EnableAndCurrent };
+/// What darkens the LEDs of such a board where this computer dies: nothing, or a watchdog before them.
+enum class LedCutoff : std::uint8_t { None, Watchdog };
 /// Which of a board's sensors hangs in the resin.
 enum class Thermometer : std::uint8_t { None, Hotend, Bed, Chamber };
 
@@ -45,6 +47,8 @@ template <>
 inline constexpr std::array<std::string_view, 3> kMachineWords<LedPolarity>{"unstated", "normal", "inverted"};
 template <>
 inline constexpr std::array<std::string_view, 2> kMachineWords<LedOff>{"enable", "enable-and-current"};
+template <>
+inline constexpr std::array<std::string_view, 2> kMachineWords<LedCutoff>{"none", "watchdog"};
 template <>
 inline constexpr std::array<std::string_view, 4> kMachineWords<Thermometer>{"none", "hotend", "bed", "chamber"};
 

@@ -27,8 +27,8 @@ struct Devices {
 
 /// Opens the devices of the profile, virtual or real; real ones are dark when this returns. The clock must outlive
 /// them. Fails: DeviceLost (not found; the message says what to look at), DeviceRefused (self-test), InvalidInput
-/// (also: a projector whose led_polarity is not stated or whose led_current is 0, a thermometer on a board that has
-/// none).
+/// (also: a projector whose led_polarity is not stated or whose led_current is 0, one whose LEDs nothing but this
+/// computer darkens, a thermometer on a board that has none).
 [[nodiscard]] Result<Devices> make_devices(const MachineProfile& machine, Clock& clock);
 
 /// The two real devices alone, for `telefab-fab probe`: as make_devices(), whatever the profile calls virtual.
