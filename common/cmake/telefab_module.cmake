@@ -75,6 +75,10 @@ function(telefab_program name)
   set_target_properties(${target} PROPERTIES OUTPUT_NAME ${name})
   target_link_libraries(${target} PRIVATE telefab_flags ${arg_HIDES})
   install(TARGETS ${target} RUNTIME DESTINATION bin COMPONENT ${arg_COMPONENT})
+  if(TELEFAB_HARDEN)
+    add_custom_command(TARGET ${target} POST_BUILD VERBATIM
+      COMMAND ${CMAKE_SOURCE_DIR}/deploy/lib/check-hardening $<TARGET_FILE:${target}> ${CMAKE_SOURCE_DIR})
+  endif()
   set(folder ${CMAKE_BINARY_DIR}/manuals)
   file(MAKE_DIRECTORY ${folder})
   # It runs in its own folder, so that no default shows where this checkout happens to lie.
