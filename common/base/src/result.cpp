@@ -80,6 +80,7 @@ std::string_view exit_code_table() {
          "   7  a file could not be read or written\n"
          "   8  a layer is flagged (--require-certified), or verify found a fault\n"
          "   9  projector or stage lost, silent or refusing\n"
+         "  10  verify: the as-built record is as planned, but nobody signed it\n"
          "  70  a fault of Telefab; please report it\n";
 }
 

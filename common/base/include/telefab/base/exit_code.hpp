@@ -16,6 +16,7 @@ enum class ExitCode {
   Storage = 7,          ///< a file could not be read or written
   NotCertified = 8,     ///< --require-certified and a layer is flagged; verify found a fault
   Device = 9,           ///< projector or stage lost, silent or refusing
+  NotSigned = 10,       ///< verify: the as-built record is as planned, but signed by nobody
   Internal = 70,        ///< a fault of ours; please report it
 };
 

@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <filesystem>
+#include <string>
+#include <telefab/base/result.hpp>
+
+namespace telefab {
+
+/// Reads a private key or another secret. Fails as read_file does, and with NotTrusted, saying what to do, where users
+/// other than its owner and this process's own group may read or change it.
+[[nodiscard]] Result<std::string> read_secret(const std::filesystem::path& path);
+/// The same judgement alone, for what a library reads itself.
+[[nodiscard]] Result<void> check_is_secret(const std::filesystem::path& path);
+
+}  // namespace telefab

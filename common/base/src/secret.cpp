@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <telefab/base/file.hpp>
+#include <telefab/base/secret.hpp>
+
+namespace telefab {
+namespace {
+
+constexpr std::uint64_t kLargestSecret = 64U << 10U;
+constexpr mode_t kGroup = S_IRGRP | S_IWGRP;
+constexpr mode_t kOthers = S_IROTH | S_IWOTH;
+
+}  // namespace
+
+Result<void> check_is_secret(const std::filesystem::path& path) {
+  struct stat status {};
+  if (::stat(path.c_str(), &status) != 0)
+    return fail(errno == ENOENT ? ErrorCode::NotFound : ErrorCode::NotPermitted,
+                fmt::format("cannot look at {}: {}", path.string(), std::strerror(errno)));
+  // A service account reads a key that belongs to root by its group.
+  const bool is_of_our_group = status.st_gid == ::getegid() && (status.st_mode & S_IWGRP) == 0;
+  if ((status.st_mode & kOthers) != 0 || ((status.st_mode & kGroup) != 0 && !is_of_our_group))
+    return fail(ErrorCode::NotTrusted, fmt::format("the private key {0} can be read or changed by others, so it proves "
+                                                   "nothing: make a new one, or, if nobody has, chmod 600 {0}",
+                                                   path.string()));
+  return {};
+}
+
+Result<std::string> read_secret(const std::filesystem::path& path) {
+  const auto bytes = read_file(path, kLargestSecret);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  if (const auto secret = check_is_secret(path); !secret) return tl::unexpected{secret.error()};
+  return std::string{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+}
+
+}  // namespace telefab
