@@ -6,15 +6,18 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <fstream>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
+#include <telefab/base/json_number.hpp>
 #include <telefab/store/audit_log.hpp>
 
 namespace telefab {
 namespace {
 
 constexpr std::size_t kMaxTextBytes = 1000;
+constexpr std::uint64_t kLongestLine = 32U << 10U;  ///< two texts, escaped, and the rest
 constexpr std::uint64_t kMaxLogBytes = 4ULL << 30U;
 
 // The chain shows a changed line by the one behind it; the last one by a checksum of its own, the last key of a line.
@@ -77,7 +80,7 @@ struct AuditLog::Impl {
       const auto entry = nlohmann::json::parse(line, nullptr, false);
       const auto before = entry.is_object() ? entry.find("before") : entry.end();
       const bool has_sum = entry.is_object() && entry.contains("sum");
-      if (!entry.is_object() || entry.value("n", std::uint64_t{0}) != next || before == entry.end() ||
+      if (!entry.is_object() || !entry.contains("n") || entry["n"] != next || before == entry.end() ||
           *before != to_hex(last) || (has_sums && !has_sum) || (has_sum && !is_sound(line)))
         return fail(ErrorCode::NotTrusted,
                     fmt::format("line {} of the audit log {} does not follow the line before it: the "
@@ -140,6 +143,30 @@ Result<void> AuditLog::add(std::string_view who, std::string_view what) {
   impl_->last = hasher.digest();
   ++impl_->next;
   return {};
+}
+
+Result<AuditHead> audit_head(const std::filesystem::path& path) {
+  std::ifstream in{path, std::ios::binary | std::ios::ate};
+  if (!in) return fail(ErrorCode::NotFound, fmt::format("cannot read the audit log {}", path.string()));
+  const auto size = static_cast<std::uint64_t>(in.tellg());
+  std::string tail(std::min<std::uint64_t>(size, kLongestLine), '\0');
+  in.seekg(static_cast<std::streamoff>(size - tail.size()));
+  in.read(tail.data(), static_cast<std::streamsize>(tail.size()));
+  if (!in) return fail(ErrorCode::StorageFailed, fmt::format("cannot read the audit log {}", path.string()));
+  // What stands behind the last end of a line is being written, or torn.
+  const std::size_t end = tail.rfind('\n');
+  if (end == std::string::npos) return AuditHead{};
+  const std::size_t before = end == 0 ? std::string::npos : tail.rfind('\n', end - 1);
+  const std::string_view line = std::string_view{tail}.substr(before == std::string::npos ? 0 : before + 1,
+                                                              end - (before == std::string::npos ? 0 : before + 1));
+  Hasher hasher;
+  hasher.feed(line);
+  try {
+    return AuditHead{whole_number<std::uint64_t>(nlohmann::json::parse(line).at("n")), hasher.digest()};
+  } catch (const nlohmann::json::exception&) {
+    return fail(ErrorCode::NotTrusted,
+                fmt::format("the last line of {} is not an entry of an audit log", path.string()));
+  }
 }
 
 }  // namespace telefab

@@ -91,8 +91,13 @@ std::vector<std::string> check_provenance(const PrintRecord& record, const std::
   return findings;
 }
 
-/// The sealed record of the print against its plan. True: nothing is wrong with it.
-Result<bool> check_as_built(const PlannedJob& job, const VerifyOptions& o) {
+struct AsBuilt {
+  bool is_as_planned = false;
+  bool is_signed = false;
+};
+
+/// The sealed record of the print against its plan.
+Result<AsBuilt> check_as_built(const PlannedJob& job, const VerifyOptions& o) {
   constexpr std::uint64_t kLargestRecord = 1U << 28U;
   const auto text = read_file(*o.as_built, kLargestRecord);
   if (!text) return tl::unexpected{text.error()};
@@ -102,8 +107,9 @@ Result<bool> check_as_built(const PlannedJob& job, const VerifyOptions& o) {
     if (!pem) return tl::unexpected{pem.error()};
     key.assign(reinterpret_cast<const char*>(pem->data()), pem->size());
   }
-  const auto record = unseal({reinterpret_cast<const char*>(text->data()), text->size()}, key);
-  if (!record) return tl::unexpected{record.error()};
+  const auto unsealed = unseal({reinterpret_cast<const char*>(text->data()), text->size()}, key);
+  if (!unsealed) return tl::unexpected{unsealed.error()};
+  const PrintRecord* record = &unsealed->record;
   auto findings = compare(*record, job.plan());
   for (std::string& finding : check_provenance(*record, o.folder)) findings.push_back(std::move(finding));
   write_output(fmt::format("as built: {} layers in {} runs, {}\n", record->layers.size(), record->runs,
@@ -111,7 +117,10 @@ Result<bool> check_as_built(const PlannedJob& job, const VerifyOptions& o) {
   for (const auto& [name, value] : record->provenance)
     if (name != provenance::kParameters) write_output(fmt::format("  {:<16} {}\n", name, value));
   for (const std::string& finding : findings) write_output(fmt::format("  {}\n", finding));
-  return findings.empty();
+  write_output(unsealed->signed_by.empty() ? std::string{"  NOT SIGNED: anybody could have written it\n"}
+                                           : fmt::format("  {:<16} {}{}\n", "signed by", unsealed->signed_by,
+                                                         key.empty() ? "; --key says whether that is the site's" : ""));
+  return AsBuilt{findings.empty(), !unsealed->signed_by.empty()};
 }
 
 Result<ExitCode> verify(const VerifyOptions& o, std::stop_token stop) {
@@ -136,14 +145,16 @@ Result<ExitCode> verify(const VerifyOptions& o, std::stop_token stop) {
     passes &= regions->passes();
     text += ",\n\"regions\": " + to_json(*regions);
   }
+  bool is_signed = true;
   if (o.as_built) {
     const auto sound = check_as_built(**job, o);
     if (!sound) return tl::unexpected{sound.error()};
-    passes &= *sound;
+    passes &= sound->is_as_planned;
+    is_signed = sound->is_signed;
   }
   if (o.out)
     if (auto ok = write_file_atomically(*o.out, text + "}\n"); !ok) return tl::unexpected{ok.error()};
-  if (passes) return ExitCode::Ok;
+  if (passes) return is_signed ? ExitCode::Ok : ExitCode::NotSigned;
   if (!o.override_by.empty()) {
     write_output(fmt::format("held back, but let through by {}\n", o.override_by));
     return ExitCode::Ok;
@@ -158,7 +169,9 @@ VerbBody declare_verify(VerbOptions& options) {
   options.add("FOLDER", o->folder, "a plan folder, as `telefab-fab plan` writes it").required();
   options.add("--stack", o->stack, "the .tfc file it was planned of: checks regions, anchors and pins as well");
   options.add("--as-built", o->as_built, "the sealed record of the print, report/as-built.json of the job");
-  options.add("--key", o->key, "public key (PEM) the record must be signed with; without it the hash alone is checked");
+  options.add("--key", o->key,
+              "public key (PEM) the record must be signed with; without it any key is taken, and named; a record that "
+              "nobody signed gives exit code 10");
   declare_machine_choice(options, o->machine, "profile to judge by; default: the plan's own", MachineIs::Optional);
   options.add("--least-pixels", o->least_pixels, "islands of fewer pixels are let pass")
       .shows_default()

@@ -8,6 +8,8 @@
 #include <algorithm>
 
 #include <telefab/base/file.hpp>
+#include <telefab/base/secret.hpp>
+#include <telefab/base/signature.hpp>
 #include <telefab/base/version.hpp>
 #include <telefab/fab/drivers/make_devices.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
@@ -16,6 +18,7 @@
 #include <telefab/fab/print/print_record.hpp>
 #include <telefab/fab/print/provenance.hpp>
 #include <telefab/service/saved_message.hpp>
+#include <telefab/store/audit_log.hpp>
 
 namespace telefab::fab {
 
@@ -29,8 +32,6 @@ Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const LayerSt
 }
 
 namespace {
-
-constexpr std::uint64_t kLargestKey = 64 * 1024;
 
 /// A clock whose waits are counted.
 class BeatingClock final : public Clock {
@@ -74,16 +75,33 @@ std::map<std::string, std::string> provenance_of(const std::filesystem::path& fo
   return known;
 }
 
-/// The record sealed, in report/as-built.json; signed where the site has a key, as-built-key.pem beside its jobs.
-Result<void> keep_as_built(const std::filesystem::path& folder, const PrintRecord& record) {
-  const auto key_path = folder.parent_path().parent_path() / "as-built-key.pem";
-  std::string key;
-  if (std::filesystem::exists(key_path)) {
-    const auto bytes = read_file(key_path, kLargestKey);
-    if (!bytes) return tl::unexpected{bytes.error()};
-    key.assign(reinterpret_cast<const char*>(bytes->data()), bytes->size());
+/// The key that as-built records are signed with, as-built-key.pem beside the jobs; made with its public half,
+/// as-built-key.pub, for the first record.
+Result<std::string> as_built_key(const std::filesystem::path& site) {
+  const auto path = site / "as-built-key.pem";
+  auto key = read_secret(path);
+  if (key || key.error().code != ErrorCode::NotFound) return key;
+  const auto made = new_ed25519_key();
+  if (!made) return tl::unexpected{made.error()};
+  // The public half first: where this breaks off, the next record makes both again.
+  if (auto kept = write_file_atomically(site / "as-built-key.pub", made->public_pem); !kept)
+    return tl::unexpected{kept.error()};
+  if (auto kept = write_new_secret(path, made->private_pem); !kept) return tl::unexpected{kept.error()};
+  return made->private_pem;
+}
+
+/// The record sealed and signed, in report/as-built.json, with the head of the site's audit log in it.
+Result<void> keep_as_built(const std::filesystem::path& folder, PrintRecord record) {
+  const auto site = folder.parent_path().parent_path();
+  const auto key = as_built_key(site);
+  if (!key) return tl::unexpected{key.error()};
+  if (const auto head = audit_head(site / "audit.log")) {
+    record.provenance[provenance::kAuditEntries] = std::to_string(head->entries);
+    record.provenance[provenance::kAuditHead] = to_hex(head->line);
+  } else if (head.error().code != ErrorCode::NotFound) {
+    record.provenance[provenance::kAuditHead] = "unreadable";  // a print that is over has its record all the same
   }
-  const auto sealed = seal(record, key);
+  const auto sealed = seal(record, *key);
   if (!sealed) return tl::unexpected{sealed.error()};
   return write_file_atomically(folder / "report" / "as-built.json", *sealed);
 }

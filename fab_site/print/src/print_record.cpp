@@ -183,20 +183,24 @@ Result<std::string> seal(const PrintRecord& record, std::string_view private_key
   return sealed.dump(1) + "\n";
 }
 
-Result<PrintRecord> unseal(std::string_view sealed, std::string_view public_key_pem) {
+Result<Unsealed> unseal(std::string_view sealed, std::string_view public_key_pem) {
   try {
     const Json j = Json::parse(sealed);
     const std::string text = j.at("record").dump();
     if (to_hex(digest_of(std::as_bytes(std::span{text}))) != j.at("sha256").get<std::string>())
       return fail(ErrorCode::NotTrusted, "the as-built record was changed after it was sealed: its hash does not hold");
+    std::string signed_by;
     if (j.contains("ed25519")) {
       const Signature signature{j.at("ed25519").get<std::string>(), j.at("public_key").get<std::string>()};
       if (const auto ok = verify_ed25519(signature, text, public_key_pem); !ok)
         return fail_in("as-built record", ok.error());
+      signed_by = signature.public_key_hex;
     } else if (!public_key_pem.empty()) {
       return fail(ErrorCode::NotTrusted, "the as-built record is not signed, and a key to check it with was given");
     }
-    return print_record_from_json(text);
+    auto record = print_record_from_json(text);
+    if (!record) return tl::unexpected{record.error()};
+    return Unsealed{std::move(*record), std::move(signed_by)};
   } catch (const nlohmann::json::exception& e) {
     return no_record(e);
   }

@@ -122,7 +122,44 @@ TEST_F(Orders, APausedPrintStaysPausedOverEveryRestartUntilItIsResumed) {
   for (const json& word : record["orders"])
     words += word["word"].get<std::string>() + " " + word["by"].get<std::string>() + ", ";
   EXPECT_EQ(words, "approved automatic, pause-asked ana, resumed ben, ");
-  EXPECT_EQ(verify_as_built().code, 0) << verify_as_built().output;
+  const Outcome verified = verify_as_built();
+  EXPECT_EQ(verified.code, 0) << verified.output;
+
+  // Signed without anybody having asked for it, by a key that nobody else can read, with the audit log's head inside.
+  EXPECT_THAT(verified.output, HasSubstr("signed by"));
+  const auto site = folder() / "fab";
+  using std::filesystem::perms;
+  EXPECT_EQ(std::filesystem::status(site / "as-built-key.pem").permissions() & (perms::group_all | perms::others_all),
+            perms::none);
+  EXPECT_TRUE(std::filesystem::exists(site / "as-built-key.pub"));
+  const auto entries = std::stoul(record["provenance"]["audit_entries"].get<std::string>());
+  EXPECT_GE(entries, 2U);
+  EXPECT_EQ(record["provenance"]["audit_sha256"].get<std::string>().size(), 64U);
+  // Anybody can write a record that is as planned and sealed by its hash.
+  auto sealed = nlohmann::ordered_json::parse(text_of(job_folder() / "report" / "as-built.json"));
+  sealed.erase("ed25519");
+  std::ofstream{job_folder() / "report" / "as-built.json"} << sealed;
+  const Outcome forged = verify_as_built();
+  EXPECT_EQ(forged.code, 10) << forged.output << forged.errors;
+}
+
+// One of these once ended the daemon in the middle of an exposure.
+TEST_F(Orders, SignalsThatMeanNothingToADaemonChangeNothingInAPrint) {
+  begin_print(3);
+  for (const int signal : {SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPIPE, SIGWINCH}) {
+    SCOPED_TRACE(signal);
+    const std::size_t before = lights();
+    fab().send_signal(signal);
+    ASSERT_TRUE(await([&] { return lights() >= before + 2; })) << says() << journal();
+  }
+  EXPECT_THAT(says(), HasSubstr("printing"));
+  // A terminal that closes asks for an orderly end: the layer under way is not left in question.
+  const std::size_t before = lights();
+  fab().send_signal(SIGHUP);
+  EXPECT_EQ(fab().finish(), 0);
+  EXPECT_LE(lights(), before + 1);
+  const std::string last = journal();
+  EXPECT_THAT(last.substr(last.rfind("\"step\":")), testing::Not(HasSubstr("\"exposing\""))) << last;
 }
 
 TEST_F(Orders, APrintThatWasAwayTooLongOrIsToAskWaitsForAWord) {

@@ -324,7 +324,8 @@ TEST_F(ServeKilled, PrintsTheSamePartHoweverOftenItIsKilled) {
     const auto sealed = text_of(job_folder() / "report" / "as-built.json");
     const auto record = unseal(sealed, {});
     ASSERT_TRUE(record) << record.error().what;
-    EXPECT_EQ(record->layers.size(), plan.layers.size());
+    EXPECT_EQ(record->record.layers.size(), plan.layers.size());
+    EXPECT_NE(record->signed_by, "");
     if (HasFailure()) break;
   }
   EXPECT_EQ(log.light_while_moving(), 0ns);

@@ -44,6 +44,26 @@ TEST_F(AuditLogTest, GoesOnAfterReopening) {
   EXPECT_EQ(std::count(all.begin(), all.end(), '\n'), 6);
 }
 
+TEST_F(AuditLogTest, HasAHeadThatStandsForAllOfItsLines) {
+  EXPECT_EQ(audit_head(path()).error().code, ErrorCode::NotFound);
+  write("");
+  EXPECT_EQ(audit_head(path())->entries, 0U);
+  std::filesystem::remove(path());
+  fill();
+  const auto three = audit_head(path());
+  ASSERT_TRUE(three) << three.error().what;
+  EXPECT_EQ(three->entries, 3U);
+  const std::string whole = text();
+  // The next line names it; one that is half written does not count yet.
+  ASSERT_TRUE(AuditLog::open(path(), clock).value()->add("ana", std::string(5000, '"')));
+  EXPECT_THAT(text().substr(whole.size()), HasSubstr("\"before\":\"" + to_hex(three->line)));
+  EXPECT_EQ(audit_head(path())->entries, 4U);
+  write(whole + "{\"n\":4,\"uni");
+  EXPECT_EQ(audit_head(path())->line, three->line);
+  write(whole + "no entry\n");
+  EXPECT_EQ(audit_head(path()).error().code, ErrorCode::NotTrusted);
+}
+
 TEST_F(AuditLogTest, TellsAChangedADroppedAndASwappedLine) {
   fill();
   const std::string whole = text();

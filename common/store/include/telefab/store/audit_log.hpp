@@ -27,4 +27,13 @@ class AuditLog {
   std::unique_ptr<Impl> impl_;
 };
 
+/// The last whole line of an audit log. Each line holds the hash of the one before, so this one stands for all.
+struct AuditHead {
+  std::uint64_t entries = 0;
+  Digest line;  ///< SHA-256 of it, without its end
+};
+/// Reads the end of the file alone; the chain is not followed. NotFound where there is none, NotTrusted where its last
+/// line is no entry.
+[[nodiscard]] Result<AuditHead> audit_head(const std::filesystem::path& path);
+
 }  // namespace telefab

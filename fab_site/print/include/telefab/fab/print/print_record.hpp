@@ -68,8 +68,12 @@ struct PrintRecord {
 /// The record sealed: {"record":..., "sha256":..., "ed25519":...,"public_key":...}; the signature only with a key.
 /// `private_key_pem`: an Ed25519 key as `openssl genpkey -algorithm ed25519` writes it; empty: hash only.
 [[nodiscard]] Result<std::string> seal(const PrintRecord& record, std::string_view private_key_pem);
+struct Unsealed {
+  PrintRecord record;
+  std::string signed_by;  ///< Ed25519 public key in hexadecimal; empty: by nobody, so anybody could have written it
+};
 /// The record of a sealed text. NotTrusted when hash or signature does not hold, or when `public_key_pem` is given and
 /// the seal was made with another key or none. InvalidInput where it is no sealed record.
-[[nodiscard]] Result<PrintRecord> unseal(std::string_view sealed, std::string_view public_key_pem);
+[[nodiscard]] Result<Unsealed> unseal(std::string_view sealed, std::string_view public_key_pem);
 
 }  // namespace telefab::fab

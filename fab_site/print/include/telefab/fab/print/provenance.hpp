@@ -14,6 +14,8 @@ inline constexpr const char* kProfile = "profile_sha256";            ///< machin
 inline constexpr const char* kPart = "part_sha256";                  ///< of plan/part.tfc, the contours as planned
 inline constexpr const char* kSupports = "supports_sha256";          ///< of plan/supports.json
 inline constexpr const char* kSignedBy = "scan_site_key";            ///< Ed25519 public key that signed the offer
-inline constexpr const char* kSoftware = "software";                 ///< program and version
+inline constexpr const char* kAuditEntries = "audit_entries";  ///< lines of the site's audit log when it was sealed
+inline constexpr const char* kAuditHead = "audit_sha256";      ///< of the last of these lines, so of all
+inline constexpr const char* kSoftware = "software";           ///< program and version
 
 }  // namespace telefab::fab::provenance
