@@ -30,6 +30,7 @@ Result<CommonOptions> looked_up(CommonOptions common) {
     common.tls_folder = site->tls_folder;
     common.tls_name = site->tls_name;
   }
+  if (common.site_certificate.empty()) common.site_certificate = site->certificate;
   return common;
 }
 
@@ -43,10 +44,14 @@ void declare_common(VerbOptions& options, CommonOptions& common) {
       .environment("TELEFAB_SITE");
   options
       .add("--tls", common.tls_folder,
-           "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as deploy/certs makes it; needed off "
+           "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as `telefab certs` makes it; needed off "
            "loopback")
       .environment("TELEFAB_TLS");
   options.add("--tls-name", common.tls_name, "NAME of the certificate in that folder").shows_default();
+  options
+      .add("--site-certificate", common.site_certificate,
+           "name that the site's certificate must vouch for; default: the host of its address")
+      .environment("TELEFAB_SITE_CERTIFICATE");
   options.add("--timeout-s", common.timeout_s, "longest wait for a connection, seconds")
       .within(0.01, 3600.0)
       .shows_default();
@@ -59,12 +64,13 @@ Result<std::unique_ptr<SiteClient>> connect(const CommonOptions& given, std::sto
   const CommonOptions& common = *found;
   auto endpoint = net::endpoint_from_text(common.site);
   if (!endpoint) return tl::unexpected{endpoint.error()};
-  SiteAddress address{std::move(*endpoint), {}};
+  SiteAddress address{*endpoint, {}, {}};
   address.connect_within = Nanoseconds{static_cast<std::int64_t>(common.timeout_s * 1e9)};
   if (!common.tls_folder.empty()) {
     auto trust = net::Trust::load(net::tls_files_in(common.tls_folder, common.tls_name));
     if (!trust) return tl::unexpected{trust.error()};
     address.trust = std::move(*trust);
+    address.expected_name = common.site_certificate.empty() ? endpoint->host : common.site_certificate;
   }
   return SiteClient::connect(address, std::move(stop));
 }

@@ -10,6 +10,7 @@ struct CommonOptions {
   std::string site;  ///< HOST:PORT, or a name of the site book; empty: its default, else this machine
   std::string tls_folder;
   std::string tls_name = "operator";
+  std::string site_certificate;  ///< name that the site's certificate must vouch for; empty: the host of its address
   double timeout_s = 10;
   bool json = false;
 };

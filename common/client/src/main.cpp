@@ -62,6 +62,13 @@ int main(int argc, char** argv) {
        {{{"keep a site under a name", "telefab sites add chicago --address scan.example.org:7410 --tls telefab-certs"},
          {"then use it", "telefab submit statue.ply --site chicago --machine machine-a --height-mm 75"},
          {"do they answer", "telefab sites check"}}}},
+      {"certs",
+       "make, issue and revoke the certificates of a pair of sites and their operators",
+       declare_certs,
+       {{{"the private authority, once, beside the sites", "telefab certs authority --dir telefab-certs"},
+         {"a certificate for the fab, which is reached under that name",
+          "telefab certs issue los-angeles fab-site --host fab.example.org --dir telefab-certs"},
+         {"let somebody in no more", "telefab certs revoke ada --dir telefab-certs"}}}},
   };
   return telefab::run_program(text, verbs, argc, argv);
 }

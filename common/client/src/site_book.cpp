@@ -47,14 +47,14 @@ bool take(toml::table& table, std::string_view key, std::string& into) {
 Result<SiteEntry> entry_from(const std::string& name, toml::table table, std::string_view origin) {
   SiteEntry site;
   site.name = name;
-  for (const auto& [key, into] :
-       {std::pair{"address", &site.address}, std::pair{"tls", &site.tls_folder}, std::pair{"tls_name", &site.tls_name}})
+  for (const auto& [key, into] : {std::pair{"address", &site.address}, std::pair{"tls", &site.tls_folder},
+                                  std::pair{"tls_name", &site.tls_name}, std::pair{"certificate", &site.certificate}})
     if (!take(table, key, *into))
       return fail(ErrorCode::InvalidInput, fmt::format("{}: [sites.{}] {} must be a string", origin, name, key));
   if (!table.empty())
     return fail(ErrorCode::InvalidInput,
-                fmt::format("{}: [sites.{}] has the unknown key {}; there are: address, tls, tls_name", origin, name,
-                            std::string_view{table.begin()->first}));
+                fmt::format("{}: [sites.{}] has the unknown key {}; there are: address, tls, tls_name, certificate",
+                            origin, name, std::string_view{table.begin()->first}));
   if (auto valid = validate(site); !valid) return fail_in(origin, valid.error());
   return site;
 }
@@ -121,6 +121,7 @@ std::string to_toml(const SiteBook& book) {
     text += fmt::format("\n[sites.{}]\naddress = {}\n", site.name, toml_string(site.address));
     if (!site.tls_folder.empty())
       text += fmt::format("tls = {}\ntls_name = {}\n", toml_string(site.tls_folder), toml_string(site.tls_name));
+    if (!site.certificate.empty()) text += fmt::format("certificate = {}\n", toml_string(site.certificate));
   }
   return text;
 }
@@ -141,10 +142,11 @@ Result<void> validate(const SiteEntry& site) {
   const auto endpoint = net::endpoint_from_text(site.address);
   if (!endpoint) return fail_in(site.name, endpoint.error());
   if (site.tls_folder.empty() && !net::is_loopback(*endpoint))
-    return fail(ErrorCode::InvalidInput,
-                fmt::format("{}: {} is not on this machine, so it needs --tls FOLDER with certificates (deploy/certs "
-                            "makes them)",
-                            site.name, site.address));
+    return fail(
+        ErrorCode::InvalidInput,
+        fmt::format("{}: {} is not on this machine, so it needs --tls FOLDER with certificates (`telefab certs` "
+                    "makes them)",
+                    site.name, site.address));
   return {};
 }
 

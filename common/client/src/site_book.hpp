@@ -14,6 +14,7 @@ struct SiteEntry {
   std::string address;     ///< HOST:PORT
   std::string tls_folder;  ///< empty: plain TCP on loopback
   std::string tls_name = "operator";
+  std::string certificate;  ///< name that its certificate must vouch for; empty: the host of its address
   friend bool operator==(const SiteEntry&, const SiteEntry&) = default;
 };
 

@@ -38,6 +38,7 @@ SiteClient::~SiteClient() {
 Result<void> SiteClient::open(const SiteAddress& address) {
   std::optional<Result<net::ConnectionPtr>> made;
   net::ConnectOptions options{address.endpoint, address.trust, {}, {}, address.connect_within};
+  options.expected_name = address.expected_name;
   // A scan that is being sliced may keep the site's answer; its pings tell that it lives.
   options.limits.idle_after = std::chrono::seconds{120};
   net::connect_to(loop_, options, [&](Result<net::ConnectionPtr> outcome) {
@@ -50,6 +51,14 @@ Result<void> SiteClient::open(const SiteAddress& address) {
                : fail(ErrorCode::Unreachable, fmt::format("no answer from {}", net::to_text(address.endpoint)));
   if (!*made) return tl::unexpected{made->error()};
   connection_ = std::move(**made);
+  // Any operator has a certificate of the same authority; a site is something else.
+  if (const auto role = connection_->peer().role; role && *role != net::Role::ScanSite && *role != net::Role::FabSite) {
+    auto refused = fail(ErrorCode::NotTrusted,
+                        fmt::format("{} shows the certificate of \"{}\", a {}, not of a site",
+                                    net::to_text(address.endpoint), connection_->peer().name, net::name_of(*role)));
+    std::exchange(connection_, {})->close({});
+    return refused;
+  }
   connection_->start({[this](Frame frame) {
                         received_.push_back(std::move(frame));
                         loop_.stop();

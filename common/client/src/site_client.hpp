@@ -10,7 +10,8 @@ namespace telefab::client {
 /// Where and as whom to call.
 struct SiteAddress {
   net::Endpoint endpoint;
-  std::shared_ptr<net::Trust> trust;  ///< empty: plain TCP on loopback
+  std::shared_ptr<net::Trust> trust;         ///< empty: plain TCP on loopback
+  std::optional<std::string> expected_name;  ///< that the site's certificate must vouch for
   Nanoseconds connect_within = std::chrono::seconds{10};
   Nanoseconds answer_within = std::chrono::seconds{60};
 };

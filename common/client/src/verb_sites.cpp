@@ -27,6 +27,7 @@ Result<ExitCode> list(const SiteBook& book, const std::filesystem::path& path, b
                        {"address", site.address},
                        {"tls", site.tls_folder},
                        {"tls_name", site.tls_name},
+                       {"certificate", site.certificate},
                        {"default", site.name == book.default_site}});
     write_output(fmt::format("{}\n", nlohmann::ordered_json{{"file", path.string()}, {"sites", sites}}.dump()));
     return ExitCode::Ok;
@@ -51,6 +52,7 @@ Result<ExitCode> check(const SiteBook& book, const SitesOptions& o, std::stop_to
     common.site = site.address;
     common.tls_folder = site.tls_folder;
     common.tls_name = site.tls_name;
+    common.site_certificate = site.certificate;
     common.timeout_s = o.timeout_s;
     const auto client = connect(common, stop);
     if (client) {
@@ -115,6 +117,8 @@ VerbBody declare_sites(VerbOptions& options) {
   options.add("--tls", o->site.tls_folder,
               "add: folder with authority.crt, NAME.crt, NAME.key and revoked.crl; needed off loopback");
   options.add("--tls-name", o->site.tls_name, "add: NAME of the certificate in that folder").shows_default();
+  options.add("--certificate", o->site.certificate,
+              "add: name that the site's certificate must vouch for; default: the host of its address");
   options.add("--timeout-s", o->timeout_s, "check: longest wait for each site, seconds")
       .within(0.01, 3600.0)
       .shows_default();

@@ -16,4 +16,5 @@ namespace telefab::client {
 [[nodiscard]] VerbBody declare_cancel(VerbOptions& options);
 [[nodiscard]] VerbBody declare_report(VerbOptions& options);
 [[nodiscard]] VerbBody declare_sites(VerbOptions& options);
+[[nodiscard]] VerbBody declare_certs(VerbOptions& options);
 }  // namespace telefab::client

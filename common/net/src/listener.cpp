@@ -1,4 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/ranges.h>
+
+#include <algorithm>
 #include <telefab/net/listener.hpp>
 
 #include "loop_impl.hpp"
@@ -27,7 +30,7 @@ bool is_loopback_socket(const tcp::socket& socket) {
 
 std::string plain_is_refused(const Endpoint& endpoint) {
   return fmt::format(
-      "{} is not on loopback: plain TCP is refused there; give --tls FOLDER with a certificate of deploy/certs",
+      "{} is not on loopback: plain TCP is refused there; give --tls FOLDER with a certificate of `telefab certs`",
       to_text(endpoint));
 }
 
@@ -49,7 +52,7 @@ std::shared_ptr<asio::steady_timer> guard_time(Tls& stream, Nanoseconds within, 
 }
 
 /// Shakes hands, then looks at the certificate. `done` is called once.
-void shake_hands(std::shared_ptr<Tls> stream, std::shared_ptr<ssl::context> context,
+void shake_hands(std::shared_ptr<Tls> stream, std::shared_ptr<ssl::context> context, std::shared_ptr<Trust> trust,
                  ssl::stream_base::handshake_type type, const ConnectionLimits& limits,
                  std::function<void(Result<ConnectionPtr>)> done) {
   Code ignored;
@@ -59,7 +62,7 @@ void shake_hands(std::shared_ptr<Tls> stream, std::shared_ptr<ssl::context> cont
     Code closing;
     stream->lowest_layer().close(closing);
   });
-  stream->async_handshake(type, [stream, context, timer, address, limits, done](const Code& error) {
+  stream->async_handshake(type, [stream, context, trust, timer, address, limits, done](const Code& error) {
     timer->cancel();
     if (error) {
       const long verdict = SSL_get_verify_result(stream->native_handle());
@@ -71,7 +74,7 @@ void shake_hands(std::shared_ptr<Tls> stream, std::shared_ptr<ssl::context> cont
     }
     auto peer = peer_of(*stream, address);
     if (!peer) return done(tl::unexpected{peer.error()});
-    done(ConnectionPtr{std::make_shared<StreamConnection<Tls>>(std::move(*stream), std::move(*peer), limits)});
+    done(ConnectionPtr{std::make_shared<StreamConnection<Tls>>(std::move(*stream), std::move(*peer), limits, trust)});
   });
 }
 
@@ -125,7 +128,7 @@ struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
     auto context = options.trust->impl().context;
     auto stream = std::make_shared<Tls>(std::move(socket), *context);
     ++handshakes;
-    shake_hands(stream, context, ssl::stream_base::server, options.limits,
+    shake_hands(stream, context, options.trust, ssl::stream_base::server, options.limits,
                 [self = shared_from_this(), address](Result<ConnectionPtr> made) {
                   --self->handshakes;
                   if (!made) return self->events.refused(address, made.error());
@@ -223,16 +226,27 @@ class Attempt : public std::enable_shared_from_this<Attempt> {
     auto context = options_.trust->impl().context;
     auto stream = std::make_shared<Tls>(std::move(socket_), *context);
     (void)SSL_set_tlsext_host_name(stream->native_handle(), options_.endpoint.host.c_str());
-    shake_hands(stream, context, ssl::stream_base::client, options_.limits,
-                [self = shared_from_this()](Result<ConnectionPtr> made) {
-                  if (!self->done_) return;
-                  if (made && self->options_.expected && (*made)->peer().role != self->options_.expected)
-                    made = fail(ErrorCode::NotTrusted,
-                                fmt::format("{} shows the certificate of \"{}\", a {}, where a {} was expected",
-                                            to_text(self->options_.endpoint), (*made)->peer().name,
-                                            name_of(*(*made)->peer().role), name_of(*self->options_.expected)));
-                  self->finish(std::move(made));
-                });
+    shake_hands(
+        stream, context, options_.trust, ssl::stream_base::client, options_.limits,
+        [self = shared_from_this()](Result<ConnectionPtr> made) {
+          if (!self->done_) return;
+          if (made && self->options_.expected && (*made)->peer().role != self->options_.expected)
+            made = fail(ErrorCode::NotTrusted,
+                        fmt::format("{} shows the certificate of \"{}\", a {}, where a {} was expected",
+                                    to_text(self->options_.endpoint), (*made)->peer().name,
+                                    name_of(*(*made)->peer().role), name_of(*self->options_.expected)));
+          if (made && self->options_.expected_name &&
+              std::ranges::find((*made)->peer().names, *self->options_.expected_name) == (*made)->peer().names.end())
+            made = fail(
+                ErrorCode::NotTrusted,
+                fmt::format("{} shows a certificate for {}, and {} was expected: name the one you mean, "
+                            "or have it issued again with --host {}",
+                            to_text(self->options_.endpoint),
+                            (*made)->peer().names.empty() ? std::string{"no name"}
+                                                          : fmt::format("{}", fmt::join((*made)->peer().names, ", ")),
+                            *self->options_.expected_name, *self->options_.expected_name));
+          self->finish(std::move(made));
+        });
   }
 
   void finish(Result<ConnectionPtr> outcome) {

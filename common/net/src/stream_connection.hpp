@@ -15,17 +15,19 @@ namespace telefab::net {
 template <class Stream>
 class StreamConnection final : public Connection, public std::enable_shared_from_this<StreamConnection<Stream>> {
  public:
-  StreamConnection(Stream stream, Peer peer, const ConnectionLimits& limits)
+  /// `trust`: whoever let the peer in, asked again and again whether it still would; empty for plain TCP.
+  StreamConnection(Stream stream, Peer peer, const ConnectionLimits& limits, std::shared_ptr<Trust> trust = {})
       : stream_{std::move(stream)},
         tick_{stream_.get_executor()},
         slow_{stream_.get_executor()},
         peer_{std::move(peer)},
         limits_{limits},
+        trust_{std::move(trust)},
         reader_{kMaxHelloBytes} {}
 
   void start(ConnectionEvents events) override {
     events_ = std::move(events);
-    opened_ = last_received_ = last_sent_ = last_taken_ = window_began_ = now();
+    opened_ = last_received_ = last_sent_ = last_taken_ = last_judged_ = window_began_ = now();
     read();
     tick();
   }
@@ -163,8 +165,8 @@ class StreamConnection final : public Connection, public std::enable_shared_from
   }
 
   void tick() {
-    const Nanoseconds shortest =
-        std::min({limits_.handshake_within, limits_.frame_within, limits_.idle_after, limits_.write_within});
+    const Nanoseconds shortest = std::min({limits_.handshake_within, limits_.frame_within, limits_.idle_after,
+                                           limits_.write_within, limits_.judge_every});
     tick_.expires_after(std::clamp<Nanoseconds>(shortest / 4, std::chrono::milliseconds{10}, std::chrono::seconds{1}));
     tick_.async_wait([self = this->shared_from_this()](const Code& error) {
       if (error || self->state_ == State::Closed) return;
@@ -178,6 +180,12 @@ class StreamConnection final : public Connection, public std::enable_shared_from
     if (state_ == State::Draining) {
       if (t > drain_until_) shut();
       return;
+    }
+    if (trust_ && t - last_judged_ >= limits_.judge_every) {
+      last_judged_ = t;
+      const auto still = trust_->judge(peer_.certificate_pem, std::chrono::system_clock::now().time_since_epoch());
+      if (!still)
+        return end({still.error().code, fmt::format("{} ({}): {}", peer_.name, peer_.address, still.error().what)});
     }
     if (!is_ready_ && t - opened_ > limits_.handshake_within)
       return end({ErrorCode::Unreachable, "handshake-time: no hello came in time"});
@@ -200,9 +208,8 @@ class StreamConnection final : public Connection, public std::enable_shared_from
     }
     const bool is_end = error == boost::asio::error::eof || error == boost::asio::error::connection_reset ||
                         error == boost::asio::ssl::error::stream_truncated;
-    const auto code = error.category() == boost::asio::error::get_ssl_category() && !is_ready_
-                          ? ErrorCode::NotTrusted
-                          : ErrorCode::Unreachable;
+    const auto code = error.category() == boost::asio::error::get_ssl_category() && !is_ready_ ? ErrorCode::NotTrusted
+                                                                                               : ErrorCode::Unreachable;
     end({code, is_end ? "the other side closed the connection" : "the connection broke: " + error.message()});
   }
 
@@ -235,6 +242,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
   boost::asio::steady_timer slow_;
   Peer peer_;
   ConnectionLimits limits_;
+  std::shared_ptr<Trust> trust_;
   ConnectionEvents events_;
   FrameReader reader_;
   State state_ = State::Open;
@@ -248,8 +256,8 @@ class StreamConnection final : public Connection, public std::enable_shared_from
   std::uint64_t received_ = 0;
   std::uint64_t window_bytes_ = 0;
   std::uint64_t window_frames_ = 0;
-  Nanoseconds opened_{}, last_received_{}, last_sent_{}, last_taken_{}, inside_since_{}, window_began_{},
-      drain_until_{};
+  Nanoseconds opened_{}, last_received_{}, last_sent_{}, last_taken_{}, inside_since_{}, last_judged_{},
+      window_began_{}, drain_until_{};
 };
 
 }  // namespace telefab::net

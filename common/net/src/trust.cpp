@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 #include <openssl/err.h>
+#include <openssl/pem.h>
 #include <openssl/x509v3.h>
+
+#include <algorithm>
+#include <telefab/base/secret.hpp>
 
 #include "trust_impl.hpp"
 
@@ -29,7 +33,11 @@ struct FreeCrl {
 
 Result<void> add_revoked(ssl::context& context, const std::filesystem::path& path) {
   const std::unique_ptr<BIO, FreeBio> file{BIO_new_file(path.c_str(), "r")};
-  if (!file) return fail(ErrorCode::NotFound, fmt::format("cannot read the revocation list {}", path.string()));
+  if (!file)
+    return fail(ErrorCode::NotFound,
+                fmt::format("cannot read the revocation list {}: copy it from the authority's folder, or state with an "
+                            "empty file no-revocation-list beside it that there is none",
+                            path.string()));
   const std::unique_ptr<X509_CRL, FreeCrl> list{PEM_read_bio_X509_CRL(file.get(), nullptr, nullptr, nullptr)};
   if (!list) return fail(ErrorCode::InvalidInput, fmt::format("{} is not a revocation list in PEM", path.string()));
   X509_STORE* store = SSL_CTX_get_cert_store(context.native_handle());
@@ -52,11 +60,13 @@ Result<std::shared_ptr<ssl::context>> make_context(const TlsFiles& files) {
     if (!error) return {};
     if (!std::filesystem::exists(path))
       return fail(ErrorCode::NotFound,
-                  fmt::format("the {} {} does not exist; deploy/certs makes it", what, path.string()));
+                  fmt::format("the {} {} does not exist; `telefab certs` makes it", what, path.string()));
     return fail(ErrorCode::NotTrusted, fmt::format("cannot use the {} {}: {}", what, path.string(), error.message()));
   };
   context->use_certificate_chain_file(files.certificate.string(), error);
   if (auto good = check(files.certificate, "certificate"); !good) return tl::unexpected{good.error()};
+  if (std::filesystem::exists(files.key))
+    if (auto secret = check_is_secret(files.key); !secret) return tl::unexpected{secret.error()};
   context->use_private_key_file(files.key.string(), ssl::context::pem, error);
   if (auto good = check(files.key, "private key"); !good) return tl::unexpected{good.error()};
   context->load_verify_file(files.authority.string(), error);
@@ -80,6 +90,45 @@ std::string entry_of(X509_NAME* name, int nid) {
 struct FreeCertificate {
   void operator()(X509* certificate) const { X509_free(certificate); }
 };
+struct FreeJudgement {
+  void operator()(X509_STORE_CTX* judgement) const { X509_STORE_CTX_free(judgement); }
+};
+struct FreeNames {
+  void operator()(GENERAL_NAMES* names) const { GENERAL_NAMES_free(names); }
+};
+
+/// DNS names and IP addresses of its subjectAltName.
+std::vector<std::string> names_of(X509* certificate) {
+  const std::unique_ptr<GENERAL_NAMES, FreeNames> all{
+      static_cast<GENERAL_NAMES*>(X509_get_ext_d2i(certificate, NID_subject_alt_name, nullptr, nullptr))};
+  std::vector<std::string> names;
+  for (int i = 0; all && i < sk_GENERAL_NAME_num(all.get()); ++i) {
+    const GENERAL_NAME* each = sk_GENERAL_NAME_value(all.get(), i);
+    if (each->type == GEN_DNS) {
+      names.emplace_back(reinterpret_cast<const char*>(ASN1_STRING_get0_data(each->d.dNSName)),
+                         static_cast<std::size_t>(ASN1_STRING_length(each->d.dNSName)));
+    } else if (each->type == GEN_IPADD) {
+      const unsigned char* bytes = ASN1_STRING_get0_data(each->d.iPAddress);
+      const auto size = static_cast<std::size_t>(ASN1_STRING_length(each->d.iPAddress));
+      if (boost::asio::ip::address_v4::bytes_type v4; size == v4.size()) {
+        std::copy_n(bytes, size, v4.begin());
+        names.push_back(boost::asio::ip::address_v4{v4}.to_string());
+      } else if (boost::asio::ip::address_v6::bytes_type v6; size == v6.size()) {
+        std::copy_n(bytes, size, v6.begin());
+        names.push_back(boost::asio::ip::address_v6{v6}.to_string());
+      }
+    }
+  }
+  return names;
+}
+
+std::string pem_of(X509* certificate) {
+  const std::unique_ptr<BIO, FreeBio> out{BIO_new(BIO_s_mem())};
+  if (!out || PEM_write_bio_X509(out.get(), certificate) != 1) return {};
+  char* text = nullptr;
+  const long size = BIO_get_mem_data(out.get(), &text);
+  return {text, static_cast<std::size_t>(size)};
+}
 
 }  // namespace
 
@@ -105,7 +154,8 @@ std::optional<Role> role_from_name(std::string_view name) {
 
 TlsFiles tls_files_in(const std::filesystem::path& folder, const std::string& name) {
   TlsFiles files{folder / (name + ".crt"), folder / (name + ".key"), folder / "authority.crt", folder / "revoked.crl"};
-  if (!std::filesystem::exists(files.revoked)) files.revoked.clear();
+  if (!std::filesystem::exists(files.revoked) && std::filesystem::exists(folder / "no-revocation-list"))
+    files.revoked.clear();
   return files;
 }
 
@@ -132,6 +182,24 @@ Result<void> Trust::refresh() {
   return {};
 }
 
+Result<void> Trust::judge(const std::string& certificate_pem, Nanoseconds wall) {
+  // Files that cannot be read now leave the old ones in force; who may listen says so at the next connection.
+  (void)refresh();
+  const std::unique_ptr<BIO, FreeBio> pem{
+      BIO_new_mem_buf(certificate_pem.data(), static_cast<int>(certificate_pem.size()))};
+  const std::unique_ptr<X509, FreeCertificate> certificate{pem ? PEM_read_bio_X509(pem.get(), nullptr, nullptr, nullptr)
+                                                               : nullptr};
+  const std::unique_ptr<X509_STORE_CTX, FreeJudgement> judgement{X509_STORE_CTX_new()};
+  X509_STORE* store = SSL_CTX_get_cert_store(impl_->context->native_handle());
+  if (!certificate || !judgement || X509_STORE_CTX_init(judgement.get(), store, certificate.get(), nullptr) != 1)
+    return fail(ErrorCode::NotTrusted, "its certificate cannot be read");
+  X509_STORE_CTX_set_time(judgement.get(), 0, std::chrono::duration_cast<std::chrono::seconds>(wall).count());
+  if (X509_verify_cert(judgement.get()) == 1) return {};
+  return fail(ErrorCode::NotTrusted,
+              fmt::format("its certificate no longer holds: {}",
+                          X509_verify_cert_error_string(X509_STORE_CTX_get_error(judgement.get()))));
+}
+
 Result<Peer> peer_of(Tls& stream, std::string address) {
   const std::unique_ptr<X509, FreeCertificate> certificate{SSL_get_peer_certificate(stream.native_handle())};
   if (!certificate) return fail(ErrorCode::NotTrusted, "the other side showed no certificate");
@@ -142,7 +210,7 @@ Result<Peer> peer_of(Tls& stream, std::string address) {
   if (!role)
     return fail(ErrorCode::NotTrusted,
                 fmt::format("the certificate of \"{}\" carries no role of Telefab, but \"{}\"", name, unit));
-  return Peer{std::move(address), name, role};
+  return Peer{std::move(address), name, role, names_of(certificate.get()), pem_of(certificate.get())};
 }
 
 }  // namespace telefab::net

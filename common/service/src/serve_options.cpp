@@ -10,7 +10,7 @@ void declare_serve_options(VerbOptions& app, ServeOptions& options) {
   app.add("--data", options.data, "folder for jobs, made where there is none; one daemon a folder").required();
   declare_machine_folder(app, options.machines);
   app.add("--tls", options.tls_folder,
-          "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as deploy/certs makes it");
+          "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as `telefab certs` makes it");
   app.add("--tls-name", options.tls_name, "NAME of the certificate in that folder").shows_default();
   app.add("--web", options.web,
           "HOST:PORT of the web page and its API, e.g. 127.0.0.1:7480; default: none. What changes a job needs "

@@ -15,17 +15,17 @@ namespace {
 
 using testing::HasSubstr;
 
-/// Both sites with certificates of one authority, made by deploy/certs.
+/// Both sites with certificates of one authority, made by `telefab certs`.
 class Unauthenticated : public TwoSites {
  protected:
   Unauthenticated() {
     certs(own(), {"authority"});
-    certs(own(), {"issue", "fab-site", "fab-site"});
-    certs(own(), {"issue", "scan-site", "scan-site"});
+    certs(own(), {"issue", "fab-site", "fab-site", "--host", "127.0.0.1"});
+    certs(own(), {"issue", "scan-site", "scan-site", "--host", "127.0.0.1"});
     certs(own(), {"issue", "operator", "operator"});
   }
   void certs(const std::filesystem::path& folder, std::vector<std::string> words) const {
-    std::vector<std::string> command{std::string{::getenv("TELEFAB_SOURCE")} + "/deploy/certs", "--dir",
+    std::vector<std::string> command{std::string{::getenv("TELEFAB_BIN")} + "/telefab", "certs", "--dir",
                                      folder.string()};
     command.insert(command.end(), words.begin(), words.end());
     const Outcome made = run(command);
@@ -50,6 +50,8 @@ TEST_F(Unauthenticated, AreRefusedByNameAndLoggedWhileFriendsArePrinted) {
   std::filesystem::copy_file(own() / "authority.crt", other / "authority.crt",
                              std::filesystem::copy_options::overwrite_existing);
   std::filesystem::remove(other / "revoked.crl");
+  EXPECT_EQ(jobs_as("operator", other).code, 7) << "a list that was forgotten";
+  std::ofstream{other / "no-revocation-list"};
   certs(own(), {"issue", "expired", "operator", "--days", "-1"});
   certs(own(), {"issue", "fired", "operator"});
   certs(own(), {"issue", "viewer", "read-only"});

@@ -151,7 +151,7 @@ class Programs : public TwoSites {
             {{"simulate-usb", "--port", "0"}, true},
             {{"serve", "--listen", "127.0.0.1:0", "--data", data, "--machines", m}, true, fs::path{data} / "port"}};
   }
-  [[nodiscard]] std::vector<Command> commands_of_client() const {
+  [[nodiscard]] std::vector<Command> commands_of_client() {
     std::vector<Command> all{{{"submit", torus().string(), "--machine", "toy", "--height-mm", "4"}},
                              {{"jobs"}},
                              {{"status", job_}},
@@ -166,6 +166,8 @@ class Programs : public TwoSites {
     for (Command& command : all) command.words.insert(command.words.end(), {"--site", fab_site()});
     all[0].words.back() = all[8].words.back() = scan_site();
     all.push_back({{"sites"}});
+    (void)ran({bin("telefab"), "certs", "authority", "--dir", at("authority")});
+    all.push_back({{"certs", "issue", "ana", "operator", "--dir", at("authority")}});
     return all;
   }
 

@@ -15,6 +15,7 @@ struct ConnectionLimits {
   Nanoseconds frame_within = std::chrono::seconds{30};  ///< from the first byte of a frame to its last
   Nanoseconds idle_after = std::chrono::seconds{60};    ///< without a byte; pings go out at a third of it
   Nanoseconds write_within = std::chrono::seconds{30};  ///< the peer takes some of what we send
+  Nanoseconds judge_every = std::chrono::seconds{5};    ///< its certificate again: it may be revoked or expire
   std::size_t max_queue_bytes = 16U << 20U;             ///< waiting to be sent; send() refuses above
   std::uint64_t max_bytes_per_s = 256ULL << 20U;        ///< read no faster than this
   std::uint64_t max_frames_per_s = 20'000;              ///< read no faster than this

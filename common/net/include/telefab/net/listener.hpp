@@ -41,6 +41,9 @@ struct ConnectOptions {
   std::optional<Role> expected;  ///< of the other side's certificate; looked at with TLS only
   ConnectionLimits limits;
   Nanoseconds within = std::chrono::seconds{10};
+  /// A name that the other side's certificate must vouch for, so that no other member of the authority can stand in for
+  /// it; nothing: any name. Looked at with TLS only.
+  std::optional<std::string> expected_name = {};
 };
 
 /// Connects, and calls `done` once on the loop's thread: Unreachable, NotTrusted (certificate or role), NotPermitted

@@ -5,7 +5,9 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <telefab/base/clock.hpp>
 #include <telefab/base/result.hpp>
+#include <vector>
 
 namespace telefab::net {
 
@@ -17,33 +19,39 @@ enum class Role : std::uint8_t { Operator, ScanSite, FabSite, ReadOnly };
 
 /// Who is at the other end.
 struct Peer {
-  std::string address;       ///< HOST:PORT as the socket says
-  std::string name;          ///< common name of the certificate; "local" without TLS
-  std::optional<Role> role;  ///< empty: plain TCP from loopback, trusted with everything
+  std::string address;             ///< HOST:PORT as the socket says
+  std::string name;                ///< common name of the certificate; "local" without TLS
+  std::optional<Role> role;        ///< empty: plain TCP from loopback, trusted with everything
+  std::vector<std::string> names;  ///< names and addresses its certificate vouches for (subjectAltName)
+  std::string certificate_pem;     ///< what it showed; empty without TLS
 };
 
-/// PEM files, as deploy/certs makes them.
+/// PEM files, as `telefab certs` makes them.
 struct TlsFiles {
   std::filesystem::path certificate;
   std::filesystem::path key;
   std::filesystem::path authority;
-  std::filesystem::path revoked;  ///< list of revoked certificates; empty: none
+  std::filesystem::path revoked;  ///< list of revoked certificates; empty: stated that there is none
 };
 
-/// authority.crt, NAME.crt, NAME.key and, where there is one, revoked.crl of a folder.
+/// authority.crt, NAME.crt, NAME.key and revoked.crl of a folder. There is no list only where an empty file
+/// no-revocation-list states so: one that was forgotten would let everybody in who was ever let in.
 [[nodiscard]] TlsFiles tls_files_in(const std::filesystem::path& folder, const std::string& name);
 
 /// One side's certificate and whom it believes: TLS 1.3 only, both sides show certificates of one private authority.
 /// Threads: the loop's only.
 class Trust {
  public:
-  /// Fails with NotFound, InvalidInput or NotTrusted (key of another certificate); names the file.
+  /// Fails with NotFound, InvalidInput or NotTrusted (key of another certificate, one that others can read); names the
+  /// file.
   [[nodiscard]] static Result<std::shared_ptr<Trust>> load(const TlsFiles& files);
   ~Trust();
   Trust(const Trust&) = delete;
   Trust& operator=(const Trust&) = delete;
   /// Reads the files again where one of them has changed; on failure the old ones stay in force.
   [[nodiscard]] Result<void> refresh();
+  /// Whether a peer's certificate would be believed at that time, by the files as they are now. NotTrusted: why not.
+  [[nodiscard]] Result<void> judge(const std::string& certificate_pem, Nanoseconds wall);
 
   struct Impl;
   [[nodiscard]] Impl& impl() { return *impl_; }
