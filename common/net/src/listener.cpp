@@ -2,7 +2,9 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <map>
 #include <telefab/net/listener.hpp>
+#include <telefab/wire/message.hpp>
 
 #include "loop_impl.hpp"
 #include "stream_connection.hpp"
@@ -21,6 +23,9 @@ std::string text_of(const tcp::socket& socket) {
   const auto end = socket.remote_endpoint(error);
   return error ? std::string{"unknown"} : to_text(Endpoint{end.address().to_string(), end.port()});
 }
+
+/// The host of "HOST:PORT" as a socket says it.
+std::string host_of(const std::string& address) { return address.substr(0, address.rfind(':')); }
 
 bool is_loopback_socket(const tcp::socket& socket) {
   Code error;
@@ -86,16 +91,43 @@ struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
   ListenEvents events;
   tcp::acceptor acceptor;
   asio::steady_timer breath;
-  /// Connections we handed out and handshakes under way; the dead ones are swept before they are counted.
+
+  /// One that has not said who it is: a TLS handshake under way, or a connection before its hello.
+  struct Pending {
+    std::string host;
+    std::weak_ptr<Tls> stream;
+    std::weak_ptr<Connection> connection;
+
+    [[nodiscard]] bool is_over() const {
+      if (const auto made = connection.lock()) return made->is_ready();
+      return stream.expired();
+    }
+    void end() const {
+      if (const auto made = connection.lock())
+        return made->drop({ErrorCode::Unreachable, "handshake-place: it gave way to a newer one"});
+      Code ignored;
+      if (const auto under_way = stream.lock()) under_way->lowest_layer().close(ignored);
+    }
+  };
+  std::vector<Pending> pending;  ///< oldest first
   std::vector<std::weak_ptr<Connection>> connections;
-  std::size_t handshakes = 0;
+
+  /// Refusals of one kind from one address that were not reported yet.
+  struct Refusals {
+    std::uint64_t count = 0;
+    Error last;
+  };
+  static constexpr std::size_t kMostKinds = 256;                     ///< told apart; beyond, addresses are not
+  std::map<std::pair<std::string, std::string>, Refusals> refusals;  ///< by host and reason
+  asio::steady_timer report;
 
   Impl(Loop& with, const ListenOptions& given, ListenEvents with_events)
       : loop{with},
         options{given},
         events{std::move(with_events)},
         acceptor{with.impl().context},
-        breath{with.impl().context} {}
+        breath{with.impl().context},
+        report{with.impl().context} {}
 
   void accept() {
     acceptor.async_accept([self = shared_from_this()](const Code& error, tcp::socket socket) {
@@ -114,29 +146,105 @@ struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
     });
   }
 
-  void on_socket(tcp::socket socket) {
-    std::erase_if(connections, [](const auto& each) { return each.expired(); });
-    const std::string address = text_of(socket);
-    if (connections.size() + handshakes >= options.max_connections)
-      return events.refused(address, {ErrorCode::TooLarge, "connection-limit: too many connections"});
-    if (!options.trust) {
-      if (!is_loopback_socket(socket))
-        return events.refused(address, {ErrorCode::NotPermitted, "plain TCP from another machine"});
-      return hand_out(plain_connection(std::move(socket), options.limits));
+  /// Whoever floods us fills no log: what follows the first is counted.
+  void refuse(const std::string& address, const Error& why) {
+    // What differs from one to the next of a kind is the port.
+    const std::string reason = why.what.starts_with(address + ": ") ? why.what.substr(address.size() + 2) : why.what;
+    std::pair kind{host_of(address), reason};
+    if (!refusals.contains(kind) && refusals.size() >= kMostKinds) kind = {"many addresses", "many reasons"};
+    const auto [known, is_new] = refusals.try_emplace(kind);
+    if (is_new) {
+      events.refused(address, why);
+      if (refusals.size() == 1) report_later();
+      return;
     }
-    if (auto fresh = options.trust->refresh(); !fresh) events.refused("certificates", fresh.error());
+    ++known->second.count;
+    known->second.last = why;
+  }
+
+  void report_later() {
+    report.expires_after(options.refusals_every);
+    report.async_wait([self = shared_from_this()](const Code& error) {
+      if (error) return;
+      for (const auto& [kind, refused] : std::exchange(self->refusals, {}))
+        if (refused.count > 0)
+          self->events.refused(kind.first, {refused.last.code,
+                                            fmt::format("{} times more, last: {}", refused.count, refused.last.what)});
+    });
+  }
+
+  /// Room for one more that has not said who it is. Who does so in time is gone from here long before its turn to give
+  /// way; of a flood, the flood's own oldest goes.
+  void make_room() {
+    std::erase_if(pending, [](const Pending& each) { return each.is_over(); });
+    while (pending.size() >= options.max_handshakes) {
+      std::map<std::string_view, std::size_t> counts;
+      for (const Pending& each : pending) ++counts[each.host];
+      const auto most = std::ranges::max_element(counts, {}, [](const auto& each) { return each.second; })->first;
+      const auto oldest =
+          std::ranges::find(pending, most, [](const Pending& each) { return std::string_view{each.host}; });
+      const Pending gone = std::move(*oldest);
+      pending.erase(oldest);
+      gone.end();
+    }
+  }
+
+  void on_socket(tcp::socket socket) {
+    const std::string address = text_of(socket);
+    if (!options.trust && !is_loopback_socket(socket))
+      return refuse(address, {ErrorCode::NotPermitted, "plain TCP from another machine"});
+    make_room();
+    if (!options.trust) {
+      pending.push_back({host_of(address), {}, {}});
+      return hand_out(plain_connection(std::move(socket), options.limits), pending.back());
+    }
+    if (auto fresh = options.trust->refresh(); !fresh) refuse("certificates", fresh.error());
     auto context = options.trust->impl().context;
     auto stream = std::make_shared<Tls>(std::move(socket), *context);
-    ++handshakes;
+    pending.push_back({host_of(address), stream, {}});
     shake_hands(stream, context, options.trust, ssl::stream_base::server, options.limits,
-                [self = shared_from_this(), address](Result<ConnectionPtr> made) {
-                  --self->handshakes;
-                  if (!made) return self->events.refused(address, made.error());
-                  self->hand_out(std::move(*made));
+                [self = shared_from_this(), address, stream = std::weak_ptr{stream}](Result<ConnectionPtr> made) {
+                  const auto own = std::ranges::find_if(self->pending, [&](const Pending& each) {
+                    return !each.stream.owner_before(stream) && !stream.owner_before(each.stream);
+                  });
+                  if (!made) {
+                    if (own != self->pending.end()) self->pending.erase(own);
+                    return self->refuse(address, made.error());
+                  }
+                  if (own != self->pending.end()) return self->hand_out(std::move(*made), *own);
+                  Pending late{host_of(address), {}, {}};  // it gave way in this very moment
+                  self->hand_out(std::move(*made), late);
                 });
   }
 
-  void hand_out(ConnectionPtr connection) {
+  /// Whether one more of this role and address may stay. Operators have places that nobody else can take.
+  [[nodiscard]] bool has_place(const Peer& peer) {
+    std::erase_if(connections, [](const auto& each) { return each.expired(); });
+    const auto is_operator = [](const Peer& who) { return !who.role || *who.role == Role::Operator; };
+    std::size_t all = 0, operators = 0, others_there = 0;
+    for (const auto& each : connections) {
+      const auto made = each.lock();
+      if (!made || !made->is_ready()) continue;
+      ++all;
+      if (is_operator(made->peer()))
+        ++operators;
+      else
+        others_there += host_of(made->peer().address) == host_of(peer.address);
+    }
+    if (is_operator(peer)) return all < options.max_connections || operators < options.operator_places;
+    return all - std::min(all, operators) <
+               options.max_connections - std::min(options.max_connections, options.operator_places) &&
+           all < options.max_connections && others_there < options.max_of_others;
+  }
+
+  void hand_out(ConnectionPtr connection, Pending& place) {
+    place.connection = connection;
+    if (!has_place(connection->peer())) {
+      const Error busy{ErrorCode::TooLarge, "connection-limit: too many connections; try again later"};
+      refuse(connection->peer().address, busy);
+      connection->start({});
+      return connection->close(to_frame(Fault{{}, busy, {}}));
+    }
     connections.push_back(connection);
     events.accepted(std::move(connection));
   }
@@ -148,7 +256,10 @@ Listener::~Listener() {
   Code ignored;
   impl_->acceptor.close(ignored);
   impl_->breath.cancel();
+  impl_->report.cancel();
 }
+
+void Listener::count_refusal(const std::string& address, const Error& why) { impl_->refuse(address, why); }
 
 std::uint16_t Listener::port() const { return impl_->acceptor.local_endpoint().port(); }
 

@@ -60,6 +60,10 @@ class StreamConnection final : public Connection, public std::enable_shared_from
     drain_until_ = now() + std::min<Nanoseconds>(limits_.write_within, std::chrono::seconds{2});
     if (!is_writing_) half_close();
   }
+  bool is_ready() const override { return is_ready_; }
+  void drop(const Error& why) override {
+    if (state_ == State::Open) end(why);
+  }
   const Peer& peer() const override { return peer_; }
   std::uint64_t bytes_sent() const override { return sent_; }
   std::uint64_t bytes_received() const override { return received_; }

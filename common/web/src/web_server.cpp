@@ -32,6 +32,7 @@ constexpr auto kRequestTimeout = std::chrono::seconds{30};
 constexpr auto kUploadTimeout = std::chrono::minutes{10};
 constexpr auto kStreamTick = std::chrono::milliseconds{250};
 constexpr int kTicksPerKeepAlive = 60;
+constexpr auto kBreath = std::chrono::milliseconds{100};
 
 std::string text_of(beast::string_view text) { return {text.data(), text.size()}; }
 
@@ -226,6 +227,7 @@ struct WebServer::Impl {
   asio::io_context loop{1};
   tcp::acceptor acceptor{loop};
   asio::steady_timer tick{loop};
+  asio::steady_timer breath{loop};
   bool is_ticking = false;
   std::uint64_t last_sent = 0;
   int idle_ticks = 0;
@@ -242,9 +244,18 @@ struct WebServer::Impl {
   void accept() {
     acceptor.async_accept([this](beast::error_code error, tcp::socket socket) {
       if (error == asio::error::operation_aborted) return;
-      // Above the limit the socket is closed unheard; out of descriptors, the next accept waits for one.
-      if (!error && shared.connections < kMaxConnections) std::make_shared<Session>(std::move(socket), shared)->read();
+      if (error) return rest();
+      // Above the limit the socket is closed unheard.
+      if (shared.connections < kMaxConnections) std::make_shared<Session>(std::move(socket), shared)->read();
       accept();
+    });
+  }
+
+  /// Out of file descriptors or memory: the next accept fails at once, so wait a little instead of spinning.
+  void rest() {
+    breath.expires_after(kBreath);
+    breath.async_wait([this](beast::error_code error) {
+      if (!error) accept();
     });
   }
 

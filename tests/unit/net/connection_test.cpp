@@ -120,6 +120,14 @@ TEST_F(ConnectionTimes, APeerThatSendsNothingIsDroppedAtTheHandshake) {
   EXPECT_THAT(ended(), HasSubstr("handshake-time"));
 }
 
+TEST_F(ConnectionTimes, AnIdlePeerBeforeItsHandshakeGivesWayToANewerOne) {
+  ConnectionLimits limits = patient();
+  listen(limits, false);
+  std::vector<std::unique_ptr<Socket>> silent;
+  for (int i = 0; i < 33; ++i) silent.push_back(std::make_unique<Socket>(listener_->port()));
+  EXPECT_THAT(ended(), HasSubstr("handshake-place"));
+}
+
 TEST_F(ConnectionTimes, AFrameThatNeverEndsIsDroppedThoughBytesKeepComing) {
   ConnectionLimits limits = patient();
   limits.frame_within = milliseconds{100};

@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <stdlib.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <fstream>
 #include <telefab/net/authority.hpp>
 #include <telefab/net/listener.hpp>
 #include <telefab/net/trust.hpp>
+#include <utility>
 
 namespace telefab::net {
 namespace {
@@ -17,6 +21,26 @@ using std::chrono::milliseconds;
 using testing::ElementsAre;
 using testing::HasSubstr;
 namespace fs = std::filesystem;
+
+/// A peer that connects and then says nothing.
+class SilentSocket {
+ public:
+  explicit SilentSocket(std::uint16_t port) : fd_{::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)} {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(port);
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    ::connect(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address);
+  }
+  ~SilentSocket() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  SilentSocket(SilentSocket&& other) noexcept : fd_{std::exchange(other.fd_, -1)} {}
+  SilentSocket& operator=(SilentSocket&&) = delete;
+
+ private:
+  int fd_;
+};
 
 /// An authority with a fab, a scan site and two operators.
 class Certificates : public testing::Test {
@@ -67,7 +91,7 @@ class Certificates : public testing::Test {
       }
       connected_ = made ? Result<void>{} : tl::unexpected{made.error()};
     });
-    await([&] { return connected_.has_value() && (!*connected_ || server_); });
+    await([&] { return refused_ || (connected_.has_value() && (!*connected_ || server_)); });
   }
   template <class Condition>
   void await(Condition condition) {
@@ -126,8 +150,72 @@ TEST_F(Certificates, ThatAreRevokedEndTheConnectionsThatAreOpen) {
   connected_.reset();
   server_.reset();
   connect("ana");
-  await([&] { return refused_.has_value(); });
   EXPECT_TRUE(refused_) << "nor does it come in again";
+}
+
+// 70 silent sockets a second once shut out every operator.
+TEST_F(Certificates, GetTheirHoldersInWhileAnAddressFloods) {
+  constexpr int kRounds = 15;
+  int in = 0, reports = 0;
+  auto listening = Listener::open(loop_, {{"127.0.0.1", 0}, *trust("fab"), {}},
+                                  {[&](ConnectionPtr made) {
+                                     server_ = std::move(made);
+                                     server_->start({});
+                                     server_->set_ready();
+                                     ++in;
+                                   },
+                                   [&](const std::string&, const Error&) { ++reports; }});
+  ASSERT_TRUE(listening) << listening.error().what;
+  std::vector<SilentSocket> flood;
+  for (int round = 0; round < kRounds; ++round) {
+    for (int i = 0; i < 40; ++i) flood.emplace_back((*listening)->port());
+    std::optional<bool> is_connected;
+    connect_to(loop_, {{"127.0.0.1", (*listening)->port()}, *trust("ana"), Role::FabSite, {}},
+               [&](Result<ConnectionPtr> made) { is_connected = made.has_value(); });
+    const int before = in;
+    await([&] { return in > before || (is_connected && !*is_connected); });
+    EXPECT_EQ(in, before + 1) << "round " << round;
+    server_.reset();
+  }
+  EXPECT_LE(reports, 1) << "counted, not reported one by one";
+}
+
+TEST_F(Certificates, OfOperatorsHavePlacesThatNobodyElseCanTake) {
+  ListenOptions options{{"127.0.0.1", 0}, *trust("fab"), {}};
+  options.max_connections = 5;
+  options.operator_places = 2;
+  options.max_of_others = 4;
+  std::vector<ConnectionPtr> inside, outside;
+  std::vector<std::string> why;
+  auto listening = Listener::open(loop_, options,
+                                  {[&](ConnectionPtr made) {
+                                     made->start({});
+                                     made->set_ready();
+                                     inside.push_back(std::move(made));
+                                   },
+                                   [&](const std::string&, const Error& error) { why.push_back(error.what); }});
+  ASSERT_TRUE(listening) << listening.error().what;
+  const auto come = [&](const std::string& name) {
+    std::optional<Frame> fault;
+    bool is_over = false;
+    connect_to(loop_, {{"127.0.0.1", (*listening)->port()}, *trust(name), Role::FabSite, {}},
+               [&](Result<ConnectionPtr> made) {
+                 ASSERT_TRUE(made) << made.error().what;
+                 outside.push_back(*made);
+                 outside.back()->start(
+                     {[&](Frame frame) { fault = std::move(frame); }, {}, [&](const Error&) { is_over = true; }});
+               });
+    const std::size_t before = inside.size();
+    await([&] { return inside.size() > before || is_over; });
+    outside.back()->set_events({});
+    return inside.size() > before ? std::string{"in"} : fault ? std::string{"told why"} : std::string{"out"};
+  };
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(come("scan"), "in") << i;
+  EXPECT_EQ(come("scan"), "told why");
+  EXPECT_THAT(why, ElementsAre(HasSubstr("connection-limit")));
+  EXPECT_EQ(come("ana"), "in");
+  EXPECT_EQ(come("ben"), "in");
+  EXPECT_EQ(come("ben"), "told why") << "operators do not come without end either";
 }
 
 TEST_F(Certificates, HoldUntilTheyExpireOrAreRevokedAndNoLonger) {

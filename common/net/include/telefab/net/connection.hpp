@@ -12,13 +12,13 @@ namespace telefab::net {
 /// What one peer may cost us. No field is optional: every wait ends.
 struct ConnectionLimits {
   Nanoseconds handshake_within = std::chrono::seconds{10};  ///< TLS handshake and hello
-  Nanoseconds frame_within = std::chrono::seconds{30};  ///< from the first byte of a frame to its last
-  Nanoseconds idle_after = std::chrono::seconds{60};    ///< without a byte; pings go out at a third of it
-  Nanoseconds write_within = std::chrono::seconds{30};  ///< the peer takes some of what we send
-  Nanoseconds judge_every = std::chrono::seconds{5};    ///< its certificate again: it may be revoked or expire
-  std::size_t max_queue_bytes = 16U << 20U;             ///< waiting to be sent; send() refuses above
-  std::uint64_t max_bytes_per_s = 256ULL << 20U;        ///< read no faster than this
-  std::uint64_t max_frames_per_s = 20'000;              ///< read no faster than this
+  Nanoseconds frame_within = std::chrono::seconds{30};      ///< from the first byte of a frame to its last
+  Nanoseconds idle_after = std::chrono::seconds{60};        ///< without a byte; pings go out at a third of it
+  Nanoseconds write_within = std::chrono::seconds{30};      ///< the peer takes some of what we send
+  Nanoseconds judge_every = std::chrono::seconds{5};        ///< its certificate again: it may be revoked or expire
+  std::size_t max_queue_bytes = 16U << 20U;                 ///< waiting to be sent; send() refuses above
+  std::uint64_t max_bytes_per_s = 256ULL << 20U;            ///< read no faster than this
+  std::uint64_t max_frames_per_s = 20'000;                  ///< read no faster than this
 };
 
 /// Called on the loop's thread. A handler may close its connection.
@@ -45,6 +45,9 @@ class Connection {
   [[nodiscard]] virtual std::size_t queued_bytes() const = 0;
   /// The hello was good: long frames and long silences are allowed from here on.
   virtual void set_ready() = 0;
+  [[nodiscard]] virtual bool is_ready() const = 0;
+  /// Ends it as a deadline does: `closed` is called with the reason. Nothing where it is closed already.
+  virtual void drop(const Error& why) = 0;
   /// Sends what is queued and `last_words`, then closes; no event comes any more.
   virtual void close(const std::optional<Frame>& last_words) = 0;
   [[nodiscard]] virtual const Peer& peer() const = 0;

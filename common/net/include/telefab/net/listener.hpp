@@ -10,12 +10,17 @@ struct ListenOptions {
   Endpoint endpoint;
   std::shared_ptr<Trust> trust;  ///< empty: plain TCP, which is refused off loopback
   ConnectionLimits limits;
-  std::size_t max_connections = 64;
+  std::size_t max_connections = 64;  ///< past their handshake
+  std::size_t operator_places = 8;   ///< of these, which nobody but operators can take
+  std::size_t max_of_others = 32;    ///< past their handshake, of one address and no operators
+  std::size_t max_handshakes = 32;   ///< under way; the oldest of the address with the most gives way to a newer one
+  Nanoseconds refusals_every = std::chrono::seconds{60};  ///< of the same kind and address, summed up in one report
 };
 
 struct ListenEvents {
   std::function<void(ConnectionPtr)> accepted;  ///< after the TLS handshake; call start() on it
-  std::function<void(const std::string& address, const Error&)> refused;  ///< a peer that is not let in: why
+  /// Why somebody did not come in: the first of a kind and address at once, the others of refusals_every as one.
+  std::function<void(const std::string& address, const Error&)> refused;
 };
 
 /// Accepts connections. Destruction closes the port, not the connections.
@@ -28,6 +33,8 @@ class Listener {
   Listener(const Listener&) = delete;
   Listener& operator=(const Listener&) = delete;
   [[nodiscard]] std::uint16_t port() const;
+  /// Somebody who was handed out and is refused after all, such as for a bad hello: reported and counted as the others.
+  void count_refusal(const std::string& address, const Error& why);
 
  private:
   struct Impl;
