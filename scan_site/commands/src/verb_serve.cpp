@@ -12,6 +12,8 @@ VerbBody declare_serve(VerbOptions& options) {
   o->serve = {"127.0.0.1:7410", "", "", "", "scan-site"};
   declare_serve_options(options, o->serve);
   options.add("--fab", o->fab, "HOST:PORT of the fab site").required();
+  options.add("--fab-certificate", o->fab_certificate,
+              "name that the fab's certificate must vouch for; default: the host of --fab");
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (auto known = set_log_level(o->serve.log_level); !known) return tl::unexpected{known.error()};
     const SystemClock clock;

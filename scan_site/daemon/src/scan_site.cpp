@@ -22,27 +22,28 @@ constexpr const char* kCancelMark = "tell-cancelled";
 Result<void> serve_scan_site(const ScanSiteConfig& config, const Clock& clock, std::stop_token stop) {
   const auto site = Site::open("telefab-scan", config.serve, clock);
   if (!site) return tl::unexpected{site.error()};
-  const auto work = ScanSite::open(**site, config.fab);
+  const auto work = ScanSite::open(**site, config);
   if (!work) return tl::unexpected{work.error()};
   if (auto served = (*site)->serve(**work, std::move(stop)); !served) return served;
   log_line("telefab-scan ends");
   return {};
 }
 
-Result<std::unique_ptr<ScanSite>> ScanSite::open(Site& site, const std::string& fab) {
-  std::unique_ptr<ScanSite> work{new ScanSite{site, fab}};
-  if (auto started = work->start(); !started) return tl::unexpected{started.error()};
+Result<std::unique_ptr<ScanSite>> ScanSite::open(Site& site, const ScanSiteConfig& config) {
+  std::unique_ptr<ScanSite> work{new ScanSite{site, config.fab}};
+  if (auto started = work->start(config.fab_certificate); !started) return tl::unexpected{started.error()};
   return work;
 }
 
-Result<void> ScanSite::start() {
+Result<void> ScanSite::start(const std::string& fab_certificate) {
   const auto fab = net::endpoint_from_text(fab_);
   if (!fab) return fail_in("--fab", fab.error());
   auto key = site_key(site().options(), site().folder().path());
   if (!key) return tl::unexpected{key.error()};
   slicer_ = std::make_unique<Slicer>(spools_, site().clock(), *key, slicer_events());
-  link_ = std::make_unique<FabLink>(site().loop(), net::ConnectOptions{*fab, site().trust(), net::Role::FabSite, {}},
-                                    *key, link_events());
+  net::ConnectOptions options{*fab, site().trust(), net::Role::FabSite, {}};
+  options.expected_name = fab_certificate.empty() ? fab->host : fab_certificate;
+  link_ = std::make_unique<FabLink>(site().loop(), std::move(options), *key, link_events());
   tracker().on_end([this](const std::string& job) {
     link_->forget(job);
     spools_.close(job);

@@ -15,7 +15,7 @@ namespace telefab::scan {
 class ScanSite final : public SiteWork {
  public:
   /// Everything but the addresses to listen on is checked when this returns. The site must outlive it.
-  [[nodiscard]] static Result<std::unique_ptr<ScanSite>> open(Site& site, const std::string& fab);
+  [[nodiscard]] static Result<std::unique_ptr<ScanSite>> open(Site& site, const ScanSiteConfig& config);
   ~ScanSite() override;
 
   Machines machines() override;
@@ -34,7 +34,7 @@ class ScanSite final : public SiteWork {
 
  private:
   ScanSite(Site& site, std::string fab) : SiteWork{site}, fab_{std::move(fab)} {}
-  [[nodiscard]] Result<void> start();
+  [[nodiscard]] Result<void> start(const std::string& fab_certificate);
   [[nodiscard]] SlicerEvents slicer_events();
   [[nodiscard]] FabLinkEvents link_events();
   [[nodiscard]] const std::vector<MachineProfile>& known_machines() const;

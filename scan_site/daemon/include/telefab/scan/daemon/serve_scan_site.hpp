@@ -9,7 +9,8 @@ namespace telefab::scan {
 
 struct ScanSiteConfig {
   ServeOptions serve;
-  std::string fab;  ///< HOST:PORT
+  std::string fab;              ///< HOST:PORT
+  std::string fab_certificate;  ///< name that the fab's certificate must vouch for; empty: the host of `fab`
 };
 
 /// The daemon of the scan site, until the stop is requested. The calling thread is the network's. Fails as soon as
