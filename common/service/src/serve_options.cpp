@@ -13,8 +13,12 @@ void declare_serve_options(VerbOptions& app, ServeOptions& options) {
           "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as `telefab certs` makes it");
   app.add("--tls-name", options.tls_name, "NAME of the certificate in that folder").shows_default();
   app.add("--web", options.web,
-          "HOST:PORT of the web page and its API, e.g. 127.0.0.1:7480; default: none. What changes a job needs "
+          "HOST:PORT of the web page and its API, on loopback, e.g. 127.0.0.1:7480; default: none. What changes a job "
+          "needs "
           "the token in DATA/web-token");
+  app.add("--web-host", options.web_hosts,
+          "a name under which the page may be asked for besides those of loopback, for a TLS proxy before it; may be "
+          "given again");
   app.add("--hook", options.hooks.program,
           "program to run at every change of a job's state: TELEFAB_JOB, TELEFAB_STATE, TELEFAB_MESSAGE, "
           "TELEFAB_NAME and TELEFAB_MACHINE in its environment, the job as JSON on its input");

@@ -41,7 +41,13 @@ Result<std::unique_ptr<WebServer>> open_page(const ServeOptions& options, const 
   if (options.web.empty()) return std::unique_ptr<WebServer>{};
   const auto address = net::endpoint_from_text(options.web);
   if (!address) return fail_in("--web", address.error());
-  auto server = WebServer::listen(address->host, address->port, site, product);
+  if (!net::is_loopback(*address))
+    return fail(
+        ErrorCode::NotTrusted,
+        fmt::format("--web {}: the page speaks HTTP without TLS, so it is refused off loopback. Reach it by ssh -L, "
+                    "or put a TLS proxy before it on this machine and name its host with --web-host",
+                    options.web));
+  auto server = WebServer::listen(address->host, address->port, site, product, options.web_hosts);
   if (!server) return server;
   log_line(fmt::format("the page is at http://{}:{}/", address->host, (*server)->port()));
   const std::string port = fmt::format("{}\n", (*server)->port());

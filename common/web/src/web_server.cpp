@@ -4,10 +4,12 @@
 #include <fmt/format.h>
 #include <pthread.h>
 
+#include <algorithm>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
+#include <cctype>
 #include <optional>
 #include <set>
 #include <telefab/web/web_server.hpp>
@@ -41,6 +43,7 @@ class Session;
 struct Shared {
   WebSite& site;
   std::string product;
+  std::set<std::string> hosts;  ///< in lower case, without ports
   std::size_t connections = 0;
   std::set<Session*> streams;
   std::function<void()> stream_opened;
@@ -140,7 +143,20 @@ class Session : public std::enable_shared_from_this<Session> {
       send(web_problem(400, "invalid-input", "this is not an HTTP request"), false);
   }
 
+  /// The Host of the request in lower case, without its port.
+  [[nodiscard]] std::string host() const {
+    std::string text = text_of(parser_->get()[http::field::host]);
+    const auto colon = text.rfind(':');
+    if (colon != std::string::npos && text.find(']', colon) == std::string::npos) text.resize(colon);
+    std::ranges::transform(text, text.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    return text;
+  }
+
   void serve() {
+    if (!shared_.hosts.contains(host()))
+      return send(web_problem(421, "not-permitted",
+                              "this page is not known under that name; --web-host NAME of the daemon adds one"),
+                  false);
     WebRequest request = request_of(parser_->get());
     request.body = std::move(parser_->get().body());
     keep_alive_ = parser_->get().keep_alive();
@@ -233,7 +249,7 @@ struct WebServer::Impl {
   int idle_ticks = 0;
   std::jthread thread;
 
-  Impl(WebSite& site, std::string product) : shared{site, std::move(product), 0, {}, {}} {
+  Impl(WebSite& site, std::string product) : shared{site, std::move(product), {}, 0, {}, {}} {
     shared.stream_opened = [this] {
       if (std::exchange(is_ticking, true)) return;
       last_sent = shared.site.revision();
@@ -286,8 +302,15 @@ struct WebServer::Impl {
 };
 
 Result<std::unique_ptr<WebServer>> WebServer::listen(const std::string& host, std::uint16_t port, WebSite& site,
-                                                     const std::string& product) {
+                                                     const std::string& product,
+                                                     const std::vector<std::string>& names) {
   auto impl = std::make_unique<Impl>(site, product);
+  impl->shared.hosts = {"localhost", "127.0.0.1", "[::1]",
+                        host.find(':') == std::string::npos ? host : '[' + host + ']'};
+  for (std::string name : names) {
+    std::ranges::transform(name, name.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    impl->shared.hosts.insert(std::move(name));
+  }
   beast::error_code error;
   const auto address = asio::ip::make_address(host, error);
   if (error)

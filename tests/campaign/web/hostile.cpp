@@ -66,34 +66,35 @@ class Attacker {
       case 0:  // noise
         return raw(noise(rng_() % 400) + "\r\n\r\n");
       case 1:  // a request with some bytes changed
-        return raw(
-            damaged("POST " + post_route() + " HTTP/1.1\r\nHost: x\r\nX-Api-Key: 00\r\nContent-Length: 2\r\n\r\n{}"));
+        return raw(damaged("POST " + post_route() +
+                           " HTTP/1.1\r\nHost: localhost\r\nX-Api-Key: 00\r\nContent-Length: 2\r\n\r\n{}"));
       case 2:  // path tricks, with and without a wrong key
-        return raw(method_or("GET") + " " + with_job(pick(kTricks), job_) + " HTTP/1.1\r\nHost: x\r\n" + wrong_key() +
-                   "\r\n");
+        return raw(method_or("GET") + " " + with_job(pick(kTricks), job_) + " HTTP/1.1\r\nHost: localhost\r\n" +
+                   wrong_key() + "\r\n");
       case 3:  // a body that is stated too large, and one that grows too large in chunks
         if (rng_() % 2)
-          return raw("POST " + post_route() + " HTTP/1.1\r\nHost: x\r\n" + wrong_key() +
+          return raw("POST " + post_route() + " HTTP/1.1\r\nHost: localhost\r\n" + wrong_key() +
                      "Content-Length: 99999999999\r\n\r\n" + noise(2000));
-        return raw("POST " + post_route() + " HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n20000\r\n" +
+        return raw("POST " + post_route() +
+                   " HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n20000\r\n" +
                    std::string(0x20000, 'x') + "\r\n20000\r\n");
       case 4:  // headers without end
-        return raw("GET / HTTP/1.1\r\nHost: x\r\nX: " + std::string(5000 + rng_() % 60'000, 'y') + "\r\n\r\n");
+        return raw("GET / HTTP/1.1\r\nHost: localhost\r\nX: " + std::string(5000 + rng_() % 60'000, 'y') + "\r\n\r\n");
       case 5:  // what changes state, without the key or with a wrong one
-        return raw("POST " + post_route() + " HTTP/1.1\r\nHost: x\r\n" + wrong_key() +
+        return raw("POST " + post_route() + " HTTP/1.1\r\nHost: localhost\r\n" + wrong_key() +
                    "Content-Length: 20\r\n\r\n{\"command\":\"cancel\"}");
       case 6:  // lies about lengths
         return raw("POST " + post_route() +
-                   " HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\nContent-Length: 50\r\nTransfer-Encoding: "
+                   " HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\nContent-Length: 50\r\nTransfer-Encoding: "
                    "chunked\r\n\r\n-1\r\n");
       case 7:  // hangs up in the middle
-        return hang_up("POST " + post_route() + " HTTP/1.1\r\nHost: x\r\nContent-Length: 4000\r\n\r\nabc");
+        return hang_up("POST " + post_route() + " HTTP/1.1\r\nHost: localhost\r\nContent-Length: 4000\r\n\r\nabc");
       case 8:  // methods that no route takes
         return raw(std::string{pick(kMethods)} + " " + with_job(pick(kGetRoutes), job_) +
-                   " HTTP/1.1\r\nHost: x\r\n\r\n");
+                   " HTTP/1.1\r\nHost: localhost\r\n\r\n");
       default:  // every route with GET and HEAD
         return raw(std::string{rng_() % 4 ? "GET" : "HEAD"} + " " +
-                   with_job(kGetRoutes[next_route_++ % kGetRoutes.size()], job_) + " HTTP/1.1\r\nHost: x\r\n" +
+                   with_job(kGetRoutes[next_route_++ % kGetRoutes.size()], job_) + " HTTP/1.1\r\nHost: localhost\r\n" +
                    "Connection: close\r\n\r\n");
     }
   }

@@ -93,7 +93,7 @@ int watchers(const WebFab& fab, std::size_t count, double seconds) {
   std::vector<std::unique_ptr<HttpClient>> list;
   for (std::size_t i = 0; i < count; ++i) {
     list.push_back(std::make_unique<HttpClient>(fab.port()));
-    list.back()->send("GET /v1/stream HTTP/1.1\r\nHost: x\r\n\r\n");
+    list.back()->send("GET /v1/stream HTTP/1.1\r\nHost: localhost\r\n\r\n");
     if (list.back()->read_until("data:").find("200 OK") == std::string::npos)
       return fmt::print("a watcher was refused\n"), 1;
   }

@@ -177,6 +177,10 @@ TEST_F(Unauthenticated, PlainTcpIsRefusedOffLoopback) {
                                (folder() / "off").string(), "--machines", (folder() / "machines").string()});
   EXPECT_EQ(outcome.code, 4);
   EXPECT_THAT(outcome.errors, HasSubstr("--tls"));
+  const Outcome page = run({bin + "/telefab-fab", "serve", "--listen", "127.0.0.1:0", "--web", "0.0.0.0:0", "--data",
+                            (folder() / "off").string(), "--machines", (folder() / "machines").string()});
+  EXPECT_EQ(page.code, 4);
+  EXPECT_THAT(page.errors, HasSubstr("--web-host"));
   const Outcome client = telefab({"jobs", "--site", "192.0.2.1:7410", "--timeout-s", "2"});
   EXPECT_EQ(client.code, 4);
 }

@@ -16,7 +16,8 @@ struct ServeOptions {
   std::string machines;
   std::string tls_folder;
   std::string tls_name;
-  std::string web;  ///< HOST:PORT of the page and its API; empty: none
+  std::string web;                     ///< HOST:PORT of the page and its API; empty: none
+  std::vector<std::string> web_hosts;  ///< further names under which it may be asked for
   HookOptions hooks;
   std::string log_level = "info";
 };

@@ -2,6 +2,7 @@
 #pragma once
 #include <memory>
 #include <telefab/web/web_message.hpp>
+#include <vector>
 
 namespace telefab {
 
@@ -30,10 +31,13 @@ class WebSite {
 /// 64 KiB of body unless the site takes more, 30 s for a request, 64 connections, of which 56 may be streams.
 class WebServer {
  public:
-  /// Listens at once; port 0 takes a free one. `product`: "telefab-fab/VERSION". Fails with Conflict where the port is
-  /// taken, InvalidInput for a bad address.
+  /// Listens at once; port 0 takes a free one. `product`: "telefab-fab/VERSION". Requests are answered only where their
+  /// Host is `host`, a name of loopback or one of `names`, on whatever port: a page of somebody else's whose name was
+  /// made to mean this address (DNS rebinding) is told nothing. Fails with Conflict where the port is taken,
+  /// InvalidInput for a bad address.
   [[nodiscard]] static Result<std::unique_ptr<WebServer>> listen(const std::string& host, std::uint16_t port,
-                                                                 WebSite& site, const std::string& product);
+                                                                 WebSite& site, const std::string& product,
+                                                                 const std::vector<std::string>& names = {});
   ~WebServer();  ///< closes every connection and joins the thread
   WebServer(const WebServer&) = delete;
   WebServer& operator=(const WebServer&) = delete;
