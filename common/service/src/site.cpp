@@ -49,6 +49,7 @@ Result<void> Site::serve(SiteWork& work, std::stop_token stop) {
   if (!listener) return tl::unexpected{listener.error()};
   const auto page = open_page_of(work);
   if (!page) return tl::unexpected{page.error()};
+  listener_ = listener->get();
 
   set_thread_name("network");
   if (auto announced = folder_.announce_port((*listener)->port()); !announced) return announced;
@@ -59,6 +60,7 @@ Result<void> Site::serve(SiteWork& work, std::stop_token stop) {
   const std::stop_callback on_stop{
       stop, [this, &work] { loop_->post([this, &work] { work.end([this] { loop_->stop(); }); }); }};
   loop_->run();
+  listener_ = nullptr;
   notifier.end();
   return {};
 }
@@ -90,7 +92,7 @@ void Site::on_connection(SiteWork& work, const net::ConnectionPtr& connection) {
           work.on_site(strong);
       },
       [this, address = connection->peer().address](const Error& why) {
-        tracker_->note(address, "refused: " + why.what);
+        if (listener_ != nullptr) listener_->count_refusal(address, why);
       });
 }
 

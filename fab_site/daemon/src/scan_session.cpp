@@ -53,10 +53,17 @@ class ScanSession final : public MessageSession {
     const std::uint64_t revision = service().store().revision();
     if (revision == seen_revision_) return;
     seen_revision_ = revision;
-    for (auto& [id, own] : jobs_) {
-      send_if_changed(id, own);
+    for (auto each = jobs_.begin(); each != jobs_.end();) {
+      const auto now = each++;
+      send_if_changed(now->first, now->second);
       if (!is_open()) return;  // the connection ended, and the jobs are forgotten
+      forget_if_over(now->first, now->second);
     }
+  }
+
+  /// A connection lasts for months; a job that is at its end keeps no place on it.
+  void forget_if_over(const std::string& id, const OwnJob& own) {
+    if (own.last_sent && is_final(own.last_sent->state)) jobs_.erase(std::string{id});
   }
 
   void send_if_changed(const std::string& id, OwnJob& own) {
@@ -74,7 +81,9 @@ class ScanSession final : public MessageSession {
 
   void handle(const Offer& offer) {
     if (jobs_.size() >= kMaxJobs && !offered_here(offer.job))
-      return send_fault({}, {ErrorCode::TooLarge, "job-limit: too many jobs on one connection"}, offer.job);
+      return send_fault(
+          {}, {ErrorCode::TooLarge, "job-limit: too many jobs that are not at their end; submit it again later"},
+          offer.job);
     auto intake = receiver_.take_offer(offer, peer());
     if (!intake) {
       service().note(peer().name, fmt::format("refused: offer {}: {}", offer.job, intake.error().what));
@@ -85,6 +94,7 @@ class ScanSession final : public MessageSession {
     // A job beyond its intake is whole here already.
     send(OfferAccepted{offer.job, *intake ? (*intake)->next_sequence() : 0, !*intake || (*intake)->is_complete()});
     if (is_open()) send_if_changed(offer.job, own);
+    if (is_open()) forget_if_over(offer.job, own);
     look_again();
   }
 

@@ -68,6 +68,7 @@ class Site {
   std::shared_ptr<net::Trust> trust_;
   std::unique_ptr<JobTracker> tracker_;  ///< outlives the loop, whose sessions may still note something
   std::unique_ptr<net::Loop> loop_;
+  net::Listener* listener_ = nullptr;  ///< while it serves
 };
 
 /// What one daemon does beside what every daemon does. Called on the loop's thread.
