@@ -18,6 +18,7 @@ struct JobOptions {
   std::string job;
   std::uint32_t most = 100;
   bool plain = false;
+  double patience_min = 10;
 };
 
 std::shared_ptr<JobOptions> declare_one(VerbOptions& options) {
@@ -76,11 +77,13 @@ VerbBody declare_status(VerbOptions& options) {
 VerbBody declare_watch(VerbOptions& options) {
   auto o = declare_one(options);
   options.flag("--plain", o->plain, "lines instead of the full screen, as where there is no terminal");
+  declare_patience(options, o->patience_min);
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (auto good = check_id(o->job); !good) return tl::unexpected{good.error()};
-    auto client = connect(o->common, std::move(stop));
+    auto client = connect(o->common, stop);
     if (!client) return tl::unexpected{client.error()};
-    auto job = watch_job(**client, o->job, watch_style(o->common.json, o->plain));
+    const WatchLine line{[&] { return connect(o->common, stop); }, o->patience_min, stop};
+    auto job = watch_job(std::move(*client), line, o->job, watch_style(o->common.json, o->plain));
     if (!job) return tl::unexpected{job.error()};
     if (o->common.json)
       write_output(fmt::format("{}\n", to_json(*job)));

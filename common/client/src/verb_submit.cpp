@@ -23,6 +23,7 @@ struct SubmitOptions {
   SliceParameters asked;
   bool watch = false;
   bool plain = false;
+  double patience_min = 10;
 };
 
 /// Reads a file block by block; `take` may fail.
@@ -92,7 +93,7 @@ Result<Job> upload(SiteClient& client, const SubmitOptions& o, const Submit& sub
 Result<ExitCode> run(const SubmitOptions& o, std::stop_token stop) {
   const auto announced = announce(o, RequestId{1});
   if (!announced) return tl::unexpected{announced.error()};
-  auto client = connect(o.common, std::move(stop));
+  auto client = connect(o.common, stop);
   if (!client) return tl::unexpected{client.error()};
   Submit submit = *announced;
   submit.request = (*client)->next_request();
@@ -103,7 +104,8 @@ Result<ExitCode> run(const SubmitOptions& o, std::stop_token stop) {
     return ExitCode::Ok;
   }
   if (!o.common.json) write_note(fmt::format("job {}\n", job->id));
-  auto ended = watch_job(**client, job->id, watch_style(o.common.json, o.plain));
+  auto ended = watch_job(std::move(*client), {[&] { return connect(o.common, stop); }, o.patience_min, stop}, job->id,
+                         watch_style(o.common.json, o.plain));
   if (!ended) return tl::unexpected{ended.error()};
   if (o.common.json)
     write_output(fmt::format("{}\n", to_json(*ended)));
@@ -122,6 +124,7 @@ VerbBody declare_submit(VerbOptions& options) {
   declare_slice_parameters(options, o->asked);
   options.flag("--watch", o->watch, "follow the job until it ends; the exit code tells how");
   options.flag("--plain", o->plain, "watch by lines instead of the full screen, as where there is no terminal");
+  declare_patience(options, o->patience_min);
   return [o](std::stop_token stop) { return run(*o, std::move(stop)); };
 }
 

@@ -13,6 +13,7 @@ namespace telefab::client {
 namespace {
 
 constexpr auto kKeysEvery = std::chrono::milliseconds{100};
+constexpr auto kTryEvery = std::chrono::milliseconds{500};
 /// The connection's own pings tell whether the site lives; a job may be silent for hours.
 constexpr auto kForever = std::chrono::hours{24 * 30};
 
@@ -75,12 +76,44 @@ Result<Job> watch_on_screen(SiteClient& client) {
   }
 }
 
-}  // namespace
-
-Result<Job> watch_job(SiteClient& client, const std::string& job, WatchStyle style) {
+Result<Job> watch_once(SiteClient& client, const std::string& job, WatchStyle style) {
   if (auto sent = client.send(AskJobs{client.next_request(), job, 1, true}); !sent) return tl::unexpected{sent.error()};
   if (style == WatchStyle::Screen && FullScreen::is_possible()) return watch_on_screen(client);
   return watch_lines(client, style == WatchStyle::Silent);
+}
+
+/// Tries until there is a connection again.
+Result<std::unique_ptr<SiteClient>> connect_again(const WatchLine& line, Clock& clock) {
+  const Nanoseconds until = clock.now() + Nanoseconds{static_cast<Nanoseconds::rep>(line.patience_min * 60e9)};
+  while (true) {
+    if (line.stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled");
+    auto client = line.connect();
+    if (client || client.error().code != ErrorCode::Unreachable || clock.now() >= until) return client;
+    clock.sleep_for(kTryEvery);
+  }
+}
+
+}  // namespace
+
+void declare_patience(VerbOptions& options, double& patience_min) {
+  options
+      .add("--patience-min", patience_min, "minutes of trying again where the line to the site breaks; 0: not at all")
+      .within(0.0, 1e5)
+      .shows_default();
+}
+
+Result<Job> watch_job(std::unique_ptr<SiteClient> client, const WatchLine& line, const std::string& job,
+                      WatchStyle style) {
+  SystemClock clock;
+  while (true) {
+    auto seen = watch_once(*client, job, style);
+    if (seen || seen.error().code != ErrorCode::Unreachable || line.patience_min <= 0) return seen;
+    if (style != WatchStyle::Silent)
+      write_note(fmt::format("the line to the site broke ({}); trying again\n", seen.error().what));
+    auto again = connect_again(line, clock);
+    if (!again) return tl::unexpected{again.error()};
+    client = std::move(*again);
+  }
 }
 
 }  // namespace telefab::client

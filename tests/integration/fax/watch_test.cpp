@@ -58,12 +58,30 @@ TEST_F(Watch, RestoresTheTerminalHoweverItEnds) {
     (void)terminal->finish();
     EXPECT_TRUE(terminal->is_as_before()) << signal;
   }
-  const auto terminal = watch();
+  const auto terminal = watch({"--patience-min", "0"});
   ASSERT_TRUE(terminal->wait_for("torus.xyz"));
   kill_scan();
   EXPECT_TRUE(terminal->wait_for(kLeave));
   EXPECT_NE(terminal->finish(), 0);
   EXPECT_TRUE(terminal->is_as_before());
+}
+
+using WatchOverBreaks = TwoSites;
+
+TEST_F(WatchOverBreaks, GoesOnWhereTheSiteStartsAgain) {
+  set_machine(2);
+  start_both();
+  const std::string job = submit_torus();
+  const auto follower = telefab_begun({"watch", job, "--plain"});
+  EXPECT_THAT(follower->wait_for_error_line("printing"), HasSubstr("printing"));
+  for (int breaks = 0; breaks < 2; ++breaks) {
+    kill_scan();
+    EXPECT_THAT(follower->wait_for_error_line("trying again"), HasSubstr("trying again"));
+    start_scan();
+    EXPECT_THAT(follower->wait_for_error_line("printing"), HasSubstr("printing"));
+  }
+  ASSERT_EQ(telefab({"cancel", job}).code, 0);
+  EXPECT_EQ(follower->finish(), 6) << "cancelled, as it was seen to be";
 }
 
 TEST_F(Watch, PrintsLinesWithPlainEvenOnATerminal) {
