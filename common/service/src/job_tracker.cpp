@@ -3,9 +3,13 @@
 
 #include <telefab/service/job_tracker.hpp>
 #include <telefab/service/log.hpp>
+#include <utility>
 
 namespace telefab {
 namespace {
+
+constexpr auto kRetryEvery = std::chrono::seconds{1};
+constexpr std::size_t kMostUnsavedNotes = 1000;
 
 /// A daemon goes on where its books cannot be written, and says so.
 void warn_of(const Result<void>& outcome, const LogFields& fields = {}) {
@@ -20,6 +24,7 @@ JobTracker::JobTracker(std::unique_ptr<JobStore> store, std::unique_ptr<AuditLog
       audit_{std::move(audit)},
       hooks_{std::move(hooks)},
       clock_{clock},
+      loop_{loop},
       counters_{loop, [this](const std::string& job, const JobCounters& counters) {
                   warn_of(store_->set_counters(job, counters), {job});
                 }} {}
@@ -40,17 +45,63 @@ Result<std::unique_ptr<JobTracker>> JobTracker::open(const std::filesystem::path
 
 void JobTracker::note(std::string_view who, std::string_view what) {
   log_line(fmt::format("{}: {}", who, what));
-  warn_of(audit_->add(who, what));
+  const std::lock_guard lock{mutex_};
+  if (unsaved_notes_.empty()) {
+    const auto added = audit_->add(who, what);
+    if (added) return;
+    log_warning(added.error().what);
+  }
+  if (unsaved_notes_.size() == kMostUnsavedNotes) return;  // the log has them all
+  unsaved_notes_.push_back({std::string{who}, std::string{what}, clock_.wall()});
+  retry_later();
 }
 
 void JobTracker::record(const std::string& job, JobState state, std::string_view message) {
-  const auto now = store_->find(job);
-  if (!now || (now->state == state && now->message == message)) return;
-  if (now->state != state && !may_follow(now->state, state)) return;
-  const auto moved = store_->move(job, state, message);
-  if (!moved) return log_warning(moved.error().what, {job});
-  log_line(fmt::format("job {} {}{}{}", job, name_of(state), message.empty() ? "" : ": ", message), {job});
+  const std::lock_guard lock{mutex_};
+  Unsaved move{job, state, std::string{message}};
+  if (unsaved_.empty()) {
+    const auto saved = save(move);
+    if (saved) return;
+    log_warning(saved.error().what + "; tried again until it is kept", {job});
+  }
+  // Behind the others: a move that is not stored yet may be what this one follows.
+  unsaved_.push_back(std::move(move));
+  retry_later();
+}
+
+Result<void> JobTracker::save(const Unsaved& move) {
+  const auto now = store_->find(move.job);
+  if (!now && now.error().code == ErrorCode::StorageFailed) return tl::unexpected{now.error()};
+  if (!now || (now->state == move.state && now->message == move.message)) return {};
+  if (now->state != move.state && !may_follow(now->state, move.state)) return {};
+  const auto moved = store_->move(move.job, move.state, move.message);
+  if (!moved && moved.error().code == ErrorCode::StorageFailed) return tl::unexpected{moved.error()};
+  if (!moved) {
+    log_warning(moved.error().what, {move.job});
+    return {};
+  }
+  log_line(fmt::format("job {} {}{}{}", move.job, name_of(move.state), move.message.empty() ? "" : ": ", move.message),
+           {move.job});
   hooks_->notify(*moved);
+  return {};
+}
+
+void JobTracker::retry_later() {
+  if (std::exchange(is_retrying_, true)) return;
+  loop_.post([this] { loop_.after(kRetryEvery, [this] { retry(); }); });
+}
+
+void JobTracker::retry() {
+  const std::lock_guard lock{mutex_};
+  while (!unsaved_.empty() && save(unsaved_.front())) unsaved_.pop_front();
+  while (!unsaved_notes_.empty()) {
+    const UnsavedNote& note = unsaved_notes_.front();
+    const auto late = std::chrono::duration_cast<std::chrono::seconds>(clock_.wall() - note.wall).count();
+    if (!audit_->add(note.who, fmt::format("{} (written {} s late)", note.what, late))) break;
+    unsaved_notes_.pop_front();
+  }
+  is_retrying_ = false;
+  if (!unsaved_.empty() || !unsaved_notes_.empty()) retry_later();
 }
 
 void JobTracker::set_stage_seconds(const std::string& job, JobStage stage, double seconds) {

@@ -109,6 +109,7 @@ struct JobStore::Impl {
   std::unique_ptr<sqlite3, CloseDatabase> database;
   mutable std::recursive_mutex mutex;
   std::atomic<std::uint64_t> revision{1};
+  std::optional<Error> trouble;
 
   Impl(std::filesystem::path where, const Clock& ticking) : path{std::move(where)}, clock{ticking} {}
 
@@ -131,16 +132,21 @@ struct JobStore::Impl {
   template <class Work>
   [[nodiscard]] auto together(const Work& work) -> decltype(work()) {
     const std::lock_guard lock{mutex};
-    if (auto begun = run("BEGIN IMMEDIATE"); !begun) return tl::unexpected{begun.error()};
+    const auto remember = [this](const Error& error) {
+      if (error.code == ErrorCode::StorageFailed) trouble = error;
+      return tl::unexpected{error};
+    };
+    if (auto begun = run("BEGIN IMMEDIATE"); !begun) return remember(begun.error());
     auto outcome = work();
     if (!outcome) {
       (void)run("ROLLBACK");  // the first error is the one to tell
-      return outcome;
+      return remember(outcome.error());
     }
     if (auto done = run("COMMIT"); !done) {
       (void)run("ROLLBACK");
-      return tl::unexpected{done.error()};
+      return remember(done.error());
     }
+    trouble.reset();
     ++revision;
     return outcome;
   }
@@ -392,6 +398,12 @@ Result<std::vector<JobEvent>> JobStore::events(std::string_view id, std::uint64_
     event.text = query.text();
     events.push_back(std::move(event));
   }
+}
+
+Result<void> JobStore::health() const {
+  const std::lock_guard lock{impl_->mutex};
+  if (impl_->trouble) return tl::unexpected{*impl_->trouble};
+  return {};
 }
 
 std::uint64_t JobStore::revision() const { return impl_->revision; }

@@ -165,10 +165,12 @@ const std::vector<Row>& rows() {
          if (!jobs) return web_problem(jobs.error());
          return {200, Gauges::kContentType, metrics_text(*jobs)};
        }},
-      {{"GET", "/v1/health", "whether the daemon answers and its store can be read"},
+      {{"GET", "/v1/health", "whether the daemon answers and its store can be read and written"},
        [](const Call& c) -> WebResponse {
          const auto jobs = c.backend.jobs();
          if (!jobs) return web_problem(jobs.error());
+         if (const auto good = c.backend.healthy(); !good)
+           return web_problem(503, name_of(good.error().code), good.error().what);
          return {200, "application/json", text_of(json{{"status", "ok"}, {"jobs", jobs->size()}})};
        }},
       {{"GET", "/v1/stream", "server-sent events: the job list whenever it changes"},

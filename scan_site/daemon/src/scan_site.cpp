@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <fstream>
+#include <telefab/base/file.hpp>
 #include <telefab/base/version.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
 #include <telefab/service/saved_message.hpp>
@@ -234,9 +235,16 @@ void ScanSite::command(const Command& command, std::function<void(Result<Job>)> 
     return done(fail(ErrorCode::Conflict, fmt::format("job {} is {} already", job->id, name_of(job->state))));
   if (command.command == JobCommand::Cancel) {
     const bool is_known_there = link_->knows(job->id);
+    // What could not be kept is not answered as done: a restart would go on with the job, here or at the fab.
+    if (auto kept = store().add_event(job->id, fmt::format("cancel asked by {}", command.who)); !kept)
+      return done(tl::unexpected{kept.error()});
+    if (is_known_there) {
+      const auto folder = site().folder().job(job->id);
+      if (!folder) return done(tl::unexpected{folder.error()});
+      if (auto kept = write_file_atomically(*folder / kCancelMark, command.who + "\n"); !kept)
+        return done(tl::unexpected{kept.error()});
+    }
     slicer_->cancel(job->id);
-    if (const auto folder = site().folder().job(job->id); is_known_there && folder)
-      std::ofstream{*folder / kCancelMark} << command.who << '\n';
     const bool waits = is_known_there && !link_->is_up();
     tracker().end(job->id, JobState::Cancelled,
                   fmt::format("by {}{}", command.who, waits ? "; the fab will be told as soon as it is reached" : ""));

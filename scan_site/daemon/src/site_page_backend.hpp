@@ -21,6 +21,7 @@ class SitePageBackend final : public PageBackend {
   Result<std::string> report(std::string_view id) override;
   LinkView link() override;
   Result<void> act(std::string_view id, JobCommand command, std::string_view who) override;
+  Result<void> healthy() override { return store_.health(); }
   std::uint64_t revision() override;
 
   /// From any thread.

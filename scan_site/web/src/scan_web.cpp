@@ -90,6 +90,8 @@ WebResponse metrics(const Call& call) {
 WebResponse health(const Call& call) {
   const auto jobs = call.backend.jobs();
   if (!jobs) return web_problem(jobs.error());
+  if (const auto good = call.backend.healthy(); !good)
+    return web_problem(503, name_of(good.error().code), good.error().what);
   return as_text({{"status", "ok"}, {"jobs", jobs->size()}, {"link", link_json(call.backend.link())}});
 }
 
@@ -104,7 +106,7 @@ const std::vector<Row>& rows() {
        [](const Call& c) {
          return as_text({{"program", "telefab-scan"}, {"version", c.version}, {"api", "v1"}});
        }},
-      {{"GET", "/v1/health", "whether the daemon answers and its store can be read"}, health},
+      {{"GET", "/v1/health", "whether the daemon answers and its store can be read and written"}, health},
       {{"GET", "/v1/link", "the line to the fab"}, [](const Call& c) { return as_text(link_json(c.backend.link())); }},
       {{"GET", "/v1/parameters", "what may be asked of a scan's slicing: names, kinds, units, ranges"},
        [](const Call&) -> WebResponse {

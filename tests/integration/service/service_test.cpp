@@ -3,12 +3,15 @@
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <signal.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
 
 #include <array>
 #include <cstdlib>
+#include <fstream>
+#include <telefab/service/job_tracker.hpp>
 #include <telefab/service/service_notifier.hpp>
 
 #include "two_sites.hpp"
@@ -20,6 +23,66 @@ namespace {
 
 using namespace std::chrono_literals;
 using testing::HasSubstr;
+
+/// No file can grow while it lives, as on a full disk. Nothing may be printed meanwhile.
+class FullDisk {
+ public:
+  FullDisk() {
+    ::signal(SIGXFSZ, SIG_IGN);
+    ::getrlimit(RLIMIT_FSIZE, &usual_);
+    const rlimit none{1, usual_.rlim_max};
+    ::setrlimit(RLIMIT_FSIZE, &none);
+  }
+  ~FullDisk() { ::setrlimit(RLIMIT_FSIZE, &usual_); }
+  FullDisk(const FullDisk&) = delete;
+  FullDisk& operator=(const FullDisk&) = delete;
+
+ private:
+  rlimit usual_{};
+};
+
+class Books : public testing::Test {
+ protected:
+  Books() {
+    std::string pattern = (std::filesystem::temp_directory_path() / "telefab-books-XXXXXX").string();
+    folder_ = ::mkdtemp(pattern.data());
+  }
+  ~Books() override { std::filesystem::remove_all(folder_); }
+  [[nodiscard]] std::filesystem::path folder() const { return folder_; }
+
+ private:
+  std::filesystem::path folder_;
+};
+
+// A disk that was full for seconds once left a job dark, and "printing 20 %" for good.
+TEST_F(Books, AreCaughtUpInOrderOnceADiskThatWasFullHasRoomAgain) {
+  const SystemClock clock;
+  net::Loop loop;
+  const auto tracker = JobTracker::open(folder(), {}, clock, loop).value();
+  const std::string job = tracker->store().create({{}, "a", "toy", "{}", "ana"}).value().id;
+  tracker->move(job, JobState::Slicing, "");
+  Result<void> during;
+  {
+    const FullDisk full;
+    tracker->move(job, JobState::Sending, "");
+    tracker->move(job, JobState::Planning, "supports");
+    tracker->end(job, JobState::Failed, "no support holds it");
+    tracker->note("ana", "cancel " + job);
+    during = tracker->store().health();
+  }
+  ASSERT_FALSE(during);
+  EXPECT_EQ(during.error().code, ErrorCode::StorageFailed);
+  EXPECT_EQ(tracker->store().find(job)->state, JobState::Slicing);
+  for (int tries = 0; tries < 200 && !is_final(tracker->store().find(job)->state); ++tries) loop.run_for(50ms);
+  const auto now = tracker->store().find(job).value();
+  EXPECT_EQ(now.state, JobState::Failed);
+  EXPECT_EQ(now.message, "no support holds it");
+  EXPECT_TRUE(tracker->store().health());
+  EXPECT_EQ(tracker->store().events(job, 0, 100)->size(), 5U) << "each move, and in order";
+  std::ifstream audit{folder() / "audit.log"};
+  const std::string lines{std::istreambuf_iterator<char>{audit}, {}};
+  EXPECT_THAT(lines, HasSubstr("cancel " + job));
+}
 
 class Service : public TwoSites {
  protected:

@@ -43,6 +43,15 @@ TEST(WebRouter, AnswersEveryRouteOfItsTable) {
   }
 }
 
+TEST(WebRouter, SaysOfItsHealthWhetherChangesCanBeKept) {
+  RecordingBackend backend;
+  EXPECT_EQ(answer(ask("GET", "/v1/health", ""), backend, kOptions).status, 200U);
+  backend.health = fail(ErrorCode::StorageFailed, "job store: disk full");
+  const WebResponse sick = answer(ask("GET", "/v1/health", ""), backend, kOptions);
+  EXPECT_EQ(sick.status, 503U);
+  EXPECT_THAT(sick.body, HasSubstr("disk full"));
+}
+
 TEST(WebRouter, NeverChangesStateOnGetOrHead) {
   RecordingBackend backend;
   for (const WebRoute& route : web_routes())

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <deque>
 #include <filesystem>
 #include <map>
+#include <mutex>
 #include <telefab/service/live_counters.hpp>
 #include <telefab/service/state_hooks.hpp>
 #include <telefab/store/audit_log.hpp>
@@ -25,9 +27,10 @@ class JobTracker {
 
   // ---- any thread ----
   [[nodiscard]] JobStore& store() { return *store_; }
-  /// Who did what, or was refused what: into log and audit log.
+  /// Who did what, or was refused what: into log and audit log. What cannot be written is tried again every second.
   void note(std::string_view who, std::string_view what);
-  /// Moves a job where that is a change and may be; logs it and calls the hooks.
+  /// Moves a job where that is a change and may be; logs it and calls the hooks. What cannot be stored is tried again
+  /// every second, in order, until it is; JobStore::health() says so meanwhile.
   void record(const std::string& job, JobState state, std::string_view message);
   void set_stage_seconds(const std::string& job, JobStage stage, double seconds);
 
@@ -46,13 +49,32 @@ class JobTracker {
   void end_stage(const std::string& job, JobStage stage);
 
  private:
+  struct Unsaved {
+    std::string job;
+    JobState state;
+    std::string message;
+  };
+  struct UnsavedNote {
+    std::string who, what;
+    Nanoseconds wall;
+  };
   JobTracker(std::unique_ptr<JobStore> store, std::unique_ptr<AuditLog> audit, std::unique_ptr<StateHooks> hooks,
              const Clock& clock, net::Loop& loop);
 
   std::unique_ptr<JobStore> store_;
   std::unique_ptr<AuditLog> audit_;
   std::unique_ptr<StateHooks> hooks_;
+  /// Stores a move; StorageFailed where it must be tried again. mutex_ is held.
+  [[nodiscard]] Result<void> save(const Unsaved& move);
+  void retry_later();
+  void retry();
+
   const Clock& clock_;
+  net::Loop& loop_;
+  std::mutex mutex_;  ///< what is unsaved, and the order of moves
+  std::deque<Unsaved> unsaved_;
+  std::deque<UnsavedNote> unsaved_notes_;
+  bool is_retrying_ = false;
   LiveCounters counters_;
   std::vector<std::function<void(const std::string&)>> forgetters_;
   std::map<std::string, std::map<JobStage, Nanoseconds>> began_;  ///< by job

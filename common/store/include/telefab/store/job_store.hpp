@@ -46,6 +46,8 @@ class JobStore {
   /// Events of a job with a number above `after`, oldest first, at most `most`.
   [[nodiscard]] Result<std::vector<JobEvent>> events(std::string_view id, std::uint64_t after, std::size_t most) const;
 
+  /// Why the last change could not be kept; nothing is wrong once one could be again.
+  [[nodiscard]] Result<void> health() const;
   /// Grows with every change; for watchers that poll.
   [[nodiscard]] std::uint64_t revision() const;
 

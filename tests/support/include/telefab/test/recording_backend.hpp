@@ -59,6 +59,8 @@ class RecordingBackend : public PageBackend {
     return std::string{"u1"};
   }
   [[nodiscard]] std::string devices_json() override { return R"({"projector":"virtual","light":"off"})"; }
+  [[nodiscard]] Result<void> healthy() override { return health; }
+  Result<void> health;
   [[nodiscard]] std::uint64_t revision() override { return 1; }
 
   struct File {

@@ -28,6 +28,7 @@ class RecordingScanBackend : public PageBackend {
     if (command == JobCommand::Approve) return fail(ErrorCode::Conflict, "there is nothing to approve");
     return {};
   }
+  Result<void> healthy() override { return {}; }
   std::uint64_t revision() override { return 1; }
 
   std::vector<std::pair<std::string, JobCommand>> commands;

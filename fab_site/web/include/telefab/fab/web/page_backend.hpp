@@ -78,6 +78,8 @@ class PageBackend {
   [[nodiscard]] virtual Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) = 0;
   /// JSON of projector and stage: names, light, Z, temperature if there is one.
   [[nodiscard]] virtual std::string devices_json() = 0;
+  /// Why changes of jobs cannot be kept now; nothing is wrong where they can.
+  [[nodiscard]] virtual Result<void> healthy() = 0;
   /// Grows with every change of any job; the event stream sends when it does.
   [[nodiscard]] virtual std::uint64_t revision() = 0;
 

@@ -32,6 +32,8 @@ class PageBackend {
   /// Cancel ends the job here and at the fab; the others are passed on to the fab. Conflict where the state does not
   /// allow it, Unreachable where the fab is needed and away. `who` goes into the audit log.
   [[nodiscard]] virtual Result<void> act(std::string_view id, JobCommand command, std::string_view who) = 0;
+  /// Why changes of jobs cannot be kept now; nothing is wrong where they can.
+  [[nodiscard]] virtual Result<void> healthy() = 0;
   /// Grows with every change of any job or of the line.
   [[nodiscard]] virtual std::uint64_t revision() = 0;
 
@@ -42,8 +44,8 @@ class PageBackend {
 /// The API, row by row.
 [[nodiscard]] const std::vector<WebRoute>& web_routes();
 
-/// The page and the API of a backend, which must outlive it. GET and HEAD never change state; whatever does is a POST with
-/// the token; with an empty token nothing can be changed.
+/// The page and the API of a backend, which must outlive it. GET and HEAD never change state; whatever does is a POST
+/// with the token; with an empty token nothing can be changed.
 class ScanWeb final : public WebSite {
  public:
   ScanWeb(PageBackend& backend, std::string token, std::string version)
