@@ -135,7 +135,8 @@ struct ChunkSpool::Impl {
       if (n < 0 && errno == EINTR) continue;
       if (n < 0) {
         auto error = storage_failed("write");
-        (void)::ftruncate(file, static_cast<off_t>(end));  // a torn tail is cut at the next opening anyway
+        // Where this fails too, the next record is written over the torn one, or the next opening cuts it.
+        if (::ftruncate(file, static_cast<off_t>(end)) != 0) error.value().what += "; nor could it be shortened again";
         return error;
       }
       put_bytes += static_cast<std::size_t>(n);
