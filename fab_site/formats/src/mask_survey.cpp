@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <telefab/fab/mask/pixel_runs.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -12,10 +13,9 @@ namespace {
 constexpr std::uint32_t kNowhere = std::numeric_limits<std::uint32_t>::max();
 constexpr std::uint8_t kLit = 128;
 
-/// Lit pixels side by side in one row, from `begin` to before `end`.
-struct Run {
-  std::uint32_t begin;
-  std::uint32_t end;
+/// Lit pixels side by side in one row.
+struct LitRun {
+  PixelRun pixels;
   std::uint32_t piece;
 };
 
@@ -61,8 +61,8 @@ LayerSurvey survey(const MaskView& mask) {
   out.left = mask.size.width_px;
   out.top = mask.size.height_px;
   Pieces pieces;
-  std::vector<Run> above;
-  std::vector<Run> here;
+  std::vector<LitRun> above;
+  std::vector<LitRun> here;
   std::uint64_t grey = 0;
   for (std::uint32_t y = 0; y < mask.size.height_px; ++y) {
     const auto row = mask.rows.subspan(std::size_t{y} * mask.size.width_px, mask.size.width_px);
@@ -73,17 +73,17 @@ LayerSurvey survey(const MaskView& mask) {
       if (at == row.end()) break;
       const auto end = std::find_if(at, row.end(), [](std::uint8_t v) { return v < kLit; });
       here.push_back(
-          {static_cast<std::uint32_t>(at - row.begin()), static_cast<std::uint32_t>(end - row.begin()), pieces.make()});
-      pieces.grow(here.back().piece, here.back().end - here.back().begin);
+          {{static_cast<std::int32_t>(at - row.begin()), static_cast<std::int32_t>(end - row.begin())}, pieces.make()});
+      pieces.grow(here.back().piece, static_cast<std::uint32_t>(here.back().pixels.width()));
       at = end;
     }
     for (std::size_t i = 0, j = 0; i < here.size() && j < above.size();) {
-      if (here[i].begin < above[j].end && above[j].begin < here[i].end) pieces.join(here[i].piece, above[j].piece);
-      (here[i].end < above[j].end ? i : j) += 1;
+      if (here[i].pixels.meets(above[j].pixels)) pieces.join(here[i].piece, above[j].piece);
+      (here[i].pixels.behind < above[j].pixels.behind ? i : j) += 1;
     }
     if (!here.empty()) {
-      out.left = std::min(out.left, here.front().begin);
-      out.right = std::max(out.right, here.back().end);
+      out.left = std::min(out.left, static_cast<std::uint32_t>(here.front().pixels.first));
+      out.right = std::max(out.right, static_cast<std::uint32_t>(here.back().pixels.behind));
       out.top = std::min(out.top, y);
       out.bottom = y + 1;
     }

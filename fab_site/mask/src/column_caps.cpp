@@ -81,8 +81,8 @@ constexpr std::uint8_t kDark = 1;    // solid, but never lit
 void count_solid(const std::vector<const SolidRows*>& layers, std::uint32_t y, std::size_t from, std::size_t until,
                  bool supports_hold, std::vector<std::uint8_t>& counts) {
   counts.assign(until - from, 0);
-  const auto visit = [&](std::span<const SolidRows::Run> runs, auto&& each) {
-    for (const SolidRows::Run& run : runs) {
+  const auto visit = [&](std::span<const PixelRun> runs, auto&& each) {
+    for (const PixelRun& run : runs) {
       const auto first = std::max(from, static_cast<std::size_t>(run.first));
       const auto behind = std::min(until, static_cast<std::size_t>(run.behind));
       for (std::size_t x = first; x < behind; ++x) each(counts[x - from]);
@@ -122,11 +122,11 @@ LayerCaps::LayerCaps(const CapTable& table, const SolidRows& here, const std::ve
     std::uint8_t* caps = caps_.data() + (y - front_) * width_;
     std::uint8_t* held = held_.data() + (y - front_) * width_;
     count_solid(below, y, from_, until, true, under);
-    for (const SolidRows::Run& run : here.support_row(y))
+    for (const PixelRun& run : here.support_row(y))
       std::fill(under.begin() + (run.first - static_cast<std::ptrdiff_t>(from_)),
                 under.begin() + (run.behind - static_cast<std::ptrdiff_t>(from_)), kHeld);
     char& capped = capped_[y - front_];
-    for (const SolidRows::Run& run : here.row(y))
+    for (const PixelRun& run : here.row(y))
       for (auto x = static_cast<std::size_t>(run.first) - from_; x < static_cast<std::size_t>(run.behind) - from_;
            ++x) {
         if (under[x] >= reach || (grounded && under[x] == below.size()))
@@ -136,7 +136,7 @@ LayerCaps::LayerCaps(const CapTable& table, const SolidRows& here, const std::ve
       }
     if (!capped) continue;
     count_solid(above, y, from_, until, false, over);
-    for (const SolidRows::Run& run : here.row(y))
+    for (const PixelRun& run : here.row(y))
       for (auto x = static_cast<std::size_t>(run.first) - from_; x < static_cast<std::size_t>(run.behind) - from_; ++x)
         if (!held[x]) {
           caps[x] = table.cap(under[x], over[x]);

@@ -96,7 +96,7 @@ bool PatternMaker::darken(const PixelRuns& core, std::uint32_t print_layer, std:
   const auto runs = core.row(y);
   if (runs.empty()) return known;
   if (!known) std::fill(caps.begin(), caps.end(), std::uint8_t{255});
-  for (const PixelRuns::Run& run : runs)
+  for (const PixelRun& run : runs)
     for (std::int32_t x = run.first; x < run.behind; ++x) {
       const bool dark = ((static_cast<std::uint32_t>(x) / cell_px_ + y / cell_px_ + print_layer) & 1U) != 0;
       std::uint8_t& cap = caps[static_cast<std::size_t>(x)];

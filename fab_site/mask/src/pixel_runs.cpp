@@ -28,7 +28,7 @@ PixelRuns without(const PixelRuns& a, const PixelRuns& b) {
     rest.begin_row();
     const auto cut = b.row(y);
     std::size_t j = 0;
-    for (const PixelRuns::Run& run : a.row(y)) {
+    for (const PixelRun& run : a.row(y)) {
       std::int32_t first = run.first;
       while (j < cut.size() && cut[j].behind <= first) ++j;
       for (std::size_t k = j; k < cut.size() && cut[k].first < run.behind; ++k) {
@@ -46,7 +46,7 @@ PixelRuns shrunk(const PixelRuns& set, std::uint32_t by) {
   PixelRuns narrow;
   for (std::uint32_t y = 0; y < set.rows(); ++y) {
     narrow.begin_row();
-    for (const PixelRuns::Run& run : set.row(y))
+    for (const PixelRun& run : set.row(y))
       if (run.behind - run.first > 2 * side) narrow.add({run.first + side, run.behind - side});
   }
   // What 1, 2, 4, .. rows from each row on have in common, and from that 2 by + 1 of them.
@@ -58,7 +58,7 @@ PixelRuns shrunk(const PixelRuns& set, std::uint32_t by) {
   for (std::uint32_t y = 0; y < set.rows(); ++y) {
     out.begin_row();
     if (y < by) continue;
-    for (const PixelRuns::Run& run : from_first.row(y - by)) out.add(run);
+    for (const PixelRun& run : from_first.row(y - by)) out.add(run);
   }
   return out;
 }

@@ -28,9 +28,9 @@ void darken(Mask& mask, const LayerRuns& specks, const LayerRuns& solid) {
   const auto width = static_cast<std::int32_t>(mask.size.width_px),
              height = static_cast<std::int32_t>(mask.size.height_px);
   for (std::int32_t y = 0; y < height; ++y)
-    for (const LayerRuns::Run& run : specks.row(static_cast<std::uint32_t>(y)))
+    for (const PixelRun& run : specks.row(static_cast<std::uint32_t>(y)))
       for (std::int32_t j = std::max(0, y - 1); j <= std::min(height - 1, y + 1); ++j)
-        for (std::int32_t i = std::max(0, run.first - 1); i <= std::min(width - 1, run.last + 1); ++i) {
+        for (std::int32_t i = std::max(0, run.first - 1); i < std::min(width, run.behind + 1); ++i) {
           const auto row = static_cast<std::uint32_t>(j);
           if (solid.contains(i, row) && !specks.contains(i, row)) continue;
           mask.rows[static_cast<std::size_t>(height - 1 - j) * mask.size.width_px + static_cast<std::size_t>(i)] = 0;

@@ -40,7 +40,7 @@ LayerRuns LayerRuns::from_mask(const MaskView& mask, std::uint8_t level) {
       if (x == width) break;
       const std::int32_t first = x;
       x = next_where<false>(row, x, width, level);
-      out.runs_.push_back({first, x - 1});
+      out.runs_.push_back({first, x});
     }
   }
   out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
@@ -62,7 +62,8 @@ LayerRuns LayerRuns::some_of(const LayerRuns& layer, const std::vector<char>& ke
 bool LayerRuns::contains(std::int32_t column, std::uint32_t y) const {
   if (y >= size_.height_px) return false;
   const auto runs = row(y);
-  const auto next = std::partition_point(runs.begin(), runs.end(), [&](const Run& run) { return run.last < column; });
+  const auto next =
+      std::partition_point(runs.begin(), runs.end(), [&](const PixelRun& run) { return run.behind <= column; });
   return next != runs.end() && next->first <= column;
 }
 
@@ -94,15 +95,14 @@ LayerRuns LayerRuns::from_contours(std::span<const Contour> contours, PixelSize 
     for (std::size_t i = 0; i + 1 < row.size(); ++i) {
       winding -= row[i].second;
       if (winding <= 0) continue;
-      const double from = std::ceil(row[i].first / pitch_mm - 0.5),
-                   to = std::ceil(row[i + 1].first / pitch_mm - 0.5) - 1;
+      const double from = std::ceil(row[i].first / pitch_mm - 0.5), to = std::ceil(row[i + 1].first / pitch_mm - 0.5);
       const auto first = static_cast<std::int32_t>(std::clamp(from, 0.0, size.width_px * 1.0));
-      const auto last = static_cast<std::int32_t>(std::clamp(to, -1.0, size.width_px - 1.0));
-      if (first > last) continue;
-      if (out.runs_.size() > begin && out.runs_.back().last + 1 >= first)
-        out.runs_.back().last = std::max(out.runs_.back().last, last);
+      const auto behind = static_cast<std::int32_t>(std::clamp(to, 0.0, size.width_px * 1.0));
+      if (first >= behind) continue;
+      if (out.runs_.size() > begin && out.runs_.back().behind >= first)
+        out.runs_.back().behind = std::max(out.runs_.back().behind, behind);
       else
-        out.runs_.push_back({first, last});
+        out.runs_.push_back({first, behind});
     }
   }
   out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
@@ -116,17 +116,17 @@ LayerRuns LayerRuns::complement() const {
   for (std::uint32_t y = 0; y < size_.height_px; ++y) {
     out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
     std::int32_t next = 0;
-    for (const Run& run : row(y)) {
-      if (run.first > next) out.runs_.push_back({next, run.first - 1});
-      next = run.last + 1;
+    for (const PixelRun& run : row(y)) {
+      if (run.first > next) out.runs_.push_back({next, run.first});
+      next = run.behind;
     }
-    if (next < width) out.runs_.push_back({next, width - 1});
+    if (next < width) out.runs_.push_back({next, width});
   }
   out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
   return out;
 }
 
-std::span<const LayerRuns::Run> LayerRuns::row(std::uint32_t y) const {
+std::span<const PixelRun> LayerRuns::row(std::uint32_t y) const {
   return {runs_.data() + starts_[y], runs_.data() + starts_[y + 1]};
 }
 
@@ -142,12 +142,12 @@ RunComponents components_of(const LayerRuns& layer, bool diagonal) {
   for (std::uint32_t y = 1; y < layer.size().height_px; ++y) {
     const auto below = layer.row(y - 1), here = layer.row(y);
     for (std::size_t i = 0, j = 0; i < below.size() && j < here.size();) {
-      if (below[i].first <= here[j].last + reach && here[j].first <= below[i].last + reach) {
+      if (below[i].first < here[j].behind + reach && here[j].first < below[i].behind + reach) {
         const std::uint32_t a = root(layer.row_start(y - 1) + static_cast<std::uint32_t>(i));
         const std::uint32_t b = root(layer.row_start(y) + static_cast<std::uint32_t>(j));
         parent[std::max(a, b)] = std::min(a, b);
       }
-      if (below[i].last < here[j].last)
+      if (below[i].behind < here[j].behind)
         ++i;
       else
         ++j;
@@ -159,15 +159,15 @@ RunComponents components_of(const LayerRuns& layer, bool diagonal) {
   const auto width = static_cast<std::int32_t>(layer.size().width_px);
   for (std::uint32_t y = 0; y < layer.size().height_px; ++y) {
     std::uint32_t index = layer.row_start(y);
-    for (const LayerRuns::Run& run : layer.row(y)) {
+    for (const PixelRun& run : layer.row(y)) {
       const std::uint32_t r = root(index);
       if (number[r] == kNone) {
         number[r] = static_cast<std::uint32_t>(out.components.size());
         out.components.push_back({0, run.first, y, false});
       }
       auto& component = out.components[number[r]];
-      component.pixels += static_cast<std::uint64_t>(run.last - run.first + 1);
-      component.touches_edge |= run.first == 0 || run.last == width - 1 || y == 0 || y + 1 == layer.size().height_px;
+      component.pixels += static_cast<std::uint64_t>(run.width());
+      component.touches_edge |= run.first == 0 || run.behind == width || y == 0 || y + 1 == layer.size().height_px;
       out.of_run[index++] = number[r];
     }
   }

@@ -89,25 +89,23 @@ struct MaskWatch::State {
                    [&](std::uint32_t run, std::uint32_t whole) { body_of[run] = parts.of_run[whole]; });
     else
       body_of = parts.of_run;
-    const auto pixels = [](std::int32_t first, std::int32_t last) {
-      return static_cast<std::uint64_t>(last - first + 1);
-    };
     for (std::uint32_t y = 0; y < solid.size().height_px; ++y)
       for (std::uint32_t r = solid.row_start(y); r < solid.row_start(y) + solid.row(y).size(); ++r) {
-        const LayerRuns::Run& run = solid.run(r);
+        const PixelRun& run = solid.run(r);
         Bodies::Body& body = bodies[body_of[r]];
-        if (const std::int32_t width = run.last - run.first + 1; width > body.widest) {
-          body.widest = width;
-          body.column = run.first + (width - 1) / 2;
+        if (run.width() > body.widest) {
+          body.widest = run.width();
+          body.column = run.first + (run.width() - 1) / 2;
           body.row = y;
         }
-        body.pixels += pixels(run.first, run.last);
+        body.pixels += static_cast<std::uint64_t>(run.width());
         if (!light) body.lit = body.pixels;
       }
     if (light)
       for_overlaps(solid, light->lit, [&](std::uint32_t here, std::uint32_t lit) {
-        const LayerRuns::Run &a = solid.run(here), &b = light->lit.run(lit);
-        bodies[body_of[here]].lit += pixels(std::max(a.first, b.first), std::min(a.last, b.last));
+        const PixelRun &a = solid.run(here), &b = light->lit.run(lit);
+        const PixelRun both{std::max(a.first, b.first), std::min(a.behind, b.behind)};
+        bodies[body_of[here]].lit += static_cast<std::uint64_t>(both.width());
       });
     if (layers > 0)
       for_overlaps(solid, solid_below, [&](std::uint32_t here, std::uint32_t below) {

@@ -114,7 +114,7 @@ TEST(InnerPattern, TheInsideOfABlockIsAShellAwayFromItsSidesTopAndBottom) {
         const auto row = cores[i].row(y);
         ASSERT_EQ(row.size(), y >= 20 && y < 70 ? 1U : 0U) << y;
         if (!row.empty()) {
-          EXPECT_EQ(row[0], (PixelRuns::Run{20, 80}));
+          EXPECT_EQ(row[0], (PixelRun{20, 80}));
         }
       }
     }

@@ -168,10 +168,10 @@ TEST(LayerRuns, PutsContoursOnTheSamePixelsAsTheirCentres) {
   const LayerRuns runs = LayerRuns::from_contours(std::vector{outer, hole}, {12, 10}, 0.1);
   EXPECT_TRUE(runs.row(0).empty());
   ASSERT_EQ(runs.row(1).size(), 1U);
-  EXPECT_EQ(runs.row(1)[0], (LayerRuns::Run{1, 9}));
+  EXPECT_EQ(runs.row(1)[0], (PixelRun{1, 10}));
   ASSERT_EQ(runs.row(3).size(), 2U);
-  EXPECT_EQ(runs.row(3)[0], (LayerRuns::Run{1, 2}));
-  EXPECT_EQ(runs.row(3)[1], (LayerRuns::Run{6, 9}));
+  EXPECT_EQ(runs.row(3)[0], (PixelRun{1, 3}));
+  EXPECT_EQ(runs.row(3)[1], (PixelRun{6, 10}));
 }
 
 TEST(CureLevel, FollowsTheDoseOfTheProfile) {

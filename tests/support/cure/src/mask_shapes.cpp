@@ -164,7 +164,7 @@ fab::Mask binary_mask(const MachineProfile& machine, std::span<const Contour> ri
   fab::Mask mask{size, std::vector<std::uint8_t>(std::size_t{size.width_px} * size.height_px)};
   for (std::uint32_t y = 0; y < size.height_px; ++y)
     for (const auto& run : runs.row(y))
-      for (std::int32_t x = run.first; x <= run.last; ++x)
+      for (std::int32_t x = run.first; x < run.behind; ++x)
         mask.rows[std::size_t{size.height_px - 1 - y} * size.width_px + static_cast<std::size_t>(x)] = 255;
   return mask;
 }

@@ -30,15 +30,14 @@ class CapTable {
 class SolidRows {
  public:
   SolidRows(std::span<const Contour> part, std::span<const Contour> supports, const MaskFrame& frame);
-  using Run = PixelRuns::Run;
   /// Part and supports.
   [[nodiscard]] const PixelRuns& solid() const { return solid_; }
   /// The pixels of supports alone.
   [[nodiscard]] const PixelRuns& supports() const { return supports_; }
   [[nodiscard]] bool any_support() const { return !supports_.empty(); }
   /// Row y from the front.
-  [[nodiscard]] std::span<const Run> row(std::uint32_t y) const { return solid_.row(y); }
-  [[nodiscard]] std::span<const Run> support_row(std::uint32_t y) const { return supports_.row(y); }
+  [[nodiscard]] std::span<const PixelRun> row(std::uint32_t y) const { return solid_.row(y); }
+  [[nodiscard]] std::span<const PixelRun> support_row(std::uint32_t y) const { return supports_.row(y); }
   [[nodiscard]] std::uint32_t rows() const { return solid_.rows(); }
 
  private:

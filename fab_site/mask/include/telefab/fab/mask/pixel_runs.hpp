@@ -6,23 +6,27 @@
 
 namespace telefab::fab {
 
+/// Pixels side by side in one row, from the column `first` to the one before `behind`.
+struct PixelRun {
+  std::int32_t first = 0;
+  std::int32_t behind = 0;
+  [[nodiscard]] std::int32_t width() const { return behind - first; }
+  /// Whether they share a column.
+  [[nodiscard]] bool meets(const PixelRun& other) const { return first < other.behind && other.first < behind; }
+  friend bool operator==(const PixelRun&, const PixelRun&) = default;
+};
+
 /// A set of pixels of one layer as runs, row by row from the front of the platform. Built row by row.
 /// Invariant: the runs of a row are sorted and do not touch.
 class PixelRuns {
  public:
-  struct Run {
-    std::int32_t first = 0;  ///< column
-    std::int32_t behind = 0;
-    friend bool operator==(const Run&, const Run&) = default;
-  };
-
   /// The next row, empty so far.
   void begin_row() { starts_.push_back(static_cast<std::uint32_t>(runs_.size())); }
   /// To the last row, behind its other runs.
-  void add(Run run) { runs_.push_back(run); }
+  void add(PixelRun run) { runs_.push_back(run); }
 
   [[nodiscard]] std::uint32_t rows() const { return static_cast<std::uint32_t>(starts_.size()); }
-  [[nodiscard]] std::span<const Run> row(std::uint32_t y) const {
+  [[nodiscard]] std::span<const PixelRun> row(std::uint32_t y) const {
     const std::size_t end = y + 1 < starts_.size() ? starts_[y + 1] : runs_.size();
     return {runs_.data() + starts_[y], end - starts_[y]};
   }
@@ -30,7 +34,7 @@ class PixelRuns {
   friend bool operator==(const PixelRuns&, const PixelRuns&) = default;
 
  private:
-  std::vector<Run> runs_;
+  std::vector<PixelRun> runs_;
   std::vector<std::uint32_t> starts_;
 };
 

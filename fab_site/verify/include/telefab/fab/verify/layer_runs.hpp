@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <span>
 #include <telefab/fab/mask/mask.hpp>
+#include <telefab/fab/mask/pixel_runs.hpp>
 #include <telefab/geometry/contour.hpp>
 #include <vector>
 
@@ -12,12 +13,6 @@ namespace telefab::fab {
 /// Invariant: the runs of a row are sorted and do not touch; columns lie in [0, width_px).
 class LayerRuns {
  public:
-  struct Run {
-    std::int32_t first = 0;  ///< column
-    std::int32_t last = 0;   ///< column, included
-    friend bool operator==(const Run&, const Run&) = default;
-  };
-
   LayerRuns() = default;
   /// Pixels of a mask at or above that grey level.
   [[nodiscard]] static LayerRuns from_mask(const MaskView& mask, std::uint8_t level);
@@ -31,8 +26,8 @@ class LayerRuns {
   [[nodiscard]] LayerRuns complement() const;
   [[nodiscard]] PixelSize size() const { return size_; }
   [[nodiscard]] bool contains(std::int32_t column, std::uint32_t y) const;
-  [[nodiscard]] std::span<const Run> row(std::uint32_t y) const;
-  [[nodiscard]] const Run& run(std::uint32_t i) const { return runs_[i]; }
+  [[nodiscard]] std::span<const PixelRun> row(std::uint32_t y) const;
+  [[nodiscard]] const PixelRun& run(std::uint32_t i) const { return runs_[i]; }
   /// Index of the first run of a row among all runs.
   [[nodiscard]] std::uint32_t row_start(std::uint32_t y) const { return starts_[y]; }
   [[nodiscard]] std::uint32_t count() const { return static_cast<std::uint32_t>(runs_.size()); }
@@ -40,7 +35,7 @@ class LayerRuns {
 
  private:
   PixelSize size_;
-  std::vector<Run> runs_;
+  std::vector<PixelRun> runs_;
   std::vector<std::uint32_t> starts_;
 };
 
@@ -65,9 +60,9 @@ void for_overlaps(const LayerRuns& a, const LayerRuns& b, Meet meet) {
   for (std::uint32_t y = 0; y < a.size().height_px && y < b.size().height_px; ++y) {
     const auto p = a.row(y), q = b.row(y);
     for (std::size_t i = 0, j = 0; i < p.size() && j < q.size();) {
-      if (p[i].first <= q[j].last && q[j].first <= p[i].last)
+      if (p[i].meets(q[j]))
         meet(a.row_start(y) + static_cast<std::uint32_t>(i), b.row_start(y) + static_cast<std::uint32_t>(j));
-      if (p[i].last < q[j].last)
+      if (p[i].behind < q[j].behind)
         ++i;
       else
         ++j;
