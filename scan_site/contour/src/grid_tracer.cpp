@@ -11,13 +11,13 @@
 #include <telefab/scan/contour/layer_checks.hpp>
 
 #include "key_table.hpp"
-#include "plane.hpp"
 #include "rings.hpp"
 
 namespace telefab::scan {
 namespace {
 
 constexpr std::uint32_t kNone = KeyTable::kNone;
+constexpr double kLeastAcross = 0.3;  // in-plane part of a normal; flatter samples do not say where the section passes
 /// Cells and nodes are numbered from the middle of this range, so that indices stay positive.
 constexpr std::int64_t kHalf = std::int64_t{1} << 30;
 
@@ -221,7 +221,8 @@ Result<LayerTrace> trace_by_grid(const ScalarField& field, FieldCursor& cursor, 
   GridTracer tracer{plane, {box.min.x(), box.min.y()}, options.pitch_kernels * width, options};
   for (std::size_t i = 0; i < near.points.size(); ++i) {
     const Vec3& p = near.points[i];
-    tracer.seed(expected_crossing(p, near.normals[i], z_mm, 2 * width).value_or(Point2{p.x(), p.y()}));
+    const Vec2 start = first_order_crossing(p, near.normals[i], z_mm, 2 * width, kLeastAcross).value_or(p.head<2>());
+    tracer.seed({start.x(), start.y()});
   }
   if (auto ok = tracer.grow(stop); !ok) return tl::unexpected{ok.error()};
   auto rings = tracer.link(trace.gaps);

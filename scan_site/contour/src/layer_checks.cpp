@@ -70,14 +70,4 @@ std::optional<Point2> find_bad_nesting(std::span<const Contour> rings) {
   return std::nullopt;
 }
 
-std::optional<Point2> expected_crossing(const Vec3& point_mm, const Vec3& normal, double z_mm, double most_shift_mm) {
-  const double nx = normal.x();
-  const double ny = normal.y();
-  const double level2 = nx * nx + ny * ny;
-  if (level2 < 0.09) return std::nullopt;
-  const double shift = -normal.z() * (z_mm - point_mm.z()) / level2;
-  if (std::abs(shift) * std::sqrt(level2) > most_shift_mm) return std::nullopt;
-  return Point2{point_mm.x() + shift * nx, point_mm.y() + shift * ny};
-}
-
 }  // namespace telefab::scan

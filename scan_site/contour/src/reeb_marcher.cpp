@@ -3,6 +3,7 @@
 #include <cmath>
 #include <optional>
 #include <telefab/scan/contour/reeb_marcher.hpp>
+#include <telefab/scan/section/follow_arc.hpp>
 #include <variant>
 
 #include "segment_grid.hpp"
@@ -11,7 +12,6 @@ namespace telefab::scan {
 namespace {
 
 using contour::SegmentGrid;
-using contour::Vec2;
 
 constexpr double kTurnLimit = 0.7;  // radians between two vertices
 constexpr double kFirstStepKernels = 0.05;
@@ -19,15 +19,7 @@ constexpr double kShortestStepKernels = 1e-5;
 constexpr double kResidualShare = 0.02;      // of ds, of a vertex
 constexpr double kSameContourKernels = 0.1;  // a seed this near to a contour belongs to it
 constexpr double kCoverKernels = 0.5;        // a sample this near to a contour belongs to it
-constexpr double kLevelNz = 0.95;            // flatter samples say nothing about where a plane cuts
-
-double cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
-
-struct Vertex {
-  Vec2 point;
-  Vec2 tangent;  ///< unit, solid on the left
-  double closeness_mm = 0;
-};
+constexpr double kLeastAcross = 0.31225;     // in-plane part of a normal of n_z 0.95; flatter samples say nothing
 
 /// A march that gave no contour, and the way it went.
 struct LostMarch {
@@ -35,110 +27,96 @@ struct LostMarch {
   std::vector<Point2> way;
 };
 
-class Marcher {
+/// The paper's steps: 2 sqrt(2 r ds - ds^2) from the radius of the turn before, and arc and chord agree within ds.
+class MarchRules {
  public:
-  Marcher(const ScalarField& field, FieldCursor& cursor, double z_mm, const MarchOptions& options)
-      : field_{field}, cursor_{cursor}, z_mm_{z_mm}, options_{options} {}
+  static constexpr std::size_t kernel_every = 32;
+  static constexpr double shortest_step_kernels = kShortestStepKernels;
+  double first_step_mm, longest_step_kernels;
 
-  [[nodiscard]] double kernel_at(const Vec2& p) const { return field_.kernel_width_mm({p.x(), p.y(), z_mm_}); }
-  [[nodiscard]] std::uint64_t evaluations() const { return evaluations_; }
+  MarchRules(const ScalarField& field, PlaneCursor& plane, const MarchOptions& options, const ArcPlace& first, double h)
+      : first_step_mm{std::min(kFirstStepKernels * h, 4 * options.chord_mm)},
+        longest_step_kernels{options.longest_step_kernels},
+        ring{{first.point.x(), first.point.y()}},
+        closeness_mm{first.closeness_mm},
+        field_{field},
+        plane_{plane},
+        options_{options} {}
+
+  [[nodiscard]] bool goes_on() const { return ring.size() < options_.max_vertices; }
+  [[nodiscard]] std::size_t places() const { return ring.size(); }
+  double kernel_at(const Vec2& p) { return kernel = field_.kernel_width_mm({p.x(), p.y(), plane_.z_mm()}); }
+  [[nodiscard]] std::optional<ArcPlace> project(const Vec2& guess, double h, double most_move_mm) {
+    return project_to_chord(plane_, guess, h, most_move_mm, options_.chord_mm);
+  }
+  [[nodiscard]] ArcStep judge(const ArcPlace& here, const std::optional<ArcPlace>& next, const Vec2& chord,
+                              double length, double step) const {
+    if (!next || length < 0.3 * step) return {0.35, true};
+    // Angles of the chord with both tangents: equal on an arc (sagitta L a / 4), opposite on a bend.
+    const double leave = std::atan2(cross(here.tangent, chord), here.tangent.dot(chord));
+    const double arrive = std::atan2(cross(chord, next->tangent), chord.dot(next->tangent));
+    const double sagitta = length * (std::abs(leave) + std::abs(arrive)) / 8;
+    if (std::abs(leave) + std::abs(arrive) > kTurnLimit || sagitta > 1.05 * options_.chord_mm)
+      return {std::clamp(std::sqrt(0.8 * options_.chord_mm / std::max(sagitta, 1e-12)), 0.25, 0.7)};
+    return {0, false, leave + arrive};
+  }
+  [[nodiscard]] double closing_width(double length) const { return std::max(3 * options_.chord_mm, 0.2 * length); }
+  void keep(const ArcPlace& place) {
+    ring.push_back({place.point.x(), place.point.y()});
+    closeness_mm += place.closeness_mm;
+  }
+  /// The paper's step for the radius of this turn, approached by at most a doubling.
+  [[nodiscard]] double next_step(double turn, double length, double) const {
+    const double ds = options_.chord_mm, bend = turn / length;
+    const double radius = std::abs(bend) > 1e-9 ? 1 / std::abs(bend) : 1e9;
+    const double wanted = 2 * std::sqrt(std::max(2 * radius * ds - ds * ds, ds * ds)) * 0.92;
+    return std::clamp(wanted, 0.5 * length, 2 * length);
+  }
 
   /// Newton within the plane. A step so short that the next would be below the tolerance is not checked again.
-  std::optional<Vertex> project_in_plane(Vec2 p, double h, double limit_mm) {
-    const Vec2 start = p;
-    const double tolerance = kResidualShare * options_.chord_mm;
-    for (int i = 0; i < 12; ++i) {
-      const FieldSample f = cursor_.at({p.x(), p.y(), z_mm_});
-      ++evaluations_;
-      const Vec2 slope = f.gradient.head<2>();
-      const double steep = slope.norm();
-      if (!f.in_reach || !(steep > 1e-4)) return std::nullopt;
-      Vec2 step = -f.value_mm / (steep * steep) * slope;
-      const double length = step.norm();
-      if (length > 0.25 * h) step *= 0.25 * h / length;
-      p += step;
-      if ((p - start).norm() > limit_mm) return std::nullopt;
-      if (length * length < 0.5 * tolerance * h * steep)
-        return Vertex{p, Vec2{-slope.y(), slope.x()} / steep, std::abs(f.closeness_mm)};
-    }
-    return std::nullopt;
+  static std::optional<ArcPlace> project_to_chord(PlaneCursor& plane, const Vec2& from, double h, double most_move_mm,
+                                                  double chord_mm) {
+    const double tolerance = kResidualShare * chord_mm;
+    const auto on =
+        plane.project({from.x(), from.y()}, {0.25 * h, most_move_mm}, [&](const PlaneSample& s, double length, int) {
+          return length * length < 0.5 * tolerance * h * s.steep ? Arrival::AfterStep : Arrival::GoOn;
+        });
+    if (!on) return std::nullopt;
+    return ArcPlace::of(*on);
   }
 
-  std::variant<Contour, LostMarch> around(const Vertex& first) {
-    double h = kernel_at(first.point);
-    const double ds = options_.chord_mm;
-    std::vector<Point2> ring{{first.point.x(), first.point.y()}};
-    const auto lost = [&](MarchProblem::Kind kind, const Vec2& p) {
-      return LostMarch{{kind, {p.x(), p.y()}}, std::move(ring)};
-    };
-    double closeness = first.closeness_mm;
-    Vertex here = first;
-    double step = std::min(kFirstStepKernels * h, 4 * ds);
-    double bend = 0;
-    while (ring.size() < options_.max_vertices) {
-      if (ring.size() % 32 == 0) h = kernel_at(here.point);
-      step = std::min(step, options_.longest_step_kernels * h);
-      const Vec2 left{-here.tangent.y(), here.tangent.x()};
-      const auto next =
-          project_in_plane(here.point + step * here.tangent + 0.5 * bend * step * step * left, h, 0.5 * step);
-      const Vec2 chord = next ? Vec2{next->point - here.point} : Vec2{0, 0};
-      const double length = chord.norm();
-      if (!next || length < 0.3 * step) {
-        step *= 0.35;
-        bend = 0;
-        if (step < kShortestStepKernels * h) return lost(MarchProblem::Kind::Open, here.point);
-        continue;
-      }
-      // Angles of the chord with both tangents: equal on an arc (sagitta L a / 4), opposite on a bend.
-      const double leave = std::atan2(cross(here.tangent, chord), here.tangent.dot(chord));
-      const double arrive = std::atan2(cross(chord, next->tangent), chord.dot(next->tangent));
-      const double sagitta = length * (std::abs(leave) + std::abs(arrive)) / 8;
-      if (std::abs(leave) + std::abs(arrive) > kTurnLimit || sagitta > 1.05 * ds) {
-        step *= std::clamp(std::sqrt(0.8 * ds / std::max(sagitta, 1e-12)), 0.25, 0.7);
-        if (step < kShortestStepKernels * h) return lost(MarchProblem::Kind::Open, here.point);
-        continue;
-      }
-      const Vec2 to_start = first.point - here.point;
-      const double along = to_start.dot(chord) / length;
-      if (ring.size() > 3 && along > 0 && along <= length * 1.0001 &&
-          std::abs(cross(chord, to_start)) / length < std::max(3 * ds, 0.2 * length) &&
-          first.tangent.dot(here.tangent) > 0.3) {
-        if (closeness / static_cast<double>(ring.size()) > options_.pick_kernels * h)
-          return lost(MarchProblem::Kind::FalseBranch, first.point);
-        // A last vertex on top of the first adds nothing.
-        if (to_start.norm() < 0.05 * length && ring.size() > 4) ring.pop_back();
-        auto contour = Contour::from_vertices(std::move(ring));
-        if (!contour) return lost(MarchProblem::Kind::NoArea, first.point);
-        return std::move(*contour);
-      }
-      ring.push_back({next->point.x(), next->point.y()});
-      closeness += next->closeness_mm;
-      const double turn = leave + arrive;
-      bend = turn / length;
-      here = *next;
-      // The paper's step for the radius of this turn, approached by at most a doubling.
-      const double radius = std::abs(bend) > 1e-9 ? 1 / std::abs(bend) : 1e9;
-      const double wanted = 2 * std::sqrt(std::max(2 * radius * ds - ds * ds, ds * ds)) * 0.92;
-      step = std::clamp(wanted, 0.5 * length, 2 * length);
-    }
-    return lost(MarchProblem::Kind::Open, here.point);
-  }
+  std::vector<Point2> ring;
+  double closeness_mm;  ///< of all vertices together
+  double kernel = 0;    ///< asked for last
 
  private:
   const ScalarField& field_;
-  FieldCursor& cursor_;
-  double z_mm_;
+  PlaneCursor& plane_;
   const MarchOptions& options_;
-  std::uint64_t evaluations_ = 0;
 };
+
+std::variant<Contour, LostMarch> march_around(const ScalarField& field, PlaneCursor& plane, const MarchOptions& options,
+                                              const ArcPlace& first) {
+  const double h = field.kernel_width_mm({first.point.x(), first.point.y(), plane.z_mm()});
+  MarchRules rules{field, plane, options, first, h};
+  rules.kernel = h;
+  const ArcEnd end = follow_arc(first, h, rules);
+  const auto lost = [&](MarchProblem::Kind kind, const Vec2& p) {
+    return LostMarch{{kind, {p.x(), p.y()}}, std::move(rules.ring)};
+  };
+  if (!end.closed) return lost(MarchProblem::Kind::Open, end.here);
+  if (rules.closeness_mm / static_cast<double>(rules.ring.size()) > options.pick_kernels * rules.kernel)
+    return lost(MarchProblem::Kind::FalseBranch, first.point);
+  // A last vertex on top of the first adds nothing.
+  if (end.gap_mm < 0.05 * end.step_mm && rules.ring.size() > 4) rules.ring.pop_back();
+  auto contour = Contour::from_vertices(std::move(rules.ring));
+  if (!contour) return lost(MarchProblem::Kind::NoArea, first.point);
+  return std::move(*contour);
+}
 
 /// Where the surface through the sample meets the plane, to first order; none for level samples and long ways.
 std::optional<Vec2> moved_to_plane(const Vec3& p, const Vec3& n, double z_mm, double h) {
-  if (std::abs(n.z()) > kLevelNz) return std::nullopt;
-  const Vec2 across = n.head<2>();
-  const Vec2 shift = -(z_mm - p.z()) * n.z() / across.squaredNorm() * across;
-  if (shift.norm() > h) return std::nullopt;
-  return p.head<2>() + shift;
+  return first_order_crossing(p, n, z_mm, h, kLeastAcross);
 }
 
 }  // namespace
@@ -161,20 +139,20 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
   if (seeds.empty() && near_plane.points.empty()) return layer;
   const Vec3 any = seeds.empty() ? near_plane.points.front() : seeds.front();
   SegmentGrid grid{field.kernel_width_mm(any)};
-  Marcher marcher{field, cursor, z_mm, options};
+  PlaneCursor plane{cursor, z_mm};
   // One failure a way is enough: every sample beside an open contour would go the same way again.
   SegmentGrid failed{field.kernel_width_mm(any)};
 
   const auto try_seed = [&](const Vec2& seed, bool must_lead) {
-    const double h = marcher.kernel_at(seed);
-    const auto first = marcher.project_in_plane(seed, h, options.seed_reach_kernels * h);
+    const double h = field.kernel_width_mm({seed.x(), seed.y(), z_mm});
+    const auto first = MarchRules::project_to_chord(plane, seed, h, options.seed_reach_kernels * h, options.chord_mm);
     if (!first) {
       if (must_lead) layer.problems.push_back({MarchProblem::Kind::SeedOffSurface, {seed.x(), seed.y()}});
       return false;
     }
     const Vec2 outward{first->tangent.y(), -first->tangent.x()};
     if (grid.runs_beside(first->point, outward, std::max(kSameContourKernels * h, 3 * options.chord_mm))) return false;
-    auto found = marcher.around(*first);
+    auto found = march_around(field, plane, options, *first);
     if (const auto* lost = std::get_if<LostMarch>(&found)) {
       layer.problems.push_back(lost->problem);
       if (lost->problem.kind == MarchProblem::Kind::Open) failed.add_path(lost->way);
@@ -204,7 +182,7 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
       failed.add_path(ends);
     }
   }
-  layer.evaluations = marcher.evaluations();
+  layer.evaluations = plane.evaluations();
   return layer;
 }
 

@@ -13,6 +13,15 @@ namespace {
 
 constexpr int kDeepest = 8;
 
+/// How far an arc with these end normals bulges over its chord: L sin(angle) / 4 by the worse end.
+double sagitta_mm(const PlaneSample& a, const PlaneSample& b) {
+  const double dx = b.at.x_mm - a.at.x_mm;
+  const double dy = b.at.y_mm - a.at.y_mm;
+  const Point2 na = a.normal();
+  const Point2 nb = b.normal();
+  return std::max(std::abs(na.x_mm * dx + na.y_mm * dy), std::abs(nb.x_mm * dx + nb.y_mm * dy)) / 4;
+}
+
 void refine_chord(const PlaneSample& a, const PlaneSample& b, PlaneCursor& plane, double chord_mm, int depth,
                   std::vector<PlaneSample>& out) {
   const double length = distance_mm(a.at, b.at);

@@ -4,11 +4,10 @@
 #include <cstdint>
 #include <span>
 #include <telefab/geometry/contour.hpp>
+#include <telefab/scan/section/plane_cursor.hpp>
 #include <vector>
 
 namespace telefab::scan::contour {
-
-using Vec2 = Eigen::Vector2d;
 
 /// Segments of contours by cells of the plane, to ask which run beside a point.
 class SegmentGrid {

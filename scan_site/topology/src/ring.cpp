@@ -4,41 +4,70 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <telefab/scan/section/follow_arc.hpp>
 
 namespace telefab::scan::topology {
 namespace {
 
-constexpr double kTurn = 0.25;  // radians a step: sagitta of a 32nd of the step
+constexpr double kTurn = 0.25;  // radians a step
 constexpr double kTurnLimit = 0.6;
 constexpr double kFirstStepKernels = 0.03;
 constexpr double kLongestStepKernels = 0.6;
 constexpr double kShortestStepKernels = 1e-5;
 constexpr std::size_t kMaxPoints = 400'000;
 
-struct OnPlane {
-  Vec2 point;
-  Vec2 tangent;  ///< unit, solid on the left
-};
-
-std::optional<OnPlane> project_with_slope(FieldCursor& cursor, Vec3 p, double h, double limit) {
-  const Vec2 start = p.head<2>();
-  for (int i = 0; i < 14; ++i) {
-    const FieldSample f = cursor.at(p);
-    const Vec2 slope = f.gradient.head<2>();
-    const double steep = slope.norm();
-    if (!f.in_reach || !(steep > 1e-4)) return std::nullopt;
-    Vec2 step = -f.value_mm / (steep * steep) * slope;
-    const double length = step.norm();
-    if (length > 0.25 * h) step *= 0.25 * h / length;
-    p.head<2>() += step;
-    if ((p.head<2>() - start).norm() > limit) return std::nullopt;
-    if (length < 2e-4 * h && (length < 1e-6 * h || std::abs(f.value_mm) < 2e-6 * h || i > 5))
-      return OnPlane{p.head<2>(), Vec2{-slope.y(), slope.x()} / steep};
-  }
-  return std::nullopt;
+std::optional<PlaneSample> project_closely(PlaneCursor& plane, const Vec2& from, double h, double most_move_mm) {
+  return plane.project(
+      {from.x(), from.y()}, {0.25 * h, most_move_mm, 1e-4, 14}, [&](const PlaneSample& s, double length, int steps) {
+        const bool arrives = length < 2e-4 * h && (length < 1e-6 * h || std::abs(s.value_mm) < 2e-6 * h || steps > 5);
+        return arrives ? Arrival::AfterStep : Arrival::GoOn;
+      });
 }
 
-double cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
+/// Steps of one turn each: sagitta of a 32nd of the step.
+class RingRules {
+ public:
+  static constexpr std::size_t kernel_every = 64;
+  static constexpr double shortest_step_kernels = kShortestStepKernels;
+  static constexpr double longest_step_kernels = kLongestStepKernels;
+  double first_step_mm;
+
+  RingRules(const ScalarField& field, PlaneCursor& plane, const ArcPlace& first, double h, std::stop_token stop)
+      : first_step_mm{kFirstStepKernels * h},
+        points{first.point},
+        field_{field},
+        plane_{plane},
+        stop_{std::move(stop)} {}
+
+  [[nodiscard]] bool goes_on() const { return points.size() < kMaxPoints && !stop_.stop_requested(); }
+  [[nodiscard]] std::size_t places() const { return points.size(); }
+  [[nodiscard]] double kernel_at(const Vec2& p) const { return field_.kernel_width_mm({p.x(), p.y(), plane_.z_mm()}); }
+  [[nodiscard]] std::optional<ArcPlace> project(const Vec2& guess, double h, double most_move_mm) {
+    const auto on = project_closely(plane_, guess, h, most_move_mm);
+    if (!on) return std::nullopt;
+    return ArcPlace::of(*on);
+  }
+  [[nodiscard]] ArcStep judge(const ArcPlace& here, const std::optional<ArcPlace>& next, const Vec2& chord,
+                              double length, double step) const {
+    const double turn = next ? std::atan2(cross(here.tangent, next->tangent), here.tangent.dot(next->tangent)) : 9;
+    // The chord halves the turn on an arc; where it does not, the step jumped to another branch.
+    const double lean = length > 0 ? std::abs(std::atan2(cross(here.tangent, chord), here.tangent.dot(chord))) : 9;
+    if (std::abs(turn) > kTurnLimit || lean > kTurnLimit || length < 0.3 * step) return {0.4, true};
+    return {0, false, turn};
+  }
+  [[nodiscard]] double closing_width(double length) const { return 0.3 * length; }
+  void keep(const ArcPlace& place) { points.push_back(place.point); }
+  [[nodiscard]] double next_step(double turn, double length, double h) const {
+    return std::min(length * std::clamp(kTurn / std::max(std::abs(turn), 1e-6), 0.4, 2.0), kLongestStepKernels * h);
+  }
+
+  std::vector<Vec2> points;
+
+ private:
+  const ScalarField& field_;
+  PlaneCursor& plane_;
+  std::stop_token stop_;
+};
 
 }  // namespace
 
@@ -61,58 +90,28 @@ double Ring::distance_mm(const Vec2& p, double limit_mm) const {
 }
 
 std::optional<Vec3> project_in_plane(FieldCursor& cursor, const Vec3& p, double h_mm, double limit_mm) {
-  const auto on = project_with_slope(cursor, p, h_mm, limit_mm);
+  PlaneCursor plane{cursor, p.z()};
+  const auto on = project_closely(plane, p.head<2>(), h_mm, limit_mm);
   if (!on) return std::nullopt;
-  return Vec3{on->point.x(), on->point.y(), p.z()};
+  return Vec3{on->at.x_mm, on->at.y_mm, p.z()};
 }
 
 std::optional<Ring> trace_ring(const ScalarField& field, FieldCursor& cursor, const Vec3& start, std::stop_token stop) {
-  const double z = start.z();
-  double h = field.kernel_width_mm(start);
-  const auto first = project_with_slope(cursor, start, h, 0.2 * h);
-  if (!first) return std::nullopt;
-
+  const double h = field.kernel_width_mm(start);
+  PlaneCursor plane{cursor, start.z()};
+  const auto on = project_closely(plane, start.head<2>(), h, 0.2 * h);
+  if (!on) return std::nullopt;
+  const ArcPlace first = ArcPlace::of(*on);
+  RingRules rules{field, plane, first, h, std::move(stop)};
   Ring ring;
-  ring.z_mm = z;
-  ring.points = {first->point};
-  OnPlane here = *first;
-  double step = kFirstStepKernels * h;
-  double bend = 0;  // signed, 1/mm, of the step before
-  while (ring.points.size() < kMaxPoints && !stop.stop_requested()) {
-    if (ring.points.size() % 64 == 0) h = field.kernel_width_mm({here.point.x(), here.point.y(), z});
-    step = std::min(step, kLongestStepKernels * h);
-    const Vec2 left{-here.tangent.y(), here.tangent.x()};
-    const Vec2 guess = here.point + step * here.tangent + 0.5 * bend * step * step * left;
-    const auto next = project_with_slope(cursor, {guess.x(), guess.y(), z}, h, 0.5 * step);
-    const Vec2 chord = next ? Vec2{next->point - here.point} : Vec2{0, 0};
-    const double length = chord.norm();
-    const double turn = next ? std::atan2(cross(here.tangent, next->tangent), here.tangent.dot(next->tangent)) : 9;
-    // The chord halves the turn on an arc; where it does not, the step jumped to another branch.
-    const double lean = length > 0 ? std::abs(std::atan2(cross(here.tangent, chord), here.tangent.dot(chord))) : 9;
-    if (std::abs(turn) > kTurnLimit || lean > kTurnLimit || length < 0.3 * step) {
-      step *= 0.4;
-      bend = 0;
-      if (step < kShortestStepKernels * h) break;
-      continue;
-    }
-    // Once around: the start lies beside this step and looks the same way.
-    const Vec2 to_start = first->point - here.point;
-    const double along = to_start.dot(chord) / length;
-    if (ring.points.size() > 3 && along > 0 && along <= length * 1.0001 &&
-        std::abs(cross(chord, to_start)) / length < 0.3 * length && first->tangent.dot(here.tangent) > 0.3) {
-      ring.closed = true;
-      break;
-    }
-    ring.points.push_back(next->point);
-    bend = turn / length;
-    here = *next;
-    step = std::min(length * std::clamp(kTurn / std::max(std::abs(turn), 1e-6), 0.4, 2.0), kLongestStepKernels * h);
-  }
+  ring.closed = follow_arc(first, h, rules).closed;
+  ring.z_mm = start.z();
+  ring.points = std::move(rules.points);
   double area = 0;
   ring.low = ring.high = ring.points.front();
   for (std::size_t i = 0; i < ring.points.size(); ++i) {
     const Vec2& a = ring.points[i];
-    area += cross(a - first->point, ring.points[i + 1 == ring.points.size() ? 0 : i + 1] - first->point);
+    area += cross(a - first.point, ring.points[i + 1 == ring.points.size() ? 0 : i + 1] - first.point);
     ring.low = ring.low.cwiseMin(a);
     ring.high = ring.high.cwiseMax(a);
   }

@@ -3,12 +3,10 @@
 #include <optional>
 #include <span>
 #include <stop_token>
-#include <telefab/scan/mls/scalar_field.hpp>
+#include <telefab/scan/section/plane_cursor.hpp>
 #include <vector>
 
 namespace telefab::scan::topology {
-
-using Vec2 = Eigen::Vector2d;
 
 /// One contour at a height, solid on the left.
 struct Ring {

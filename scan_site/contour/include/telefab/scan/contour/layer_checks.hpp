@@ -15,9 +15,4 @@ namespace telefab::scan {
 /// vertex; none for a sound layer.
 [[nodiscard]] std::optional<Point2> find_bad_nesting(std::span<const Contour> rings);
 
-/// Where the sample's tangent plane cuts the plane z: the section should pass there. None where the surface is too
-/// level for that to mean anything, or the sample too far.
-[[nodiscard]] std::optional<Point2> expected_crossing(const Vec3& point_mm, const Vec3& normal, double z_mm,
-                                                      double most_shift_mm);
-
 }  // namespace telefab::scan
