@@ -204,7 +204,7 @@ Doubt doubt_of(const ContourGap& gap) {
 
 }  // namespace
 
-Result<LayerTrace> trace_by_grid(const ScalarField& field, FieldCursor& cursor, double z_mm, const NearSamples& near,
+Result<LayerTrace> trace_by_grid(const ScalarField& field, FieldCursor& cursor, double z_mm, const SampleView& near,
                                  const GridOptions& options, std::stop_token stop) {
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
   LayerTrace trace;

@@ -132,7 +132,7 @@ Result<void> MarchOptions::validate() const {
 }
 
 Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& cursor, double z_mm,
-                                    std::span<const Vec3> seeds, const NearSamples& near_plane,
+                                    std::span<const Vec3> seeds, const SampleView& near_plane,
                                     const MarchOptions& options, std::stop_token stop) {
   if (const auto valid = options.validate(); !valid) return tl::unexpected{valid.error()};
   MarchedLayer layer;
@@ -187,7 +187,7 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
 }
 
 std::vector<std::size_t> uncovered_samples(const ScalarField& field, double z_mm, std::span<const Contour> contours,
-                                           const NearSamples& near_plane, double reach_kernels) {
+                                           const SampleView& near_plane, double reach_kernels) {
   std::vector<std::size_t> uncovered;
   if (near_plane.points.empty()) return uncovered;
   double widest = 0;

@@ -174,19 +174,18 @@ std::vector<ContourSeed> HeightTopology::seeds(double z_mm) const {
   return found;
 }
 
-Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const Vec3> surface_samples,
-                                      std::span<const Vec3> sample_normals, const TopologyOptions& options,
-                                      std::stop_token stop) {
+Result<HeightTopology> analyse_height(const ScalarField& field, const SampleView& samples,
+                                      const TopologyOptions& options, std::stop_token stop) {
   if (const auto valid = options.validate(); !valid) return tl::unexpected{valid.error()};
-  if (surface_samples.empty())
+  if (samples.points.empty())
     return fail(ErrorCode::InvalidInput, "no samples of the surface; critical points cannot be searched");
-  if (surface_samples.size() != sample_normals.size())
+  if (samples.points.size() != samples.normals.size())
     return fail(ErrorCode::InvalidInput, fmt::format("{} samples but {} normals; give one normal a sample",
-                                                     surface_samples.size(), sample_normals.size()));
+                                                     samples.points.size(), samples.normals.size()));
   const topology::SearchWidth narrow{.least_nz = options.min_start_nz};
   const topology::SearchWidth wide{
       .least_nz = 0.5 * options.min_start_nz, .cell_kernels = 0.3, .first_step_kernels = 4};
-  std::vector<Vec3> starts = topology::candidates(field, surface_samples, sample_normals, narrow);
+  std::vector<Vec3> starts = topology::candidates(field, samples.points, samples.normals, narrow);
   auto points = topology::find_critical_points(field, starts, narrow, stop);
   if (!points) return tl::unexpected{points.error()};
 
@@ -210,7 +209,7 @@ Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const 
       parts.inconsistencies.push_back(
           "no critical point was found, a closed surface has at least two; the samples are too few");
     }
-    if (const auto built = topology::build_reeb_graph(field, surface_samples, sample_normals, parts, run_kernels, stop);
+    if (const auto built = topology::build_reeb_graph(field, samples.points, samples.normals, parts, run_kernels, stop);
         !built)
       return tl::unexpected{built.error()};
     return HeightTopology{std::move(parts)};
@@ -225,7 +224,7 @@ Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const 
     best = std::move(coarse);
   if (best->inconsistencies().empty()) return best;
 
-  std::vector<Vec3> near_inconsistency = topology::candidates(field, surface_samples, sample_normals, wide);
+  std::vector<Vec3> near_inconsistency = topology::candidates(field, samples.points, samples.normals, wide);
   std::erase_if(near_inconsistency,
                 [&](const Vec3& p) { return !best->is_inconsistent(p.z(), field.kernel_width_mm(p)); });
   auto more = topology::find_critical_points(field, near_inconsistency, wide, stop);

@@ -32,7 +32,7 @@ HeightTopology topology_of(const MlsField& field) {
   const auto from = [&](double least_nz) {
     SurfaceSamples level;
     field.level_samples(least_nz, level);
-    return checked(analyse_height(field, level.points, level.normals, {}, {}));
+    return checked(analyse_height(field, level, {}, {}));
   };
   if (field.sample_count() > 500'000) {
     HeightTopology found = from(TopologyOptions{}.min_start_nz);

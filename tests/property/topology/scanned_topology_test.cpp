@@ -49,7 +49,7 @@ Scanned scanned(const AnalyticField& shape, const SampleOptions& options, double
   auto field = MlsField::from_cloud(std::move(cloud), {.kernel_mm = kernel_mm}, {}).value();
   scan::SurfaceSamples kept;
   field->samples_between(-1e9, 1e9, kept);
-  auto topology = scan::analyse_height(*field, kept.points, kept.normals, {}, {}).value();
+  auto topology = scan::analyse_height(*field, kept, {}, {}).value();
   return {std::move(field), std::move(topology)};
 }
 

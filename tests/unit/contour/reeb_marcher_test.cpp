@@ -12,10 +12,10 @@ namespace {
 using scan::march_contours;
 using scan::MarchedLayer;
 using scan::MarchOptions;
-using scan::NearSamples;
+using scan::SampleView;
 
 MarchedLayer marched(const AnalyticField& shape, double z_mm, const std::vector<Vec3>& seeds,
-                     const MarchOptions& options = {}, const NearSamples& near_plane = {}) {
+                     const MarchOptions& options = {}, const SampleView& near_plane = {}) {
   const auto cursor = shape.cursor();
   auto layer = march_contours(shape, *cursor, z_mm, seeds, near_plane, options, {});
   EXPECT_TRUE(layer) << layer.error().what;
@@ -60,7 +60,7 @@ TEST(ReebMarcher, HoldsTheChordOnEveryShapeAndScale) {
   for (const double ds : {0.002, 0.01, 0.05}) {
     for (const Shape& shape : {bumpy(20, 0.7), gyroid_ball(20, 16, 1), torus(20, 8, 35, 1), genus_two(20, 1)}) {
       const SurfaceSamples samples = sample_surface(*shape, {.spacing_mm = 1});
-      const auto topology = scan::analyse_height(*shape, samples.points, samples.normals, {}, {}).value();
+      const auto topology = scan::analyse_height(*shape, {samples.points, samples.normals}, {}, {}).value();
       for (int i = -4; i <= 4; ++i) {
         const double z = 3.917 * i + 0.21;
         if (topology.is_near_critical(z)) continue;
@@ -110,7 +110,7 @@ TEST(ReebMarcher, CoverageFindsTheContourNoSeedLedTo) {
       near.points.push_back(all.points[i]);
       near.normals.push_back(all.normals[i]);
     }
-  const NearSamples band{near.points, near.normals};
+  const SampleView band{near.points, near.normals};
   const double x_left = near.points.front().x() < 0 ? near.points.front().x() : 0;
   const MarchedLayer none = marched(*pair, 1, {}, {}, band);
   EXPECT_EQ(none.contours.size(), 2u);

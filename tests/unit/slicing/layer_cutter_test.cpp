@@ -33,7 +33,7 @@ std::vector<Case> shapes() {
 TEST(LayerCutter, CertifiesOnlyWhatTheFormulaConfirms) {
   for (const Case& c : shapes()) {
     const auto samples = test::sample_surface(*c.shape, {.spacing_mm = c.spacing_mm, .seed = 21});
-    const auto topology = analyse_height(*c.shape, samples.points, samples.normals, {}, {});
+    const auto topology = analyse_height(*c.shape, {samples.points, samples.normals}, {}, {});
     ASSERT_TRUE(topology) << c.name << topology.error().what;
     const CutSetting setting{.field = *c.shape,
                              .topology = &*topology,

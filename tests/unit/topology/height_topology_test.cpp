@@ -15,7 +15,7 @@ using scan::HeightTopology;
 
 HeightTopology analysed(const AnalyticField& shape, double spacing_mm = 0.85) {
   const SurfaceSamples samples = sample_surface(shape, {.spacing_mm = spacing_mm});
-  auto topology = analyse_height(shape, samples.points, samples.normals, {}, {});
+  auto topology = analyse_height(shape, {samples.points, samples.normals}, {}, {});
   EXPECT_TRUE(topology) << topology.error().what;
   return std::move(*topology);
 }
@@ -201,7 +201,7 @@ TEST(HeightTopology, SameResultOnOneAndEightThreads) {
   const SurfaceSamples samples = sample_surface(*shape, {.spacing_mm = 0.8});
   const auto run = [&](std::size_t threads) {
     const tbb::global_control limit{tbb::global_control::max_allowed_parallelism, threads};
-    return analyse_height(*shape, samples.points, samples.normals, {}, {}).value();
+    return analyse_height(*shape, {samples.points, samples.normals}, {}, {}).value();
   };
   const HeightTopology one = run(1);
   const HeightTopology eight = run(8);
@@ -219,10 +219,10 @@ TEST(HeightTopology, SameResultOnOneAndEightThreads) {
 TEST(HeightTopology, OrderOfTheSamplesDoesNotMatter) {
   const Shape shape = genus_two(20, 1);
   SurfaceSamples samples = sample_surface(*shape, {.spacing_mm = 0.8});
-  const auto forward = analyse_height(*shape, samples.points, samples.normals, {}, {}).value();
+  const auto forward = analyse_height(*shape, {samples.points, samples.normals}, {}, {}).value();
   std::reverse(samples.points.begin(), samples.points.end());
   std::reverse(samples.normals.begin(), samples.normals.end());
-  const auto backward = analyse_height(*shape, samples.points, samples.normals, {}, {}).value();
+  const auto backward = analyse_height(*shape, {samples.points, samples.normals}, {}, {}).value();
   ASSERT_EQ(forward.critical_points().size(), backward.critical_points().size());
   for (std::size_t i = 0; i < forward.critical_points().size(); ++i)
     EXPECT_EQ(forward.critical_points()[i].position_mm, backward.critical_points()[i].position_mm);
@@ -232,7 +232,7 @@ TEST(HeightTopology, PredictsNothingWhereNoSampleIsNearLevel) {
   const Shape shape = sphere(20, 1);
   const std::vector<Vec3> belt{{20, 0, 0}, {0, 20, 0}, {-20, 0, 0}};
   const std::vector<Vec3> normals{{1, 0, 0}, {0, 1, 0}, {-1, 0, 0}};
-  const HeightTopology topology = analyse_height(*shape, belt, normals, {}, {}).value();
+  const HeightTopology topology = analyse_height(*shape, {belt, normals}, {}, {}).value();
   EXPECT_FALSE(topology.predicted_euler(0));
   EXPECT_FALSE(topology.predicted_contours(0));
   EXPECT_FALSE(topology.inconsistencies().empty());
@@ -243,7 +243,7 @@ TEST(HeightTopology, StopsWhenAsked) {
   const SurfaceSamples samples = sample_surface(*shape, {.spacing_mm = 2});
   std::stop_source stop;
   stop.request_stop();
-  const auto result = analyse_height(*shape, samples.points, samples.normals, {}, stop.get_token());
+  const auto result = analyse_height(*shape, {samples.points, samples.normals}, {}, stop.get_token());
   ASSERT_FALSE(result);
   EXPECT_EQ(result.error().code, ErrorCode::Cancelled);
 }
@@ -252,12 +252,12 @@ TEST(HeightTopology, RefusesWhatCannotBeSearched) {
   const Shape shape = sphere(20, 1);
   const std::vector<Vec3> two{{0, 0, 20}, {0, 0, -20}};
   const std::vector<Vec3> one{{0, 0, 1}};
-  EXPECT_EQ(analyse_height(*shape, {}, {}, {}, {}).error().code, ErrorCode::InvalidInput);
-  EXPECT_EQ(analyse_height(*shape, two, one, {}, {}).error().code, ErrorCode::InvalidInput);
+  EXPECT_EQ(analyse_height(*shape, {}, {}, {}).error().code, ErrorCode::InvalidInput);
+  EXPECT_EQ(analyse_height(*shape, {two, one}, {}, {}).error().code, ErrorCode::InvalidInput);
   for (const scan::TopologyOptions& bad :
        {scan::TopologyOptions{.min_start_nz = 1}, scan::TopologyOptions{.near_critical_kernels = 0},
         scan::TopologyOptions{.noise_mm = -1}, scan::TopologyOptions{.max_critical_points = 0}})
-    EXPECT_EQ(analyse_height(*shape, one, one, bad, {}).error().code, ErrorCode::InvalidInput);
+    EXPECT_EQ(analyse_height(*shape, {one, one}, bad, {}).error().code, ErrorCode::InvalidInput);
 }
 
 }  // namespace

@@ -38,7 +38,7 @@ struct LayerTrace {
 /// and refinement to the chord tolerance; every vertex lies on g = 0 within the plane. Finds every contour that
 /// passes a seed. Same input, same bytes. Fails: InvalidInput (options), TooLarge (limits.hpp), Cancelled.
 [[nodiscard]] Result<LayerTrace> trace_by_grid(const ScalarField& field, FieldCursor& cursor, double z_mm,
-                                               const NearSamples& near, const GridOptions& options,
+                                               const SampleView& near, const GridOptions& options,
                                                std::stop_token stop);
 
 /// Brings the rings into canonical order and adds the faults every method is judged by: crossings and nesting.

@@ -4,7 +4,7 @@
 #include <stop_token>
 #include <telefab/base/result.hpp>
 #include <telefab/geometry/contour.hpp>
-#include <telefab/scan/mls/scalar_field.hpp>
+#include <telefab/scan/mls/surface_samples.hpp>
 #include <vector>
 
 namespace telefab::scan {
@@ -32,12 +32,6 @@ struct MarchedLayer {
   std::uint64_t evaluations = 0;       ///< of the field
 };
 
-/// Samples near the plane, for the completeness test: positions and unit outward normals, same length.
-struct NearSamples {
-  std::span<const Vec3> points;
-  std::span<const Vec3> normals;
-};
-
 /// Follows every contour of the slice at z once around from its seeds (paper 3.2.4): steps 2 sqrt(2 r ds - ds^2) from
 /// the radius r of the turn before, Newton in the plane with the quotient gradient, and a step is halved until arc and
 /// chord agree within ds. Seeds that lie on a contour already found are skipped, so any number a contour is right.
@@ -45,13 +39,13 @@ struct NearSamples {
 /// Threads: one cursor a thread. Deterministic. Fails: InvalidInput (options), Cancelled.
 /// Cost: 1.3 to 2 evaluations a vertex.
 [[nodiscard]] Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& cursor, double z_mm,
-                                                  std::span<const Vec3> seeds, const NearSamples& near_plane,
+                                                  std::span<const Vec3> seeds, const SampleView& near_plane,
                                                   const MarchOptions& options, std::stop_token stop);
 
 /// Indices of the samples beside which, moved to the plane along their tangent planes, no contour of like normal runs
 /// within `reach_kernels` of the local kernel. Level samples, which say nothing about a plane, are left out.
 [[nodiscard]] std::vector<std::size_t> uncovered_samples(const ScalarField& field, double z_mm,
                                                          std::span<const Contour> contours,
-                                                         const NearSamples& near_plane, double reach_kernels);
+                                                         const SampleView& near_plane, double reach_kernels);
 
 }  // namespace telefab::scan

@@ -9,6 +9,7 @@
 #include <telefab/base/result.hpp>
 #include <telefab/scan/cloud/point_cloud.hpp>
 #include <telefab/scan/mls/scalar_field.hpp>
+#include <telefab/scan/mls/surface_samples.hpp>
 #include <vector>
 
 namespace telefab::scan {
@@ -29,13 +30,6 @@ struct MlsOptions {
   std::optional<double> kernel_mm;  ///< (0, 1000]; one width h everywhere. None: from local spacing and noise
   bool drop_outliers = true;        ///< samples that no surface of their neighbours explains are left out
   [[nodiscard]] Result<void> validate() const;
-};
-
-/// Points of the scan in the build frame, millimetres, with outward unit normals; same length.
-struct SurfaceSamples {
-  std::vector<Vec3> points;
-  std::vector<Vec3> normals;
-  std::vector<std::uint8_t> in_gap = {};  ///< 1: nobody measured it (GapSample); empty: all are measured
 };
 
 /// A sample that nobody measured, on the surface continued across a gap of the scan.

@@ -8,7 +8,7 @@
 #include <string>
 #include <telefab/base/result.hpp>
 #include <telefab/geometry/certificate.hpp>
-#include <telefab/scan/mls/scalar_field.hpp>
+#include <telefab/scan/mls/surface_samples.hpp>
 #include <vector>
 
 namespace telefab::scan {
@@ -174,12 +174,10 @@ class HeightTopology {
 };
 
 /// Critical points, Morse-Smale complex, enhanced Reeb graph and prediction for every height (paper 3.2.1 to 3.2.3).
-/// `surface_samples` lie near the zero set, `sample_normals` are unit and outward; they start the searches, so every
-/// level place larger than a kernel must have one.
+/// `samples` lie near the zero set; they start the searches, so every level place larger than a kernel must have one.
 /// Fails: InvalidInput (options, unequal lengths, no samples), TooLarge, Cancelled.
 /// Cost: about 10 evaluations a near-level sample and 500 a saddle; parallel, same result on any thread count.
-[[nodiscard]] Result<HeightTopology> analyse_height(const ScalarField& field, std::span<const Vec3> surface_samples,
-                                                    std::span<const Vec3> sample_normals,
+[[nodiscard]] Result<HeightTopology> analyse_height(const ScalarField& field, const SampleView& samples,
                                                     const TopologyOptions& options, std::stop_token stop);
 
 }  // namespace telefab::scan
