@@ -88,8 +88,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const auto asked = job_parameters_of(o.asked, machine.value_or(MachineProfile{}), Contours::Plain);
   if (!asked) return tl::unexpected{asked.error()};
   const SliceRequest& slice = asked->slice;
-  const InspectRequest request{slice.intake,  machine,   slice.height_mm, slice.scale,
-                               slice.unit_mm, slice.fit, slice.up,        slice.mls};
+  const InspectRequest request{slice.intake, machine, slice.placement, slice.mls};
 
   const auto scan = read_file(o.cloud, kMaxScanBytes);
   if (!scan) return tl::unexpected{scan.error()};

@@ -18,11 +18,7 @@ Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_vie
     place.machine.name = "the coordinate limit";
     place.machine.platform = {kMaxCoordinateMm, kMaxCoordinateMm, kMaxCoordinateMm};
   }
-  place.height_mm = request.height_mm;
-  place.scale = request.scale;
-  place.unit_mm = request.unit_mm;
-  place.up = request.up;
-  place.fit = request.fit;
+  place.placement = request.placement;
   place.mls = request.mls;
   if (auto ok = place.validate(); !ok) return tl::unexpected{ok.error()};
 
@@ -43,7 +39,7 @@ Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_vie
   field.samples_between(box.min.z(), box.max.z(), all);
   TopologyOptions options;
   options.noise_mm = field.kernel().noise_mm;
-  auto topology = analyse_height(field, all.points, all.normals, options, stop);
+  auto topology = analyse_height(field, all, options, stop);
   if (!topology) return fail_in(name, topology.error());
   clock.lap("topology");
   std::vector<std::string> warnings = prepared.warnings;

@@ -28,8 +28,8 @@ Result<Coding> coding_from(std::string_view name) {
 }
 
 Result<void> take_words(const SliceParameters& asked, SliceRequest& slice) {
-  if (auto ok = take(asked.units, millimetres_per, slice.unit_mm); !ok) return ok;
-  if (auto ok = take(asked.up, up_axis_from, slice.up); !ok) return ok;
+  if (auto ok = take(asked.units, millimetres_per, slice.placement.unit_mm); !ok) return ok;
+  if (auto ok = take(asked.up, up_axis_from, slice.placement.up); !ok) return ok;
   if (auto ok = take(asked.method, trace_method_from, slice.method); !ok) return ok;
   if (auto ok = take(asked.surface, surface_kind_from, slice.mls.surface); !ok) return ok;
   if (auto ok = take(asked.crop, crop_box_from, slice.intake.pick.crop); !ok) return ok;
@@ -62,9 +62,9 @@ Result<JobParameters> job_parameters_of(const SliceParameters& asked, const Mach
   JobParameters parameters;
   SliceRequest& slice = parameters.slice;
   slice.machine = machine;
-  slice.height_mm = asked.height_mm;
-  slice.scale = asked.scale;
-  slice.fit = asked.fit;
+  slice.placement.height_mm = asked.height_mm;
+  slice.placement.scale = asked.scale;
+  slice.placement.fit = asked.fit;
   slice.layer_mm = asked.layer_mm;
   slice.chord_mm = asked.chord_mm;
   slice.mls.kernel_mm = asked.kernel_mm;

@@ -44,8 +44,8 @@ constexpr double kFitMargin = 0.01;  // of the room, kept free on every side
 
 Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request) {
   if (scan.points.empty()) return fail(ErrorCode::InvalidInput, "the scan has no points");
-  const Eigen::Matrix3f turn = turn_of(request.up);
-  if (request.up != UpAxis::PlusZ) {
+  const Eigen::Matrix3f turn = turn_of(request.placement.up);
+  if (request.placement.up != UpAxis::PlusZ) {
     scan.origin = turn.cast<double>() * scan.origin;
     for (auto& p : scan.points) p = turn * p;
     for (auto& n : scan.normals) n = turn * n;
@@ -69,18 +69,19 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   const MachineProfile::Platform& platform = request.machine.platform;
   const Vec3 room{platform.width_mm, platform.depth_mm, platform.z_travel_mm};
   const double largest = room.cwiseQuotient(size).minCoeff();
-  const double unit_mm = request.unit_mm.value_or(scan.unit_mm.value_or(1));
+  const double unit_mm = request.placement.unit_mm.value_or(scan.unit_mm.value_or(1));
   double scale = unit_mm;
-  if (request.height_mm) scale = *request.height_mm / size.z();
-  if (request.scale) scale = *request.scale;
-  if (request.fit) {
+  if (request.placement.height_mm) scale = *request.placement.height_mm / size.z();
+  if (request.placement.scale) scale = *request.placement.scale;
+  if (request.placement.fit) {
     // The surface swells beyond its samples, by a share of their spacing that is not known yet, and supports lift it.
     const Vec3 used = (1 - 2 * kFitMargin) * room - Vec3{0, 0, request.machine.supports.lift_off_mm};
     scale = used.cwiseMax(room / 2).cwiseQuotient(size).minCoeff();
   }
   const Vec3 size_mm = scale * size;
   std::optional<std::string> warning;
-  if (!request.height_mm && !request.scale && !request.fit) warning = scale_warning(size_mm, unit_mm);
+  if (!request.placement.height_mm && !request.placement.scale && !request.placement.fit)
+    warning = scale_warning(size_mm, unit_mm);
   const std::string hint = warning ? "; " + *warning : std::string{};
   if (!size_mm.allFinite() || (size_mm - room).maxCoeff() > 1e-9 * room.maxCoeff())
     return fail(ErrorCode::InvalidInput,
@@ -98,7 +99,7 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   Placement placed;
   placed.size_mm = size_mm;
   placed.scale_warning = std::move(warning);
-  placed.unit_is_stated = request.unit_mm || scan.unit_mm;
+  placed.unit_is_stated = request.placement.unit_mm || scan.unit_mm;
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c) placed.scan_to_build[static_cast<std::size_t>(4 * r + c)] = scale * turn(r, c);
     placed.scan_to_build[static_cast<std::size_t>(4 * r + 3)] = shift[r];

@@ -80,7 +80,7 @@ Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) 
   const auto from = [&](double least_nz) {
     SurfaceSamples level;
     field.level_samples(least_nz, level);
-    return analyse_height(field, level.points, level.normals, options, stop);
+    return analyse_height(field, level, options, stop);
   };
   // Only plateaus and inconsistent places ask for the steeper samples. They are four times as many: of a large scan the
   // others are tried alone first, to save memory.
@@ -325,16 +325,21 @@ Result<void> complete_gaps_as(std::string_view text, SliceRequest& request) {
   return {};
 }
 
+namespace {
+
+bool positive(const std::optional<double>& value, double most) {
+  return !value || (std::isfinite(*value) && *value > 0 && *value <= most);
+}
+
+}  // namespace
+
 Result<UpAxis> up_axis_from(std::string_view name) {
   for (const auto& [axis, text] : kUpAxes)
     if (name == text) return axis;
   return fail(ErrorCode::InvalidInput, fmt::format("no axis named \"{}\"; there are x, -x, y, -y, z, -z", name));
 }
 
-Result<void> SliceRequest::validate() const {
-  const auto positive = [](const std::optional<double>& value, double most) {
-    return !value || (std::isfinite(*value) && *value > 0 && *value <= most);
-  };
+Result<void> PlacementOptions::validate() const {
   if ((height_mm ? 1 : 0) + (scale ? 1 : 0) + (fit ? 1 : 0) > 1)
     return fail(ErrorCode::InvalidInput, "give one of height, scale and fit, not several");
   if (!positive(height_mm, kMaxCoordinateMm))
@@ -344,6 +349,11 @@ Result<void> SliceRequest::validate() const {
     return fail(ErrorCode::InvalidInput, fmt::format("a unit of {} mm is not in (0, 1e9]", *unit_mm));
   if (scale && unit_mm)
     return fail(ErrorCode::InvalidInput, "a scale and a unit say the same thing twice; give one of them");
+  return {};
+}
+
+Result<void> SliceRequest::validate() const {
+  if (auto ok = placement.validate(); !ok) return ok;
   if (!positive(layer_mm, 1))
     return fail(ErrorCode::InvalidInput, fmt::format("layer thickness {} mm is not in (0, 1]", *layer_mm));
   if (!positive(chord_mm, 1))

@@ -106,7 +106,7 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
   request.machine.name = "campaign";
   request.machine.platform = {1e4, 1e4, 1e4};
   request.machine.projection.pixel_pitch_mm = 0.14;
-  request.scale = kHeightMm / static_cast<double>(high->z() - low->z());
+  request.placement.scale = kHeightMm / static_cast<double>(high->z() - low->z());
   request.layer_mm = kLayerMm;
   request.complete = setup.complete;
   std::vector<Layer> layers;

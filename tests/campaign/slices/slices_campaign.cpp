@@ -93,7 +93,7 @@ Result<Tally> row(const std::string& name, int turn, const scan::PointCloud& clo
   request.machine.platform = {1e4, 1e4, 1e4};
   request.machine.projection.pixel_pitch_mm = 0.14;
   request.machine.layers.thickness_mm = 0.1;
-  request.height_mm = setup.height_mm;
+  request.placement.height_mm = setup.height_mm;
   request.layer_mm = std::min(1.0, setup.height_mm / setup.layers);
   request.chord_mm = setup.chord_mm;
   const auto surface = scan::surface_kind_from(setup.surface);

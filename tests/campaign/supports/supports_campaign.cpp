@@ -96,7 +96,7 @@ Result<LayerStack> sliced(const fs::path& scan, const MachineProfile& machine, i
       std::min(machine.platform.z_travel_mm - 2 * lift, setup.most_layers * machine.layers.thickness_mm)};
   scan::SliceRequest request;
   request.machine = machine;
-  request.height_mm = room.cwiseQuotient(size).minCoeff() * size.z() * (1 - 1e-5);
+  request.placement.height_mm = room.cwiseQuotient(size).minCoeff() * size.z() * (1 - 1e-5);
   request.chord_mm = CodecOptions{}.chord_error_pitch * machine.projection.pixel_pitch_mm;
   std::vector<Layer> layers;
   std::optional<StackHeader> header;
@@ -113,7 +113,7 @@ Result<LayerStack> sliced(const fs::path& scan, const MachineProfile& machine, i
     if (!report) return tl::unexpected{report.error()};
     const double over = overhang_of(layers, machine);
     if (over <= 1) break;
-    *request.height_mm /= over * 1.01;
+    *request.placement.height_mm /= over * 1.01;
   }
   auto stack = LayerStack::from_layers(*header, std::move(layers));
   if (!stack) return tl::unexpected{stack.error()};

@@ -41,7 +41,7 @@ TEST(Inspection, OfARingSeesOneHole) {
 }
 
 TEST(Inspection, StandsOnTheGroundAtTheAskedHeight) {
-  const Inspection inspection = inspected({.height_mm = 92.0});
+  const Inspection inspection = inspected({.placement = {.height_mm = 92.0}});
   EXPECT_NEAR(inspection.size_mm.z(), 92, 1e-4);
   EXPECT_NEAR(inspection.topology.critical_points().front().position_mm.z(), 0, 0.1);
   EXPECT_NEAR(inspection.topology.critical_points().back().position_mm.z(), 92, 0.1);
@@ -50,8 +50,8 @@ TEST(Inspection, StandsOnTheGroundAtTheAskedHeight) {
 TEST(Inspection, FillsTheMachineWithTheAxisAskedForUp) {
   MachineProfile machine;
   machine.platform = {28, 28, 100};
-  const Inspection as_it_lies = inspected({.machine = machine, .fit = true});
-  const Inspection turned = inspected({.machine = machine, .fit = true, .up = scan::UpAxis::PlusX});
+  const Inspection as_it_lies = inspected({.machine = machine, .placement = {.fit = true}});
+  const Inspection turned = inspected({.machine = machine, .placement = {.fit = true, .up = scan::UpAxis::PlusX}});
   EXPECT_LE(as_it_lies.size_mm.y(), 28);
   EXPECT_LE(turned.size_mm.y(), 28);
   EXPECT_NEAR(turned.size_mm.z() / as_it_lies.size_mm.x(), turned.size_mm.x() / as_it_lies.size_mm.z(), 0.01);
@@ -104,7 +104,8 @@ TEST(Inspection, ViewerFilesHoldAsManyPointsAsTheySay) {
 
 TEST(Inspection, RefusesHeightAndScaleTogether) {
   const std::string text = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
-  const auto result = inspect_scan(std::as_bytes(std::span{text}), "a.xyz", {.height_mm = 10.0, .scale = 2.0}, {}, {});
+  const auto result =
+      inspect_scan(std::as_bytes(std::span{text}), "a.xyz", {.placement = {.height_mm = 10.0, .scale = 2.0}}, {}, {});
   ASSERT_FALSE(result);
   EXPECT_EQ(result.error().code, ErrorCode::InvalidInput);
 }

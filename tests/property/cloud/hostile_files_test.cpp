@@ -52,7 +52,7 @@ TEST_P(HostileFiles, EndInLayersOrInAClearErrorAllTheWay) {
   request.machine.platform = {60, 40, 50};
   request.machine.projection.pixel_pitch_mm = 0.5;
   request.machine.layers.thickness_mm = 1;
-  request.fit = true;
+  request.placement.fit = true;
   const auto report =
       slice_scan(bytes, file.name, request, [](const StackHeader&, Layer&&) { return Result<void>{}; }, {}, {});
   if (!report) expect_clear(report.error(), "");

@@ -133,13 +133,13 @@ TEST(SliceScan, FindsTheSameRingsByGridAndByMarching) {
 
 TEST(SliceScan, ScalesToHeightAndToFit) {
   SliceRequest request = request_for();
-  request.height_mm = 13;
+  request.placement.height_mm = 13;
   const Outcome small = slice(torus_text(), request);
   ASSERT_TRUE(small.report);
   EXPECT_NEAR(small.report->size_mm[2], 13, 1e-4);
   EXPECT_EQ(small.layers.size(), 26U);
-  request.height_mm.reset();
-  request.fit = true;
+  request.placement.height_mm.reset();
+  request.placement.fit = true;
   request.layers = {{10, 10}};
   const Outcome large = slice(torus_text(), request);
   ASSERT_TRUE(large.report) << large.report.error().what;
@@ -149,7 +149,7 @@ TEST(SliceScan, ScalesToHeightAndToFit) {
 
 TEST(SliceScan, RefusesAPartLargerThanTheMachineNamingBothSizes) {
   SliceRequest request = request_for();
-  request.height_mm = 80;
+  request.placement.height_mm = 80;
   const Outcome outcome = slice(torus_text(), request);
   ASSERT_FALSE(outcome.report);
   EXPECT_EQ(outcome.report.error().code, ErrorCode::InvalidInput);
@@ -162,8 +162,8 @@ TEST(SliceScan, RefusesWhatCannotBeSliced) {
   for (const std::string scan : {"", "1 2 3\n", "0 0 0 0 0 1\n1 0 0 0 0 1\n0 1 0 0 0 1\n1 1 0 0 0 1\n"})
     EXPECT_FALSE(slice(scan, request_for()).report) << scan;
   SliceRequest two = request_for();
-  two.height_mm = 10;
-  two.fit = true;
+  two.placement.height_mm = 10;
+  two.placement.fit = true;
   EXPECT_FALSE(slice(torus_text(), two).report);
   SliceRequest thin = request_for();
   thin.layer_mm = 0;
@@ -210,7 +210,7 @@ Result<SliceReport> one_layer_of_a_ball(double unit, SliceRequest request) {
 
 TEST(SliceScan, TakesTheUnitStatedAndWarnsOfASizeHardlyMeant) {
   SliceRequest in_metres = request_for();
-  in_metres.unit_mm = 1000;
+  in_metres.placement.unit_mm = 1000;
   const auto stated = one_layer_of_a_ball(0.001, in_metres);
   ASSERT_TRUE(stated) << stated.error().what;
   EXPECT_NEAR(stated->size_mm[2], 20, 0.5);
@@ -221,11 +221,11 @@ TEST(SliceScan, TakesTheUnitStatedAndWarnsOfASizeHardlyMeant) {
   EXPECT_EQ(unstated.error().code, ErrorCode::InvalidInput);
   EXPECT_NE(unstated.error().what.find("say --units m"), std::string::npos) << unstated.error().what;
   SliceRequest meant = request_for();
-  meant.unit_mm = 1;
+  meant.placement.unit_mm = 1;
   EXPECT_TRUE(one_layer_of_a_ball(0.05, meant)) << "whoever states the unit is believed";
 
   SliceRequest sized = request_for();
-  sized.height_mm = 20;
+  sized.placement.height_mm = 20;
   const auto by_height = one_layer_of_a_ball(0.001, sized);
   ASSERT_TRUE(by_height) << by_height.error().what;
   EXPECT_TRUE(by_height->warnings.empty());
@@ -234,7 +234,7 @@ TEST(SliceScan, TakesTheUnitStatedAndWarnsOfASizeHardlyMeant) {
   ASSERT_FALSE(far_too_large);
   EXPECT_NE(far_too_large.error().what.find("say --units mm"), std::string::npos) << far_too_large.error().what;
 
-  in_metres.scale = 2;
+  in_metres.placement.scale = 2;
   EXPECT_FALSE(in_metres.validate());
 }
 
@@ -280,7 +280,7 @@ std::string ball_text(const std::string& more = {}) {
 
 TEST(SliceScan, LetsNoStrayPointSetSizePlaceOrLayerCount) {
   SliceRequest request = request_for();
-  request.height_mm = 20;
+  request.placement.height_mm = 20;
   const Outcome clean = slice(ball_text(), request);
   ASSERT_TRUE(clean.report) << clean.report.error().what;
   for (const std::string stray : {"0 0 -400 0 0 1\n", "0 0 22 0 0 1\n", "14 0 0 1 0 0\n", "13 0 0 1 0 0\n",
@@ -552,7 +552,7 @@ TEST(SliceScan, TurnsTheNamedAxisUpWithoutMirroring) {
       {{"x", 24}, {"-x", 24}, {"y", 18}, {"-y", 18}, {"z", 12}, {"-z", 12}}};
   for (const auto& [name, height] : heights) {
     SliceRequest request = request_for();
-    request.up = up_axis_from(name).value();
+    request.placement.up = up_axis_from(name).value();
     request.layers = {{5, 5}};
     const Outcome outcome = slice(scan, request);
     ASSERT_TRUE(outcome.report) << name << ": " << outcome.report.error().what;

@@ -21,11 +21,7 @@ namespace telefab::scan {
 struct InspectRequest {
   IntakeOptions intake;  ///< which points are the object
   std::optional<MachineProfile> machine;
-  std::optional<double> height_mm;  ///< > 0; the scan's z extent becomes this
-  std::optional<double> scale;      ///< > 0; millimetres per unit of the file; not with height_mm
-  std::optional<double> unit_mm;    ///< > 0; millimetres in a unit of the file; none: as the file states it, or one
-  bool fit = false;                 ///< as large as the machine holds; with a machine, without height and scale
-  UpAxis up = UpAxis::PlusZ;        ///< turned before it is scaled
+  PlacementOptions placement;  ///< a fit needs a machine
   MlsOptions mls;
 };
 

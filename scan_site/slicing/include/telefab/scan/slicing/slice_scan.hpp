@@ -31,15 +31,22 @@ enum class UpAxis : std::uint8_t { PlusX = 1, MinusX = 2, PlusY = 3, MinusY = 4,
 [[nodiscard]] Result<UpAxis> up_axis_from(std::string_view name);
 
 /// Everything that decides the layers. At most one of height, scale and fit; none: the file's own size.
-struct SliceRequest {
-  MachineProfile machine;
-  IntakeOptions intake;             ///< which points are the object; strays stay where `mls` keeps its outliers
+/// How large a scan is made, and how it stands. Of height, scale and fit at most one.
+struct PlacementOptions {
   std::optional<double> height_mm;  ///< > 0; the scan's z extent becomes this
   std::optional<double> scale;      ///< > 0; millimetres per unit of the file
   std::optional<double> unit_mm;    ///< > 0; millimetres in a unit of the file; none: as the file states it, or one
   bool fit = false;                 ///< as large as the machine holds, with supports and a margin of 1 % on every side
   UpAxis up = UpAxis::PlusZ;        ///< turned before it is scaled: heights are along this axis
-  std::optional<double> layer_mm;   ///< (0, 1]; none: the machine's layer thickness
+  /// Fails: InvalidInput.
+  [[nodiscard]] Result<void> validate() const;
+};
+
+struct SliceRequest {
+  MachineProfile machine;
+  IntakeOptions intake;  ///< which points are the object; strays stay where `mls` keeps its outliers
+  PlacementOptions placement;
+  std::optional<double> layer_mm;  ///< (0, 1]; none: the machine's layer thickness
   TraceMethod method = TraceMethod::Auto;
   MlsOptions mls;
   bool complete = true;               ///< gaps of the scan are closed before it is sliced
