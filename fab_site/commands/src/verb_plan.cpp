@@ -11,12 +11,11 @@
 #include "contour_limit_options.hpp"
 #include "mask_options.hpp"
 #include "read_stack.hpp"
+#include "support_choice.hpp"
 #include "verbs.hpp"
 
 namespace telefab::fab {
 namespace {
-
-constexpr std::uint64_t kMaxHandListBytes = 16U << 20U;
 
 struct Options {
   std::string stack;
@@ -25,8 +24,7 @@ struct Options {
   MaskOptions masks;
   ContourLimitOptions contour_limits;
   std::string supports = "auto";
-  std::string stand = "auto";
-  std::string hand_list;
+  SupportChoice support;
   int threads = 0;
   bool json = false;
 };
@@ -36,18 +34,9 @@ Result<PlanOptions> plan_options(const Options& o) {
   options.job = std::filesystem::path{o.stack}.stem().string();
   if (auto ok = apply(o.masks, options); !ok) return tl::unexpected{ok.error()};
   options.supports.mode = o.supports == "none" ? SupportOptions::Mode::None : SupportOptions::Mode::Auto;
-  options.supports.stand = o.stand == "always"  ? SupportOptions::Stand::Always
-                           : o.stand == "never" ? SupportOptions::Stand::Never
-                                                : SupportOptions::Stand::Auto;
+  if (auto ok = apply(o.support, options.supports); !ok) return tl::unexpected{ok.error()};
   options.threads = o.threads;
   options.contour_limits = o.contour_limits.limits();
-  if (!o.hand_list.empty()) {
-    const auto text = read_file(o.hand_list, kMaxHandListBytes);
-    if (!text) return tl::unexpected{text.error()};
-    auto hand = hand_list_from_json({reinterpret_cast<const char*>(text->data()), text->size()});
-    if (!hand) return fail_in(o.hand_list, hand.error());
-    options.supports.hand = std::move(*hand);
-  }
   return options;
 }
 
@@ -94,10 +83,7 @@ VerbBody declare_plan(VerbOptions& options) {
   declare_mask_options(options, o->masks);
   declare_contour_limits(options, o->contour_limits);
   options.add("--supports", o->supports, "none or auto").one_of({"none", "auto"}).shows_default();
-  options.add("--stand", o->stand, "stand on the platform: auto (where the first layer is large enough), always, never")
-      .one_of({"auto", "always", "never"})
-      .shows_default();
-  options.add("--hand-list", o->hand_list, "JSON file of extra and forbidden places for anchors");
+  declare_support_choice(options, o->support);
   options.add("--threads", o->threads, "0: all cores; the plan is the same for any number")
       .within(0, 1024)
       .shows_default();

@@ -12,35 +12,25 @@
 #include <telefab/fab/support/structure_mesh.hpp>
 
 #include "read_stack.hpp"
+#include "support_choice.hpp"
 #include "verbs.hpp"
 
 namespace telefab::fab {
 namespace {
 
-constexpr std::uint64_t kMaxHandListBytes = 16U << 20U;
-
 struct Options {
   std::string stack;
   MachineChoice machine;
-  std::string stand = "auto";
-  std::string hand_list, out, preview, structure, model;
+  SupportChoice support;
+  std::string out, preview, structure, model;
   std::optional<std::uint32_t> layer;
   int threads = 0;
 };
 
 Result<SupportOptions> support_options(const Options& o) {
   SupportOptions options;
-  options.stand = o.stand == "always"  ? SupportOptions::Stand::Always
-                  : o.stand == "never" ? SupportOptions::Stand::Never
-                                       : SupportOptions::Stand::Auto;
   options.threads = o.threads;
-  if (!o.hand_list.empty()) {
-    const auto text = read_file(o.hand_list, kMaxHandListBytes);
-    if (!text) return tl::unexpected{text.error()};
-    auto hand = hand_list_from_json({reinterpret_cast<const char*>(text->data()), text->size()});
-    if (!hand) return fail_in(o.hand_list, hand.error());
-    options.hand = std::move(*hand);
-  }
+  if (auto ok = apply(o.support, options); !ok) return tl::unexpected{ok.error()};
   return options;
 }
 
@@ -118,10 +108,7 @@ VerbBody declare_supports(VerbOptions& options) {
   options.add("FILE", o->stack, "contour file (.tfc) of telefab-scan slice").required();
   declare_machine_choice(options, o->machine, "machine profile; default: the one it was sliced for",
                          MachineIs::Optional);
-  options.add("--stand", o->stand, "stand on the platform: auto (where the first layer is large enough), always, never")
-      .one_of({"auto", "always", "never"})
-      .shows_default();
-  options.add("--hand-list", o->hand_list, "JSON file of extra and forbidden places for anchors");
+  declare_support_choice(options, o->support);
   options.add("--layer", o->layer, "part layer of --preview; default: the one with the most anchors of its own");
   options.add("--preview", o->preview,
               "PNG of one layer: attached, self-supported, to support, anchors and the circles they reach");
