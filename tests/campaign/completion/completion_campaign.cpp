@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
+#include <map>
 #include <telefab/base/file.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
@@ -36,6 +37,7 @@ struct Setup {
   std::vector<std::uint64_t> seeds{1};
   bool complete = true;
   bool reasons = false;
+  bool verdicts = false;
   std::string save;
 };
 
@@ -65,6 +67,10 @@ struct Judgement {
   std::vector<double> error_shares;  ///< of completed edges: distance over the error they state
   double truth_mm2 = 0, wrong_mm2 = 0;
   int wrong = 0, wrong_certified = 0, critical = 0;
+  struct Flagged {
+    int right = 0, wrong = 0;
+  };
+  std::map<std::string, Flagged, std::less<>> flagged;  ///< by reason
 
   void judge(const Layer& layer, const MeshTruth& truth) {
     const auto found = segments_of(layer.contours);
@@ -83,7 +89,12 @@ struct Judgement {
     }
     RingCount count;
     for (const Contour& ring : layer.contours) ++(ring.is_hole() ? count.holes : count.outers);
-    if (count == truth.rings(layer.z_mm)) return;
+    const bool right = count == truth.rings(layer.z_mm);
+    if (layer.certificate.verdict == LayerCertificate::Verdict::Doubtful) {
+      Flagged& told = flagged[std::string{name_of(layer.certificate.doubt->reason)}];
+      ++(right ? told.right : told.wrong);
+    }
+    if (right) return;
     const double near = kCriticalShare * kHeightMm;
     if (!(truth.rings(layer.z_mm - near) == truth.rings(layer.z_mm + near))) {
       ++critical;
@@ -148,6 +159,9 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
   if (setup.reasons)
     for (const auto& f : report->flagged)
       fmt::print("    {} z {:.2f}: {}\n", f.layer.count(), f.z_mm, sentence_of(f.certificate));
+  if (setup.verdicts)
+    for (const auto& [reason, told] : found.flagged)
+      fmt::print("    {:22} {:4} layers flagged though right, {:4} wrong\n", reason, told.right, told.wrong);
   std::fflush(stdout);
   return {};
 }
@@ -183,6 +197,7 @@ int main(int argc, char** argv) {
   options.add_option("--seeds", setup.seeds)->delimiter(',');
   options.add_flag("!--off", setup.complete, "slice without closing gaps");
   options.add_flag("--reasons", setup.reasons, "also list flagged layers");
+  options.add_flag("--verdicts", setup.verdicts, "also count, by reason, flagged layers that are right and wrong");
   options.add_option("--save", setup.save, "folder for the damaged clouds");
   CLI11_PARSE(options, argc, argv);
   return telefab::campaign::run(setup);
