@@ -88,6 +88,8 @@ std::string_view name_of(DoubtReason reason) {
       return "coordinates-rounded";
     case DoubtReason::FacesEmpty:
       return "faces-empty";
+    case DoubtReason::CriticalInGap:
+      return "critical-in-gap";
   }
   return "unknown";
 }
@@ -147,6 +149,9 @@ std::string sentence_of(const LayerCertificate& certificate) {
       return "flagged by an earlier release, which said why in words that are not kept";
     case DoubtReason::CoordinatesRounded:
       return fmt::format("the coordinates of the scan are rounded to {:.2g} mm", d.size_mm);
+    case DoubtReason::CriticalInGap:
+      return fmt::format(
+          "contours begin, end, part or join in a gap of the scan here, at a height known to {:.3g} mm only", d.size_mm);
     case DoubtReason::FacesEmpty:
       return "the faces of the file carry no points, and points are all that is taken";
   }
