@@ -136,14 +136,21 @@ CompletedScan::Side CompletedScan::side_of(const Vec3& place_mm) const {
           static_cast<double>(tree_->winding(place))};
 }
 
+double CompletedScan::winding_at(const Vec3& place_mm) const {
+  return static_cast<double>(tree_->winding(local(place_mm)));
+}
+
 bool CompletedScan::is_measured(const Vec3& place_mm, const ScalarField& field) const {
   if (!near_measured_) return true;
   return std::sqrt(static_cast<double>(near_measured_->nearest(local(place_mm)).squared_distance)) <=
          field.kernel_width_mm(place_mm);
 }
 
-SurfaceRun CompletedScan::edge_at(Point2 vertex, double z_mm, const ScalarField& field) const {
-  const Vec3 place_mm{vertex.x_mm, vertex.y_mm, z_mm};
+double CompletedScan::error_at(const Vec3& place_mm, const ScalarField& field) const {
+  return near_measured_ ? rests_on(place_mm, field).error_mm : 0;
+}
+
+SurfaceRun CompletedScan::rests_on(const Vec3& place_mm, const ScalarField& field) const {
   const Eigen::Vector3f place = local(place_mm);
   const Neighbour nearest = near_->nearest(place);
   const auto distance = [](const Neighbour& n) { return std::sqrt(static_cast<double>(n.squared_distance)); };
@@ -179,7 +186,7 @@ std::vector<SurfaceRun> CompletedScan::surface_of(const Contour& contour, double
   std::vector<SurfaceRun> runs(count);
   if (near_measured_) {
     std::vector<SurfaceRun> at(count);
-    for (std::size_t i = 0; i < count; ++i) at[i] = edge_at(vertices[i], z_mm, field);
+    for (std::size_t i = 0; i < count; ++i) at[i] = rests_on({vertices[i].x_mm, vertices[i].y_mm, z_mm}, field);
     for (std::size_t i = 0; i < count; ++i) {
       const SurfaceRun& next = at[(i + 1) % count];
       runs[i] = next.gap_mm > at[i].gap_mm ? next : at[i];

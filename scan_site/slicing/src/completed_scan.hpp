@@ -34,9 +34,12 @@ class CompletedScan {
     double winding = 0;
   };
   [[nodiscard]] Side side_of(const Vec3& place_mm) const;
+  [[nodiscard]] double winding_at(const Vec3& place_mm) const;
 
   /// Whether a measured sample lies within a kernel width of `field`.
   [[nodiscard]] bool is_measured(const Vec3& place_mm, const ScalarField& field) const;
+  /// How far the surface may lie from this place of it (19 cases of 20): 0 where it is measured.
+  [[nodiscard]] double error_at(const Vec3& place_mm, const ScalarField& field) const;
   /// What every edge of a contour of `field` rests on: measured where a measured sample lies within a kernel width, or
   /// is the nearest and within two; else completed; doubtful where the winding number of all samples tells inside and
   /// outside otherwise.
@@ -45,7 +48,7 @@ class CompletedScan {
  private:
   CompletedScan(PointCloud measured, Completion completion);
   [[nodiscard]] Eigen::Vector3f local(const Vec3& place_mm) const { return (place_mm - origin_).cast<float>(); }
-  [[nodiscard]] SurfaceRun edge_at(Point2 vertex, double z_mm, const ScalarField& field) const;
+  [[nodiscard]] SurfaceRun rests_on(const Vec3& place_mm, const ScalarField& field) const;
   /// Whether both sides of the contour are what they should be; `outward`: its in-plane normal.
   [[nodiscard]] bool sides_agree(Point2 vertex, double z_mm, Point2 outward) const;
 

@@ -71,7 +71,7 @@ Coverage coverage_of(const ScalarField& field, FieldCursor& cursor, double z_mm,
       // Nobody measured it: it vouches for nothing.
       if (!samples.in_gap.empty() && samples.in_gap[i] != 0) continue;
       ++coverage.unexplained;
-      if (!coverage.place) coverage.place = place_of(sample);
+      coverage.places.push_back(place_of(sample));
     } else if (const auto there = follow_to_plane(cursor, *on, z_mm, width)) {
       arrived.points.push_back(there->point);
       arrived.normals.push_back(there->normal);
@@ -79,7 +79,9 @@ Coverage coverage_of(const ScalarField& field, FieldCursor& cursor, double z_mm,
   }
   const auto lost = uncovered_samples(field, z_mm, contours, {arrived.points, arrived.normals}, kArrivedKernels);
   coverage.lost = lost.size();
-  if (!lost.empty()) coverage.place = place_of(arrived.points[lost.front()]);
+  std::vector<Point2> places;
+  for (const std::size_t i : lost) places.push_back(place_of(arrived.points[i]));
+  coverage.places.insert(coverage.places.begin(), places.begin(), places.end());
   return coverage;
 }
 

@@ -12,7 +12,7 @@ namespace telefab::scan {
 struct Coverage {
   std::size_t lost = 0;         ///< samples whose surface, followed to the plane, meets no contour there
   std::size_t unexplained = 0;  ///< samples that no surface of the field passes: strays, or a feature it lost
-  std::optional<Point2> place;  ///< of a lost sample, else of an unexplained one
+  std::vector<Point2> places;   ///< of the lost samples, then of the unexplained ones
 };
 
 /// Holds the samples near the plane z against its contours. A sample beside which no contour of like orientation runs,

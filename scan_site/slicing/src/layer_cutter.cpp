@@ -2,7 +2,7 @@
 #include "layer_cutter.hpp"
 
 #include <cmath>
-#include <limits>
+#include <functional>
 #include <telefab/scan/contour/layer_checks.hpp>
 #include <telefab/scan/contour/reeb_marcher.hpp>
 
@@ -22,25 +22,13 @@ using Verdict = LayerCertificate::Verdict;
 using Method = LayerCertificate::Method;
 using Ground = LayerCertificate::Ground;
 
-/// A vertex of the smallest contour of either: what comes and goes is small.
-Point2 place_of_difference(std::span<const Contour> a, std::span<const Contour> b) {
-  Point2 place{};
-  double least = std::numeric_limits<double>::infinity();
-  for (const auto& contours : {a, b})
-    for (const Contour& c : contours)
-      if (const double area = std::abs(c.signed_area_mm2()); area < least) {
-        least = area;
-        place = c.vertices()[0];
-      }
-  return place;
-}
-
 }  // namespace
 
 struct LayerCutter::Candidate {
   Method method = Method::Grid;
   LayerTrace trace;
   std::size_t beside_graph = 0;  ///< contours that only a sample led to
+  DoubtfulPlaces where;          ///< of the faults
 
   [[nodiscard]] bool sound() const { return trace.faults.empty(); }
   [[nodiscard]] ContourCount count() const {
@@ -48,6 +36,26 @@ struct LayerCutter::Candidate {
     for (const Contour& ring : trace.contours) ++(ring.is_hole() ? c.holes : c.outers);
     return c;
   }
+};
+
+/// What the critical points tell of a plane.
+struct LayerCutter::Prediction {
+  std::optional<int> euler;
+  std::optional<ContourCount> count;
+  bool near_critical = true;
+  std::vector<Vec3> seeds;
+};
+
+/// What was found, which of it is taken, and what vouches for that.
+struct LayerCutter::Choice {
+  std::optional<Candidate> march, grid;
+  bool takes_grid = false;
+  Ground ground = Ground::None;
+  std::optional<Point2> contradicted;  ///< where the winding number does not bear it out
+
+  [[nodiscard]] bool certified() const { return ground != Ground::None; }
+  [[nodiscard]] Candidate& chosen() { return takes_grid ? *grid : *march; }
+  [[nodiscard]] const Candidate& chosen() const { return takes_grid ? *grid : *march; }
 };
 
 /// Of two results that disagree: sound before unsound; but nothing never stands in the place of something. The grid,
@@ -67,12 +75,26 @@ void LayerCutter::judge(Candidate& candidate, double z_mm) {
     if (const auto place = wall_through(z_mm)) faults.push_back({DoubtReason::ContourMissing, *place});
   const Coverage coverage = coverage_of(setting_.field, *cursor_, z_mm, candidate.trace.contours, steep_,
                                         setting_.cover_kernels, setting_.noise_mm);
+  const auto place = [&] { return coverage.places.front(); };
   if (coverage.lost > 0)
-    faults.push_back({DoubtReason::SurfaceUncovered, coverage.place, static_cast<std::uint32_t>(coverage.lost)});
+    faults.push_back({DoubtReason::SurfaceUncovered, place(), static_cast<std::uint32_t>(coverage.lost)});
   const auto most = static_cast<std::size_t>(setting_.stray_share * static_cast<double>(steep_.points.size()));
-  if (coverage.unexplained > most)
-    faults.push_back(
-        {DoubtReason::SamplesOffSurface, coverage.place, static_cast<std::uint32_t>(coverage.unexplained)});
+  if (coverage.unexplained > most) {
+    faults.push_back({DoubtReason::SamplesOffSurface, place(), static_cast<std::uint32_t>(coverage.unexplained)});
+    for (const Point2& p : coverage.places) candidate.where.add(p, width_at(p, z_mm));
+  }
+  for (const ContourGap& gap : candidate.trace.gaps)
+    candidate.where.add(gap.place, width_at(gap.place, z_mm) + (std::isfinite(gap.size_mm) ? gap.size_mm : 0));
+  for (const Doubt& fault : faults) switch (fault.reason) {
+      case DoubtReason::SamplesOffSurface:
+      case DoubtReason::GapBridged:
+        break;
+      case DoubtReason::ContoursCross:
+        candidate.where.add(*fault.place, width_at(*fault.place, z_mm));
+        break;
+      default:  // something is missing, or nothing fits
+        candidate.where.add_all();
+    }
 }
 
 Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::span<const Vec3> seeds, std::stop_token stop) {
@@ -94,7 +116,8 @@ Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::span<const
 }
 
 Result<std::optional<Doubt>> LayerCutter::disagreement(const Candidate& candidate, double z_mm,
-                                                       std::span<const Vec3> seeds, std::stop_token stop) {
+                                                       std::span<const Vec3> seeds, std::stop_token stop,
+                                                       DoubtfulPlaces& where) {
   for (std::size_t k = 0; k < other_cursors_.size(); ++k) {
     const ScalarField& field = *setting_.other_kernels[k];
     MarchOptions options;
@@ -107,7 +130,7 @@ Result<std::optional<Doubt>> LayerCutter::disagreement(const Candidate& candidat
     other.trace.contours = std::move(marched->contours);
     if (other.count() == candidate.count()) continue;
     return Doubt{.reason = DoubtReason::KernelsDisagree,
-                 .place = place_of_difference(candidate.trace.contours, other.trace.contours),
+                 .place = where.add_difference(candidate.trace.contours, other.trace.contours, width),
                  .size_mm = near_.points.empty() ? 0 : setting_.field.kernel_width_mm(near_.points.front()),
                  .other_mm = width,
                  .found = candidate.count(),
@@ -147,13 +170,14 @@ Result<LayerTrace> LayerCutter::closed(const LayerTrace& open, double z_mm, cons
   return whole;
 }
 
-Result<void> LayerCutter::classify(Layer& layer) const {
-  if (!setting_.surface) return {};
+Result<void> LayerCutter::classify(Layer& layer, const DoubtfulPlaces& where) const {
   LayerCertificate& certificate = layer.certificate;
   for (Contour& contour : layer.contours) {
-    auto with_runs_made = contour.with_runs(setting_.surface(contour, layer.z_mm));
-    if (!with_runs_made) return fail(ErrorCode::Internal, with_runs_made.error().what);
-    contour = std::move(*with_runs_made);
+    if (setting_.surface) {
+      auto classified = contour.with_runs(setting_.surface(contour, layer.z_mm));
+      if (!classified) return fail(ErrorCode::Internal, classified.error().what);
+      contour = std::move(*classified);
+    }
     std::size_t edge = 0;
     for (const SurfaceRun& run : contour.runs()) {
       if (run.kind == SurfaceClass::Completed && certificate.verdict == Verdict::Measured)
@@ -163,7 +187,13 @@ Result<void> LayerCutter::classify(Layer& layer) const {
       edge += run.edges;
     }
   }
-  return {};
+  if (setting_.known_doubt && certificate.is_certified()) {
+    certificate.flag(*setting_.known_doubt);
+    DoubtfulPlaces all;
+    all.add_all();
+    return all.mark(layer);
+  }
+  return where.mark(layer);
 }
 
 std::optional<Point2> LayerCutter::wall_through(double z_mm) {
@@ -229,102 +259,144 @@ void LayerCutter::gather(double z_mm) {
   if (!near_.in_gap.empty()) near_.in_gap.resize(kept);
 }
 
+LayerCutter::Prediction LayerCutter::prediction_at(double z_mm) const {
+  Prediction p;
+  if (!setting_.topology) return p;
+  p.euler = setting_.topology->predicted_euler(z_mm);
+  p.count = setting_.topology->predicted_contours(z_mm);
+  p.near_critical = setting_.topology->is_near_critical(z_mm);
+  for (const ContourSeed& seed : setting_.topology->seeds(z_mm)) p.seeds.push_back(seed.point_mm);
+  return p;
+}
+
+Result<LayerCutter::Choice> LayerCutter::choose(double z_mm, const Prediction& predicted, std::stop_token stop) {
+  const auto as_predicted = [&](const Candidate& c) {
+    return predicted.euler && !predicted.near_critical && c.trace.euler() == *predicted.euler &&
+           (!predicted.count || c.count() == *predicted.count);
+  };
+  Choice made;
+  if (setting_.method != TraceMethod::Grid) {
+    auto found = marched(z_mm, predicted.seeds, stop);
+    if (!found) return tl::unexpected{found.error()};
+    made.march = std::move(*found);
+    if (made.march->sound() && as_predicted(*made.march)) made.ground = Ground::Graph;
+    if (made.ground == Ground::Graph || setting_.method == TraceMethod::Reeb) return made;
+  }
+  auto found = gridded(z_mm, stop);
+  if (!found) return tl::unexpected{found.error()};
+  made.grid = std::move(*found);
+  const Candidate& grid = *made.grid;
+  const bool march_is_sound = made.march && made.march->sound();
+  if (grid.sound() && as_predicted(grid)) {
+    made.takes_grid = true;
+    made.ground = Ground::Graph;
+  } else if (!grid.sound() || (march_is_sound && !(made.march->count() == grid.count()))) {
+    made.takes_grid = !made.march || better_founded(grid, *made.march);
+  } else {
+    // Nothing is promised here. Two independent ways around the same field may agree; and where the graph is wrong
+    // about some height below, or the march got lost, the grid may have the winding number for it.
+    made.takes_grid = !march_is_sound;
+    if (!setting_.sparse && march_is_sound &&
+        (!predicted.euler || predicted.near_critical || made.march->trace.euler() == *predicted.euler))
+      made.ground = Ground::TwoMethods;
+    else if (!predicted.near_critical && setting_.contradiction)
+      if (made.contradicted = setting_.contradiction(grid.trace.contours, z_mm, near_); !made.contradicted)
+        made.ground = Ground::WindingTest;
+  }
+  return made;
+}
+
+Result<std::optional<Doubt>> LayerCutter::unsettled(const Choice& made, double z_mm, std::span<const Vec3> seeds,
+                                                    std::stop_token stop, DoubtfulPlaces& where) {
+  std::optional<Doubt> doubt;
+  const auto note = [&](const Doubt& found, double reach_mm) {
+    where.add(*found.place, std::max(reach_mm, width_at(*found.place, z_mm)));
+    if (!doubt) doubt = found;
+  };
+  const auto place_of = [](const Vec3& p) { return Point2{p.x(), p.y()}; };
+  // Between rows of samples that the kernel does not span both methods find nothing, and so do the critical points.
+  if (made.certified() && made.chosen().trace.contours.empty())
+    if (const auto place = walls_of_next_rows(z_mm)) note({DoubtReason::ContourMissing, *place}, 0);
+  // Of a noisy scan the other kernels tell more.
+  if (!doubt && setting_.topology && (setting_.sparse || setting_.other_kernels.empty()))
+    if (const auto edge = setting_.measured ? setting_.topology->rounded_near(z_mm, setting_.measured)
+                                            : setting_.topology->rounded_near(z_mm))
+      note({DoubtReason::EdgeTooSharp, place_of(*edge)}, 0);
+  for (const CutSetting::UnmeasuredHeight& h : setting_.unmeasured_heights)
+    if (std::abs(h.place_mm.z() - z_mm) <= h.error_mm)
+      note({.reason = DoubtReason::CriticalInGap, .place = place_of(h.place_mm), .size_mm = h.error_mm}, h.error_mm);
+  if (doubt || !made.certified()) return doubt;
+  return disagreement(made.chosen(), z_mm, seeds, stop, where);
+}
+
+Doubt LayerCutter::why_uncertified(const Choice& made, const Prediction& predicted, double z_mm,
+                                   DoubtfulPlaces& where) const {
+  const Candidate& chosen = made.chosen();
+  Doubt doubt{.reason = DoubtReason::NotCrossChecked};
+  if (made.march && made.grid && !(made.march->count() == made.grid->count())) {
+    doubt = {.reason = DoubtReason::MethodsDisagree, .found = made.march->count(), .other = made.grid->count()};
+    const Candidate& other = made.takes_grid ? *made.march : *made.grid;
+    // One that got lost says itself where.
+    for (const Doubt& fault : other.trace.faults)
+      if (fault.place) {
+        if (!doubt.place) doubt.place = fault.place;
+        where.add(*fault.place, width_at(*fault.place, z_mm));
+      }
+    if (!doubt.place) {
+      const double width = near_.points.empty() ? 0 : setting_.field.kernel_width_mm(near_.points.front());
+      doubt.place = where.add_difference(chosen.trace.contours, other.trace.contours, width);
+    }
+  } else if (predicted.euler && !predicted.near_critical) {
+    doubt.reason = DoubtReason::EulerDiffers;
+  } else if (made.march && made.grid) {
+    doubt = {.reason = DoubtReason::MethodsDisagree, .found = made.march->count(), .other = made.grid->count()};
+  }
+  if (made.contradicted) {
+    doubt.place = made.contradicted;
+    where.add(*made.contradicted, width_at(*made.contradicted, z_mm));
+  }
+  if (!doubt.place) {
+    where.add_all();
+    if (!chosen.trace.contours.empty()) doubt.place = chosen.trace.contours[0].vertices()[0];
+  }
+  return doubt;
+}
+
 Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token stop) {
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while cutting layers");
   gather(z_mm);
-
-  std::optional<int> predicted;
-  std::optional<ContourCount> predicted_count;
-  bool near_critical = true;
-  if (setting_.topology) {
-    predicted = setting_.topology->predicted_euler(z_mm);
-    predicted_count = setting_.topology->predicted_contours(z_mm);
-    near_critical = setting_.topology->is_near_critical(z_mm);
-  }
-  const auto as_predicted = [&](const Candidate& c) {
-    return predicted && !near_critical && c.trace.euler() == *predicted &&
-           (!predicted_count || c.count() == *predicted_count);
-  };
-
-  std::vector<Vec3> seeds;
-  if (setting_.topology)
-    for (const ContourSeed& seed : setting_.topology->seeds(z_mm)) seeds.push_back(seed.point_mm);
+  const Prediction predicted = prediction_at(z_mm);
+  auto made = choose(z_mm, predicted, stop);
+  if (!made) return tl::unexpected{made.error()};
+  DoubtfulPlaces where;
+  const auto open_question = unsettled(*made, z_mm, predicted.seeds, stop, where);
+  if (!open_question) return tl::unexpected{open_question.error()};
 
   CutLayer result;
-  std::optional<Candidate> march, grid;
-  const Candidate* chosen = nullptr;
-  bool certified = false;
-  Ground ground = Ground::None;
-  if (setting_.method != TraceMethod::Grid) {
-    auto found = marched(z_mm, seeds, stop);
-    if (!found) return tl::unexpected{found.error()};
-    march = std::move(*found);
-    result.evaluations += march->trace.evaluations;
-    chosen = &*march;
-    certified = march->sound() && as_predicted(*march);
-    if (certified) ground = Ground::Graph;
-  }
-  if (!certified && setting_.method != TraceMethod::Reeb) {
-    auto found = gridded(z_mm, stop);
-    if (!found) return tl::unexpected{found.error()};
-    grid = std::move(*found);
-    result.evaluations += grid->trace.evaluations;
-    if (grid->sound() && as_predicted(*grid)) {
-      chosen = &*grid;
-      certified = true;
-      ground = Ground::Graph;
-    } else if (!setting_.sparse && march && march->sound() && grid->sound() && march->count() == grid->count() &&
-               (!predicted || near_critical || march->trace.euler() == *predicted)) {
-      // Nothing is promised here, but two independent ways around the same field agree.
-      certified = true;
-      ground = Ground::TwoMethods;
-    } else if (!march || better_founded(*grid, *march)) {
-      chosen = &*grid;
-    }
-  }
-
-  std::optional<Doubt> objection;
-  // Between rows of samples that the kernel does not span both methods find nothing, and so do the critical points.
-  if (certified && chosen->trace.contours.empty())
-    if (const auto place = walls_of_next_rows(z_mm)) objection = Doubt{DoubtReason::ContourMissing, *place};
-  // Of a noisy scan the other kernels tell more.
-  if (!objection && setting_.topology && (setting_.sparse || setting_.other_kernels.empty()))
-    if (const auto edge = setting_.measured ? setting_.topology->rounded_near(z_mm, setting_.measured)
-                                            : setting_.topology->rounded_near(z_mm))
-      objection = {DoubtReason::EdgeTooSharp, Point2{edge->x(), edge->y()}};
-  if (certified && !objection) {
-    auto found = disagreement(*chosen, z_mm, seeds, stop);
-    if (!found) return tl::unexpected{found.error()};
-    objection = std::move(*found);
-  }
-
   Layer& layer = result.layer;
   layer.index = index;
   layer.z_mm = z_mm;
+  Candidate& chosen = made->chosen();
   LayerCertificate& certificate = layer.certificate;
-  certificate.method = chosen->method;
-  certificate.ground = ground;
-  certificate.predicted_euler = predicted;
-  certificate.measured_euler = chosen->trace.euler();
-  if (!chosen->sound()) {
-    certificate.flag(chosen->trace.faults[0]);
-  } else if (certified && objection) {
-    certificate.flag(*objection);
-  } else if (!certified) {
-    Doubt doubt{.reason = DoubtReason::NotCrossChecked};
-    if (predicted && !near_critical)
-      doubt.reason = DoubtReason::EulerDiffers;
-    else if (march && grid)
-      doubt = {.reason = DoubtReason::MethodsDisagree, .found = march->count(), .other = grid->count()};
-    if (!chosen->trace.contours.empty()) doubt.place = chosen->trace.contours[0].vertices()[0];
-    certificate.flag(doubt);
+  certificate.method = chosen.method;
+  certificate.ground = made->ground;
+  certificate.predicted_euler = predicted.euler;
+  certificate.measured_euler = chosen.trace.euler();
+  if (!chosen.sound()) {
+    certificate.flag(chosen.trace.faults[0]);
+    where = chosen.where;
+  } else if (!made->certified()) {
+    certificate.flag(why_uncertified(*made, predicted, z_mm, where));
+  } else if (*open_question) {
+    certificate.flag(**open_question);
   } else {
     certificate.verdict = Verdict::Measured;
   }
-  LayerTrace& taken = (chosen == (march ? &*march : nullptr) ? march : grid)->trace;
-  layer.contours = std::move(taken.contours);
-  result.gaps = std::move(taken.gaps);
-  if (auto ok = classify(layer); !ok) return tl::unexpected{ok.error()};
+  for (const auto& candidate : {std::cref(made->march), std::cref(made->grid)})
+    if (candidate.get()) result.evaluations += candidate.get()->trace.evaluations;
+  layer.contours = std::move(chosen.trace.contours);
+  result.gaps = std::move(chosen.trace.gaps);
+  if (auto ok = classify(layer, where); !ok) return tl::unexpected{ok.error()};
   return result;
 }
 

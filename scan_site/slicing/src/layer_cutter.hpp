@@ -8,6 +8,8 @@
 #include <telefab/scan/slicing/slice_scan.hpp>
 #include <telefab/scan/topology/height_topology.hpp>
 
+#include "doubtful_places.hpp"
+
 namespace telefab::scan {
 
 /// What all layers of a part share. Immutable while layers are cut; outlives the cutter.
@@ -36,6 +38,17 @@ struct CutSetting {
   std::function<bool(const Vec3& place_mm)> measured = {};
   /// What each edge of a contour at this height rests on, one run an edge; none: all is measured.
   std::function<std::vector<SurfaceRun>(const Contour& contour, double z_mm)> surface = {};
+  /// A place where something that knows nothing of the field contradicts the contours, or cannot tell; none where it
+  /// bears them out. Unset: there is nothing to ask.
+  std::function<std::optional<Point2>(std::span<const Contour> contours, double z_mm, const SurfaceSamples& near)>
+      contradiction = {};
+  /// Heights at which contours begin, end, part or join in a gap of the scan, each with its place and how well it is
+  /// known: no layer that near can be vouched for.
+  struct UnmeasuredHeight {
+    Vec3 place_mm;
+    double error_mm = 0;
+  };
+  std::vector<UnmeasuredHeight> unmeasured_heights = {};
   std::optional<Doubt> known_doubt = {};  ///< of the scan as a whole: no layer of it can be vouched for
 };
 
@@ -54,6 +67,16 @@ class LayerCutter {
 
  private:
   struct Candidate;
+  struct Prediction;
+  struct Choice;
+  [[nodiscard]] Prediction prediction_at(double z_mm) const;
+  /// Marches, and looks with the grid as well where the graph alone does not settle it.
+  [[nodiscard]] Result<Choice> choose(double z_mm, const Prediction& predicted, std::stop_token stop);
+  /// What is against a sound layer although something vouches for it; none where nothing is.
+  [[nodiscard]] Result<std::optional<Doubt>> unsettled(const Choice& made, double z_mm, std::span<const Vec3> seeds,
+                                                       std::stop_token stop, DoubtfulPlaces& where);
+  [[nodiscard]] Doubt why_uncertified(const Choice& made, const Prediction& predicted, double z_mm,
+                                      DoubtfulPlaces& where) const;
   [[nodiscard]] Result<Candidate> marched(double z_mm, std::span<const Vec3> seeds, std::stop_token stop);
   [[nodiscard]] Result<Candidate> gridded(double z_mm, std::stop_token stop);
   /// Closes what `open` leaves open; each gap stays a fault.
@@ -71,9 +94,13 @@ class LayerCutter {
   void gather(double z_mm);
   /// What another kernel finds otherwise; none where all agree.
   [[nodiscard]] Result<std::optional<Doubt>> disagreement(const Candidate& candidate, double z_mm,
-                                                          std::span<const Vec3> seeds, std::stop_token stop);
+                                                          std::span<const Vec3> seeds, std::stop_token stop,
+                                                          DoubtfulPlaces& where);
   /// Tells what the contours rest on, and makes the verdict say so.
-  [[nodiscard]] Result<void> classify(Layer& layer) const;
+  [[nodiscard]] Result<void> classify(Layer& layer, const DoubtfulPlaces& where) const;
+  [[nodiscard]] double width_at(Point2 place, double z_mm) const {
+    return setting_.field.kernel_width_mm({place.x_mm, place.y_mm, z_mm});
+  }
 
   const CutSetting& setting_;
   std::unique_ptr<FieldCursor> cursor_;

@@ -19,6 +19,7 @@
 #include "completed_scan.hpp"
 #include "layer_cutter.hpp"
 #include "openness.hpp"
+#include "side_check.hpp"
 #include "written_check.hpp"
 
 namespace telefab::scan {
@@ -51,6 +52,11 @@ constexpr std::array kKernelFactors{0.8, 1.25};
 constexpr double kSparseShare = 0.03;
 /// its contours must be the same with these kernels.
 constexpr std::array kSparseKernelFactors{0.65, 1.5};
+
+/// A height at which contours begin, end, part or join in a gap is taken as known within this part of the error that
+/// the surface there may have: half of all such errors are smaller (the whole is what 19 of 20 do not exceed). A layer
+/// on either side is doubtful in any case.
+constexpr double kCriticalErrorShare = 0.15;
 
 /// Spacing that varies by more than this leaves room for a feature, or a whole wall, that no sample shows.
 constexpr double kMostUneven = 5;
@@ -143,7 +149,6 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, st
     for (CutLayer& cut : *block->cut) {
       Layer& layer = cut.layer;
       check.look_at(layer);
-      if (setting.known_doubt && layer.certificate.is_certified()) layer.certificate.flag(*setting.known_doubt);
       const LayerCertificate& certificate = layer.certificate;
       ++report.layers_cut;
       report.evaluations += cut.evaluations;
@@ -156,7 +161,9 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, st
         if (certificate.verdict == LayerCertificate::Verdict::Completed) ++report.completed;
         if (certificate.method == LayerCertificate::Method::Reeb) ++report.certified_by_march;
       } else {
-        report.flagged.push_back({layer.index, layer.z_mm, certificate});
+        const double length = shares.length_mm();
+        report.flagged.push_back(
+            {layer.index, layer.z_mm, certificate, length > 0 ? shares.doubtful_mm / length : 1.0});
       }
       for (const ContourGap& gap : cut.gaps)
         report.gaps.push_back({layer.index, layer.z_mm, gap.place, gap.size_mm, gap.bridged});
@@ -284,7 +291,17 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       // An edge that nobody measured is completed, and said to be: it is as sharp as it was made.
       .measured = [&](const Vec3& place_mm) { return completed.is_measured(place_mm, **field); },
       .surface = [&](const Contour& contour, double z_mm) { return completed.surface_of(contour, z_mm, **field); },
+      .contradiction =
+          [&](std::span<const Contour> contours, double z_mm, const SurfaceSamples& near) {
+            const auto narrow = narrow_passage(**field, contours, z_mm);
+            return narrow ? narrow : contradicted_side(completed, **field, contours, z_mm, near);
+          },
       .known_doubt = doubt_of(kernel, prepared, placed->cloud.rounding)};
+  if (topology)
+    for (const CriticalPoint& c : topology->critical_points())
+      if (const double error = completed.error_at(c.position_mm, **field); error > 0)
+        setting.unmeasured_heights.push_back(
+            {c.position_mm, std::max(kCriticalErrorShare * error, header.layer_thickness_mm)});
   if (const auto warning = warning_of(kernel)) result.warnings.push_back(*warning);
   for (const auto& other : others) setting.other_kernels.push_back(other.get());
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;

@@ -25,7 +25,7 @@ std::vector<Case> cases() {
 
 class GridBlockProperty : public testing::TestWithParam<Case> {};
 
-TEST_P(GridBlockProperty, HasNoEmptyLayerOverItsSamples) {
+TEST_P(GridBlockProperty, HasNoEmptyLayerOverItsSamplesAndNearlyAllCertified) {
   std::string text;
   double low = 1e9, high = -1e9;
   for (const Eigen::Vector3d& p : test::points_of(GetParam().block)) {
@@ -38,12 +38,13 @@ TEST_P(GridBlockProperty, HasNoEmptyLayerOverItsSamples) {
   request.machine.platform = {60, 40, 50};
   request.machine.projection.pixel_pitch_mm = 0.1;
   request.machine.layers.thickness_mm = 0.15;
-  std::size_t empty = 0, wrong = 0, seen = 0;
+  std::size_t empty = 0, wrong = 0, seen = 0, certified = 0;
   const double margin_mm = GetParam().block.step_mm / 2 + 2 * GetParam().block.noise_mm;
   const LayerSink sink = [&](const StackHeader&, Layer&& layer) -> Result<void> {
     if (layer.z_mm < margin_mm || layer.z_mm > high - low - margin_mm) return {};
     ++seen;
     empty += layer.contours.empty();
+    certified += layer.certificate.is_certified();
     wrong += layer.certificate.is_certified() && layer.contours.size() != 1;
     return {};
   };
@@ -52,6 +53,7 @@ TEST_P(GridBlockProperty, HasNoEmptyLayerOverItsSamples) {
   EXPECT_GT(seen, 50U);
   EXPECT_EQ(empty, 0U);
   EXPECT_EQ(wrong, 0U);
+  EXPECT_GE(certified, 0.85 * static_cast<double>(seen));
 }
 INSTANTIATE_TEST_SUITE_P(StepsTurnsNoises, GridBlockProperty, testing::ValuesIn(cases()));
 

@@ -68,6 +68,7 @@ struct FlaggedLayer {
   LayerIndex layer;
   double z_mm = 0;
   LayerCertificate certificate;
+  double doubtful_share = 1;  ///< [0, 1] of the length of its contours; 1 where it has none
 };
 
 /// A gap in the scan that left a contour open.
