@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <map>
 #include <memory>
+#include <span>
 #include <telefab/base/file.hpp>
 #include <telefab/codec/tfc_file.hpp>
 #include <telefab/command_line/machine_choice.hpp>
@@ -167,6 +169,31 @@ void print_gaps(const std::vector<LayerGap>& gaps) {
   }
 }
 
+/// One line a reason, the most frequent first, with the layer to look at: the one with the most doubtful contour.
+void print_flagged(std::span<const FlaggedLayer> flagged) {
+  struct Reason {
+    std::size_t layers = 0;
+    const FlaggedLayer* worst = nullptr;
+  };
+  std::map<DoubtReason, Reason> reasons;
+  for (const FlaggedLayer& f : flagged) {
+    if (!f.certificate.doubt) continue;
+    Reason& reason = reasons[f.certificate.doubt->reason];
+    ++reason.layers;
+    if (!reason.worst || f.doubtful_share > reason.worst->doubtful_share) reason.worst = &f;
+  }
+  std::vector<Reason> sorted;
+  for (const auto& [name, reason] : reasons) sorted.push_back(reason);
+  std::stable_sort(sorted.begin(), sorted.end(), [](const auto& a, const auto& b) { return a.layers > b.layers; });
+  for (const auto& [layers, worst] : sorted) {
+    const auto& place = worst->certificate.doubt->place;
+    write_output(fmt::format("  {} layer{}, as layer {} at {:.3f} mm{} ({:.3g} % of its contours): {}\n", layers,
+                             layers == 1 ? "" : "s", worst->layer.count(), worst->z_mm,
+                             place ? fmt::format(", ({:.2f}, {:.2f})", place->x_mm, place->y_mm) : "",
+                             100 * worst->doubtful_share, sentence_of(worst->certificate)));
+  }
+}
+
 void print_summary(const SliceReport& report) {
   double seconds = 0;
   std::string stages;
@@ -195,16 +222,7 @@ void print_summary(const SliceReport& report) {
                     "possible error {:.2f} mm; {:.1f} % doubtful\n",
                     100 * s.completed_mm / s.length_mm(), report.completed, s.largest_gap_mm, s.largest_error_mm,
                     100 * s.doubtful_mm / s.length_mm()));
-  constexpr std::size_t kShown = 5;
-  for (std::size_t i = 0; i < report.flagged.size() && i < kShown; ++i) {
-    const FlaggedLayer& f = report.flagged[i];
-    write_output(fmt::format("  layer {} at {:.3f} mm: {}", f.layer.count(), f.z_mm, sentence_of(f.certificate)));
-    if (const auto& doubt = f.certificate.doubt; doubt && doubt->place)
-      write_output(fmt::format(" at ({:.2f}, {:.2f})", doubt->place->x_mm, doubt->place->y_mm));
-    write_output("\n");
-  }
-  if (report.flagged.size() > kShown)
-    write_output(fmt::format("  and {} more; see --report\n", report.flagged.size() - kShown));
+  print_flagged(report.flagged);
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {

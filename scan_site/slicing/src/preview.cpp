@@ -48,6 +48,14 @@ Colour blend(Colour a, Colour b, double share) {
   return {mix(a.red, b.red), mix(a.green, b.green), mix(a.blue, b.blue)};
 }
 
+/// A doubt that is not about a place: the whole plane is painted.
+bool doubtful_throughout(const Layer& layer) {
+  return layer.certificate.verdict == LayerCertificate::Verdict::Doubtful &&
+         std::all_of(layer.contours.begin(), layer.contours.end(), [](const Contour& ring) {
+           return ring.runs().size() == 1 && ring.runs()[0].kind == SurfaceClass::Doubtful;
+         });
+}
+
 }  // namespace
 
 struct Preview::Picture {
@@ -79,7 +87,7 @@ struct Preview::Picture {
     entry(kMeasured, "measured");
     entry(kCompleted, "completed");
     entry(kDoubtful, "doubtful");
-    entry(kFlag, "layer flagged");
+    entry(kFlag, "layer doubtful throughout");
   }
 
   [[nodiscard]] PixelPoint seen(Point2 p, double z_mm) const {
@@ -115,7 +123,7 @@ Preview& Preview::operator=(Preview&&) noexcept = default;
 void Preview::add(const Layer& layer) {
   Picture& p = *picture_;
   const std::uint32_t index = layer.index.count();
-  const bool flagged = layer.certificate.verdict == LayerCertificate::Verdict::Doubtful;
+  const bool flagged = doubtful_throughout(layer);
   const double share = (index - p.first + 0.5) / (p.last - p.first + 1);
   if ((index - p.first) % p.every == 0 || index == p.last) {
     std::vector<std::vector<PixelPoint>> rings;

@@ -18,6 +18,7 @@ std::string to_json(const SliceReport& report) {
       entry["reason"] = name_of(doubt->reason);
       entry["text"] = sentence_of(f.certificate);
       if (doubt->place) entry["place_mm"] = {doubt->place->x_mm, doubt->place->y_mm};
+      entry["doubtful_share"] = f.doubtful_share;
     }
     flagged.push_back(std::move(entry));
   }
