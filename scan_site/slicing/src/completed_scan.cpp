@@ -25,6 +25,10 @@ constexpr std::array kProbeSpacings{1.F, 0.5F, 0.25F, 2.F};
 constexpr double kReachWidths = 2;
 /// Where no virtual sample says otherwise.
 constexpr double kErrorOfGap = 0.4;
+/// A sheet is at least so many spacings thick: its sides would else be seen as one.
+constexpr double kLeastSheetSpacings = 2.5;
+/// Places of its back lie this near to its thickness behind the nearest sample of the front.
+constexpr float kOffsetShare = 0.95F;
 
 PointCloud cleaned_samples(const MlsField& field) {
   SurfaceSamples all;
@@ -39,6 +43,20 @@ PointCloud cleaned_samples(const MlsField& field) {
     cloud.normals.push_back(all.normals[i].cast<float>());
   }
   return cloud;
+}
+
+/// Samples of the other side of a sheet. Where the front is bent more sharply than the sheet is thick, backs of other
+/// samples lie nearer: those are not on its surface.
+std::vector<VirtualSample> back_of(const PointCloud& front, float thickness) {
+  const KdTree near{front.points};
+  std::vector<VirtualSample> back;
+  for (std::size_t i = 0; i < front.size(); ++i) {
+    const Eigen::Vector3f place = front.points[i] - thickness * front.normals[i];
+    const float nearest = std::sqrt(near.nearest(place).squared_distance);
+    if (nearest < kOffsetShare * thickness) continue;
+    back.push_back({.point = place, .normal = -front.normals[i], .agreement = 1});
+  }
+  return back;
 }
 
 /// Solid is on the left: outward is to the right.
@@ -77,6 +95,22 @@ CompletedScan::CompletedScan(PointCloud measured, Completion completion)
 Result<std::unique_ptr<CompletedScan>> CompletedScan::of(const MlsField& measured, const SliceRequest& request,
                                                          const ProgressSink& progress, std::stop_token stop) {
   PointCloud cloud = cleaned_samples(measured);
+  std::vector<VirtualSample> back;
+  if (request.thickness_mm) {
+    const double least_mm = kLeastSheetSpacings * measured.kernel().spacing_mm;
+    if (*request.thickness_mm < least_mm)
+      return fail(
+          ErrorCode::InvalidInput,
+          fmt::format("a sheet of {:.3g} mm is too thin for samples {:.3g} mm apart; make it {:.3g} mm thick or "
+                      "more, or scan it more densely",
+                      *request.thickness_mm, measured.kernel().spacing_mm, least_mm));
+    back = back_of(cloud, static_cast<float>(*request.thickness_mm));
+  }
+  const std::size_t seen = cloud.size();
+  for (const VirtualSample& s : back) {
+    cloud.points.push_back(s.point);
+    cloud.normals.push_back(s.normal);
+  }
   Completion completion;
   if (!request.complete) {
     completion.areas = sample_areas(cloud.points, cloud.normals);
@@ -88,6 +122,11 @@ Result<std::unique_ptr<CompletedScan>> CompletedScan::of(const MlsField& measure
     if (!found) return tl::unexpected{found.error()};
     completion = std::move(*found);
   }
+  for (std::size_t i = 0; i < back.size(); ++i) back[i].spacing = std::sqrt(completion.areas[seen + i]);
+  completion.samples.insert(completion.samples.begin(), back.begin(), back.end());
+  completion.areas.resize(seen);
+  cloud.points.resize(seen);
+  cloud.normals.resize(seen);
   if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while closing gaps of the scan");
   return std::unique_ptr<CompletedScan>{new CompletedScan{std::move(cloud), std::move(completion)}};
 }
@@ -110,14 +149,18 @@ CompletionSummary CompletedScan::summary() const {
 }
 
 Result<void> CompletedScan::check(const SliceRequest& request) const {
-  if (!request.complete) return {};
+  if (!request.complete || request.thickness_mm) return {};
   if (const auto why = refusal_of(unasked(openness(), request))) return fail(ErrorCode::InvalidInput, *why);
   return {};
 }
 
 std::vector<std::string> CompletedScan::warnings(const SliceRequest& request) const {
   std::vector<std::string> sentences;
-  if (auto open = warning_of(unasked(openness(), request))) sentences.push_back(std::move(*open));
+  if (request.thickness_mm)
+    sentences.push_back(fmt::format("taken as a sheet or relief: its back lies {:.3g} mm behind what was scanned",
+                                    *request.thickness_mm));
+  else if (auto open = warning_of(unasked(openness(), request)))
+    sentences.push_back(std::move(*open));
   if (completion_.too_wide)
     sentences.push_back(
         "a gap of the scan is wider than what is closed (--complete MM closes wider ones): its middle is "
@@ -162,7 +205,8 @@ SurfaceRun CompletedScan::rests_on(const Vec3& place_mm, const ScalarField& fiel
   double share = kErrorOfGap;
   if (is_virtual) {
     const VirtualSample& sample = completion_.samples[nearest.index - measured_count_];
-    if (sample.gap > 0) share = static_cast<double>(sample.error() / sample.gap);
+    // The back of a sheet lies where it was asked for.
+    share = sample.gap > 0 ? static_cast<double>(sample.error() / sample.gap) : 0;
   }
   return {SurfaceClass::Completed, 1, gap, share * gap};
 }

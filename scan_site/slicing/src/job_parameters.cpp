@@ -65,6 +65,7 @@ Result<JobParameters> job_parameters_of(const SliceParameters& asked, const Mach
   slice.placement.height_mm = asked.height_mm;
   slice.placement.scale = asked.scale;
   slice.placement.fit = asked.fit;
+  slice.thickness_mm = asked.thickness_mm;
   slice.layer_mm = asked.layer_mm;
   slice.chord_mm = asked.chord_mm;
   slice.mls.kernel_mm = asked.kernel_mm;

@@ -44,7 +44,9 @@ std::optional<std::string> refusal_of(const Openness& open) {
   return fmt::format(
       "the scan shows one side only: about {:.3g} cm2 of surface facing {} have no samples ({:.0f} % of what it "
       "shows), "
-      "too much to be guessed; scan that side too{}, or give --complete off to close it flat",
+      "too much to be guessed; scan that side too{}, give --thickness-mm for a sheet or relief, or --complete off to "
+      "close "
+      "it flat",
       open.missing_mm2.norm() / 100, side_of(open), 100 * open.share(), base_hint(open));
 }
 

@@ -69,7 +69,8 @@ Result<PlacedSurface> surface_of(std::span<const std::byte> scan, std::string_vi
                                  const SliceRequest& request, const ProgressSink& progress, StageClock& clock,
                                  std::stop_token stop) {
   auto made = attempt(scan, name, intake, request, progress, clock, stop);
-  if (!made || made->field->kernel().dropped_samples == 0 || !request.mls.drop_outliers) return made;
+  if (!made || made->field->kernel().dropped_samples == 0 || !request.mls.drop_outliers || request.thickness_mm)
+    return made;
   const Vec3& size = made->placed.size_mm;
   const Vec3 middle = middle_of(request.machine.platform);
   Box samples = box_of_samples(*made->field);

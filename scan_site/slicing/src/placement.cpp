@@ -39,6 +39,21 @@ Eigen::Matrix3f turn_of(UpAxis up) {
 }
 
 constexpr double kFitMargin = 0.01;  // of the room, kept free on every side
+/// The scale decides how far a sheet's back reaches beyond its front, and that decides the scale: settled in so many
+/// steps.
+constexpr int kSheetSteps = 4;
+
+/// The box of the scan in its own unit, with the back that a sheet of this thickness has behind it.
+Box box_of(const PointCloud& scan, double thickness) {
+  Box box{scan.points[0].cast<double>(), scan.points[0].cast<double>()};
+  for (std::size_t i = 0; i < scan.size(); ++i) {
+    const Vec3 front = scan.points[i].cast<double>();
+    const Vec3 back = thickness > 0 ? Vec3{front - thickness * scan.normals[i].cast<double>()} : front;
+    box.low = box.low.cwiseMin(front).cwiseMin(back);
+    box.high = box.high.cwiseMax(front).cwiseMax(back);
+  }
+  return box;
+}
 
 }  // namespace
 
@@ -50,14 +65,11 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
     for (auto& p : scan.points) p = turn * p;
     for (auto& n : scan.normals) n = turn * n;
   }
-  Eigen::Vector3f low = scan.points[0];
-  Eigen::Vector3f high = low;
-  for (const auto& p : scan.points) {
-    low = low.cwiseMin(p);
-    high = high.cwiseMax(p);
-  }
-  const Vec3 min = scan.origin + low.cast<double>();
-  const Vec3 size = high.cast<double>() - low.cast<double>();
+  if (request.thickness_mm && scan.normals.size() != scan.size())
+    return fail(ErrorCode::InvalidInput, "a sheet needs normals, to know which side is its back");
+  Box box = box_of(scan, 0);
+  Vec3 min = scan.origin + box.low;
+  Vec3 size = box.high - box.low;
   if (!min.allFinite() || !size.allFinite())
     return fail(ErrorCode::InvalidInput, "the scan has coordinates that are not finite");
   if (!(size.z() > 0) || !(size.x() > 0) || !(size.y() > 0))
@@ -68,15 +80,21 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
 
   const MachineProfile::Platform& platform = request.machine.platform;
   const Vec3 room{platform.width_mm, platform.depth_mm, platform.z_travel_mm};
-  const double largest = room.cwiseQuotient(size).minCoeff();
   const double unit_mm = request.placement.unit_mm.value_or(scan.unit_mm.value_or(1));
-  double scale = unit_mm;
-  if (request.placement.height_mm) scale = *request.placement.height_mm / size.z();
-  if (request.placement.scale) scale = *request.placement.scale;
-  if (request.placement.fit) {
+  const auto scale_for = [&]() -> double {
+    if (request.placement.height_mm) return *request.placement.height_mm / size.z();
+    if (request.placement.scale) return *request.placement.scale;
+    if (!request.placement.fit) return unit_mm;
     // The surface swells beyond its samples, by a share of their spacing that is not known yet, and supports lift it.
     const Vec3 used = (1 - 2 * kFitMargin) * room - Vec3{0, 0, request.machine.supports.lift_off_mm};
-    scale = used.cwiseMax(room / 2).cwiseQuotient(size).minCoeff();
+    return used.cwiseMax(room / 2).cwiseQuotient(size).minCoeff();
+  };
+  double scale = scale_for();
+  for (int step = 0; request.thickness_mm && step < kSheetSteps; ++step) {
+    box = box_of(scan, *request.thickness_mm / scale);
+    min = scan.origin + box.low;
+    size = box.high - box.low;
+    scale = scale_for();
   }
   const Vec3 size_mm = scale * size;
   std::optional<std::string> warning;

@@ -373,6 +373,9 @@ Result<void> SliceRequest::validate() const {
   if (auto ok = placement.validate(); !ok) return ok;
   if (!positive(layer_mm, 1))
     return fail(ErrorCode::InvalidInput, fmt::format("layer thickness {} mm is not in (0, 1]", *layer_mm));
+  if (!positive(thickness_mm, kMaxCoordinateMm))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("a thickness of {} mm is not in (0, {}]", *thickness_mm, kMaxCoordinateMm));
   if (!positive(chord_mm, 1))
     return fail(ErrorCode::InvalidInput, fmt::format("chord tolerance {} mm is not in (0, 1]", *chord_mm));
   if (!positive(most_gap_mm, kMaxCoordinateMm))

@@ -477,6 +477,60 @@ TEST(SliceScan, RefusesAScanOfOneSideAndSaysWhatToDo) {
   EXPECT_NE(refused.report.error().what.find("scan that side too"), std::string::npos);
 }
 
+/// A relief in the y-z plane that looks along +x: a board with a hump of 4 mm.
+test::SurfaceSamples relief() {
+  test::SurfaceSamples front;
+  for (double y = -20; y <= 20; y += 0.4)
+    for (double z = 0; z <= 30; z += 0.4) {
+      const double r2 = (y * y + (z - 15) * (z - 15)) / 50, hump = 4 * std::exp(-r2);
+      front.points.emplace_back(hump, y, z);
+      front.normals.push_back(Vec3{1, hump * 2 * y / 50, hump * 2 * (z - 15) / 50}.normalized());
+    }
+  return front;
+}
+
+TEST(SliceScan, MakesAReliefAsThickAsAskedBehindWhatWasScanned) {
+  SliceRequest request = request_for();
+  request.thickness_mm = 3;
+  request.scale = 1;
+  const Outcome sheet = slice(text_of(relief()), request);
+  ASSERT_TRUE(sheet.report) << sheet.report.error().what;
+  EXPECT_NEAR(sheet.report->size_mm[0], 7, 0.1);
+  EXPECT_NEAR(sheet.report->size_mm[2], 30, 0.8);
+  int seen = 0, certified = 0;
+  for (const Layer& layer : sheet.layers) {
+    if (layer.z_mm < 2 || layer.z_mm > sheet.report->size_mm[2] - 2) continue;
+    ++seen;
+    certified += layer.certificate.is_certified();
+    ASSERT_EQ(layer.contours.size(), 1U) << layer.z_mm;
+    // 40 mm of board, a little more along the hump, rounded at both ends.
+    EXPECT_NEAR(layer.contours[0].signed_area_mm2(), 3 * 41, 10) << layer.z_mm;
+    const SurfaceShares shares = surface_shares(layer);
+    EXPECT_NEAR(shares.measured_mm / shares.length_mm(), 0.5, 0.1) << "the back is not measured";
+  }
+  EXPECT_GE(certified, 0.9 * seen);
+}
+
+TEST(SliceScan, ScalesASheetSoThatItsHeightCountsItsBack) {
+  SliceRequest request = request_for();
+  request.thickness_mm = 3;
+  request.up = UpAxis::PlusX;
+  request.height_mm = 10;
+  const Outcome lying = slice(text_of(relief()), request);
+  ASSERT_TRUE(lying.report) << lying.report.error().what;
+  EXPECT_NEAR(lying.report->size_mm[2], 10, 0.05);
+  EXPECT_NEAR(lying.report->size_mm[1], 40 * 7 / 4, 3);
+}
+
+TEST(SliceScan, RefusesASheetThinnerThanItsSamplesTell) {
+  SliceRequest request = request_for();
+  request.thickness_mm = 0.5;
+  request.scale = 1;
+  const Outcome thin = slice(text_of(relief()), request);
+  ASSERT_FALSE(thin.report);
+  EXPECT_NE(thin.report.error().what.find("too thin"), std::string::npos) << thin.report.error().what;
+}
+
 /// A ball standing on a ragged rim: nothing of it was scanned below a slanted plane.
 test::SurfaceSamples bust() {
   const auto ball = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .seed = 15});

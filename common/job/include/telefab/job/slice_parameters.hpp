@@ -24,6 +24,7 @@ struct SliceParameters {
   bool sample_faces = false;
   std::optional<std::string> complete;
   std::optional<std::string> base;
+  std::optional<double> thickness_mm;
   std::optional<double> layer_mm;
   std::optional<double> chord_mm;
   std::optional<std::string> method;

@@ -52,8 +52,11 @@ struct SliceRequest {
   bool complete = true;               ///< gaps of the scan are closed before it is sliced
   bool flat_base = false;             ///< an underside without samples is no fault: the part ends flat at the platform
   std::optional<double> most_gap_mm;  ///< > 0; how far from the nearest sample. None: a quarter of the part's diagonal
-  std::optional<double> chord_mm;     ///< (0, 1]; none: a tenth of the pixel pitch
-  unsigned threads = 0;               ///< 0: one a core
+  /// > 0; the scan is a sheet or relief seen from one side: the part is this thick, behind what was scanned. None: a
+  /// body.
+  std::optional<double> thickness_mm;
+  std::optional<double> chord_mm;                      ///< (0, 1]; none: a tenth of the pixel pitch
+  unsigned threads = 0;                                ///< 0: one a core
   std::optional<std::array<std::uint32_t, 2>> layers;  ///< first and last layer to be cut; none: all
   [[nodiscard]] Result<void> validate() const;
 };
