@@ -39,9 +39,10 @@ struct Setup {
   bool reasons = false;
   bool verdicts = false;
   std::string save;
+  std::string against;
 };
 
-Result<MeshTruth> read_mesh(const fs::path& path) {
+Result<MeshTruth> read_mesh(const fs::path& path, bool must_be_closed = true) {
   const auto bytes = read_file(path, 1ULL << 32U);
   if (!bytes) return tl::unexpected{bytes.error()};
   scan::ReadOptions options;
@@ -51,7 +52,7 @@ Result<MeshTruth> read_mesh(const fs::path& path) {
   std::vector<Vec3> corners;
   for (const auto& p : file->cloud.points) corners.push_back(file->cloud.origin + p.cast<double>());
   MeshTruth mesh{corners, file->faces};
-  if (!mesh.closed()) return fail(ErrorCode::InvalidInput, "no closed mesh");
+  if (must_be_closed && !mesh.closed()) return fail(ErrorCode::InvalidInput, "no closed mesh");
   return mesh;
 }
 
@@ -72,13 +73,23 @@ struct Judgement {
   };
   std::map<std::string, Flagged, std::less<>> flagged;  ///< by reason
 
-  void judge(const Layer& layer, const MeshTruth& truth) {
-    const auto found = segments_of(layer.contours);
-    const auto exact = truth.section(layer.z_mm);
+  /// Whether it has as many rings as the mesh.
+  bool judge(std::span<const Segment> found, RingCount count, double z_mm, const MeshTruth& truth) {
+    const auto exact = truth.section(z_mm);
     const SectionAreas areas = compare_sections(found, exact, 0.1);
     truth_mm2 += areas.truth_mm2;
     wrong_mm2 += areas.wrong_mm2;
-    for (const Point2& p : along(found, kStepMm)) off_mm.push_back(truth.distance({p.x_mm, p.y_mm, layer.z_mm}));
+    for (const Point2& p : along(found, kStepMm)) off_mm.push_back(truth.distance({p.x_mm, p.y_mm, z_mm}));
+    if (count == truth.rings(z_mm)) return true;
+    const double near = kCriticalShare * kHeightMm;
+    if (!(truth.rings(z_mm - near) == truth.rings(z_mm + near)))
+      ++critical;
+    else
+      ++wrong;
+    return false;
+  }
+
+  void judge(const Layer& layer, const MeshTruth& truth) {
     for (const Contour& ring : layer.contours) {
       std::size_t edge = 0;
       for (const SurfaceRun& run : one_an_edge(ring.runs(), ring.vertices().size())) {
@@ -89,21 +100,32 @@ struct Judgement {
     }
     RingCount count;
     for (const Contour& ring : layer.contours) ++(ring.is_hole() ? count.holes : count.outers);
-    const bool right = count == truth.rings(layer.z_mm);
+    const int wrong_before = wrong;
+    const bool right = judge(segments_of(layer.contours), count, layer.z_mm, truth);
     if (layer.certificate.verdict == LayerCertificate::Verdict::Doubtful) {
-      Flagged& told = flagged[std::string{name_of(layer.certificate.doubt->reason)}];
-      ++(right ? told.right : told.wrong);
+      Flagged& verdict = flagged[std::string{name_of(layer.certificate.doubt->reason)}];
+      ++(right ? verdict.right : verdict.wrong);
     }
-    if (right) return;
-    const double near = kCriticalShare * kHeightMm;
-    if (!(truth.rings(layer.z_mm - near) == truth.rings(layer.z_mm + near))) {
-      ++critical;
-      return;
-    }
-    ++wrong;
-    wrong_certified += layer.certificate.is_certified() ? 1 : 0;
+    wrong_certified += layer.certificate.is_certified() ? wrong - wrong_before : 0;
+  }
+
+  [[nodiscard]] double mean_mm() const {
+    double sum = 0;
+    for (const double d : off_mm) sum += d;
+    return off_mm.empty() ? 0 : sum / static_cast<double>(off_mm.size());
   }
 };
+
+/// Sections of a mesh that another program made of the same points, at the heights of the layers judged.
+void judge_other(const MeshTruth& other, std::span<const Layer> layers, const MeshTruth& truth) {
+  Judgement found;
+  for (const Layer& layer : layers)
+    if (layer.index.count() % kJudged == kJudged / 2)
+      found.judge(other.section(layer.z_mm), other.rings(layer.z_mm), layer.z_mm, truth);
+  const double percent = 100 / kHeightMm;
+  fmt::print("{:74} {:4} {:4} {:3} {:6.4f} {:6.4f} {:6.3f}\n", "    the other", found.wrong, "", found.critical,
+             percent * found.mean_mm(), percent * rank(found.off_mm, 0.95), 100 * found.wrong_mm2 / found.truth_mm2);
+}
 
 Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string& damage_name, std::uint64_t seed,
                  const Setup& setup) {
@@ -140,8 +162,6 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
   Judgement found;
   for (const Layer& layer : layers)
     if (layer.index.count() % kJudged == kJudged / 2) found.judge(layer, truth);
-  double mean = 0;
-  for (const double d : found.off_mm) mean += d / static_cast<double>(found.off_mm.size());
   const double percent = 100 / kHeightMm;
   const auto seconds_of = [&](std::string_view stage) {
     double sum = 0;
@@ -153,12 +173,19 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
       "{:6.2f} {:6.2f}\n",
       path.stem().string(), damage_name, seed, cloud.size(), report->completion.virtual_samples,
       100 * report->open.share(), report->certified - report->completed, report->completed, report->flagged.size(),
-      report->contours, found.wrong, found.wrong_certified, found.critical, percent * mean,
+      report->contours, found.wrong, found.wrong_certified, found.critical, percent * found.mean_mm(),
       percent * rank(found.off_mm, 0.95), 100 * found.wrong_mm2 / found.truth_mm2, rank(found.error_shares, 0.95),
       seconds_of("gaps"), seconds_of("contours"), seconds);
   if (setup.reasons)
     for (const auto& f : report->flagged)
       fmt::print("    {} z {:.2f}: {}\n", f.layer.count(), f.z_mm, sentence_of(f.certificate));
+  if (!setup.against.empty()) {
+    const auto name = fmt::format("{}/{}_{}_{}.ply", setup.against, path.stem().string(), damage_name, seed);
+    if (const auto other = read_mesh(name, false); !other)
+      fmt::print("    {}: {}\n", name, other.error().what);
+    else
+      judge_other(other->moved(report->header.scan_to_build), layers, truth);
+  }
   if (setup.verdicts)
     for (const auto& [reason, told] : found.flagged)
       fmt::print("    {:22} {:4} layers flagged though right, {:4} wrong\n", reason, told.right, told.wrong);
@@ -199,6 +226,8 @@ int main(int argc, char** argv) {
   options.add_flag("--reasons", setup.reasons, "also list flagged layers");
   options.add_flag("--verdicts", setup.verdicts, "also count, by reason, flagged layers that are right and wrong");
   options.add_option("--save", setup.save, "folder for the damaged clouds");
+  options.add_option("--against", setup.against,
+                     "folder of meshes that another program made of the clouds of --save, under the same names");
   CLI11_PARSE(options, argc, argv);
   return telefab::campaign::run(setup);
 }
