@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <telefab/scan/completion/sheet.hpp>
 
 #include "openness.hpp"
 
@@ -27,8 +28,6 @@ constexpr double kReachWidths = 2;
 constexpr double kErrorOfGap = 0.4;
 /// A sheet is at least so many spacings thick: its sides would else be seen as one.
 constexpr double kLeastSheetSpacings = 2.5;
-/// Places of its back lie this near to its thickness behind the nearest sample of the front.
-constexpr float kOffsetShare = 0.95F;
 
 PointCloud cleaned_samples(const MlsField& field) {
   SurfaceSamples all;
@@ -43,20 +42,6 @@ PointCloud cleaned_samples(const MlsField& field) {
     cloud.normals.push_back(all.normals[i].cast<float>());
   }
   return cloud;
-}
-
-/// Samples of the other side of a sheet. Where the front is bent more sharply than the sheet is thick, backs of other
-/// samples lie nearer: those are not on its surface.
-std::vector<VirtualSample> back_of(const PointCloud& front, float thickness) {
-  const KdTree near{front.points};
-  std::vector<VirtualSample> back;
-  for (std::size_t i = 0; i < front.size(); ++i) {
-    const Eigen::Vector3f place = front.points[i] - thickness * front.normals[i];
-    const float nearest = std::sqrt(near.nearest(place).squared_distance);
-    if (nearest < kOffsetShare * thickness) continue;
-    back.push_back({.point = place, .normal = -front.normals[i], .agreement = 1});
-  }
-  return back;
 }
 
 /// Solid is on the left: outward is to the right.
@@ -104,7 +89,9 @@ Result<std::unique_ptr<CompletedScan>> CompletedScan::of(const MlsField& measure
           fmt::format("a sheet of {:.3g} mm is too thin for samples {:.3g} mm apart; make it {:.3g} mm thick or "
                       "more, or scan it more densely",
                       *request.thickness_mm, measured.kernel().spacing_mm, least_mm));
-    back = back_of(cloud, static_cast<float>(*request.thickness_mm));
+    auto made = other_side_of_sheet(cloud, *request.thickness_mm, measured.kernel().noise_mm, stop);
+    if (!made) return tl::unexpected{made.error()};
+    back = std::move(*made);
   }
   const std::size_t seen = cloud.size();
   for (const VirtualSample& s : back) {
@@ -122,7 +109,6 @@ Result<std::unique_ptr<CompletedScan>> CompletedScan::of(const MlsField& measure
     if (!found) return tl::unexpected{found.error()};
     completion = std::move(*found);
   }
-  for (std::size_t i = 0; i < back.size(); ++i) back[i].spacing = std::sqrt(completion.areas[seen + i]);
   completion.samples.insert(completion.samples.begin(), back.begin(), back.end());
   completion.areas.resize(seen);
   cloud.points.resize(seen);

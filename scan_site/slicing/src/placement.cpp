@@ -72,34 +72,43 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   Vec3 size = box.high - box.low;
   if (!min.allFinite() || !size.allFinite())
     return fail(ErrorCode::InvalidInput, "the scan has coordinates that are not finite");
+  const MachineProfile::Platform& platform = request.machine.platform;
+  const Vec3 room{platform.width_mm, platform.depth_mm, platform.z_travel_mm};
+  const double unit_mm = request.placement.unit_mm.value_or(scan.unit_mm.value_or(1));
+  const auto scale_for = [&](const Vec3& beyond_mm) -> double {
+    if (request.placement.height_mm) return (*request.placement.height_mm - beyond_mm.z()) / size.z();
+    if (request.placement.scale) return *request.placement.scale;
+    if (!request.placement.fit) return unit_mm;
+    // The surface swells beyond its samples, by a share of their spacing that is not known yet, and supports lift it.
+    const Vec3 used = (1 - 2 * kFitMargin) * room - Vec3{0, 0, request.machine.supports.lift_off_mm};
+    return (used.cwiseMax(room / 2) - beyond_mm).cwiseQuotient(size).minCoeff();
+  };
+  double scale = scale_for(Vec3::Zero());
+  if (request.thickness_mm) {
+    const Vec3 front = size;
+    for (int step = 0; step < kSheetSteps && scale > 0 && std::isfinite(scale); ++step) {
+      const Vec3 beyond_mm = scale * (box_of(scan, *request.thickness_mm / scale).size() - front);
+      scale = scale_for(beyond_mm);
+    }
+    if (!(scale > 0) || !std::isfinite(scale))
+      return fail(
+          ErrorCode::InvalidInput,
+          fmt::format("a sheet {:.4g} mm thick leaves no room for what was scanned; make it thinner, or the part "
+                      "larger",
+                      *request.thickness_mm));
+    box = box_of(scan, *request.thickness_mm / scale);
+    min = scan.origin + box.low;
+    size = box.size();
+  }
   if (!(size.z() > 0) || !(size.x() > 0) || !(size.y() > 0))
     return fail(ErrorCode::InvalidInput,
                 fmt::format("the scan is flat: its box is {} x {} x {} units{}", size.x(), size.y(), size.z(),
                             scan.rounding > 0 ? fmt::format("; its coordinates are rounded to {:g}", scan.rounding)
                                               : std::string{}));
-
-  const MachineProfile::Platform& platform = request.machine.platform;
-  const Vec3 room{platform.width_mm, platform.depth_mm, platform.z_travel_mm};
-  const double unit_mm = request.placement.unit_mm.value_or(scan.unit_mm.value_or(1));
-  const auto scale_for = [&]() -> double {
-    if (request.placement.height_mm) return *request.placement.height_mm / size.z();
-    if (request.placement.scale) return *request.placement.scale;
-    if (!request.placement.fit) return unit_mm;
-    // The surface swells beyond its samples, by a share of their spacing that is not known yet, and supports lift it.
-    const Vec3 used = (1 - 2 * kFitMargin) * room - Vec3{0, 0, request.machine.supports.lift_off_mm};
-    return used.cwiseMax(room / 2).cwiseQuotient(size).minCoeff();
-  };
-  double scale = scale_for();
-  for (int step = 0; request.thickness_mm && step < kSheetSteps; ++step) {
-    box = box_of(scan, *request.thickness_mm / scale);
-    min = scan.origin + box.low;
-    size = box.high - box.low;
-    scale = scale_for();
-  }
   const Vec3 size_mm = scale * size;
   std::optional<std::string> warning;
-  if (!request.placement.height_mm && !request.placement.scale && !request.placement.fit)
-    warning = scale_warning(size_mm, unit_mm);
+  if (!request.placement.height_mm && !request.placement.scale && !request.placement.fit) warning = scale_warning(size_mm, unit_mm);
+  const double largest = room.cwiseQuotient(size).minCoeff();
   const std::string hint = warning ? "; " + *warning : std::string{};
   if (!size_mm.allFinite() || (size_mm - room).maxCoeff() > 1e-9 * room.maxCoeff())
     return fail(ErrorCode::InvalidInput,
