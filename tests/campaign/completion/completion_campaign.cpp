@@ -187,8 +187,8 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
       judge_other(other->moved(report->header.scan_to_build), layers, truth);
   }
   if (setup.verdicts)
-    for (const auto& [reason, told] : found.flagged)
-      fmt::print("    {:22} {:4} layers flagged though right, {:4} wrong\n", reason, told.right, told.wrong);
+    for (const auto& [reason, verdict] : found.flagged)
+      fmt::print("    {:22} {:4} layers flagged though right, {:4} wrong\n", reason, verdict.right, verdict.wrong);
   std::fflush(stdout);
   return {};
 }
