@@ -107,7 +107,8 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
                                               : std::string{}));
   const Vec3 size_mm = scale * size;
   std::optional<std::string> warning;
-  if (!request.placement.height_mm && !request.placement.scale && !request.placement.fit) warning = scale_warning(size_mm, unit_mm);
+  if (!request.placement.height_mm && !request.placement.scale && !request.placement.fit)
+    warning = scale_warning(size_mm, unit_mm);
   const double largest = room.cwiseQuotient(size).minCoeff();
   const std::string hint = warning ? "; " + *warning : std::string{};
   if (!size_mm.allFinite() || (size_mm - room).maxCoeff() > 1e-9 * room.maxCoeff())

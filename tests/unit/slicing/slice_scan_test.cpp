@@ -492,7 +492,7 @@ test::SurfaceSamples relief() {
 TEST(SliceScan, MakesAReliefAsThickAsAskedBehindWhatWasScanned) {
   SliceRequest request = request_for();
   request.thickness_mm = 3;
-  request.scale = 1;
+  request.placement.scale = 1;
   const Outcome sheet = slice(text_of(relief()), request);
   ASSERT_TRUE(sheet.report) << sheet.report.error().what;
   EXPECT_NEAR(sheet.report->size_mm[0], 7, 0.1);
@@ -514,8 +514,8 @@ TEST(SliceScan, MakesAReliefAsThickAsAskedBehindWhatWasScanned) {
 TEST(SliceScan, ScalesASheetSoThatItsHeightCountsItsBack) {
   SliceRequest request = request_for();
   request.thickness_mm = 3;
-  request.up = UpAxis::PlusX;
-  request.height_mm = 5;
+  request.placement.up = UpAxis::PlusX;
+  request.placement.height_mm = 5;
   const Outcome lying = slice(text_of(relief()), request);
   ASSERT_TRUE(lying.report) << lying.report.error().what;
   EXPECT_NEAR(lying.report->size_mm[2], 5, 0.05);
@@ -526,7 +526,7 @@ TEST(SliceScan, ScalesASheetSoThatItsHeightCountsItsBack) {
 TEST(SliceScan, RefusesASheetThinnerThanItsSamplesTell) {
   SliceRequest request = request_for();
   request.thickness_mm = 0.5;
-  request.scale = 1;
+  request.placement.scale = 1;
   const Outcome thin = slice(text_of(relief()), request);
   ASSERT_FALSE(thin.report);
   EXPECT_NE(thin.report.error().what.find("too thin"), std::string::npos) << thin.report.error().what;
