@@ -97,6 +97,13 @@ Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) 
   return from(kNearLevel);
 }
 
+/// What was noticed while reading may be the reason, and is heard of nowhere else where nothing is sliced.
+tl::unexpected<Error> refusal(std::string_view name, Error why, const std::vector<std::string>& noticed) {
+  for (std::size_t i = 0; i < noticed.size(); ++i) why.what += (i == 0 ? " (noticed: " : "; ") + noticed[i];
+  if (!noticed.empty()) why.what += ")";
+  return fail_in(name, why);
+}
+
 struct Block {
   std::uint32_t first = 0;
   Result<std::vector<CutLayer>> cut;
@@ -236,7 +243,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   const CompletedScan& completed = **scan_closed;
   result.open = completed.openness();
   result.completion = completed.summary();
-  if (auto ok = completed.check(request); !ok) return fail_in(name, ok.error());
+  if (auto ok = completed.check(request); !ok) return refusal(name, ok.error(), result.warnings);
   for (std::string& warning : completed.warnings(request)) result.warnings.push_back(std::move(warning));
   if (const auto samples = completed.gap_samples(); !samples.empty()) *field = (*field)->completed_by(samples);
   clock.lap("gaps");
@@ -310,7 +317,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
     return tl::unexpected{ok.error()};
   clock.lap("contours");
   auto verdict = check.verdict(header, result.layers_cut == header.layer_count);
-  if (!verdict) return fail_in(name, verdict.error());
+  if (!verdict) return refusal(name, verdict.error(), result.warnings);
   for (std::string& sentence : *verdict) result.warnings.push_back(std::move(sentence));
   return result;
 }

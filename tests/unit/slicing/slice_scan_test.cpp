@@ -477,6 +477,18 @@ TEST(SliceScan, RefusesAScanOfOneSideAndSaysWhatToDo) {
   EXPECT_NE(refused.report.error().what.find("scan that side too"), std::string::npos);
 }
 
+TEST(SliceScan, SaysWhatReadingNoticedWhereItRefuses) {
+  std::string text =
+      "ply\nformat ascii 1.0\nelement vertex 1601\nproperty float x\nproperty float y\nproperty float z\n"
+      "end_header\nnan nan nan\n";
+  for (int i = 0; i < 40; ++i)
+    for (int j = 0; j < 40; ++j) text += fmt::format("{} {} {}\n", 0.5 * i, 0.5 * j, 0.01 * i * j);
+  const Outcome refused = slice(text, request_for());
+  ASSERT_FALSE(refused.report);
+  EXPECT_NE(refused.report.error().what.find("one side only"), std::string::npos) << refused.report.error().what;
+  EXPECT_NE(refused.report.error().what.find("noticed: "), std::string::npos) << refused.report.error().what;
+}
+
 /// A relief in the y-z plane that looks along +x: a board with a hump of 4 mm.
 test::SurfaceSamples relief() {
   test::SurfaceSamples front;
