@@ -151,7 +151,8 @@ std::string sentence_of(const LayerCertificate& certificate) {
       return fmt::format("the coordinates of the scan are rounded to {:.2g} mm", d.size_mm);
     case DoubtReason::CriticalInGap:
       return fmt::format(
-          "contours begin, end, part or join in a gap of the scan here, at a height known to {:.3g} mm only", d.size_mm);
+          "contours begin, end, part or join in a gap of the scan here, at a height known to {:.3g} mm only",
+          d.size_mm);
     case DoubtReason::FacesEmpty:
       return "the faces of the file carry no points, and points are all that is taken";
   }

@@ -37,7 +37,7 @@ enum class DoubtReason : std::uint8_t {
   EarlierRelease = 18,      ///< a file of an earlier release says so in words, which are not kept
   CoordinatesRounded = 19,  ///< the coordinates of the scan are rounded to size_mm, coarse against its spacing
   FacesEmpty = 20,          ///< the faces of the file carry no points, and points are all that is taken
-  CriticalInGap = 21,       ///< a contour begins, ends, parts or joins where nothing is measured, within size_mm of here
+  CriticalInGap = 21,  ///< a contour begins, ends, parts or joins where nothing is measured, within size_mm of here
 };
 inline constexpr DoubtReason kLastDoubtReason = DoubtReason::CriticalInGap;
 /// One word with hyphens, for programs: "contours-left-out", ...
