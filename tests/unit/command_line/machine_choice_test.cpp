@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gmock/gmock.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 #include <fstream>
 #include <telefab/command_line/machine_choice.hpp>
@@ -60,6 +61,22 @@ TEST_F(MachineChoiceTest, PassesOverAFolderWithoutProfilesButNotOverABadOne) {
   EXPECT_NE(passed->origin, (root_ / "telefab/machines").string());
   std::ofstream{root_ / "telefab/machines/bad.toml"} << "name = 3\n";
   EXPECT_FALSE(machine_profiles(""));
+}
+
+TEST_F(MachineChoiceTest, PassesOverAHomeThatIsAnotherUsers) {
+  keep(root_ / "telefab/machines", "mine");
+  fs::permissions(root_, fs::perms::none);
+  const bool is_root = geteuid() == 0;
+  if (is_root) {
+    ASSERT_EQ(seteuid(65534), 0);
+  }
+  const auto passed = machine_profiles("");
+  if (is_root) {
+    ASSERT_EQ(seteuid(0), 0);
+  }
+  fs::permissions(root_, fs::perms::owner_all);
+  ASSERT_TRUE(passed) << passed.error().what;
+  EXPECT_NE(passed->origin, (root_ / "telefab/machines").string());
 }
 
 TEST_F(MachineChoiceTest, AFolderThatIsNamedIsTheOnlyOneThereIs) {

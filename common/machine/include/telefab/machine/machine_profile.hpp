@@ -140,7 +140,8 @@ struct MachineProfile {
 /// where there is none.
 [[nodiscard]] Result<std::vector<MachineProfile>> load_machine_profiles(const std::string& folder);
 
-/// Whether load_machine_profiles has something to read there, or to complain of: a folder one may not look into.
+/// Whether load_machine_profiles has something to read there, or to complain of: a folder that can be reached, but not
+/// be looked into.
 [[nodiscard]] bool holds_machine_profiles(const std::filesystem::path& folder);
 
 /// The profiles of deploy/config/machines, as they were when the program was built, sorted by file name.
