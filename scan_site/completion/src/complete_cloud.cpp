@@ -24,12 +24,6 @@ double diagonal_of(std::span<const Eigen::Vector3f> points) {
   return static_cast<double>((high - low).norm());
 }
 
-float median_of(std::vector<float> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 /// Spacing of the virtual samples among all samples, by their tenth neighbour; never finer than they were set.
 void measure_spacing(const MeasuredSide& measured, std::vector<VirtualSample>& samples) {
   std::vector<Eigen::Vector3f> points{measured.points.begin(), measured.points.end()};
@@ -75,7 +69,7 @@ Result<Completion> complete_cloud(const PointCloud& cloud, const CompletionOptio
   if (!around) return tl::unexpected{around.error()};
   Completion completion;
   completion.areas = around->area;
-  const float spacing = median_of(around->spacing);
+  const float spacing = around->median_spacing();
   completion.spacing = static_cast<double>(spacing);
   if (!(spacing > 0)) return completion;
   const RimReach reach = RimReach::at_noise(options.noise / completion.spacing);

@@ -91,6 +91,13 @@ RimReach RimReach::at_noise(double noise_spacings) {
   return {1.4F + 0.4F * rough, 1.8F + 0.4F * rough};
 }
 
+float Surroundings::median_spacing() const {
+  std::vector<float> values = spacing;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 Result<Surroundings> look_around(const KdTree& near, std::span<const Vector3f> points,
                                  std::span<const Vector3f> normals, std::stop_token stop) {
   Surroundings around;

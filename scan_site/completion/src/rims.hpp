@@ -14,6 +14,8 @@ struct Surroundings {
   std::vector<float> area;     ///< each stands for
   std::vector<float> spacing;  ///< sqrt of the mean area of the sample and its neighbours
   std::vector<float> lean;     ///< how far its neighbours lie to one side: their mean offset over their reach
+  /// Of at least one sample.
+  [[nodiscard]] float median_spacing() const;
 };
 [[nodiscard]] Result<Surroundings> look_around(const KdTree& near, std::span<const Eigen::Vector3f> points,
                                                std::span<const Eigen::Vector3f> normals, std::stop_token stop);

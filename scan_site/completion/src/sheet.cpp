@@ -12,12 +12,6 @@ namespace {
 /// A place of the back is this near to its thickness behind the nearest sample of the front.
 constexpr float kOffsetShare = 0.95F;
 
-float median_of(std::vector<float> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 }  // namespace
 
 Result<std::vector<VirtualSample>> other_side_of_sheet(const PointCloud& front, double thickness, double noise,
@@ -27,7 +21,7 @@ Result<std::vector<VirtualSample>> other_side_of_sheet(const PointCloud& front, 
   const KdTree near{front.points};
   const auto around = look_around(near, front.points, front.normals, stop);
   if (!around) return tl::unexpected{around.error()};
-  const float spacing = median_of(around->spacing);
+  const float spacing = around->median_spacing();
   if (!(spacing > 0)) return std::vector<VirtualSample>{};
   const auto rims = find_rims(near, front.points, front.normals, *around,
                               RimReach::at_noise(noise / static_cast<double>(spacing)), stop);
