@@ -411,12 +411,12 @@ Result<std::vector<MachineProfile>> load_machine_profiles(const std::string& fol
 
 bool holds_machine_profiles(const std::filesystem::path& folder) {
   std::error_code error;
+  const bool is_reached = std::filesystem::exists(folder, error);
+  if (is_reached)
+    for (const auto& entry : std::filesystem::directory_iterator{folder, error})
+      if (entry.path().extension() == ".toml") return true;
   // What lies in a home that is another user's is nothing of ours: a service may have kept HOME of who started it.
-  if (!std::filesystem::exists(folder, error))
-    return error && error != std::errc::permission_denied && error != std::errc::no_such_file_or_directory &&
-           error != std::errc::not_a_directory;
-  for (const auto& entry : std::filesystem::directory_iterator{folder, error})
-    if (entry.path().extension() == ".toml") return true;
+  if (!is_reached && error == std::errc::permission_denied) return false;
   return error && error != std::errc::no_such_file_or_directory && error != std::errc::not_a_directory;
 }
 
