@@ -81,12 +81,11 @@ std::optional<Point2> DoubtfulPlaces::add_difference(std::span<const Contour> fo
 Result<void> DoubtfulPlaces::mark(Layer& layer) const {
   if (layer.contours.empty() || (places_.empty() && !all_)) return {};
   std::vector<std::vector<SurfaceRun>> runs;
-  for (const Contour& ring : layer.contours) {
-    runs.push_back(one_an_edge(ring.runs(), ring.vertices().size()));
-    if (all_)
-      for (SurfaceRun& run : runs.back()) run.kind = SurfaceClass::Doubtful;
-  }
-  for (const Place& place : places_) {
+  for (const Contour& ring : layer.contours) runs.push_back(one_an_edge(ring.runs(), ring.vertices().size()));
+  if (all_)
+    for (auto& ring : runs)
+      for (SurfaceRun& run : ring) run.kind = SurfaceClass::Doubtful;
+  for (const Place& place : all_ ? std::span<const Place>{} : std::span<const Place>{places_}) {
     double nearest = std::numeric_limits<double>::infinity();
     SurfaceRun* nearest_run = nullptr;
     for (std::size_t r = 0; r < layer.contours.size(); ++r) {

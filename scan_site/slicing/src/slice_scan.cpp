@@ -104,6 +104,10 @@ tl::unexpected<Error> refusal(std::string_view name, Error why, const std::vecto
   return fail_in(name, why);
 }
 
+bool positive(const std::optional<double>& value, double most) {
+  return !value || (std::isfinite(*value) && *value > 0 && *value <= most);
+}
+
 struct Block {
   std::uint32_t first = 0;
   Result<std::vector<CutLayer>> cut;
@@ -348,14 +352,6 @@ Result<void> complete_gaps_as(std::string_view text, SliceRequest& request) {
   request.most_gap_mm = value;
   return {};
 }
-
-namespace {
-
-bool positive(const std::optional<double>& value, double most) {
-  return !value || (std::isfinite(*value) && *value > 0 && *value <= most);
-}
-
-}  // namespace
 
 Result<UpAxis> up_axis_from(std::string_view name) {
   for (const auto& [axis, text] : kUpAxes)
