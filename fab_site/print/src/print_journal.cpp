@@ -112,6 +112,8 @@ class DiskJournalFile final : public JournalFile {
 
 class MemoryJournalFile final : public JournalFile {
  public:
+  MemoryJournalFile() : text_{own_} {}
+  explicit MemoryJournalFile(std::string& bytes) : text_{bytes} {}
   Result<std::string> read_all() override { return text_; }
   Result<void> append(std::string_view text) override {
     text_ += text;
@@ -129,7 +131,8 @@ class MemoryJournalFile final : public JournalFile {
   Result<void> reserve(std::uint64_t) override { return {}; }
 
  private:
-  std::string text_;
+  std::string own_;
+  std::string& text_;
 };
 
 bool carries_record(JournalStep step) {
@@ -227,6 +230,10 @@ Result<std::unique_ptr<JournalFile>> open_journal_file(const std::filesystem::pa
 }
 
 std::unique_ptr<JournalFile> memory_journal_file() { return std::make_unique<MemoryJournalFile>(); }
+
+std::unique_ptr<JournalFile> memory_journal_file(std::string& bytes) {
+  return std::make_unique<MemoryJournalFile>(bytes);
+}
 
 Result<PrintJournal> PrintJournal::open(std::unique_ptr<JournalFile> file) {
   PrintJournal journal{std::move(file)};

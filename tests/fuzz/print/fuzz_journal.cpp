@@ -10,32 +10,9 @@ namespace {
 using namespace telefab;
 using namespace telefab::fab;
 
-/// The bytes of a journal, watched: nothing may be cut but a tail, and nothing written behind damage.
-class Bytes final : public JournalFile {
- public:
-  explicit Bytes(std::string& text) : text_{text} {}
-  Result<std::string> read_all() override { return text_; }
-  Result<void> append(std::string_view text) override {
-    text_ += text;
-    return {};
-  }
-  Result<void> sync() override { return {}; }
-  Result<void> truncate(std::uint64_t bytes) override {
-    text_.resize(std::min<std::size_t>(text_.size(), bytes));
-    return {};
-  }
-  Result<void> set_aside(std::string_view text) override {
-    text_ = text;
-    return {};
-  }
-  Result<void> reserve(std::uint64_t) override { return {}; }
-
- private:
-  std::string& text_;
-};
-
 }  // namespace
 
+// The bytes of a journal, watched: nothing may be cut but a tail, and nothing written behind damage.
 // The bodies of records, a line each, put into sound record lines where the first byte is 'r', else taken as they are.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view all{reinterpret_cast<const char*>(data), size};
@@ -54,7 +31,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     text = all;
   }
   const std::string before = text;
-  auto journal = PrintJournal::open(std::make_unique<Bytes>(text));
+  auto journal = PrintJournal::open(memory_journal_file(text));
   if (!journal) {
     if (journal.error().what.empty() || text != before) std::abort();
     return 0;

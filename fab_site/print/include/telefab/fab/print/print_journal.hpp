@@ -39,6 +39,8 @@ class JournalFile {
 
 /// In memory, gone with the object. For virtual runs.
 [[nodiscard]] std::unique_ptr<JournalFile> memory_journal_file();
+/// The same on bytes of somebody else's, which outlive it: to see what is written.
+[[nodiscard]] std::unique_ptr<JournalFile> memory_journal_file(std::string& bytes);
 
 struct JournalEntry {
   JournalStep step = JournalStep::Planned;
