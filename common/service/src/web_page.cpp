@@ -66,4 +66,10 @@ Result<Job> command_and_wait(const CommandPost& post, const Command& command) {
   return answer.get();
 }
 
+Result<void> carry_out(const CommandPost& post, const Command& command) {
+  const auto job = command_and_wait(post, command);
+  if (!job) return tl::unexpected{job.error()};
+  return {};
+}
+
 }  // namespace telefab

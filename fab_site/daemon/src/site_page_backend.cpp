@@ -280,9 +280,7 @@ Result<void> SitePageBackend::act(std::string_view id, JobCommand action, std::s
   command.job = id;
   command.who = who;
   command.command = action;
-  const auto job = command_and_wait(post_, command);
-  if (!job) return tl::unexpected{job.error()};
-  return {};
+  return carry_out(post_, command);
 }
 
 Result<void> SitePageBackend::approve(std::string_view id, std::string_view although, std::string_view who) {
@@ -291,9 +289,7 @@ Result<void> SitePageBackend::approve(std::string_view id, std::string_view alth
   command.command = JobCommand::Approve;
   command.who = who;
   command.although = although;
-  const auto job = command_and_wait(post_, command);
-  if (!job) return tl::unexpected{job.error()};
-  return {};
+  return carry_out(post_, command);
 }
 
 Result<void> SitePageBackend::clear_platform(std::string_view machine, std::string_view who) {
@@ -301,9 +297,7 @@ Result<void> SitePageBackend::clear_platform(std::string_view machine, std::stri
   command.job = machine;
   command.command = JobCommand::Cleared;
   command.who = who;
-  const auto job = command_and_wait(post_, command);
-  if (!job) return tl::unexpected{job.error()};
-  return {};
+  return carry_out(post_, command);
 }
 
 Result<std::string> SitePageBackend::take_file(std::string_view name, std::string_view tfc, bool start) {

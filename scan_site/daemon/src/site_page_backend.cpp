@@ -51,9 +51,7 @@ Result<void> SitePageBackend::act(std::string_view id, JobCommand command, std::
   asked.job = id;
   asked.command = command;
   asked.who = who;
-  const auto job = command_and_wait(post_, asked);
-  if (!job) return tl::unexpected{job.error()};
-  return {};
+  return carry_out(post_, asked);
 }
 
 }  // namespace telefab::scan

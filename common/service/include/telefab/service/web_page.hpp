@@ -22,5 +22,7 @@ using CommandPost = std::function<void(const Command&, std::function<void(Result
 /// Gives a command from the page's thread and waits for its answer: Unreachable after five seconds, though the command
 /// may still be carried out.
 [[nodiscard]] Result<Job> command_and_wait(const CommandPost& post, const Command& command);
+/// The same where what becomes of the job is of no interest.
+[[nodiscard]] Result<void> carry_out(const CommandPost& post, const Command& command);
 
 }  // namespace telefab
