@@ -80,7 +80,8 @@ void GrblModel::restart() {
   locked_ = true;
   incoming_.clear();
   outgoing_.clear();
-  answer("\r\nGrbl 1.1h ['$' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n", clock_.now() + kBoot);
+  boots_until_ = clock_.now() + kBoot;
+  answer("\r\nGrbl 1.1h ['$' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n", boots_until_);
 }
 
 void GrblModel::reopened() {
@@ -105,6 +106,8 @@ bool GrblModel::receive(std::string_view bytes) {
   for (const char c : bytes) {
     if (c == '\x18') {
       restart();
+    } else if (clock_.now() < boots_until_) {
+      continue;  // lost
     } else if (c == '?') {
       status();
     } else if (c == '!') {
@@ -172,6 +175,9 @@ void GrblModel::execute(std::string_view line) {
     locked_ = false;
     return ok(clock_.now());
   }
+  if (line == "$#") return answer("[G54:0.000,0.000,0.000]\r\n[PRB:0.000,0.000,0.000:0]\r\nok\r\n", clock_.now());
+  if (line == "$N") return answer("$N0=\r\n$N1=\r\nok\r\n", clock_.now());
+  if (line == "$G") return answer("[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok\r\n", clock_.now());
   if (locked_) return answer("error:9\r\n", clock_.now());
   if (has(line, "G4")) return ok(idle_at() + 10ms);
   if (has(line, "G1")) {

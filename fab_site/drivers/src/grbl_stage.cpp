@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <telefab/fab/drivers/grbl_stage.hpp>
@@ -42,6 +43,14 @@ constexpr DialectFacts kGrbl{"GRBL",  "\x18", "Grbl ", "$H\n", "G90 G21 G53 G1 Z
 constexpr DialectFacts kMarlin{"Marlin",   "\nM105\n", "start", "G28 Z\n", "G90\nG1 Z{:.4f} F{:.2f}\n",
                                "M400\n",   "M114\n",   "Z:",    0,         "M410\n",
                                "echo:busy"};
+
+/// A question to a GRBL board and what stands in its answer, locked or not, in 0.9 as in 1.1.
+struct GrblQuestion {
+  std::string_view text;
+  std::string_view mark;
+};
+constexpr std::array kGrblQuestions{GrblQuestion{"$#\n", "[G54:"}, GrblQuestion{"$N\n", "$N0="},
+                                    GrblQuestion{"$G\n", " G9"}};
 
 const DialectFacts& facts_of(StageDialect d) { return d == StageDialect::Grbl ? kGrbl : kMarlin; }
 
@@ -128,8 +137,7 @@ Result<void> SerialStage::connect() {
     if (!line) return tl::unexpected{line.error()};
     if (line->starts_with(dialect.banner) || (is_marlin && is_ok(*line))) break;
   }
-  if (is_marlin)
-    if (const auto ok = synchronise(until); !ok) return ok;
+  if (const auto ok = is_marlin ? synchronise_marlin(until) : synchronise_grbl(until); !ok) return ok;
   connected_ = true;
   return {};
 }
@@ -144,7 +152,25 @@ Result<std::string> SerialStage::next_line(Nanoseconds until) {
   return fail(ErrorCode::DeviceTimeout, "stage: the board does not answer");
 }
 
-Result<void> SerialStage::synchronise(Nanoseconds until) {
+Result<void> SerialStage::synchronise_grbl(Nanoseconds until) {
+  // The banner may be of an earlier restart: of a program that was killed, or of the port's opening. Ours comes later
+  // and loses what was sent before it, so that each banner asks another question; the answer to the newest one, and its
+  // ok, come behind all that.
+  for (const GrblQuestion& question : kGrblQuestions) {
+    if (const auto ok = send(question.text); !ok) return ok;
+    bool is_answered = false;
+    while (true) {
+      const auto line = next_line(until);
+      if (!line) return tl::unexpected{line.error()};
+      if (line->starts_with(kGrbl.banner)) break;
+      if (is_answered && is_ok(*line)) return {};
+      is_answered = is_answered || line->find(question.mark) != std::string::npos;
+    }
+  }
+  return fail(ErrorCode::DeviceRefused, "stage: the board restarts again and again; look at its power");
+}
+
+Result<void> SerialStage::synchronise_marlin(Nanoseconds until) {
   idle_oks_ = 0;
   asked_celsius_at_.reset();
   celsius_at_ = clock_.now();

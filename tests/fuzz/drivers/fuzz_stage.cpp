@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <deque>
 #include <string>
 #include <telefab/fab/drivers/grbl_stage.hpp>
 
@@ -22,10 +23,9 @@ class LyingLine final : public LineTransport {
 
   Result<void> write(std::string_view sent, Milliseconds) override {
     if (lines_.empty()) return fail(ErrorCode::DeviceLost, "the input is over");
-    if (sent.find("M118 ") != std::string_view::npos) {
-      echo_ = sent.substr(sent.find("M118 ") + 5);
-      while (!echo_.empty() && echo_.back() == '\n') echo_.pop_back();
-    }
+    if (const std::size_t at = sent.find("M118 "); at != std::string_view::npos)
+      answers_.emplace_back(sent.substr(at + 5, sent.find('\n', at) - at - 5));
+    if (sent == "$#\n") answers_.insert(answers_.end(), {"[G54:0.000,0.000,0.000]", "ok"});
     // Whatever the board said before, what it is told to do makes sense.
     if (const auto at = sent.find("G1 Z"); at != std::string_view::npos) {
       double z = NAN;
@@ -40,7 +40,11 @@ class LyingLine final : public LineTransport {
       announced_ = true;
       return std::optional<std::string>{dialect_ == StageDialect::Grbl ? "Grbl 1.1h ['$' for help]" : "start"};
     }
-    if (!echo_.empty()) return std::optional<std::string>{std::exchange(echo_, {})};
+    if (!answers_.empty()) {
+      std::string answer = std::move(answers_.front());
+      answers_.pop_front();
+      return std::optional<std::string>{std::move(answer)};
+    }
     if (lines_.empty()) return fail(ErrorCode::DeviceLost, "the input is over");
     const std::size_t end = std::min(lines_.find('\n'), lines_.size());
     std::string line{lines_.substr(0, end)};
@@ -59,7 +63,7 @@ class LyingLine final : public LineTransport {
   std::string_view lines_;
   StageDialect dialect_;
   Clock& clock_;
-  std::string echo_;
+  std::deque<std::string> answers_;
   bool announced_ = false;
 };
 

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -65,14 +66,41 @@ class SpeakingLine final : public LineTransport {
   std::size_t next_ = 0;
 };
 
+/// A line whose system keeps what the board said while no program listened.
+class LeftBehindLine final : public LineTransport {
+ public:
+  LeftBehindLine(GrblModel& model, VirtualClock& clock) : model_{model}, clock_{clock} {}
+  void deliver() { kept_ += model_.transmit(); }
+  Result<void> write(std::string_view bytes, Milliseconds) override {
+    deliver();
+    return model_.receive(bytes) ? Result<void>{} : fail(ErrorCode::DeviceLost, "hung up");
+  }
+  Result<std::optional<std::string>> read_line(Milliseconds timeout) override {
+    clock_.sleep_for(timeout);
+    deliver();
+    const std::size_t end = kept_.find("\r\n");
+    if (end == std::string::npos) return std::optional<std::string>{};
+    std::string line = kept_.substr(0, end);
+    kept_.erase(0, end + 2);
+    return std::optional<std::string>{std::move(line)};
+  }
+  Result<void> reopen() override { return {}; }
+  std::string describe() const override { return "kept line"; }
+
+ private:
+  GrblModel& model_;
+  VirtualClock& clock_;
+  std::string kept_;
+};
+
 // Found by the fuzzer: every later move would have been ordered relative to a place that does not exist.
 TEST(GrblStage, IsNotHomedWhereTheBoardNamesAPlaceBeyondAnyAxis) {
   for (const std::string_view place : {"1e30", "-20000.0", "nan", "inf"}) {
     VirtualClock clock;
-    auto stage = SerialStage::open(
-        std::make_unique<SpeakingLine>(std::vector<std::string>{
-            "Grbl 1.1h ['$' for help]", "ok", "<Idle|MPos:0.000,0.000," + std::string{place} + "|FS:0,0>"}),
-        {.top_mm = 25, .homing_mm_per_s = 20}, clock);
+    auto stage = SerialStage::open(std::make_unique<SpeakingLine>(std::vector<std::string>{
+                                       "Grbl 1.1h ['$' for help]", "[G54:0.000,0.000,0.000]", "ok", "ok",
+                                       "<Idle|MPos:0.000,0.000," + std::string{place} + "|FS:0,0>"}),
+                                   {.top_mm = 25, .homing_mm_per_s = 20}, clock);
     ASSERT_TRUE(stage);
     ASSERT_TRUE((*stage)->home());
     for (int i = 0; i < 5; ++i) {
@@ -81,6 +109,41 @@ TEST(GrblStage, IsNotHomedWhereTheBoardNamesAPlaceBeyondAnyAxis) {
       clock.sleep_for(10ms);
     }
   }
+}
+
+// A program that is killed within the board's start leaves its banner behind.
+TEST(GrblStage, TakesNoBannerOfAnEarlierRestartForItsOwn) {
+  for (const Nanoseconds killed_after : {0ms, 200ms, 499ms, 500ms, 501ms}) {
+    for (const Nanoseconds opened_after : {0ms, 300ms, 2000ms}) {
+      SCOPED_TRACE(fmt::format("{} and {} ns", killed_after.count(), opened_after.count()));
+      VirtualClock clock;
+      MachineLog log;
+      GrblModel model{25, clock, &log};
+      auto line = std::make_unique<LeftBehindLine>(model, clock);
+      ASSERT_TRUE(line->write("\x18", 500ms));
+      clock.sleep_for(killed_after);
+      line->deliver();
+      ASSERT_TRUE(line->write("\x18", 500ms));
+      clock.sleep_for(opened_after);
+      line->deliver();
+      auto stage = SerialStage::open(std::move(line), {.top_mm = 25, .homing_mm_per_s = 20}, clock);
+      ASSERT_TRUE(stage) << stage.error().what;
+      ASSERT_TRUE((*stage)->home());
+      const Nanoseconds until = clock.now() + 20s;
+      auto status = (*stage)->poll();
+      for (; status && status->moving && clock.now() < until; status = (*stage)->poll()) clock.sleep_for(10ms);
+      ASSERT_TRUE(status) << status.error().what;
+      EXPECT_TRUE(status->homed);
+    }
+  }
+}
+
+TEST(GrblStage, RefusesABoardThatRestartsAgainAndAgain) {
+  VirtualClock clock;
+  const auto stage = SerialStage::open(
+      std::make_unique<SpeakingLine>(std::vector<std::string>(9, "Grbl 1.1h ['$' for help]")), {.top_mm = 25}, clock);
+  ASSERT_FALSE(stage);
+  EXPECT_EQ(stage.error().code, ErrorCode::DeviceRefused);
 }
 
 TEST(GrblStage, TakesTheTimeOfTheMove) {

@@ -67,6 +67,7 @@ class GrblModel final : public LineModel {
   double gap_mm_;
   bool locked_ = true;
   bool gone_ = false;
+  Nanoseconds boots_until_{};  ///< what arrives before is lost
   std::string incoming_;
   std::deque<Pending> outgoing_;
   std::deque<Motion> motions_;

@@ -47,8 +47,10 @@ class SerialStage final : public ZStage {
   SerialStage(std::unique_ptr<LineTransport> line, const SerialStageOptions& options, Clock& clock)
       : line_{std::move(line)}, options_{options}, clock_{clock} {}
   [[nodiscard]] Result<void> connect();
-  /// Marlin: no answer to anything said before is still to come.
-  [[nodiscard]] Result<void> synchronise(Nanoseconds until);
+  /// No banner of an earlier restart is still to come, and no answer; DeviceTimeout, DeviceRefused.
+  [[nodiscard]] Result<void> synchronise_grbl(Nanoseconds until);
+  /// No answer to anything said before is still to come; DeviceTimeout.
+  [[nodiscard]] Result<void> synchronise_marlin(Nanoseconds until);
   /// The next line, or nothing until then; DeviceTimeout.
   [[nodiscard]] Result<std::string> next_line(Nanoseconds until);
   void note_temperature(std::string_view line);
