@@ -55,7 +55,7 @@ Result<CuredSolid> cure_solid(const CureModel& model, std::uint32_t layers, cons
   const auto kernel = std::make_shared<const PixelKernel>(model.spread_px);
   DoseField above{kernel};
   for (std::uint32_t done = 0; done < layers;) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "curing was cancelled");
+    if (stop.stop_requested()) return cancelled("curing");
     const auto count = static_cast<std::uint32_t>(std::min<std::size_t>(block, layers - done));
     std::vector<Work> work(count, {LitLayer{}, DoseField{kernel}, {}, {}});
     const auto index_of = [&](std::uint32_t i) { return LayerIndex{layers - 1 - done - i}; };

@@ -80,7 +80,7 @@ Result<SupportReport> check_by_level(const PrintPlan& plan, MaskSource& masks, s
                                      const ProgressSink& progress, const std::stop_token& stop) {
   const auto count = static_cast<double>(plan.layers.size());
   for (const PlannedLayer& layer : plan.layers) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "checking the masks was cancelled");
+    if (stop.stop_requested()) return cancelled("checking the masks");
     const auto mask = masks.mask(layer.index);
     if (!mask) return tl::unexpected{mask.error()};
     if (auto ok = watch.add(LayerRuns::from_mask(mask->view(), level)); !ok) return tl::unexpected{ok.error()};
@@ -100,7 +100,7 @@ Result<std::vector<CuredRuns>> cured_runs(const PrintPlan& plan, MaskSource& mas
   const std::size_t count = plan.layers.size();
   std::vector<CuredRuns> runs(count);
   for (std::size_t k = count; k-- > 0;) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "checking the masks was cancelled");
+    if (stop.stop_requested()) return cancelled("checking the masks");
     const PlannedLayer& layer = plan.layers[k];
     auto mask = masks.mask(layer.index);
     if (!mask) return tl::unexpected{mask.error()};

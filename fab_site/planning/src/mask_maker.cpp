@@ -53,7 +53,7 @@ class SingleMaker final : public MaskMaker {
                                           const std::stop_token& stop) const override {
     BlendFigures figures;
     for (std::uint32_t i = first; i < first + count; ++i) {
-      if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
+      if (stop.stop_requested()) return cancelled("planning");
       auto layer = source_.layer(i);
       if (!layer) return tl::unexpected{layer.error()};
       Made made{i, {}, std::move(layer->section)};
@@ -112,7 +112,7 @@ class StackMaker final : public MaskMaker {
     std::vector<SourceLayer> layers;
     std::vector<SolidRows> solid;
     for (std::uint32_t i = lowest; i < behind; ++i) {
-      if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
+      if (stop.stop_requested()) return cancelled("planning");
       auto layer = source_.layer(i);
       if (!layer) return tl::unexpected{layer.error()};
       if (capped_ || pattern_) solid.emplace_back(layer->part, layer->supports, frame_);
@@ -122,7 +122,7 @@ class StackMaker final : public MaskMaker {
     BlendFigures figures;
     BlendStack stack{blender_};
     for (std::uint32_t i = until; i-- > first;) {
-      if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
+      if (stop.stop_requested()) return cancelled("planning");
       SourceLayer& layer = layers[i - lowest];
       BlendTask task = task_of(layer, exposure_ratio(machine_, i));
       const auto caps = capped_ ? std::optional{caps_of(solid, i, lowest, until)} : std::nullopt;

@@ -91,7 +91,7 @@ class MaskRounds {
     if (!maker) return tl::unexpected{maker.error()};
     const std::uint32_t in_round = (*maker)->block_layers() * kBlocksPerRound * static_cast<std::uint32_t>(at_once_);
     for (std::uint32_t first = 0; first < print_layers_; first += in_round) {
-      if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "planning was cancelled");
+      if (stop.stop_requested()) return cancelled("planning");
       const std::uint32_t count = std::min(in_round, print_layers_ - first);
       if (auto ok = make(**maker, first, count, stop); !ok) return ok;
       if (auto ok = decide(); !ok) return ok;

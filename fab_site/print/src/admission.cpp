@@ -17,7 +17,7 @@ Result<Admission> estimate_print(const PrintPlan& plan, LayerIndex from, MaskSou
   Admission a;
   std::vector<Nanoseconds> upload(plan.layers.size());
   for (std::size_t k = from.count(); k < plan.layers.size(); ++k) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "estimating the print was stopped");
+    if (stop.stop_requested()) return cancelled("estimating the print");
     const PlannedLayer& layer = plan.layers[k];
     if (layer.exposure.count() == 0) continue;
     if (layer.exposure < projector.facts().shortest_exposure && !a.has_too_short) {

@@ -43,7 +43,7 @@ class Solver {
     }
     State state = measured(std::move(sites));
     while (state.worst > 1) {
-      if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "covering: stopped");
+      if (stop_.stop_requested()) return cancelled("covering");
       if (state.sites.size() > kMaxAnchors)
         return fail(ErrorCode::TooLarge, fmt::format("covering: more than {} anchors", kMaxAnchors));
       add_where_out_of_reach(state);
@@ -81,7 +81,7 @@ class Solver {
     State state = measured(std::move(start));
     for (;;) {
       relax(state, options_.sweeps);
-      if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "covering: stopped");
+      if (stop_.stop_requested()) return cancelled("covering");
       if (state.worst <= 1) break;
       if (state.sites.size() > kMaxAnchors)
         return fail(ErrorCode::TooLarge,

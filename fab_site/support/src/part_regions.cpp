@@ -22,8 +22,6 @@ Result<Region> read_layer(const Layer& layer, std::size_t k, const MachineProfil
   return simplified(*region, Millimetres{machine.projection.pixel_pitch_mm / 10});
 }
 
-Error stopped() { return {ErrorCode::Cancelled, "planning supports: stopped"}; }
-
 }  // namespace
 
 Result<PartRegions> analyse_part(std::span<const Layer> layers, const MachineProfile& machine, std::stop_token stop) {
@@ -41,7 +39,7 @@ Result<PartRegions> analyse_part(std::span<const Layer> layers, const MachinePro
   });
   for (const auto& error : wrong)
     if (error) return tl::unexpected{*error};
-  if (stop.stop_requested()) return tl::unexpected{stopped()};
+  if (stop.stop_requested()) return cancelled("planning supports");
   part.layers = without_specks(std::move(regions), part.law.speck_mm2);
   part.to_support.resize(part.layers.size());
   part.islands.resize(part.layers.size());
@@ -52,7 +50,7 @@ Result<PartRegions> analyse_part(std::span<const Layer> layers, const MachinePro
     part.to_support[k] = std::move(rule.to_support);
     part.islands[k] = std::move(rule.islands);
   });
-  if (stop.stop_requested()) return tl::unexpected{stopped()};
+  if (stop.stop_requested()) return cancelled("planning supports");
   return part;
 }
 

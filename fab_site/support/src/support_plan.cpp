@@ -37,7 +37,7 @@ class Planner {
     if (options_.mode == SupportOptions::Mode::Auto)
       // What stands on the platform is held by it.
       for (std::size_t k = elevation == 0 ? 1 : 0; k < found.layers.size(); ++k) {
-        if (stop_.stop_requested()) return fail(ErrorCode::Cancelled, "planning supports: stopped");
+        if (stop_.stop_requested()) return cancelled("planning supports");
         if (auto ok = cover_layer(found, k); !ok) return tl::unexpected{ok.error()};
         if (k % 16 == 0)
           report(progress_, WorkStage::PlacingAnchors,

@@ -42,7 +42,7 @@ struct Checker {
     });
     for (const auto& error : wrong)
       if (error) return fail_in("checking supports", *error);
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "checking supports: stopped");
+    if (stop.stop_requested()) return cancelled("checking supports");
     return {};
   }
 
@@ -231,7 +231,7 @@ Result<SupportReport> check_supports(const PrintGeometry& print, const MachinePr
     checker.reach(k);
     checker.free_ends(k);
   });
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "checking supports: stopped");
+  if (stop.stop_requested()) return cancelled("checking supports");
   SupportReport out;
   out.layers = static_cast<std::uint32_t>(checker.all.size());
   for (auto& found : checker.found) out.findings.insert(out.findings.end(), found.begin(), found.end());

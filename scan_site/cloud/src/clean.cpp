@@ -206,7 +206,7 @@ Result<CleanResult> clean_cloud(const PointCloud& cloud, const CleanOptions& opt
   result.fate.assign(cloud.size(), PointFate::Kept);
   mark_duplicates(cloud, result.fate);
   mark_outliers(cloud, options, result.fate);
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while cleaning");
+  if (stop.stop_requested()) return cancelled("cleaning");
 
   std::vector<std::uint32_t> kept = kept_indices(result.fate);
   PointCloud rest = select(cloud, result.fate);

@@ -277,7 +277,7 @@ Result<Orientation> choose_sides(std::span<const Eigen::Vector3f> points, const 
                                  std::span<const std::int8_t> outward_side, const std::stop_token& stop) {
   const std::size_t n = graph.size();
   std::vector<Edge> edges = edges_of(points, graph);
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while orienting normals");
+  if (stop.stop_requested()) return cancelled("orienting normals");
   const Patches patches = sure_patches(edges, n);
   Orientation result;
   result.piece = pieces_of(graph, result.pieces);
@@ -290,7 +290,7 @@ Result<Orientation> choose_sides(std::span<const Eigen::Vector3f> points, const 
     return static_cast<double>(p.outside_known) >= kEnoughOutside * static_cast<double>(p.points.size());
   };
   for (const PieceMembers& p : pieces) result.outside_decides.push_back(outside_counts(p));
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while orienting normals");
+  if (stop.stop_requested()) return cancelled("orienting normals");
 
   // Votes between patches, and between patches and the outside, which is one more cluster.
   const auto outside = static_cast<std::uint32_t>(patches.count);
@@ -306,7 +306,7 @@ Result<Orientation> choose_sides(std::span<const Eigen::Vector3f> points, const 
   ClusterMerge clusters{patches.count + 1};
   for (const Edge& v : votes) clusters.vote(v.a, v.b, v.vote);
   clusters.run(stop);
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while orienting normals");
+  if (stop.stop_requested()) return cancelled("orienting normals");
 
   SignedSets& sets = clusters.sets();
   const auto out = sets.find(outside);
@@ -345,7 +345,7 @@ Result<Orientation> choose_sides(std::span<const Eigen::Vector3f> points, const 
     if ((outwardness(points, graph, result.turned, pieces[p], middle_of_cloud) < 0) != is_void)
       for (const std::uint32_t i : pieces[p].points) result.turned[i] = !result.turned[i];
     oriented.insert(oriented.end(), pieces[p].points.begin(), pieces[p].points.end());
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while orienting normals");
+    if (stop.stop_requested()) return cancelled("orienting normals");
   }
   return result;
 }

@@ -62,7 +62,7 @@ Result<SurfaceGraph> build_surface_graph(std::span<const Eigen::Vector3f> points
       near_distance[i] = found[std::min<std::size_t>(graph.k, 3)].squared_distance;
     }
   });
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while estimating normals");
+  if (stop.stop_requested()) return cancelled("estimating normals");
   const auto middle = near_distance.begin() + static_cast<std::ptrdiff_t>(near_distance.size() / 2);
   std::nth_element(near_distance.begin(), middle, near_distance.end());
   graph.spacing = std::sqrt(*middle);

@@ -292,7 +292,7 @@ Result<void> follow_surface(const MeasuredSide& measured, std::span<const Rim> r
   Follower follower{measured, reach, most_gap, completion};
   const auto follow = [&]() -> Result<void> {
     while (follower.step()) {
-      if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while closing gaps of the scan");
+      if (stop.stop_requested()) return cancelled("closing gaps of the scan");
       if (completion.samples.size() > most_samples) {
         completion.samples.resize(most_samples);
         completion.too_many = true;

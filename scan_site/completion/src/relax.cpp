@@ -88,7 +88,7 @@ Result<void> relax(const MeasuredSide& measured, std::vector<VirtualSample>& sam
         sums.add(samples[i], samples[k].point, samples[k].normal, samples[k].spacing * samples[k].spacing, kernel[i]);
       next[i] = relaxed(samples[i], sums);
     });
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while closing gaps of the scan");
+    if (stop.stop_requested()) return cancelled("closing gaps of the scan");
     samples.swap(next);
   }
   each([&](std::size_t i) { samples[i].gap = std::sqrt(measured.near.nearest(samples[i].point).squared_distance); });

@@ -134,7 +134,7 @@ Result<Surroundings> look_around(const KdTree& near, std::span<const Vector3f> p
     around.spacing[i] = std::min(std::sqrt(sum / static_cast<float>(near_ones.size())),
                                  kThirdSpacings * near_ones[near_ones.size() / 2]);
   });
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while looking for gaps of the scan");
+  if (stop.stop_requested()) return cancelled("looking for gaps of the scan");
   return around;
 }
 
@@ -164,7 +164,7 @@ Result<std::vector<Rim>> find_rims(const KdTree& near, std::span<const Vector3f>
     is_rim[i] = 1;
     probes[i] = probe;
   });
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while looking for gaps of the scan");
+  if (stop.stop_requested()) return cancelled("looking for gaps of the scan");
   std::vector<Rim> rims;
   for (std::uint32_t i = 0; i < points.size(); ++i)
     if (is_rim[i]) rims.push_back({i, probes[i]});

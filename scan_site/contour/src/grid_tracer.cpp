@@ -44,7 +44,7 @@ class GridTracer {
   /// Follows sign changes from cell to cell until none is left.
   Result<void> grow(std::stop_token stop) {
     for (std::size_t done = 0; done < crossing_.size(); ++done) {
-      if ((done & 63U) == 0 && stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while tracing");
+      if ((done & 63U) == 0 && stop.stop_requested()) return cancelled("tracing");
       if (crossing_.size() > kMaxVerticesPerLayer)
         return fail(ErrorCode::TooLarge, "a layer needs more grid cells than a layer may have vertices");
       const Node cell = crossing_[done];
@@ -228,7 +228,7 @@ Result<LayerTrace> trace_by_grid(const ScalarField& field, FieldCursor& cursor, 
   auto rings = tracer.link(trace.gaps);
   for (const ContourGap& gap : trace.gaps) trace.faults.push_back(doubt_of(gap));
   for (auto& ring : rings) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while tracing");
+    if (stop.stop_requested()) return cancelled("tracing");
     refine(ring, plane, options.chord_mm);
     keep_ring(ring, field, z_mm, trace.contours);
   }

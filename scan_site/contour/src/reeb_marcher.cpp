@@ -164,7 +164,7 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
   };
 
   for (const Vec3& seed : seeds) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while marching a layer");
+    if (stop.stop_requested()) return cancelled("marching a layer");
     try_seed(seed.head<2>(), true);
   }
   for (std::size_t i = 0; i < near_plane.points.size(); ++i) {
@@ -172,7 +172,7 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
     const auto p = moved_to_plane(near_plane.points[i], near_plane.normals[i], z_mm, h);
     if (!p || grid.runs_beside(*p, near_plane.normals[i].head<2>(), kCoverKernels * h)) continue;
     if (failed.runs_beside(*p, near_plane.normals[i].head<2>(), kCoverKernels * h)) continue;
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while marching a layer");
+    if (stop.stop_requested()) return cancelled("marching a layer");
     const std::size_t problems = layer.problems.size();
     if (try_seed(*p, false)) {
       ++layer.from_coverage;

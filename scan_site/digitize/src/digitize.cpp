@@ -159,7 +159,7 @@ Result<std::vector<VirtualView>> digitize(const DigitizeModel& model, const Digi
                     -reach, reach);
     views[v].scanner_to_model = motion.inverse();
   });
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while digitizing");
+  if (stop.stop_requested()) return cancelled("digitizing");
   return views;
 }
 

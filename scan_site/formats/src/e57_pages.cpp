@@ -68,8 +68,7 @@ Result<E57Bytes> E57Bytes::from(std::span<const std::byte> file, const std::stop
   const std::size_t pages = length / kPage;
   bytes.logical_.resize(pages * kPayload);
   for (std::size_t i = 0; i < pages; ++i) {
-    if (i % (kStopEvery / kPage) == 0 && stop.stop_requested())
-      return fail(ErrorCode::Cancelled, "stopped while reading pages");
+    if (i % (kStopEvery / kPage) == 0 && stop.stop_requested()) return cancelled("reading pages");
     const auto payload = file.subspan(i * kPage, kPayload);
     const auto stated = load<std::uint32_t>(payload.data() + kPayload, !kBigEndianHost);
     if (const std::uint32_t found = crc32c(payload); found != stated)

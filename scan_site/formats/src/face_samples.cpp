@@ -115,7 +115,7 @@ Result<PointCloud> sample_faces(const ScanFile& file, std::stop_token stop) {
   // Three irrational steps fill the faces evenly, the same on every machine.
   constexpr double kStepArea = 0.8191725133961645, kStepU = 0.6710436067037893, kStepV = 0.5497004779019703;
   for (std::uint64_t i = 0; i < tries; ++i) {
-    if (i % kStopEvery == 0 && stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while sampling faces");
+    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled("sampling faces");
     const auto part = [&](double step) {
       const double v = (static_cast<double>(i) + 0.5) * step;
       return v - std::floor(v);

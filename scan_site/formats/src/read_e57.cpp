@@ -67,7 +67,7 @@ Result<std::vector<std::vector<std::byte>>> streams_of(std::span<const std::byte
     return fail(ErrorCode::InvalidInput, fmt::format("E57: a data packet is damaged: {}", why));
   };
   for (std::size_t at = 0; at + 4 <= packets.size();) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while reading points");
+    if (stop.stop_requested()) return cancelled("reading points");
     const auto kind = static_cast<Packet>(packets[at]);
     const std::size_t length = std::size_t{load<std::uint16_t>(packets.data() + at + 2, kSwapped)} + 1;
     if (kind > Packet::Ignored)
@@ -185,7 +185,7 @@ Result<void> take_points(const E57Scan& scan, const Wanted& wanted, const std::v
   const auto row = reader(wanted.row), column = reader(wanted.column);
   GridTaker grid;
   for (std::uint64_t i = 0; i < scan.records; ++i) {
-    if (i % kStopEvery == 0 && stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while reading points");
+    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled("reading points");
     if (invalid && invalid->value(i) != 0) {
       builder.add_empty_return();
       continue;

@@ -84,7 +84,7 @@ Result<ScanFile> read_las(std::span<const std::byte> bytes, const ReadOptions& o
   builder.state_unit(kMetreMm);
   if (auto room = builder.expect(h.points, body.size(), h.record_bytes); !room) return tl::unexpected{room.error()};
   for (std::uint64_t i = 0; i < h.points; ++i) {
-    if (i % kStopEvery == 0 && stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while reading points");
+    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled("reading points");
     const std::byte* const record = body.data() + i * h.record_bytes;
     if (is_withheld(record, h.format)) {
       builder.add_empty_return();

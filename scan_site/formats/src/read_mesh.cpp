@@ -35,8 +35,6 @@ class CommaWatch {
   bool is_warned_ = false;
 };
 
-tl::unexpected<Error> cancelled() { return fail(ErrorCode::Cancelled, "stopped while reading points"); }
-
 std::optional<Vec3> take_vec(FieldCursor& fields) {
   Vec3 v;
   for (int axis = 0; axis < 3; ++axis) {
@@ -63,7 +61,7 @@ Result<ScanFile> read_binary_stl(std::span<const std::byte> bytes, const ReadOpt
   if (auto room = builder.expect(std::uint64_t{facets} * 3, bytes.size() - kStlHead, kStlFacet / 3); !room)
     return tl::unexpected{room.error()};
   for (std::size_t f = 0; f < facets; ++f) {
-    if (f % kStopEvery == 0 && stop.stop_requested()) return cancelled();
+    if (f % kStopEvery == 0 && stop.stop_requested()) return cancelled("reading points");
     const std::byte* corner = bytes.data() + kStlHead + f * kStlFacet + 12;
     for (int c = 0; c < 3; ++c, corner += 12)
       builder.add({load<float>(corner, swapped), load<float>(corner + 4, swapped), load<float>(corner + 8, swapped)});
@@ -80,7 +78,7 @@ Result<ScanFile> read_text_stl(std::span<const std::byte> bytes, const ReadOptio
   CommaWatch commas{builder};
   bool ended = false;
   for (std::size_t i = 0; !lines.at_end(); ++i) {
-    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled();
+    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled("reading points");
     const std::string_view line = lines.take_line();
     FieldCursor fields{line, CommaRule::Decimal};
     const std::string_view word = fields.take_word();
@@ -123,7 +121,7 @@ Result<ScanFile> read_off(std::span<const std::byte> bytes, const ReadOptions& o
   if (auto room = builder.expect(*vertices, lines.bytes_left() + 1, has_normals ? 12 : 6); !room)
     return tl::unexpected{room.error()};
   for (std::uint64_t i = 0; i < *vertices; ++i) {
-    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled();
+    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled("reading points");
     const std::string_view line = lines.take_full_line();
     if (line.empty())
       return fail(ErrorCode::InvalidInput,
@@ -180,7 +178,7 @@ Result<ScanFile> read_obj(std::span<const std::byte> bytes, const ReadOptions& o
   bool normals_by_vertex = true;  // until a face says that vertex i has another normal than i
   std::vector<std::uint64_t> corners;
   for (std::size_t i = 0; !lines.at_end(); ++i) {
-    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled();
+    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled("reading points");
     const std::string_view line = lines.take_line();
     FieldCursor fields{line, CommaRule::Decimal};
     const std::string_view key = fields.take_word();

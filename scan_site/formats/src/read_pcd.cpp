@@ -184,7 +184,7 @@ template <class Value>
 Result<void> take_records(const PcdHeader& header, const Columns& columns, RecordTaker& taker,
                           const std::stop_token& stop, Value value) {
   for (std::uint64_t i = 0; i < header.points; ++i) {
-    if (i % kStopEvery == 0 && stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while reading points");
+    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled("reading points");
     Vec3 position, normal = Vec3::Zero();
     for (std::size_t axis = 0; axis < 3; ++axis) {
       position[static_cast<int>(axis)] = value(*columns.position[axis], i);
@@ -202,7 +202,7 @@ Result<void> take_text(std::string_view body, const PcdHeader& header, const Col
   std::vector<double> record(header.record_columns);
   bool decimal_comma = false;
   for (std::uint64_t i = 0; i < header.points; ++i) {
-    if (i % kStopEvery == 0 && stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while reading points");
+    if (i % kStopEvery == 0 && stop.stop_requested()) return cancelled("reading points");
     const std::string_view line = lines.take_full_line();
     if (line.empty())
       return fail(ErrorCode::InvalidInput,

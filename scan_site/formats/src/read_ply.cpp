@@ -139,7 +139,6 @@ class PlyBody {
 tl::unexpected<Error> truncated(std::uint64_t item) {
   return fail(ErrorCode::InvalidInput, fmt::format("the file ends within item {}: it is truncated", item));
 }
-tl::unexpected<Error> cancelled() { return fail(ErrorCode::Cancelled, "stopped while reading points"); }
 
 class BinaryPly final : public PlyBody {
  public:
@@ -168,7 +167,7 @@ class BinaryPly final : public PlyBody {
     constexpr std::size_t kBlock = 512;
     std::vector<std::array<double, kBlock>> values(wanted.size());
     for (std::uint64_t first = 0; first < element.count; first += kBlock) {
-      if (stopped(first)) return cancelled();
+      if (stopped(first)) return cancelled("reading points");
       const std::size_t count = std::min<std::uint64_t>(kBlock, element.count - first);
       for (std::size_t c = 0; c < wanted.size(); ++c)
         load_column(at_ + offsets[c], stride, count, element.properties[static_cast<std::size_t>(wanted[c])].type,
@@ -186,7 +185,7 @@ class BinaryPly final : public PlyBody {
   Result<void> read_vertices_with_lists(const PlyElement& element, const VertexColumns& columns) {
     std::vector<double> record(element.properties.size());
     for (std::uint64_t i = 0; i < element.count; ++i) {
-      if (stopped(i)) return cancelled();
+      if (stopped(i)) return cancelled("reading points");
       for (std::size_t k = 0; k < element.properties.size(); ++k) {
         const PlyProperty& p = element.properties[k];
         if (p.count_type ? !skip_list(p) : !take(p.type, record[k])) return truncated(i);
@@ -199,7 +198,7 @@ class BinaryPly final : public PlyBody {
   Result<void> read_grid(const PlyElement& element, GridFiller& grid) override {
     const PlyProperty& list = element.properties.front();
     for (std::uint64_t i = 0; i < element.count; ++i) {
-      if (stopped(i)) return cancelled();
+      if (stopped(i)) return cancelled("reading points");
       double count = 0, index = 0;
       if (!take(*list.count_type, count)) return truncated(i);
       if (count < 0 || count > 1)
@@ -216,7 +215,7 @@ class BinaryPly final : public PlyBody {
       return {};
     }
     for (std::uint64_t i = 0; i < element.count; ++i) {
-      if (stopped(i)) return cancelled();
+      if (stopped(i)) return cancelled("reading points");
       for (const PlyProperty& p : element.properties) {
         double ignored = 0;
         const bool is_face =
@@ -273,7 +272,7 @@ class AsciiPly final : public PlyBody {
     std::vector<double> record(element.properties.size());
     bool decimal_comma = false;
     for (std::uint64_t i = 0; i < element.count; ++i) {
-      if (stopped(i)) return cancelled();
+      if (stopped(i)) return cancelled("reading points");
       const std::string_view line = take_row();
       if (line.empty()) return truncated(i);
       FieldCursor fields{line, CommaRule::Decimal};
@@ -304,7 +303,7 @@ class AsciiPly final : public PlyBody {
   Result<void> read_grid(const PlyElement& element, GridFiller& grid) override {
     FieldCursor fields = rest();
     for (std::uint64_t i = 0; i < element.count; ++i) {
-      if (stopped(i)) return cancelled();
+      if (stopped(i)) return cancelled("reading points");
       const auto count = fields.take<std::uint64_t>();
       if (!count) return bad_number(i, fields);
       if (*count > 1) return fail(ErrorCode::InvalidInput, fmt::format("cell {} holds {} points", i, *count));
@@ -322,7 +321,7 @@ class AsciiPly final : public PlyBody {
   Result<void> skip(const PlyElement& element) override {
     FieldCursor fields = rest();
     for (std::uint64_t i = 0; i < element.count; ++i) {
-      if (stopped(i)) return cancelled();
+      if (stopped(i)) return cancelled("reading points");
       for (const PlyProperty& p : element.properties) {
         const bool is_face =
             builder_.keeps_faces() && element.name == "face" && p.count_type && p.name.starts_with("vertex_ind");

@@ -61,7 +61,7 @@ Result<void> read_view(TextCursor& lines, const PtxHeader& header, ScanBuilder& 
   view.point_at.assign(cells, RangeView::kEmpty);
   bool decimal_comma = false;
   for (std::uint32_t column = 0; column < header.columns; ++column) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while reading points");
+    if (stop.stop_requested()) return cancelled("reading points");
     for (std::uint32_t row = 0; row < header.rows; ++row) {
       const std::string_view line = lines.take_full_line();
       if (line.empty())

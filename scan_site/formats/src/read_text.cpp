@@ -174,8 +174,7 @@ class TextReader {
 
   Result<void> take_lines(TextCursor& lines) {
     for (std::uint64_t i = 0;; ++i) {
-      if (i % kStopEvery == 0 && stop_.stop_requested())
-        return fail(ErrorCode::Cancelled, "stopped while reading points");
+      if (i % kStopEvery == 0 && stop_.stop_requested()) return cancelled("reading points");
       const TextLine line = next_line(lines);
       if (line.text.empty()) return {};
       if (count_ && in_section_ >= *count_)

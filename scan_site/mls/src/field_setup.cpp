@@ -187,7 +187,6 @@ Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, st
   for (std::size_t i = 0; i < placed.size(); ++i)
     if (!placed.points[i].allFinite() || !placed.normals[i].allFinite())
       return fail(ErrorCode::InvalidInput, fmt::format("point {} of the scan is not finite", i));
-  const auto cancelled = [] { return fail(ErrorCode::Cancelled, "cancelled while the surface was set up"); };
 
   FieldSetup setup;
   KernelChoice& choice = setup.choice;
@@ -200,7 +199,7 @@ Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, st
   const Evenness even = measure_evenness(grid, guess);
   if (even.spacing_mm < 0.6 * guess || even.spacing_mm > 1.6 * guess)
     grid = std::move(grid).with_cells(kCellSpacings * even.spacing_mm);
-  if (stop.stop_requested()) return cancelled();
+  if (stop.stop_requested()) return cancelled("setting up the surface");
   choice.spacing_mm = even.spacing_mm;
   choice.unevenness = even.unevenness;
   choice.adaptive = !options.kernel_mm && (even.unevenness > kEven || even.rows);
@@ -219,7 +218,7 @@ Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, st
   const double trial = options.kernel_mm ? *options.kernel_mm / even.spacing_mm : kTrialFactor;
   scale_field(parts, trial, choice);
   choice.noise_mm = noise_mm(parts);
-  if (stop.stop_requested()) return cancelled();
+  if (stop.stop_requested()) return cancelled("setting up the surface");
   if (options.drop_outliers) {
     const std::size_t before = size_of(parts);
     drop_outliers(parts, choice.noise_mm);

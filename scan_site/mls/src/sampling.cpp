@@ -209,7 +209,7 @@ Result<std::vector<float>> smooth_spacing(const SampleGrid& grid, float guess, b
     spacing.swap(next);
   }
   std::vector<Widths>{}.swap(next);
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while measuring the spacing of the scan");
+  if (stop.stop_requested()) return cancelled("measuring the spacing of the scan");
   std::vector<float> flat(n);
   for (std::uint32_t i = 0; i < n; ++i) flat[i] = spacing[i / 8].width[i % 8];
   return flat;

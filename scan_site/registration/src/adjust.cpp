@@ -28,7 +28,7 @@ Result<std::vector<std::vector<Match>>> adjust_all(std::span<const RangeImage> v
   double reach = options.first_reach;
   std::vector<std::vector<Match>> matches(links.size());
   for (int round = 0;; ++round) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while adjusting the poses");
+    if (stop.stop_requested()) return cancelled("adjusting the poses");
     for (std::size_t l = 0; l < links.size(); ++l) {
       const RangeImage& from = views[links[l].from];
       const std::size_t step = std::max<std::size_t>(1, from.points.size() / options.samples);

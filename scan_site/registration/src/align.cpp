@@ -92,7 +92,7 @@ Result<Alignment> align(std::span<const Eigen::Vector3f> points, std::span<const
   const std::size_t sampled = (points.size() + step - 1) / step;
   double reach = options.first_distance;
   for (result.rounds = 1;; ++result.rounds) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while aligning");
+    if (stop.stop_requested()) return cancelled("aligning");
     std::vector<Match> matches =
         find_matches(points, normals, {}, result.motion, target, {}, RigidMotion::Identity(), reach, step);
     if (matches.size() < 30)

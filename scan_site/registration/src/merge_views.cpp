@@ -72,7 +72,7 @@ Result<Merged> merge_views(std::span<const RangeImage> views, std::span<const Ri
   averaged.resize(first.back());
   std::vector<float> moved(first.back());
   for (std::size_t v = 0; v < placed.size(); ++v) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while merging");
+    if (stop.stop_requested()) return cancelled("merging");
     tbb::parallel_for(tbb::blocked_range<std::size_t>{0, placed[v].size(), 512}, [&](const auto& range) {
       for (std::size_t i = range.begin(); i < range.end(); ++i) {
         const Placed& p = placed[v][i];

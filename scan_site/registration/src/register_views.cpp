@@ -121,7 +121,7 @@ Result<Registration> register_views(std::span<RangeImage> views, const RegisterO
           options.min_overlap)
         links.push_back({i, j});
     }
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while aligning pairs");
+  if (stop.stop_requested()) return cancelled("aligning pairs");
   std::vector<RigidMotion> pairwise;
   for (const Link& l : links) {
     LinkReport row{.from = l.from, .to = l.to};

@@ -113,7 +113,7 @@ Result<std::unique_ptr<CompletedScan>> CompletedScan::of(const MlsField& measure
   completion.areas.resize(seen);
   cloud.points.resize(seen);
   cloud.normals.resize(seen);
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while closing gaps of the scan");
+  if (stop.stop_requested()) return cancelled("closing gaps of the scan");
   return std::unique_ptr<CompletedScan>{new CompletedScan{std::move(cloud), std::move(completion)}};
 }
 

@@ -363,7 +363,7 @@ Doubt LayerCutter::why_uncertified(const Choice& made, const Prediction& predict
 }
 
 Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token stop) {
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while cutting layers");
+  if (stop.stop_requested()) return cancelled("cutting layers");
   gather(z_mm);
   const Prediction predicted = prediction_at(z_mm);
   auto made = choose(z_mm, predicted, stop);

@@ -221,7 +221,7 @@ Result<OrientedCloud> orient_cloud(PointCloud cloud, std::shared_ptr<SurfaceGrap
     openness = judgement.openness;
     disagrees = decide_sides(given.cloud, facts, judgement, given.report);
   }
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while judging normals");
+  if (stop.stop_requested()) return cancelled("judging normals");
   if (given.report.disagreeing_points == 0 && openness <= kOpen && given.report.winding_agreement < kSure)
     given.warnings.push_back(fmt::format(
         "given normals fit the shape in part only: {:.0f} % of those asked have the inside behind them; they "

@@ -194,7 +194,7 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, st
       tbb::make_filter<void, std::uint32_t>(tbb::filter_mode::serial_in_order, source) &
           tbb::make_filter<std::uint32_t, std::shared_ptr<Block>>(tbb::filter_mode::parallel, work) &
           tbb::make_filter<std::shared_ptr<Block>, void>(tbb::filter_mode::serial_in_order, deliver));
-  if (outcome && stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while cutting layers");
+  if (outcome && stop.stop_requested()) return cancelled("cutting layers");
   return outcome;
 }
 

@@ -170,7 +170,7 @@ Result<std::vector<Eigen::Vector3f>> winding_normals(std::span<const Eigen::Vect
   Vectors at{padded}, m{padded};
   for (std::size_t i = 0; i < places.size(); ++i) at.set(i, (places[i] - places[0]) / spacing);
   for (int round = 0; round < kRounds; ++round) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "cancelled while orienting normals");
+    if (stop.stop_requested()) return cancelled("orienting normals");
     const float part = static_cast<float>(round) / (kRounds - 1);
     one_round(at, places.size(), kFirstWidth + part * (kLastWidth - kFirstWidth), m);
   }

@@ -151,7 +151,7 @@ Result<std::vector<CriticalPoint>> find_critical_points(const ScalarField& field
         searcher.found.push_back({i, *point});
     }
   });
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while searching critical points");
+  if (stop.stop_requested()) return cancelled("searching critical points");
 
   std::vector<Found> found;
   for (const Searcher& searcher : searchers) found.insert(found.end(), searcher.found.begin(), searcher.found.end());

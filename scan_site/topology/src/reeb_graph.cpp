@@ -167,7 +167,7 @@ Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> sa
     if (!stop.stop_requested())
       meetings[k] = follow_up(field, *cursors.local(), *traced, index, node_of, ports[k].node, ports[k].ring);
   });
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while building the Reeb graph");
+  if (stop.stop_requested()) return cancelled("building the Reeb graph");
 
   std::vector<std::vector<int>> met(built.size());
   for (std::size_t n = 0; n < built.size(); ++n) {

@@ -249,7 +249,7 @@ Result<TracedNodes> trace_nodes(const ScalarField& field, std::span<const Vec3> 
                                       : look_around(field, cursor, index, k, runs[run], stop);
     }
   });
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while tracing the Morse-Smale complex");
+  if (stop.stop_requested()) return cancelled("tracing the Morse-Smale complex");
 
   // Critical points of one run that share a ring are one node.
   TracedNodes traced;
