@@ -24,13 +24,9 @@ class EdgeMap {
 
   explicit EdgeMap(std::span<const Contour> rings) {
     Bounds2 box = rings[0].bounds();
-    for (const Contour& ring : rings) {
-      const Bounds2 b = ring.bounds();
-      box.min = {std::min(box.min.x_mm, b.min.x_mm), std::min(box.min.y_mm, b.min.y_mm)};
-      box.max = {std::max(box.max.x_mm, b.max.x_mm), std::max(box.max.y_mm, b.max.y_mm)};
-    }
+    for (const Contour& ring : rings) box.include(ring.bounds());
     low_ = box.min;
-    cell_mm_ = std::max(box.max.x_mm - box.min.x_mm, box.max.y_mm - box.min.y_mm) / kCells;
+    cell_mm_ = std::max(box.width_mm(), box.depth_mm()) / kCells;
     cells_.resize(static_cast<std::size_t>(kCells) * kCells);
     for (std::size_t r = 0; r < rings.size(); ++r) {
       const auto v = rings[r].vertices();

@@ -44,19 +44,14 @@ Result<Contour> Contour::with_runs(std::span<const SurfaceRun> runs) const {
 double Contour::length_mm() const {
   double length = 0;
   for (std::size_t i = 0; i < vertices_.size(); ++i) {
-    const Point2 a = vertices_[i];
-    const Point2 b = vertices_[(i + 1) % vertices_.size()];
-    length += std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm);
+    length += distance_mm(vertices_[i], vertices_[(i + 1) % vertices_.size()]);
   }
   return length;
 }
 
 Bounds2 Contour::bounds() const {
   Bounds2 box{vertices_[0], vertices_[0]};
-  for (const Point2 p : vertices_) {
-    box.min = {std::min(box.min.x_mm, p.x_mm), std::min(box.min.y_mm, p.y_mm)};
-    box.max = {std::max(box.max.x_mm, p.x_mm), std::max(box.max.y_mm, p.y_mm)};
-  }
+  for (const Point2 p : vertices_) box.include(p);
   return box;
 }
 

@@ -90,7 +90,7 @@ SurfaceShares surface_shares(const Layer& layer) {
       for (const std::size_t end = edge + run.edges; edge < end; ++edge) {
         const Point2 a = v[edge];
         const Point2 b = v[(edge + 1) % v.size()];
-        length += std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm);
+        length += distance_mm(a, b);
       }
       if (run.kind != SurfaceClass::Completed) continue;
       shares.largest_gap_mm = std::max(shares.largest_gap_mm, run.gap_mm);
@@ -143,6 +143,13 @@ Result<void> validate_layer(const StackHeader& header, const Layer& layer) {
   if (const auto what = contradiction(layer))
     return fail(ErrorCode::InvalidInput, fmt::format("{}: {}", where(), *what));
   return {};
+}
+
+Bounds2 bounds_of(std::span<const Layer> layers) {
+  Bounds2 all = Bounds2::nothing();
+  for (const Layer& layer : layers)
+    for (const Contour& ring : layer.contours) all.include(ring.bounds());
+  return all;
 }
 
 Result<LayerStack> LayerStack::from_layers(StackHeader header, std::vector<Layer> layers) {

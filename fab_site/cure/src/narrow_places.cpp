@@ -23,14 +23,11 @@ struct Edge {
 class EdgeGrid {
  public:
   EdgeGrid(std::span<const Edge> edges, double cell_mm) : edges_{edges}, cell_{cell_mm} {
-    Point2 most{-1e300, -1e300};
-    low_ = {1e300, 1e300};
+    Bounds2 box = Bounds2::nothing();
     for (const Edge& e : edges)
-      for (const Point2 p : {e.a, e.b}) {
-        low_ = {std::min(low_.x_mm, p.x_mm), std::min(low_.y_mm, p.y_mm)};
-        most = {std::max(most.x_mm, p.x_mm), std::max(most.y_mm, p.y_mm)};
-      }
-    const double width = most.x_mm - low_.x_mm, depth = most.y_mm - low_.y_mm;
+      for (const Point2 p : {e.a, e.b}) box.include(p);
+    low_ = box.min;
+    const double width = box.width_mm(), depth = box.depth_mm();
     cell_ = std::max(cell_, std::sqrt(std::max(width, cell_) * std::max(depth, cell_) / kMostCells));
     columns_ = static_cast<int>(width / cell_) + 1;
     rows_ = static_cast<int>(depth / cell_) + 1;

@@ -53,14 +53,6 @@ std::string certificate_text(const LayerCertificate& c) {
   return "not checked";
 }
 
-void widen(Bounds2& all, std::span<const Contour> rings) {
-  for (const Contour& ring : rings) {
-    const Bounds2 b = ring.bounds();
-    all.min = {std::min(all.min.x_mm, b.min.x_mm), std::min(all.min.y_mm, b.min.y_mm)};
-    all.max = {std::max(all.max.x_mm, b.max.x_mm), std::max(all.max.y_mm, b.max.y_mm)};
-  }
-}
-
 /// A report on disk as JSON; null where there is none yet.
 ordered_json report_part(const std::filesystem::path& path) {
   const auto text = text_of(path);
@@ -242,16 +234,17 @@ Result<const SitePageBackend::LayerImages*> SitePageBackend::layer_images_of(std
   if (!lines) return fail(ErrorCode::NotFound, "the layers can be looked at once the job is planned");
   auto part = received_stack(path->parent_path().parent_path());
   if (!part) return tl::unexpected{part.error()};
-  LayerImages images{std::string{id}, std::move(*part), {}, {{1e9, 1e9}, {-1e9, -1e9}}};
+  LayerImages images{std::string{id}, std::move(*part), {}, {}};
   for (std::string_view rest = *lines; !rest.empty();) {
     const auto end = std::min(rest.find('\n'), rest.size());
     auto layer = layer_from_json_line(rest.substr(0, end));
     if (!layer) return fail_in(path->string(), layer.error());
-    widen(images.bounds, layer->contours);
     images.supports.push_back(std::move(*layer));
     rest.remove_prefix(std::min(end + 1, rest.size()));
   }
-  for (const Layer& layer : images.part.layers()) widen(images.bounds, layer.contours);
+  Bounds2 box = bounds_of(images.part.layers());
+  box.include(bounds_of(images.supports));
+  if (!box.is_nothing()) images.bounds = box;
   layer_images_ = std::move(images);
   return &*layer_images_;
 }

@@ -176,14 +176,11 @@ Result<std::vector<Contour>> contours_of_layer(RawLayer& layer, Point2 shift, co
 
 /// How far everything moves to lie on the platform.
 Result<Point2> find_place(const RawLayers& raw, const MachineProfile& machine, bool centre) {
-  Bounds2 b{{1e300, 1e300}, {-1e300, -1e300}};
+  Bounds2 b = Bounds2::nothing();
   for (const auto& [key, layer] : raw.layers())
     for (const RawRing& ring : layer.rings)
-      for (const Point2 p : ring.vertices) {
-        b.min = {std::min(b.min.x_mm, p.x_mm), std::min(b.min.y_mm, p.y_mm)};
-        b.max = {std::max(b.max.x_mm, p.x_mm), std::max(b.max.y_mm, p.y_mm)};
-      }
-  if (b.min.x_mm > b.max.x_mm) return fail(ErrorCode::InvalidInput, "there is no closed contour in any layer");
+      for (const Point2 p : ring.vertices) b.include(p);
+  if (b.is_nothing()) return fail(ErrorCode::InvalidInput, "there is no closed contour in any layer");
   const auto& platform = machine.platform;
   Point2 shift;
   if (centre)
@@ -194,8 +191,7 @@ Result<Point2> find_place(const RawLayers& raw, const MachineProfile& machine, b
   if (inside(b.min.x_mm + shift.x_mm, b.max.x_mm + shift.x_mm, platform.width_mm) &&
       inside(b.min.y_mm + shift.y_mm, b.max.y_mm + shift.y_mm, platform.depth_mm))
     return shift;
-  const bool small_enough =
-      b.max.x_mm - b.min.x_mm <= platform.width_mm && b.max.y_mm - b.min.y_mm <= platform.depth_mm;
+  const bool small_enough = b.width_mm() <= platform.width_mm && b.depth_mm() <= platform.depth_mm;
   return fail(
       ErrorCode::InvalidInput,
       fmt::format("the part reaches from ({:.3f}, {:.3f}) to ({:.3f}, {:.3f}) mm; the platform of {} is {} x {} "

@@ -62,15 +62,11 @@ Result<std::vector<Contour>> united(const ContourJob& job, std::uint32_t layer) 
 }
 
 Bounds2 bounds_of(const ContourJob& job) {
-  Bounds2 all{{1e300, 1e300}, {-1e300, -1e300}};
+  Bounds2 all = Bounds2::nothing();
   for (const ContourPart& part : job.parts)
     for (const auto& layer : part.layers)
-      for (const Contour& ring : layer) {
-        const Bounds2 b = ring.bounds();
-        all.min = {std::min(all.min.x_mm, b.min.x_mm), std::min(all.min.y_mm, b.min.y_mm)};
-        all.max = {std::max(all.max.x_mm, b.max.x_mm), std::max(all.max.y_mm, b.max.y_mm)};
-      }
-  return all.min.x_mm <= all.max.x_mm ? all : Bounds2{};
+      for (const Contour& ring : layer) all.include(ring.bounds());
+  return all.is_nothing() ? Bounds2{} : all;
 }
 
 std::uint64_t vertex_count(const ContourJob& job) {

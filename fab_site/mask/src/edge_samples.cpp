@@ -18,7 +18,7 @@ Way way_of(std::span<const Point2> v, double pitch_mm, double corner_rad) {
   for (std::size_t i = 0; i < v.size(); ++i) {
     const Point2 a = v[i], b = v[(i + 1) % v.size()];
     way.at.push_back(length);
-    length += std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm) / pitch_mm;
+    length += distance_mm(a, b) / pitch_mm;
   }
   way.at.push_back(length);
   const double least_cosine = std::cos(corner_rad);

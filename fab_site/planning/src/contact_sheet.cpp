@@ -15,43 +15,15 @@ constexpr std::uint32_t kColumns = 6;
 constexpr std::uint32_t kTilePx = 260;
 constexpr std::uint32_t kSupportSamples = 16;  // a base is as wide at the bottom as supports ever are
 
-/// Grows with the rings it is shown.
-class Box {
- public:
-  void add(std::span<const Contour> rings) {
-    for (const Contour& ring : rings) {
-      const Bounds2 b = ring.bounds();
-      all_.min = {std::min(all_.min.x_mm, b.min.x_mm), std::min(all_.min.y_mm, b.min.y_mm)};
-      all_.max = {std::max(all_.max.x_mm, b.max.x_mm), std::max(all_.max.y_mm, b.max.y_mm)};
-    }
-  }
-  void add(std::span<const Layer> layers) {
-    for (const Layer& layer : layers) add(std::span<const Contour>{layer.contours});
-  }
-  [[nodiscard]] Bounds2 bounds() const { return all_.min.x_mm <= all_.max.x_mm ? all_ : Bounds2{}; }
-
- private:
-  Bounds2 all_{{1e9, 1e9}, {-1e9, -1e9}};
-};
-
 /// Of everything that is printed, from the contours themselves: headers may state a whole platform.
 Bounds2 printed_bounds(const LayerStack& stack, const SupportPlan& supports, std::uint32_t print_layers) {
-  Box box;
-  box.add(stack.layers());
-  for (std::uint32_t i = 0; i < print_layers; i += std::max(1U, print_layers / kSupportSamples)) {
-    const std::vector<Contour> section = supports.section(LayerIndex{i});
-    box.add(std::span<const Contour>{section});
-  }
-  return box.bounds();
+  Bounds2 box = bounds_of(stack.layers());
+  for (std::uint32_t i = 0; i < print_layers; i += std::max(1U, print_layers / kSupportSamples))
+    for (const Contour& ring : supports.section(LayerIndex{i})) box.include(ring.bounds());
+  return box;
 }
 
 }  // namespace
-
-Bounds2 bounds_of(std::span<const Layer> layers) {
-  Box box;
-  box.add(layers);
-  return box.bounds();
-}
 
 ContactSheet::Crop ContactSheet::crop_of(const Bounds2& bounds, const MaskFrame& frame) {
   const double margin_px = 2 + 3 / frame.pixel_pitch_mm;

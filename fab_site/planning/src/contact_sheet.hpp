@@ -9,9 +9,6 @@
 
 namespace telefab::fab {
 
-/// The box of all contours; the header's may be wider by what the slicer looked through.
-[[nodiscard]] Bounds2 bounds_of(std::span<const Layer> layers);
-
 /// Pictures of some masks of a print, cut out to what the print occupies.
 class ContactSheet {
  public:

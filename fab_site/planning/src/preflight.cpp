@@ -16,19 +16,12 @@ namespace {
 using Verdict = PreflightItem::Verdict;
 
 PreflightItem size_of(const LayerStack& stack, const MachineProfile& machine, const PlanSummary& summary) {
-  Bounds2 all{{1e9, 1e9}, {-1e9, -1e9}};
-  for (const Layer& layer : stack.layers())
-    for (const Contour& ring : layer.contours) {
-      const Bounds2 b = ring.bounds();
-      all.min = {std::min(all.min.x_mm, b.min.x_mm), std::min(all.min.y_mm, b.min.y_mm)};
-      all.max = {std::max(all.max.x_mm, b.max.x_mm), std::max(all.max.y_mm, b.max.y_mm)};
-    }
+  const Bounds2 all = bounds_of(stack.layers());
   const double height_mm = static_cast<double>(summary.plan.layers.size()) * stack.header().layer_thickness_mm;
   PreflightItem item{"size", Verdict::Passed, {}, height_mm, "mm", {}, {}};
-  item.text =
-      fmt::format("{:.1f} x {:.1f} mm, {:.1f} mm high with its supports, fits {} x {} x {} mm",
-                  std::max(0.0, all.max.x_mm - all.min.x_mm), std::max(0.0, all.max.y_mm - all.min.y_mm), height_mm,
-                  machine.platform.width_mm, machine.platform.depth_mm, machine.platform.z_travel_mm);
+  item.text = fmt::format("{:.1f} x {:.1f} mm, {:.1f} mm high with its supports, fits {} x {} x {} mm",
+                          std::max(0.0, all.width_mm()), std::max(0.0, all.depth_mm()), height_mm,
+                          machine.platform.width_mm, machine.platform.depth_mm, machine.platform.z_travel_mm);
   return item;
 }
 

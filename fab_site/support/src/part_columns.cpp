@@ -75,18 +75,14 @@ Bitmap grown(const Bitmap& bits, int columns, int rows, double radius_cells) {
 }  // namespace
 
 PartColumns::PartColumns(std::span<const Region> layers, double grow_mm, double cell_mm) : cell_mm_{cell_mm} {
-  Point2 low{1e9, 1e9}, high{-1e9, -1e9};
-  for (const Region& region : layers) {
-    if (region.empty()) continue;
-    const Bounds2 box = region.bounds();
-    low = {std::min(low.x_mm, box.min.x_mm), std::min(low.y_mm, box.min.y_mm)};
-    high = {std::max(high.x_mm, box.max.x_mm), std::max(high.y_mm, box.max.y_mm)};
-  }
-  if (low.x_mm > high.x_mm) return;
+  Bounds2 box = Bounds2::nothing();
+  for (const Region& region : layers)
+    if (!region.empty()) box.include(region.bounds());
+  if (box.is_nothing()) return;
   const double margin = grow_mm + 2 * cell_mm;
-  origin_ = {low.x_mm - margin, low.y_mm - margin};
-  columns_ = static_cast<int>((high.x_mm + margin - origin_.x_mm) / cell_mm) + 1;
-  rows_ = static_cast<int>((high.y_mm + margin - origin_.y_mm) / cell_mm) + 1;
+  origin_ = {box.min.x_mm - margin, box.min.y_mm - margin};
+  columns_ = static_cast<int>((box.max.x_mm + margin - origin_.x_mm) / cell_mm) + 1;
+  rows_ = static_cast<int>((box.max.y_mm + margin - origin_.y_mm) / cell_mm) + 1;
   runs_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
   // Blocks of layers are drawn in parallel, then appended to the columns in order.
   constexpr std::size_t kBlock = 64;

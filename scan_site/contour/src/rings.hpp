@@ -1,13 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
-#include <cmath>
 #include <telefab/scan/contour/grid_tracer.hpp>
 #include <telefab/scan/section/plane_cursor.hpp>
 #include <vector>
 
 namespace telefab::scan {
-
-inline double distance_mm(Point2 a, Point2 b) { return std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm); }
 
 /// Adds points between the vertices of a ring until every chord keeps within the tolerance.
 void refine(std::vector<PlaneSample>& ring, PlaneCursor& plane, double chord_mm);

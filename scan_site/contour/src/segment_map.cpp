@@ -8,26 +8,25 @@
 namespace telefab::scan {
 
 SegmentMap::SegmentMap(std::span<const Contour> rings) {
-  Point2 high;
+  Bounds2 box = Bounds2::nothing();
   double length = 0;
   for (std::uint32_t r = 0; r < rings.size(); ++r) {
     const auto v = rings[r].vertices();
     for (std::uint32_t i = 0; i < v.size(); ++i) {
       const Point2 a = v[i];
       const Point2 b = v[(i + 1) % v.size()];
-      if (segments_.empty()) low_ = high = a;
-      low_ = {std::min(low_.x_mm, a.x_mm), std::min(low_.y_mm, a.y_mm)};
-      high = {std::max(high.x_mm, a.x_mm), std::max(high.y_mm, a.y_mm)};
-      length += std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm);
+      box.include(a);
+      length += distance_mm(a, b);
       segments_.push_back({a, b, r, i});
     }
   }
   if (segments_.empty()) return;
+  low_ = box.min;
   cell_ = std::max(2 * length / static_cast<double>(segments_.size()), 1e-9);
   const auto most = 4.0 * static_cast<double>(segments_.size()) + 1024;
-  while (((high.x_mm - low_.x_mm) / cell_ + 1) * ((high.y_mm - low_.y_mm) / cell_ + 1) > most) cell_ *= 1.5;
-  nx_ = static_cast<int>((high.x_mm - low_.x_mm) / cell_) + 1;
-  ny_ = static_cast<int>((high.y_mm - low_.y_mm) / cell_) + 1;
+  while ((box.width_mm() / cell_ + 1) * (box.depth_mm() / cell_ + 1) > most) cell_ *= 1.5;
+  nx_ = static_cast<int>(box.width_mm() / cell_) + 1;
+  ny_ = static_cast<int>(box.depth_mm() / cell_) + 1;
   start_.assign(static_cast<std::size_t>(nx_) * ny_ + 1, 0);
   const auto each_bucket = [&](const Segment& s, auto&& take) {
     const int x0 = column(std::min(s.a.x_mm, s.b.x_mm), low_.x_mm, nx_);

@@ -27,7 +27,7 @@ class Nearby {
       const auto v = ring.vertices();
       for (std::size_t i = 0; i < v.size(); ++i) {
         const Point2 a = v[i], b = v[i + 1 == v.size() ? 0 : i + 1];
-        const double steps = std::ceil(2 * std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm) / reach_mm) + 1;
+        const double steps = std::ceil(2 * distance_mm(a, b) / reach_mm) + 1;
         for (double k = 0; k < steps; ++k) {
           const double t = k / steps;
           const Point2 p{a.x_mm + t * (b.x_mm - a.x_mm), a.y_mm + t * (b.y_mm - a.y_mm)};
@@ -41,7 +41,7 @@ class Nearby {
       for (std::int64_t j = -1; j <= 1; ++j)
         if (const auto found = cells_.find(key(cell(p.x_mm) + i, cell(p.y_mm) + j)); found != cells_.end())
           for (const Point2& q : found->second)
-            if (std::hypot(p.x_mm - q.x_mm, p.y_mm - q.y_mm) <= reach_mm_) return true;
+            if (distance_mm(p, q) <= reach_mm_) return true;
     return false;
   }
 

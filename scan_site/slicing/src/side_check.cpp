@@ -22,8 +22,6 @@ constexpr double kApartKernels = 4;
 /// they are compared at places this far apart.
 constexpr double kPlaceKernels = 0.4;
 
-double distance_mm(Point2 a, Point2 b) { return std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm); }
-
 /// A quarter of the samples have narrower kernels: places are asked as densely as those ask for.
 double typical_width(const ScalarField& field, const SurfaceSamples& near) {
   std::vector<double> widths;

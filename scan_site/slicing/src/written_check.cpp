@@ -24,11 +24,7 @@ void WrittenCheck::look_at(Layer& layer) {
   }
   if (!first_) first_ = index;
   last_ = index;
-  for (const Contour& ring : layer.contours) {
-    const Bounds2 b = ring.bounds();
-    low_ = {std::min(low_.x_mm, b.min.x_mm), std::min(low_.y_mm, b.min.y_mm)};
-    high_ = {std::max(high_.x_mm, b.max.x_mm), std::max(high_.y_mm, b.max.y_mm)};
-  }
+  for (const Contour& ring : layer.contours) bounds_.include(ring.bounds());
 }
 
 Result<std::vector<std::string>> WrittenCheck::verdict(const StackHeader& header, bool whole) const {
@@ -64,7 +60,7 @@ Result<std::vector<std::string>> WrittenCheck::verdict(const StackHeader& header
   if (lowest)
     sentences.push_back(
         fmt::format("{} layers inside the part have no contour; the lowest is layer {}", inner, *lowest));
-  const double width_mm = high_.x_mm - low_.x_mm, depth_mm = high_.y_mm - low_.y_mm;
+  const double width_mm = bounds_.width_mm(), depth_mm = bounds_.depth_mm();
   const auto narrower = [&](double is, double wanted) { return wanted - is > kNarrower * wanted + 2 * spacing_mm_; };
   if (narrower(width_mm, size_mm_.x()) || narrower(depth_mm, size_mm_.y()))
     sentences.push_back(

@@ -27,7 +27,7 @@ class WrittenCheck {
   double spacing_mm_;
   std::vector<std::uint32_t> empty_;
   std::optional<std::uint32_t> first_, last_;  ///< with a contour
-  Point2 low_{1e300, 1e300}, high_{-1e300, -1e300};
+  Bounds2 bounds_ = Bounds2::nothing();
 };
 
 }  // namespace telefab::scan

@@ -55,7 +55,7 @@ class Edges {
     return ex * ex + ey * ey;
   }
   void add(Point2 a, Point2 b) {
-    const auto parts = static_cast<int>(std::ceil(std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm) / cell_)) + 1;
+    const auto parts = static_cast<int>(std::ceil(distance_mm(a, b) / cell_)) + 1;
     std::uint64_t before = ~std::uint64_t{0};
     for (int i = 0; i <= parts; ++i) {
       const double t = static_cast<double>(i) / parts;
@@ -87,15 +87,11 @@ double farthest(const std::vector<Contour>& from, const Edges& to) {
 Result<LayerStack> read_stack(const std::string& path, double pitch_mm, double layer_mm) {
   std::ifstream file{path};
   std::vector<Layer> layers;
-  Bounds2 bounds{{1e9, 1e9}, {-1e9, -1e9}};
+  Bounds2 bounds = Bounds2::nothing();
   for (std::string line; std::getline(file, line);) {
     auto layer = layer_from_json_line(line);
     if (!layer) return tl::unexpected{layer.error()};
-    for (const Contour& contour : layer->contours) {
-      const Bounds2 b = contour.bounds();
-      bounds.min = {std::min(bounds.min.x_mm, b.min.x_mm), std::min(bounds.min.y_mm, b.min.y_mm)};
-      bounds.max = {std::max(bounds.max.x_mm, b.max.x_mm), std::max(bounds.max.y_mm, b.max.y_mm)};
-    }
+    for (const Contour& contour : layer->contours) bounds.include(contour.bounds());
     layer->certificate.verdict = LayerCertificate::Verdict::Measured;  // so that crossings are looked for
     layers.push_back(std::move(*layer));
   }
@@ -217,7 +213,7 @@ int run(const std::vector<std::string>& words) {
         vertices += v.size();
         for (std::size_t i = 0; i < v.size(); ++i) {
           const Point2 b = v[i + 1 == v.size() ? 0 : i + 1];
-          length_mm += std::hypot(b.x_mm - v[i].x_mm, b.y_mm - v[i].y_mm);
+          length_mm += distance_mm(v[i], b);
         }
       }
     for (const Coding each : {Coding::Exact, Coding::Curve}) {

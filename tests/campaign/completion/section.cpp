@@ -48,7 +48,7 @@ std::vector<Point2> along(std::span<const Segment> outlines, double step_mm) {
   std::vector<Point2> places;
   double owed = 0;
   for (const auto& [a, b] : outlines) {
-    const double length = std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm);
+    const double length = distance_mm(a, b);
     for (; owed < length; owed += step_mm) {
       const double t = owed / length;
       places.push_back({a.x_mm + t * (b.x_mm - a.x_mm), a.y_mm + t * (b.y_mm - a.y_mm)});

@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <algorithm>
+#include <cmath>
+#include <limits>
 #include <span>
 #include <telefab/base/result.hpp>
 #include <telefab/geometry/surface_run.hpp>
@@ -14,9 +17,30 @@ struct Point2 {
   friend bool operator==(const Point2&, const Point2&) = default;
 };
 
+[[nodiscard]] inline double distance_mm(Point2 a, Point2 b) { return std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm); }
+
+/// An axis-parallel box of a layer, build frame. Without min above max it holds at least one point.
 struct Bounds2 {
   Point2 min;
   Point2 max;
+
+  /// Holds no point; grows by include().
+  [[nodiscard]] static constexpr Bounds2 nothing() {
+    constexpr double far = std::numeric_limits<double>::infinity();
+    return {{far, far}, {-far, -far}};
+  }
+  [[nodiscard]] bool is_nothing() const { return min.x_mm > max.x_mm; }
+  /// Negative infinity where it holds no point.
+  [[nodiscard]] double width_mm() const { return max.x_mm - min.x_mm; }
+  [[nodiscard]] double depth_mm() const { return max.y_mm - min.y_mm; }
+  void include(Point2 p) {
+    min = {std::min(min.x_mm, p.x_mm), std::min(min.y_mm, p.y_mm)};
+    max = {std::max(max.x_mm, p.x_mm), std::max(max.y_mm, p.y_mm)};
+  }
+  void include(const Bounds2& other) {
+    include(other.min);
+    include(other.max);
+  }
   friend bool operator==(const Bounds2&, const Bounds2&) = default;
 };
 

@@ -34,6 +34,9 @@ struct SurfaceShares {
 };
 [[nodiscard]] SurfaceShares surface_shares(const Layer& layer);
 
+/// The box of all contours, nothing() where there are none. A header's may be wider by what the slicer looked through.
+[[nodiscard]] Bounds2 bounds_of(std::span<const Layer> layers);
+
 /// Each ring is rotated to start at its smallest vertex (by y, then x); rings are sorted by that vertex, then by
 /// area. Same rings, same order, whoever found them. Runs turn with their ring.
 [[nodiscard]] std::vector<Contour> sorted_canonically(std::vector<Contour> contours);

@@ -68,7 +68,7 @@ class PlaneCursor {
       if (judged == Arrival::Here) return s;
       if (length > rule.longest_step_mm) step *= rule.longest_step_mm / length;
       p = {p.x_mm + step * s.gx, p.y_mm + step * s.gy};
-      if (std::hypot(p.x_mm - from.x_mm, p.y_mm - from.y_mm) > rule.most_move_mm) return std::nullopt;
+      if (distance_mm(p, from) > rule.most_move_mm) return std::nullopt;
       if (judged == Arrival::AfterStep) {
         s.at = p;
         return s;
