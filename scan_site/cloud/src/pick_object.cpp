@@ -25,7 +25,7 @@ constexpr double kScenePiece = 0.9;     ///< the largest of which holds less tha
 constexpr double kSmallPiece = 0.05;    ///< of the points; a smaller one that sets the size is named
 constexpr double kMuchLarger = 1.25;
 
-Box box_of(const PointCloud& cloud, std::span<const std::uint32_t> points) {
+Box3 box_of(const PointCloud& cloud, std::span<const std::uint32_t> points) {
   Eigen::Vector3f low = cloud.points[points[0]], high = low;
   for (const std::uint32_t i : points) {
     low = low.cwiseMin(cloud.points[i]);
@@ -34,7 +34,7 @@ Box box_of(const PointCloud& cloud, std::span<const std::uint32_t> points) {
   return {cloud.origin + low.cast<double>(), cloud.origin + high.cast<double>()};
 }
 
-Box box_of(const PointCloud& cloud) {
+Box3 box_of(const PointCloud& cloud) {
   std::vector<std::uint32_t> all(cloud.size());
   std::iota(all.begin(), all.end(), 0U);
   return box_of(cloud, all);
@@ -115,23 +115,23 @@ class Picker {
   }
 
  private:
-  Result<void> crop(const Box& box) {
+  Result<void> crop(const Box3& box) {
     std::vector<bool> inside(cloud_.size());
     for (std::size_t i = 0; i < cloud_.size(); ++i) inside[i] = is_within(box, i);
-    const Box all = box_of(cloud_);
+    const Box3 all = box_of(cloud_);
     cloud_ = only(std::move(cloud_), inside);
     report_.cropped = report_.points_in - cloud_.size();
     if (cloud_.size() > 0) return {};
     return fail(ErrorCode::InvalidInput,
                 fmt::format("no point lies within the crop ({:.6g}, {:.6g}, {:.6g}) to ({:.6g}, {:.6g}, {:.6g}); the "
                             "scan reaches from ({:.6g}, {:.6g}, {:.6g}) to ({:.6g}, {:.6g}, {:.6g}), unit of the file",
-                            box.low.x(), box.low.y(), box.low.z(), box.high.x(), box.high.y(), box.high.z(),
-                            all.low.x(), all.low.y(), all.low.z(), all.high.x(), all.high.y(), all.high.z()));
+                            box.min.x(), box.min.y(), box.min.z(), box.max.x(), box.max.y(), box.max.z(), all.min.x(),
+                            all.min.y(), all.min.z(), all.max.x(), all.max.y(), all.max.z()));
   }
 
-  [[nodiscard]] bool is_within(const Box& box, std::size_t i) const {
+  [[nodiscard]] bool is_within(const Box3& box, std::size_t i) const {
     const Vec3 p = cloud_.origin + cloud_.points[i].cast<double>();
-    return (p.array() >= box.low.array()).all() && (p.array() <= box.high.array()).all();
+    return box.contains(p);
   }
 
   Result<void> build_graph() {
@@ -213,11 +213,10 @@ std::optional<std::string> size_setter(const PickReport& report) {
   for (std::size_t i = 1; i < report.pieces.size(); ++i) {
     const Piece& small = report.pieces[i];
     if (!small.kept || static_cast<double>(small.points) > kSmallPiece * static_cast<double>(all)) continue;
-    Box rest = report.pieces[0].box;
+    Box3 rest = report.pieces[0].box;
     for (std::size_t k = 1; k < report.pieces.size(); ++k) {
       if (k == i || !report.pieces[k].kept) continue;
-      rest.low = rest.low.cwiseMin(report.pieces[k].box.low);
-      rest.high = rest.high.cwiseMax(report.pieces[k].box.high);
+      rest.include(report.pieces[k].box);
     }
     if ((report.after.size() - kMuchLarger * rest.size()).maxCoeff() <= 0) continue;
     return fmt::format(
@@ -231,7 +230,7 @@ std::optional<std::string> size_setter(const PickReport& report) {
 
 }  // namespace
 
-Result<Box> crop_box_from(std::string_view text) {
+Result<Box3> crop_box_from(std::string_view text) {
   std::array<double, 6> numbers{};
   const char* at = text.data();
   const char* const end = at + text.size();
@@ -247,7 +246,7 @@ Result<Box> crop_box_from(std::string_view text) {
     at = after + 1;
   }
   const Vec3 a{numbers[0], numbers[1], numbers[2]}, b{numbers[3], numbers[4], numbers[5]};
-  return Box{a.cwiseMin(b), a.cwiseMax(b)};
+  return Box3{a.cwiseMin(b), a.cwiseMax(b)};
 }
 
 Result<std::uint32_t> pieces_from(std::string_view text) {
@@ -271,7 +270,7 @@ std::vector<std::string> sentences_of(const PickReport& r) {
     sentences.push_back(fmt::format("{} of {} points lie outside the crop and are left out", r.cropped, r.points_in));
   if (r.strays > 0) {
     std::string text = fmt::format("{} of {} points belong to no surface and are left out", r.strays, r.points_in);
-    const Vec3 moved = (r.after.low - r.before.low).cwiseAbs().cwiseMax((r.after.high - r.before.high).cwiseAbs());
+    const Vec3 moved = (r.after.min - r.before.min).cwiseAbs().cwiseMax((r.after.max - r.before.max).cwiseAbs());
     if (moved.maxCoeff() > 0 && r.in_other_pieces == 0)
       text += fmt::format(": the box shrinks from {} to {} units, its sides move by up to {:.4g}",
                           sizes(r.before.size()), sizes(r.after.size()), moved.maxCoeff());
@@ -296,7 +295,7 @@ std::vector<std::string> sentences_of(const PickReport& r) {
 
 std::string to_json(const PickReport& r) {
   const auto place = [](const Vec3& v) { return fmt::format("[{:.9g},{:.9g},{:.9g}]", v.x(), v.y(), v.z()); };
-  const auto box = [&](const Box& b) { return fmt::format("[{},{}]", place(b.low), place(b.high)); };
+  const auto box = [&](const Box3& b) { return fmt::format("[{},{}]", place(b.min), place(b.max)); };
   constexpr std::size_t kListed = 20;
   std::string pieces;
   for (std::size_t i = 0; i < std::min(kListed, r.pieces.size()); ++i)

@@ -11,17 +11,9 @@
 namespace telefab::scan {
 namespace {
 
-struct Box {
-  Vec3 low, high;
-  [[nodiscard]] Vec3 middle() const { return (low + high) / 2; }
-};
-
-Box box_of(std::span<const Eigen::Vector3f> points) {
-  Box box{points[0].cast<double>(), points[0].cast<double>()};
-  for (const auto& p : points) {
-    box.low = box.low.cwiseMin(p.cast<double>());
-    box.high = box.high.cwiseMax(p.cast<double>());
-  }
+Box3 box_of(std::span<const Eigen::Vector3f> points) {
+  Box3 box = Box3::nothing();
+  for (const auto& p : points) box.include(p.cast<double>());
   return box;
 }
 
@@ -93,11 +85,11 @@ Result<Measurement> measure(const PointCloud& reference, const PointCloud& built
       return fail(ErrorCode::InvalidInput, "measure needs two clouds of 100 or more points with normals");
   const Eigen::Translation3d shift{built.origin - reference.origin};
   const AlignTarget target{reference.points, reference.normals};
-  const Box box = box_of(reference.points);
-  const double size = (box.high - box.low).norm();
+  const Box3 box = box_of(reference.points);
+  const double size = box.size().norm();
   const double spacing = median_spacing(target.tree, reference.points);
   Measurement result;
-  result.height = options.height.value_or(box.high.z() - box.low.z());
+  result.height = options.height.value_or(box.size().z());
   if (!(result.height > 0)) return fail(ErrorCode::InvalidInput, "the reference has no height along z; state one");
   result.motion = RigidMotion{shift};
   if (options.align_first) {

@@ -19,19 +19,10 @@ constexpr std::size_t kRefined = 8;  ///< candidates that are refined
 constexpr std::size_t kRefineSamples = 500;
 constexpr int kRefineRounds = 25;
 
-struct Box {
-  Vec3 low, high;
-  [[nodiscard]] double size() const { return (high - low).maxCoeff(); }
-  [[nodiscard]] Vec3 middle() const { return (low + high) / 2; }
-};
-
-Box box_of(std::span<const RangeImage> views) {
-  Box box{Vec3::Constant(1e300), Vec3::Constant(-1e300)};
+Box3 box_of(std::span<const RangeImage> views) {
+  Box3 box = Box3::nothing();
   for (const RangeImage& v : views)
-    for (const auto& p : v.points) {
-      box.low = box.low.cwiseMin(p.cast<double>());
-      box.high = box.high.cwiseMax(p.cast<double>());
-    }
+    for (const auto& p : v.points) box.include(p.cast<double>());
   return box;
 }
 
@@ -79,8 +70,8 @@ TurntableAxis axis_of(const RigidMotion& motion, const TurntableAxis& before, do
 }
 
 Candidate refine(Candidate candidate, std::span<const RangeImage> views, std::span<const AlignTarget> targets,
-                 std::span<const Pair> pairs, double step_rad, const Box& box, double spacing) {
-  double reach = box.size() / 12;
+                 std::span<const Pair> pairs, double step_rad, const Box3& box, double spacing) {
+  double reach = box.size().maxCoeff() / 12;
   const double last = 4 * spacing;
   std::size_t sampled = 0;
   for (int round = 0; round < kRefineRounds; ++round) {
@@ -122,7 +113,7 @@ RigidMotion step_motion(const TurntableAxis& axis, double step_rad) {
 
 Result<AxisFit> find_axis(std::span<const RangeImage> views, std::span<const AlignTarget> targets, bool closed_turn,
                           const RegisterOptions& options, const std::stop_token& stop) {
-  const Box box = box_of(views);
+  const Box3 box = box_of(views);
   const double step_rad = options.step_deg * std::numbers::pi / 180;
   double spacing = 0;
   for (const RangeImage& v : views) spacing = std::max(spacing, static_cast<double>(v.spacing));
@@ -140,11 +131,11 @@ Result<AxisFit> find_axis(std::span<const RangeImage> views, std::span<const Ali
       const Vec3 u = direction.unitOrthogonal(), v = direction.cross(u);
       for (int a = 0; a < kGridSteps; ++a)
         for (int b = 0; b < kGridSteps; ++b) {
-          const auto offset = [&](int i) { return box.size() * 0.75 * (2.0 * i / (kGridSteps - 1) - 1); };
+          const auto offset = [&](int i) { return box.size().maxCoeff() * 0.75 * (2.0 * i / (kGridSteps - 1) - 1); };
           candidates.push_back({{direction * sense, box.middle() + u * offset(a) + v * offset(b)}, 0});
         }
     }
-  const double coarse_reach = box.size() / 20;
+  const double coarse_reach = box.size().maxCoeff() / 20;
   tbb::parallel_for(std::size_t{0}, candidates.size(), [&](std::size_t i) {
     if (stop.stop_requested()) return;
     std::size_t sampled = 0;
@@ -153,12 +144,12 @@ Result<AxisFit> find_axis(std::span<const RangeImage> views, std::span<const Ali
     for (const Match& m : matches) candidates[i].score += 1 - (m.source - m.target).norm() / coarse_reach;
     candidates[i].score /= static_cast<double>(std::max<std::size_t>(sampled, 1));
   });
-  if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while searching the axis");
+  if (stop.stop_requested()) return cancelled("searching the axis");
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Candidate& l, const Candidate& r) { return l.score > r.score; });
   candidates.resize(std::min(candidates.size(), kRefined));
   for (Candidate& c : candidates) {
-    if (stop.stop_requested()) return fail(ErrorCode::Cancelled, "stopped while searching the axis");
+    if (stop.stop_requested()) return cancelled("searching the axis");
     c = refine(c, views, targets, all_pairs, step_rad, box, spacing);
   }
   const Candidate& best = *std::max_element(candidates.begin(), candidates.end(),

@@ -17,24 +17,21 @@ constexpr double kMovedSpacings = 1.5;
 constexpr std::size_t kFewStrays = 3;
 constexpr double kFewShare = 0.003;
 
-Box box_of_samples(const MlsField& field) {
+Box3 box_of_samples(const MlsField& field) {
   const Box3 reach = field.bounds();
   SurfaceSamples all;
   field.samples_between(reach.min.z(), reach.max.z(), all);
-  Box box{all.points.front(), all.points.front()};
-  for (const Vec3& p : all.points) {
-    box.low = box.low.cwiseMin(p);
-    box.high = box.high.cwiseMax(p);
-  }
+  Box3 box = Box3::nothing();
+  for (const Vec3& p : all.points) box.include(p);
   return box;
 }
 
 /// The box in the frame of the file, a little grown; turns between the frames are by right angles.
-Box to_file(const Box& box, const Transform4& scan_to_build, double margin_mm) {
+Box3 to_file(const Box3& box, const Transform4& scan_to_build, double margin_mm) {
   const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> to_build{scan_to_build.data()};
   const Eigen::Affine3d to_scan{Eigen::Affine3d{Eigen::Matrix4d{to_build}}.inverse()};
   const Vec3 margin = Vec3::Constant(margin_mm);
-  const Vec3 a = to_scan * Vec3{box.low - margin}, b = to_scan * Vec3{box.high + margin};
+  const Vec3 a = to_scan * Vec3{box.min - margin}, b = to_scan * Vec3{box.max + margin};
   return {a.cwiseMin(b), a.cwiseMax(b)};
 }
 
@@ -73,11 +70,11 @@ Result<PlacedSurface> surface_of(std::span<const std::byte> scan, std::string_vi
     return made;
   const Vec3& size = made->placed.size_mm;
   const Vec3 middle = middle_of(request.machine.platform);
-  Box samples = box_of_samples(*made->field);
-  if (intake.about_origin) samples = {samples.low + middle, samples.high + middle};
+  Box3 samples = box_of_samples(*made->field);
+  if (intake.about_origin) samples = {samples.min + middle, samples.max + middle};
   const Vec3 low = middle - Vec3{size.x() / 2, size.y() / 2, 0};
   const double moved_mm =
-      std::max((samples.low - low).cwiseAbs().maxCoeff(), (low + size - samples.high).cwiseAbs().maxCoeff());
+      std::max((samples.min - low).cwiseAbs().maxCoeff(), (low + size - samples.max).cwiseAbs().maxCoeff());
   const double spacing_mm = made->field->kernel().spacing_mm;
   if (moved_mm <= kMovedSpacings * spacing_mm) return made;
 

@@ -44,13 +44,12 @@ constexpr double kFitMargin = 0.01;  // of the room, kept free on every side
 constexpr int kSheetSteps = 4;
 
 /// The box of the scan in its own unit, with the back that a sheet of this thickness has behind it.
-Box box_of(const PointCloud& scan, double thickness) {
-  Box box{scan.points[0].cast<double>(), scan.points[0].cast<double>()};
+Box3 box_of(const PointCloud& scan, double thickness) {
+  Box3 box = Box3::nothing();
   for (std::size_t i = 0; i < scan.size(); ++i) {
     const Vec3 front = scan.points[i].cast<double>();
-    const Vec3 back = thickness > 0 ? Vec3{front - thickness * scan.normals[i].cast<double>()} : front;
-    box.low = box.low.cwiseMin(front).cwiseMin(back);
-    box.high = box.high.cwiseMax(front).cwiseMax(back);
+    box.include(front);
+    if (thickness > 0) box.include(Vec3{front - thickness * scan.normals[i].cast<double>()});
   }
   return box;
 }
@@ -67,9 +66,9 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   }
   if (request.thickness_mm && scan.normals.size() != scan.size())
     return fail(ErrorCode::InvalidInput, "a sheet needs normals, to know which side is its back");
-  Box box = box_of(scan, 0);
-  Vec3 min = scan.origin + box.low;
-  Vec3 size = box.high - box.low;
+  Box3 box = box_of(scan, 0);
+  Vec3 min = scan.origin + box.min;
+  Vec3 size = box.size();
   if (!min.allFinite() || !size.allFinite())
     return fail(ErrorCode::InvalidInput, "the scan has coordinates that are not finite");
   const MachineProfile::Platform& platform = request.machine.platform;
@@ -97,7 +96,7 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
                       "larger",
                       *request.thickness_mm));
     box = box_of(scan, *request.thickness_mm / scale);
-    min = scan.origin + box.low;
+    min = scan.origin + box.min;
     size = box.size();
   }
   if (!(size.z() > 0) || !(size.x() > 0) || !(size.y() > 0))

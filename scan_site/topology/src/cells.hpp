@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
-#include <Eigen/Core>
 #include <cmath>
 #include <cstdint>
+#include <telefab/scan/mls/scalar_field.hpp>
 
 namespace telefab::scan::topology {
 
-using Vec3 = Eigen::Vector3d;
 using Cell = Eigen::Vector3i;
 
 /// Cell of a cubic grid through the origin. Coordinates far outside 2^20 cells wrap; neighbours stay neighbours.

@@ -129,7 +129,7 @@ TEST(PickObject, CropsInTheFrameOfTheFile) {
   const PickResult half = picked(cloud, {.crop = *box});
   EXPECT_NEAR(static_cast<double>(half.cloud.size()), 1250, 15);
   EXPECT_EQ(half.report.cropped, 2500 - half.cloud.size());
-  const auto none = pick_object(cloud, {.crop = Box{{0, 0, 0}, {1, 1, 1}}}, {});
+  const auto none = pick_object(cloud, {.crop = Box3{{0, 0, 0}, {1, 1, 1}}}, {});
   ASSERT_FALSE(none);
   EXPECT_THAT(none.error().what, HasSubstr("the scan reaches from (990"));
 }
@@ -199,8 +199,8 @@ TEST(PickObject, AnswersDegenerateCloudsWithOneClearError) {
 TEST(CropBox, IsReadFromTextOrRefused) {
   const auto box = crop_box_from("10,-2.5,3, -1,2,1e1");
   ASSERT_TRUE(box) << box.error().what;
-  EXPECT_EQ(box->low, Vec3(-1, -2.5, 3));
-  EXPECT_EQ(box->high, Vec3(10, 2, 10));
+  EXPECT_EQ(box->min, Vec3(-1, -2.5, 3));
+  EXPECT_EQ(box->max, Vec3(10, 2, 10));
   for (const char* text : {"", "1,2,3", "1,2,3,4,5,6,7", "a,2,3,4,5,6", "1;2;3;4;5;6", "1,2,3,4,5,nan", "1,2,3,4,5,"})
     EXPECT_FALSE(crop_box_from(text)) << text;
   EXPECT_EQ(pieces_from("largest").value(), 1U);

@@ -25,7 +25,7 @@ std::string fingerprint(const JobParameters& p) {
   return number(s.placement.height_mm) + number(s.placement.scale) + number(s.placement.unit_mm) + number(s.layer_mm) +
          number(s.chord_mm) + number(s.most_gap_mm) + number(s.thickness_mm) + number(s.mls.kernel_mm) +
          std::to_string(s.placement.fit) + std::to_string(s.complete) + std::to_string(s.flat_base) +
-         std::to_string(s.intake.pick.crop ? s.intake.pick.crop->high.z() : 0) + std::to_string(s.intake.pick.pieces) +
+         std::to_string(s.intake.pick.crop ? s.intake.pick.crop->max.z() : 0) + std::to_string(s.intake.pick.pieces) +
          std::to_string(s.intake.sample_faces) + std::to_string(s.mls.drop_outliers) +
          std::to_string(static_cast<int>(s.placement.up)) + std::to_string(static_cast<int>(s.method)) +
          std::to_string(static_cast<int>(s.mls.surface)) + std::to_string(static_cast<int>(p.codec.coding));

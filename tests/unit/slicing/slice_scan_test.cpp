@@ -282,7 +282,7 @@ TEST(SliceScan, KeepsTwoBodiesAndChoosesOne) {
   const Outcome one = slice(text_of(both), request);
   ASSERT_TRUE(one.report) << one.report.error().what;
   EXPECT_NEAR(one.report->size_mm[0], 20, 0.5);
-  request.intake.pick = {.crop = Box{{15, -5, -5}, {30, 5, 5}}};
+  request.intake.pick = {.crop = Box3{{15, -5, -5}, {30, 5, 5}}};
   const Outcome cropped = slice(text_of(both), request);
   ASSERT_TRUE(cropped.report) << cropped.report.error().what;
   EXPECT_NEAR(cropped.report->size_mm[0], 4, 0.3);

@@ -15,31 +15,25 @@ namespace telefab::scan {
 
 struct SurfaceGraph;
 
-/// Axis-parallel; the frame and unit of the cloud, origin included.
-struct Box {
-  Vec3 low = Vec3::Zero();
-  Vec3 high = Vec3::Zero();
-  [[nodiscard]] Vec3 size() const { return high - low; }
-};
-
+/// Boxes here are in the frame and unit of the cloud, origin included.
 /// "x0,y0,z0,x1,y1,z1", any two opposite corners. Fails: InvalidInput.
-[[nodiscard]] Result<Box> crop_box_from(std::string_view text);
+[[nodiscard]] Result<Box3> crop_box_from(std::string_view text);
 /// "all" (0), "largest" (1) or how many of the largest. Fails: InvalidInput.
 [[nodiscard]] Result<std::uint32_t> pieces_from(std::string_view text);
 
 /// What of a cloud is the object.
 struct PickOptions {
-  std::optional<Box> crop;     ///< points outside are left out first of all
+  std::optional<Box3> crop;    ///< points outside are left out first of all
   std::uint32_t pieces = 0;    ///< so many of the largest pieces stay, and the ground they stand on goes; 0: all
   bool keep_outliers = false;  ///< strays stay
   /// What lies outside was found to be off the surface by whoever made one of the points; strays too.
-  std::optional<Box> surface_box = std::nullopt;
+  std::optional<Box3> surface_box = std::nullopt;
 };
 
 /// Points that links between neighbours join.
 struct Piece {
   std::size_t points = 0;
-  Box box;
+  Box3 box;
   bool kept = true;
 };
 
@@ -58,8 +52,8 @@ struct PickReport {
   std::vector<Piece> pieces;        ///< largest first; strays are none
   std::optional<StandingGround> ground;
   bool is_scene = false;  ///< many pieces, none of which is most of it
-  Box before;             ///< of the points within the crop
-  Box after;              ///< of the points that are left
+  Box3 before;            ///< of the points within the crop
+  Box3 after;             ///< of the points that are left
 };
 
 struct PickResult {

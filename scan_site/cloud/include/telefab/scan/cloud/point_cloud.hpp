@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
-#include <Eigen/Core>
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <telefab/scan/cloud/box3.hpp>
 #include <vector>
 
 namespace telefab::scan {
-
-using Vec3 = Eigen::Vector3d;
 
 /// What reading a scan found out that whoever made it should hear.
 enum class ScanRemark : std::uint8_t {

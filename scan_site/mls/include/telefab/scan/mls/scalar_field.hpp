@@ -1,16 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
-#include <Eigen/Core>
 #include <memory>
+#include <telefab/scan/cloud/box3.hpp>
 
 namespace telefab::scan {
-
-using Vec3 = Eigen::Vector3d;
-
-struct Box3 {
-  Vec3 min = Vec3::Zero();
-  Vec3 max = Vec3::Zero();
-};
 
 /// Value and gradient of an implicit surface at a point. Build frame, millimetres.
 struct FieldSample {
