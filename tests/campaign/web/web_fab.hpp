@@ -4,8 +4,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <telefab/base/clock.hpp>
-
-#include "../../integration/fax/process.hpp"
+#include <telefab/test/process.hpp>
 
 namespace telefab::test {
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "line_proxy.hpp"
 
-#include <arpa/inet.h>
 #include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/socket.h>
@@ -11,6 +10,7 @@
 #include <chrono>
 #include <deque>
 #include <stdexcept>
+#include <telefab/test/loopback.hpp>
 #include <telefab/wire/message.hpp>
 
 namespace telefab::test {
@@ -19,20 +19,6 @@ namespace {
 using Time = std::chrono::steady_clock::time_point;
 constexpr std::size_t kPacket = 1448;
 constexpr std::size_t kMostOnTheLine = 1U << 20U;
-
-sockaddr_in loopback(std::uint16_t port) {
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(port);
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  return address;
-}
-
-void cut(int fd) {
-  const linger hard{1, 0};
-  ::setsockopt(fd, SOL_SOCKET, SO_LINGER, &hard, sizeof hard);
-  ::close(fd);
-}
 
 Time::duration seconds(double s) {
   return std::chrono::duration_cast<Time::duration>(std::chrono::duration<double>(s));

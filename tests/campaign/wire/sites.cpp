@@ -8,11 +8,10 @@
 #include <unistd.h>
 
 #include <chrono>
-#include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <stdexcept>
+#include <telefab/test/toy.hpp>
 #include <thread>
 
 namespace telefab::test {
@@ -23,19 +22,6 @@ constexpr auto kLookEvery = std::chrono::milliseconds{20};
 std::string text_of(const std::filesystem::path& file) {
   std::ifstream in{file, std::ios::binary};
   return {std::istreambuf_iterator<char>{in}, {}};
-}
-
-void write_torus(const std::filesystem::path& file) {
-  std::ofstream cloud{file};
-  for (int i = 0; i < 180; ++i)
-    for (int k = 0; k < 72; ++k) {
-      const double u = 2 * std::numbers::pi * i / 180;
-      const double v = 2 * std::numbers::pi * k / 72;
-      const double nx = std::cos(v) * std::cos(u);
-      const double ny = std::cos(v) * std::sin(u);
-      cloud << fmt::format("{:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}\n", 5 * std::cos(u) + 2 * nx,
-                           5 * std::sin(u) + 2 * ny, 2 * std::sin(v), nx, ny, std::sin(v));
-    }
 }
 
 /// Runs it with standard output and error in these files; the child's id.
@@ -59,22 +45,8 @@ Sites::Sites(std::filesystem::path bin, std::filesystem::path folder)
     : bin_{std::move(bin)}, folder_{std::move(folder)} {
   std::filesystem::remove_all(folder_);
   std::filesystem::create_directories(folder_ / "machines");
-  std::ofstream{folder_ / "machines" / "toy.toml"} << R"(name = "toy"
-description = "A small machine for campaigns"
-[platform]
-width_mm = 20.0
-depth_mm = 20.0
-z_travel_mm = 30.0
-[projection]
-pixel_pitch_mm = 0.1
-irradiance_mw_per_cm2 = 3.0
-[layers]
-thickness_mm = 0.2
-exposure_s = 4.0
-bottom_count = 2
-bottom_exposure_s = 8.0
-)";
-  write_torus(folder_ / "torus.xyz");
+  std::ofstream{folder_ / "machines" / "toy.toml"} << kToyProfile;
+  write_torus(folder_ / "torus.xyz", 180, 72);
   submit_ = {(folder_ / "torus.xyz").string(),
              "--machine",
              "toy",

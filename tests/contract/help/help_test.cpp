@@ -8,8 +8,7 @@
 #include <sstream>
 
 #include <telefab/job/slice_parameters.hpp>
-
-#include "process.hpp"
+#include <telefab/test/process.hpp>
 
 // Examples rot when options change. Each is held against the --help of its verb: words, values of choices, what is
 // required.

@@ -3,9 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
+#include <telefab/test/two_sites.hpp>
 
 #include "cutting_proxy.hpp"
-#include "two_sites.hpp"
 
 namespace telefab::test {
 namespace {

@@ -6,8 +6,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <telefab/base/digest.hpp>
-
-#include "two_sites.hpp"
+#include <telefab/test/two_sites.hpp>
 
 namespace telefab::test {
 namespace {

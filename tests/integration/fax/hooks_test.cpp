@@ -9,9 +9,8 @@
 #include <atomic>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <telefab/test/two_sites.hpp>
 #include <thread>
-
-#include "two_sites.hpp"
 
 namespace telefab::test {
 namespace {

@@ -8,9 +8,8 @@
 #include <array>
 #include <random>
 #include <telefab/codec/stack_codec.hpp>
+#include <telefab/test/two_sites.hpp>
 #include <telefab/wire/message.hpp>
-
-#include "two_sites.hpp"
 
 namespace telefab::test {
 namespace {

@@ -4,9 +4,8 @@
 #include <cstdlib>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <telefab/test/two_sites.hpp>
 #include <thread>
-
-#include "two_sites.hpp"
 
 // What a fab that was killed, stopped, or given other files does at its next start: no light without a living order.
 // The journal is the recorder: it announces every light before it goes on.

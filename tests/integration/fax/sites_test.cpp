@@ -4,8 +4,7 @@
 
 #include <fstream>
 #include <nlohmann/json.hpp>
-
-#include "two_sites.hpp"
+#include <telefab/test/two_sites.hpp>
 
 namespace telefab::test {
 namespace {

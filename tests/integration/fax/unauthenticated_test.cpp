@@ -6,9 +6,8 @@
 
 #include <filesystem>
 #include <fstream>
+#include <telefab/test/two_sites.hpp>
 #include <telefab/wire/job_signature.hpp>
-
-#include "two_sites.hpp"
 
 namespace telefab::test {
 namespace {

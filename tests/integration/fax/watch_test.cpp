@@ -2,9 +2,9 @@
 #include <gmock/gmock.h>
 
 #include <memory>
+#include <telefab/test/two_sites.hpp>
 
 #include "terminal.hpp"
-#include "two_sites.hpp"
 
 namespace telefab::test {
 namespace {

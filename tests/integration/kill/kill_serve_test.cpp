@@ -14,9 +14,9 @@
 #include <telefab/fab/print/print_journal.hpp>
 #include <telefab/fab/print/print_record.hpp>
 #include <telefab/store/job_store.hpp>
+#include <telefab/test/two_sites.hpp>
 #include <utility>
 
-#include "two_sites.hpp"
 #include "usbfs_host.hpp"
 
 // kill -9 of the unmodified `telefab-fab serve`, whose projector and stage are the strict models behind an emulated

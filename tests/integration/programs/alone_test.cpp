@@ -6,8 +6,8 @@
 #include <cmath>
 #include <fstream>
 #include <numbers>
-
-#include "two_sites.hpp"
+#include <telefab/test/toy.hpp>
+#include <telefab/test/two_sites.hpp>
 
 // A program that was copied to another computer, run by somebody who has nothing else of Telefab.
 namespace telefab::test {
@@ -64,23 +64,10 @@ TEST_F(Alone, TakesTheProfilesThatLieBesideTheProgram) {
   const Outcome keys = ran("telefab-fab", {"machines"});
   ASSERT_EQ(keys.code, 0) << keys.errors;
   EXPECT_THAT(keys.output, testing::HasSubstr("machine-a"));
-  std::ofstream{root_ / "bin/machines/own.toml"} << R"(name = "own"
-[platform]
-width_mm = 20.0
-depth_mm = 20.0
-z_travel_mm = 30.0
-[projection]
-pixel_pitch_mm = 0.1
-irradiance_mw_per_cm2 = 3.0
-[layers]
-thickness_mm = 0.2
-exposure_s = 4.0
-bottom_count = 2
-bottom_exposure_s = 8.0
-)";
+  std::ofstream{root_ / "bin/machines/toy.toml"} << kToyProfile;
   const Outcome own = ran("telefab-fab", {"machines"});
   ASSERT_EQ(own.code, 0) << own.errors;
-  EXPECT_TRUE(own.output.starts_with("own")) << own.output;
+  EXPECT_TRUE(own.output.starts_with("toy")) << own.output;
   EXPECT_THAT(own.output, testing::Not(testing::HasSubstr("machine-a")));
 }
 

@@ -11,9 +11,8 @@
 #include <set>
 #include <sstream>
 #include <telefab/base/exit_code.hpp>
+#include <telefab/test/two_sites.hpp>
 #include <thread>
-
-#include "two_sites.hpp"
 
 namespace telefab::test {
 namespace {

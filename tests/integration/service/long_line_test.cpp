@@ -5,9 +5,8 @@
 
 #include <set>
 #include <telefab/net/listener.hpp>
+#include <telefab/test/two_sites.hpp>
 #include <telefab/wire/message.hpp>
-
-#include "two_sites.hpp"
 
 namespace telefab::test {
 namespace {

@@ -13,8 +13,7 @@
 #include <fstream>
 #include <telefab/service/job_tracker.hpp>
 #include <telefab/service/service_notifier.hpp>
-
-#include "two_sites.hpp"
+#include <telefab/test/two_sites.hpp>
 
 // What a service manager hears of the two daemons.
 

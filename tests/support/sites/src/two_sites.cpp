@@ -1,15 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "two_sites.hpp"
-
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <stdlib.h>
 
 #include <algorithm>
-#include <cmath>
 #include <fstream>
-#include <numbers>
+#include <telefab/test/toy.hpp>
+#include <telefab/test/two_sites.hpp>
 
 namespace telefab::test {
 
@@ -18,19 +16,7 @@ TwoSites::TwoSites() : bin_{::getenv("TELEFAB_BIN") ? ::getenv("TELEFAB_BIN") : 
   folder_ = ::mkdtemp(pattern.data());
   std::filesystem::create_directories(folder_ / "machines");
   set_machine(5000);
-  std::ofstream cloud{torus()};
-  constexpr int kAround = 90;
-  constexpr int kAcross = 36;
-  for (int i = 0; i < kAround; ++i)
-    for (int k = 0; k < kAcross; ++k) {
-      const double u = 2 * std::numbers::pi * i / kAround;
-      const double v = 2 * std::numbers::pi * k / kAcross;
-      const double nx = std::cos(v) * std::cos(u);
-      const double ny = std::cos(v) * std::sin(u);
-      const double nz = std::sin(v);
-      cloud << fmt::format("{:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}\n", 5 * std::cos(u) + 2 * nx,
-                           5 * std::sin(u) + 2 * ny, 2 * nz, nx, ny, nz);
-    }
+  write_torus(torus(), 90, 36);
 }
 
 TwoSites::~TwoSites() {
@@ -49,21 +35,8 @@ TwoSites::~TwoSites() {
 std::filesystem::path TwoSites::torus() const { return folder_ / "torus.xyz"; }
 
 void TwoSites::set_machine(double speed_up) const {
-  std::ofstream{folder_ / "machines" / "toy.toml"} << fmt::format(R"(name = "toy"
-description = "A small machine for tests"
-[platform]
-width_mm = 20.0
-depth_mm = 20.0
-z_travel_mm = 30.0
-[projection]
-pixel_pitch_mm = 0.1
-irradiance_mw_per_cm2 = 3.0
-[layers]
-thickness_mm = 0.2
-exposure_s = 4.0
-bottom_count = 2
-bottom_exposure_s = 8.0
-[resin]
+  std::ofstream{folder_ / "machines" / "toy.toml"} << kToyProfile
+                                                   << fmt::format(R"([resin]
 critical_dose_mj_per_cm2 = 4.0
 penetration_mm = 0.3
 [devices]

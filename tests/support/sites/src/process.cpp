@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "process.hpp"
-
 #include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
@@ -10,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <stdexcept>
+#include <telefab/test/process.hpp>
 
 namespace telefab::test {
 namespace {

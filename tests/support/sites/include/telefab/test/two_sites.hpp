@@ -4,8 +4,7 @@
 
 #include <filesystem>
 #include <memory>
-
-#include "process.hpp"
+#include <telefab/test/process.hpp>
 
 namespace telefab::test {
 
