@@ -201,15 +201,7 @@ Result<std::optional<double>> SerialStage::celsius() {
   if (options_.thermometer == Thermometer::None || options_.dialect != StageDialect::Marlin) return std::nullopt;
   if (doing_ != Doing::Nothing) return celsius_;  // poll() hears what comes
   if (!connected_) return celsius_;               // home() connects again
-  for (int i = 0; i < kLinesPerPoll; ++i) {
-    const auto line = line_->read_line(Milliseconds{0});
-    if (!line) {
-      connected_ = false;
-      return lost(line.error().code, line.error().what);
-    }
-    if (!*line) break;
-    if (const auto ok = take(**line); !ok) return tl::unexpected{ok.error()};
-  }
+  if (const auto ok = take_lines(); !ok) return tl::unexpected{ok.error()};
   const Nanoseconds now = clock_.now();
   if (asked_celsius_at_ && now - *asked_celsius_at_ > kSilentThermometer) {
     asked_celsius_at_.reset();
@@ -264,6 +256,16 @@ Result<void> SerialStage::move_to(double z_mm, double speed_mm_per_s) {
 }
 
 Result<StageStatus> SerialStage::poll() {
+  if (const auto ok = take_lines(); !ok) return tl::unexpected{ok.error()};
+  if (doing_ != Doing::Nothing && clock_.now() > deadline_) {
+    (void)send(facts_of(options_.dialect).hold);
+    connected_ = false;
+    return lost(ErrorCode::DeviceTimeout, "it did not come to rest in time; held");
+  }
+  return StageStatus{doing_ != Doing::Nothing, homed_, z_mm_};
+}
+
+Result<void> SerialStage::take_lines() {
   for (int i = 0; i < kLinesPerPoll; ++i) {
     const auto line = line_->read_line(Milliseconds{0});
     if (!line) {
@@ -271,14 +273,9 @@ Result<StageStatus> SerialStage::poll() {
       return lost(line.error().code, line.error().what);
     }
     if (!*line) break;
-    if (const auto ok = take(**line); !ok) return tl::unexpected{ok.error()};
+    if (const auto ok = take(**line); !ok) return ok;
   }
-  if (doing_ != Doing::Nothing && clock_.now() > deadline_) {
-    (void)send(facts_of(options_.dialect).hold);
-    connected_ = false;
-    return lost(ErrorCode::DeviceTimeout, "it did not come to rest in time; held");
-  }
-  return StageStatus{doing_ != Doing::Nothing, homed_, z_mm_};
+  return {};
 }
 
 Result<void> SerialStage::take(const std::string& line) {

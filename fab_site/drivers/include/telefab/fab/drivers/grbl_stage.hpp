@@ -55,6 +55,8 @@ class SerialStage final : public ZStage {
   [[nodiscard]] Result<std::string> next_line(Nanoseconds until);
   void note_temperature(std::string_view line);
   [[nodiscard]] Result<void> send(std::string_view text);
+  /// What the board has said by now.
+  [[nodiscard]] Result<void> take_lines();
   [[nodiscard]] Result<void> take(const std::string& line);
   [[nodiscard]] Result<void> take_ok();
   [[nodiscard]] Result<void> take_position(double reported_mm);
