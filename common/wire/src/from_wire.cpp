@@ -229,6 +229,14 @@ void read(Reading& reading, const v1::OfferAccepted& proto, OfferAccepted& value
   value.next_sequence = proto.next_sequence();
   value.complete = proto.complete();
 }
+void read(Reading& reading, const v1::OfferDeferred& proto, OfferDeferred& value) {
+  value.job = job_id(reading, proto.job());
+  expect(reading, proto.reason() >= 1 && proto.reason() <= 3, "reason", "is none of this version");
+  value.reason = static_cast<DeferReason>(proto.reason());
+  expect(reading, proto.retry_after_ms() <= kLongestDeferral.count(), "retry_after_ms", "is above the limit");
+  value.retry_after = std::chrono::milliseconds{proto.retry_after_ms()};
+  value.what = words(reading, proto.what(), "what");
+}
 void read(Reading& reading, const v1::SendChunk& proto, SendChunk& value) {
   value.job = job_id(reading, proto.job());
   expect(reading, proto.sequence() < kMaxLayers, "sequence", "is above the limit of chunks");
