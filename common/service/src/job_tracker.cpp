@@ -19,12 +19,13 @@ void warn_of(const Result<void>& outcome, const LogFields& fields = {}) {
 }  // namespace
 
 JobTracker::JobTracker(std::unique_ptr<JobStore> store, std::unique_ptr<AuditLog> audit,
-                       std::unique_ptr<StateHooks> hooks, const Clock& clock, net::Loop& loop)
+                       std::unique_ptr<StateHooks> hooks, const Clock& clock, net::Loop& loop, DiskRoom* room)
     : store_{std::move(store)},
       audit_{std::move(audit)},
       hooks_{std::move(hooks)},
       clock_{clock},
       loop_{loop},
+      room_{room},
       counters_{loop, [this](const std::string& job, const JobCounters& counters) {
                   warn_of(store_->set_counters(job, counters), {job});
                 }} {}
@@ -32,7 +33,7 @@ JobTracker::JobTracker(std::unique_ptr<JobStore> store, std::unique_ptr<AuditLog
 JobTracker::~JobTracker() = default;
 
 Result<std::unique_ptr<JobTracker>> JobTracker::open(const std::filesystem::path& folder, const HookOptions& hooks,
-                                                     const Clock& clock, net::Loop& loop) {
+                                                     const Clock& clock, net::Loop& loop, DiskRoom* room) {
   auto store = JobStore::open(folder / "jobs.sqlite", clock);
   if (!store) return tl::unexpected{store.error()};
   auto audit = AuditLog::open(folder / "audit.log", clock);
@@ -40,14 +41,15 @@ Result<std::unique_ptr<JobTracker>> JobTracker::open(const std::filesystem::path
   auto notifier = StateHooks::start(hooks);
   if (!notifier) return tl::unexpected{notifier.error()};
   return std::unique_ptr<JobTracker>{
-      new JobTracker{std::move(*store), std::move(*audit), std::move(*notifier), clock, loop}};
+      new JobTracker{std::move(*store), std::move(*audit), std::move(*notifier), clock, loop, room}};
 }
 
 void JobTracker::note(std::string_view who, std::string_view what) {
   log_line(fmt::format("{}: {}", who, what));
   const std::lock_guard lock{mutex_};
   if (unsaved_notes_.empty()) {
-    const auto added = audit_->add(who, what);
+    auto added = audit_->add(who, what);
+    if (!added && has_given_up_reserve()) added = audit_->add(who, what);
     if (added) return;
     log_warning(added.error().what);
   }
@@ -60,7 +62,8 @@ void JobTracker::record(const std::string& job, JobState state, std::string_view
   const std::lock_guard lock{mutex_};
   Unsaved move{job, state, std::string{message}};
   if (unsaved_.empty()) {
-    const auto saved = save(move);
+    auto saved = save(move);
+    if (!saved && has_given_up_reserve()) saved = save(move);
     if (saved) return;
     log_warning(saved.error().what + "; tried again until it is kept", {job});
   }

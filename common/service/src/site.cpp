@@ -10,6 +10,11 @@
 #include <telefab/base/version.hpp>
 
 namespace telefab {
+namespace {
+
+constexpr auto kReserveLookEvery = std::chrono::seconds{5};
+
+}  // namespace
 
 Result<std::unique_ptr<Site>> Site::open(std::string program, const ServeOptions& options, const Clock& clock) {
   auto machines = machine_profiles(options.machines);
@@ -19,7 +24,8 @@ Result<std::unique_ptr<Site>> Site::open(std::string program, const ServeOptions
   std::unique_ptr<Site> site{
       new Site{std::move(program), options, clock, std::move(machines->machines), std::move(*folder)}};
   site->loop_ = std::make_unique<net::Loop>();
-  auto tracker = JobTracker::open(site->folder_.path(), options.hooks, clock, *site->loop_);
+  site->room_ = std::make_unique<DiskRoom>(site->folder_.path(), options.reserve_mib << 20U, options.ask_space);
+  auto tracker = JobTracker::open(site->folder_.path(), options.hooks, clock, *site->loop_, site->room_.get());
   if (!tracker) return tl::unexpected{tracker.error()};
   site->tracker_ = std::move(*tracker);
   auto trust = trust_of(options);
@@ -50,6 +56,7 @@ Result<void> Site::serve(SiteWork& work, std::stop_token stop) {
   const auto page = open_page_of(work);
   if (!page) return tl::unexpected{page.error()};
   listener_ = listener->get();
+  look_after_reserve();
 
   set_thread_name("network");
   if (auto announced = folder_.announce_port((*listener)->port()); !announced) return announced;
@@ -63,6 +70,12 @@ Result<void> Site::serve(SiteWork& work, std::stop_token stop) {
   listener_ = nullptr;
   notifier.end();
   return {};
+}
+
+void Site::look_after_reserve() {
+  // What no reserve can be taken for is said by health(), and by whatever waits for room.
+  if (!room_->health()) (void)room_->check(0);
+  loop_->after(kReserveLookEvery, [this] { look_after_reserve(); });
 }
 
 Result<std::unique_ptr<WebServer>> Site::open_page_of(SiteWork& work) {

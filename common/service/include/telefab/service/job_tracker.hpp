@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <map>
 #include <mutex>
+#include <telefab/service/disk_room.hpp>
 #include <telefab/service/live_counters.hpp>
 #include <telefab/service/state_hooks.hpp>
 #include <telefab/store/audit_log.hpp>
@@ -16,11 +17,11 @@ namespace telefab {
 /// whoever works on a job and must know that it is at its end.
 class JobTracker {
  public:
-  /// jobs.sqlite and audit.log in `folder`. Fails as JobStore, AuditLog and StateHooks do. Clock and loop must outlive
-  /// it.
+  /// jobs.sqlite and audit.log in `folder`. Fails as JobStore, AuditLog and StateHooks do. Clock, loop and room must
+  /// outlive it. `room`: its reserve is given up for what cannot be written otherwise; may be null.
   [[nodiscard]] static Result<std::unique_ptr<JobTracker>> open(const std::filesystem::path& folder,
                                                                 const HookOptions& hooks, const Clock& clock,
-                                                                net::Loop& loop);
+                                                                net::Loop& loop, DiskRoom* room = nullptr);
   ~JobTracker();
   JobTracker(const JobTracker&) = delete;
   JobTracker& operator=(const JobTracker&) = delete;
@@ -59,7 +60,7 @@ class JobTracker {
     Nanoseconds wall;
   };
   JobTracker(std::unique_ptr<JobStore> store, std::unique_ptr<AuditLog> audit, std::unique_ptr<StateHooks> hooks,
-             const Clock& clock, net::Loop& loop);
+             const Clock& clock, net::Loop& loop, DiskRoom* room);
 
   std::unique_ptr<JobStore> store_;
   std::unique_ptr<AuditLog> audit_;
@@ -68,9 +69,12 @@ class JobTracker {
   [[nodiscard]] Result<void> save(const Unsaved& move);
   void retry_later();
   void retry();
+  /// Whether there is room now that was not there before.
+  [[nodiscard]] bool has_given_up_reserve() { return room_ != nullptr && room_->give_up_reserve(); }
 
   const Clock& clock_;
   net::Loop& loop_;
+  DiskRoom* room_;
   std::mutex mutex_;  ///< what is unsaved, and the order of moves
   std::deque<Unsaved> unsaved_;
   std::deque<UnsavedNote> unsaved_notes_;

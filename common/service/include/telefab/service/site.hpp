@@ -3,6 +3,7 @@
 #include <stop_token>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/service/data_folder.hpp>
+#include <telefab/service/disk_room.hpp>
 #include <telefab/service/job_service.hpp>
 #include <telefab/service/job_tracker.hpp>
 #include <telefab/service/serve_options.hpp>
@@ -43,6 +44,7 @@ class Site {
   /// Null without --tls.
   [[nodiscard]] const std::shared_ptr<net::Trust>& trust() const { return trust_; }
   [[nodiscard]] const DataFolder& folder() const { return folder_; }
+  [[nodiscard]] DiskRoom& room() { return *room_; }
   [[nodiscard]] net::Loop& loop() { return *loop_; }
   [[nodiscard]] JobTracker& tracker() { return *tracker_; }
   [[nodiscard]] JobStore& store() { return tracker_->store(); }
@@ -59,6 +61,8 @@ class Site {
         folder_{std::move(folder)} {}
   [[nodiscard]] Result<std::unique_ptr<WebServer>> open_page_of(SiteWork& work);
   void on_connection(SiteWork& work, const net::ConnectionPtr& connection);
+  /// Takes the reserve back once there is room for it again; asks itself every few seconds.
+  void look_after_reserve();
 
   std::string program_;
   ServeOptions options_;
@@ -66,6 +70,7 @@ class Site {
   std::vector<MachineProfile> machines_;
   DataFolder folder_;
   std::shared_ptr<net::Trust> trust_;
+  std::unique_ptr<DiskRoom> room_;
   std::unique_ptr<JobTracker> tracker_;  ///< outlives the loop, whose sessions may still note something
   std::unique_ptr<net::Loop> loop_;
   net::Listener* listener_ = nullptr;  ///< while it serves
