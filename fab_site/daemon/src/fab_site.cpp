@@ -59,7 +59,7 @@ void FabSite::on_site(const net::ConnectionPtr& connection) {
 
 WebSite& FabSite::open_page(std::string token, CommandPost post) {
   page_backend_ = std::make_unique<SitePageBackend>(
-      store(), site().folder(), site().machines(), std::move(post),
+      store(), site().room(), site().folder(), site().machines(), std::move(post),
       [this](const NewJob& upload, std::function<void(Result<Job>)> done) {
         site().loop().post([this, upload, done = std::move(done)] { done(intake_.take_upload(upload)); });
       },

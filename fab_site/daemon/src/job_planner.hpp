@@ -37,6 +37,8 @@ class JobPlanner {
   /// On the predictor's thread.
   void compute_accuracy(const std::string& job, std::stop_token stop);
   [[nodiscard]] Result<void> attempt_accuracy(const std::string& job, const std::stop_token& stop);
+  /// The job waits, says why, and is tried again; nothing of it is lost.
+  void wait(const std::string& job, const Error& why);
   void count(const std::string& job, std::uint32_t done, std::uint32_t all);
 
   Site& site_;

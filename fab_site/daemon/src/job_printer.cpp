@@ -6,6 +6,7 @@
 #include <telefab/fab/planning/preflight.hpp>
 #include <telefab/service/log.hpp>
 
+#include "job_room.hpp"
 #include "upload.hpp"
 
 namespace telefab::fab {
@@ -93,6 +94,7 @@ void JobPrinter::darken(const Job& job) {
 void JobPrinter::print(const std::string& job, std::stop_token stop) {
   const auto next = store().find(job);
   if (!next || is_final(next->state)) return;
+  if (!has_room(*next)) return;
   if (const auto known = find_machine(site_.machines(), next->machine); known && !take_platform(*next, *known)) return;
   if (!is_recorded_as_printing(job)) return;
   const auto control = std::make_shared<PrintControl>();
@@ -147,6 +149,8 @@ Result<PrintRecord> JobPrinter::attempt(const std::string& job, PrintControl& co
 }
 
 void JobPrinter::on_ended(const std::string& job, const Result<PrintRecord>& record) {
+  // Printed to its end, but not recorded: the record needs no operator, only a disk.
+  if (!record && is_storage_trouble(record.error()) && is_finished(job)) return wait_for_disk(job, record.error());
   if (!record && (is_device_fault(record.error().code) || is_site_trouble(record.error().code)))
     return tracker().move(job, JobState::Paused, record.error().what + "; telefab resume tries again");
   if (!record) return tracker().end(job, JobState::Failed, record.error().what);
@@ -168,6 +172,14 @@ void JobPrinter::on_ended(const std::string& job, const Result<PrintRecord>& rec
                           ? "the layer was perhaps exposed: telefab resume --as treat-as-exposed|expose-again"
                           : "telefab resume tries again"));
   }
+}
+
+bool JobPrinter::is_finished(const std::string& job) {
+  const auto found = site_.find(job);
+  if (!found) return false;
+  const auto before = start_case(found->folder, found->job);
+  return before && may_light_at_start(before->facts, before->has_begun, at_start_, site_.clock().wall()).ruling ==
+                       StartRuling::KeepRecord;
 }
 
 void JobPrinter::on_progress(const std::string& job, const PrintProgress& progress) {
@@ -248,6 +260,23 @@ void JobPrinter::command(const Job& job, const Command& command, std::function<v
     case JobCommand::Cleared:
       break;  // about a machine, not a job
   }
+}
+
+// ---- room on disk ----------------------------------------------------------------------------------------------
+
+bool JobPrinter::has_room(const Job& job) {
+  const auto room = site_.room().check(
+      print_room_bytes(site_.folder().path() / "jobs" / job.id, LayerIndex{job.counters.print_layers}));
+  if (room) return true;
+  later([this, id = job.id, why = room.error()] { wait_for_disk(id, {why.code, "the fab is full: " + why.what}); });
+  return false;
+}
+
+void JobPrinter::wait_for_disk(const std::string& job, const Error& why) {
+  const auto now = store().find(job);
+  if (now && is_final(now->state)) return;
+  if (now) tracker().move(job, now->state, waits_because(why));
+  site_.loop().after(site_.options().retry_every, [this, job] { queue_.add(job); });
 }
 
 // ---- the platform ----------------------------------------------------------------------------------------------

@@ -122,6 +122,14 @@ Result<void> check_let_through(const std::filesystem::path& folder, const PrintJ
 
 }  // namespace
 
+std::uint64_t print_room_bytes(const std::filesystem::path& folder, LayerIndex layers) {
+  constexpr std::uint64_t kRecordedLayer_bytes =
+      2048;  // a layer's rows in print.json and as-built.json are below 1,200
+  std::error_code error;
+  const bool has_journal = std::filesystem::exists(folder / "journal", error);
+  return layers.count() * kRecordedLayer_bytes + (has_journal ? 0 : PrintJournal::room_bytes(layers));
+}
+
 Result<void> go_dark(const MachineProfile& machine) {
   if (machine.devices.projector == ProjectorKind::Virtual) return {};
   const auto clock = make_clock(machine);
