@@ -86,6 +86,11 @@ bool DiskRoom::give_up_reserve() {
   return is_free;
 }
 
+void DiskRoom::note_trouble(const Error& error) {
+  const std::lock_guard lock{mutex_};
+  trouble_ = error;
+}
+
 Result<void> DiskRoom::health() const {
   const std::lock_guard lock{mutex_};
   if (trouble_) return tl::unexpected{*trouble_};

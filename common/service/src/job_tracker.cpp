@@ -27,7 +27,10 @@ JobTracker::JobTracker(std::unique_ptr<JobStore> store, std::unique_ptr<AuditLog
       loop_{loop},
       room_{room},
       counters_{loop, [this](const std::string& job, const JobCounters& counters) {
-                  warn_of(store_->set_counters(job, counters), {job});
+                  const auto kept = store_->set_counters(job, counters);
+                  // Said once, however often it is tried again.
+                  if (!std::exchange(has_unkept_counters_, !kept)) warn_of(kept, {job});
+                  return kept || kept.error().code != ErrorCode::StorageFailed;
                 }} {}
 
 JobTracker::~JobTracker() = default;

@@ -42,7 +42,13 @@ void JobPrinter::planned(const std::string& job, const Preflight& preflight) {
   const auto now = store().find(job);
   if (!now || is_final(now->state)) return;
   tracker().move(job, JobState::Ready, "");
-  if (auto put = put_on_machine(*now, {JournalStep::Approved, kAutomatic, {}, {}}); !put)
+  const auto put = put_on_machine(*now, {JournalStep::Approved, kAutomatic, {}, {}});
+  if (!put && is_storage_trouble(put.error())) {
+    site_.room().note_trouble(put.error());
+    tracker().move(job, JobState::Ready, waits_because(put.error()));
+    return site_.loop().after(site_.options().retry_every, [this, job, preflight] { planned(job, preflight); });
+  }
+  if (!put)
     tracker().move(job, JobState::AwaitingApproval, fmt::format("waits for `telefab approve`: {}", put.error().what));
 }
 
@@ -151,6 +157,7 @@ Result<PrintRecord> JobPrinter::attempt(const std::string& job, PrintControl& co
 void JobPrinter::on_ended(const std::string& job, const Result<PrintRecord>& record) {
   // Printed to its end, but not recorded: the record needs no operator, only a disk.
   if (!record && is_storage_trouble(record.error()) && is_finished(job)) return wait_for_disk(job, record.error());
+  if (!record && is_storage_trouble(record.error())) site_.room().note_trouble(record.error());
   if (!record && (is_device_fault(record.error().code) || is_site_trouble(record.error().code)))
     return tracker().move(job, JobState::Paused, record.error().what + "; telefab resume tries again");
   if (!record) return tracker().end(job, JobState::Failed, record.error().what);
@@ -275,6 +282,7 @@ bool JobPrinter::has_room(const Job& job) {
 void JobPrinter::wait_for_disk(const std::string& job, const Error& why) {
   const auto now = store().find(job);
   if (now && is_final(now->state)) return;
+  site_.room().note_trouble(why);
   if (now) tracker().move(job, now->state, waits_because(why));
   site_.loop().after(site_.options().retry_every, [this, job] { queue_.add(job); });
 }

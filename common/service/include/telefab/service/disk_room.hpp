@@ -24,6 +24,8 @@ class DiskRoom {
   [[nodiscard]] Result<void> check(std::uint64_t bytes);
   /// Frees the reserve for what must be written now. False where none was held.
   bool give_up_reserve();
+  /// Something could not be written or read: health() says so until a check passes.
+  void note_trouble(const Error& error);
   /// Why the last check failed or the reserve is not whole; nothing is wrong once a check passes.
   [[nodiscard]] Result<void> health() const;
 

@@ -79,6 +79,7 @@ class JobTracker {
   std::deque<Unsaved> unsaved_;
   std::deque<UnsavedNote> unsaved_notes_;
   bool is_retrying_ = false;
+  bool has_unkept_counters_ = false;  ///< the loop's thread only
   LiveCounters counters_;
   std::vector<std::function<void(const std::string&)>> forgetters_;
   std::map<std::string, std::map<JobStage, Nanoseconds>> began_;  ///< by job
