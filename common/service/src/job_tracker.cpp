@@ -37,14 +37,21 @@ JobTracker::~JobTracker() = default;
 
 Result<std::unique_ptr<JobTracker>> JobTracker::open(const std::filesystem::path& folder, const HookOptions& hooks,
                                                      const Clock& clock, net::Loop& loop, DiskRoom* room) {
-  auto store = JobStore::open(folder / "jobs.sqlite", clock);
-  if (!store) return tl::unexpected{store.error()};
+  auto restored = open_or_restore(folder / "jobs.sqlite", clock);
+  if (!restored) return tl::unexpected{restored.error()};
   auto audit = AuditLog::open(folder / "audit.log", clock);
   if (!audit) return tl::unexpected{audit.error()};
   auto notifier = StateHooks::start(hooks);
   if (!notifier) return tl::unexpected{notifier.error()};
-  return std::unique_ptr<JobTracker>{
-      new JobTracker{std::move(*store), std::move(*audit), std::move(*notifier), clock, loop, room}};
+  std::unique_ptr<JobTracker> tracker{
+      new JobTracker{std::move(restored->store), std::move(*audit), std::move(*notifier), clock, loop, room}};
+  if (!restored->notice.empty()) {
+    log_warning(restored->notice);
+    tracker->note("telefab", restored->notice);
+  }
+  // A start goes on without a backup; the store itself is sound.
+  warn_of(tracker->store().back_up());
+  return tracker;
 }
 
 void JobTracker::note(std::string_view who, std::string_view what) {
@@ -62,32 +69,33 @@ void JobTracker::note(std::string_view who, std::string_view what) {
 }
 
 void JobTracker::record(const std::string& job, JobState state, std::string_view message) {
+  save_in_order(job, [this, job, state, message = std::string{message}] { return save_move(job, state, message); });
+}
+
+void JobTracker::save_in_order(const std::string& job, Change change) {
   const std::lock_guard lock{mutex_};
-  Unsaved move{job, state, std::string{message}};
   if (unsaved_.empty()) {
-    auto saved = save(move);
-    if (!saved && has_given_up_reserve()) saved = save(move);
+    auto saved = change();
+    if (!saved && has_given_up_reserve()) saved = change();
     if (saved) return;
     log_warning(saved.error().what + "; tried again until it is kept", {job});
   }
-  // Behind the others: a move that is not stored yet may be what this one follows.
-  unsaved_.push_back(std::move(move));
+  unsaved_.push_back(std::move(change));
   retry_later();
 }
 
-Result<void> JobTracker::save(const Unsaved& move) {
-  const auto now = store_->find(move.job);
+Result<void> JobTracker::save_move(const std::string& job, JobState state, const std::string& message) {
+  const auto now = store_->find(job);
   if (!now && now.error().code == ErrorCode::StorageFailed) return tl::unexpected{now.error()};
-  if (!now || (now->state == move.state && now->message == move.message)) return {};
-  if (now->state != move.state && !may_follow(now->state, move.state)) return {};
-  const auto moved = store_->move(move.job, move.state, move.message);
+  if (!now || (now->state == state && now->message == message)) return {};
+  if (now->state != state && !may_follow(now->state, state)) return {};
+  const auto moved = store_->move(job, state, message);
   if (!moved && moved.error().code == ErrorCode::StorageFailed) return tl::unexpected{moved.error()};
   if (!moved) {
-    log_warning(moved.error().what, {move.job});
+    log_warning(moved.error().what, {job});
     return {};
   }
-  log_line(fmt::format("job {} {}{}{}", move.job, name_of(move.state), move.message.empty() ? "" : ": ", move.message),
-           {move.job});
+  log_line(fmt::format("job {} {}{}{}", job, name_of(state), message.empty() ? "" : ": ", message), {job});
   hooks_->notify(*moved);
   return {};
 }
@@ -99,7 +107,7 @@ void JobTracker::retry_later() {
 
 void JobTracker::retry() {
   const std::lock_guard lock{mutex_};
-  while (!unsaved_.empty() && save(unsaved_.front())) unsaved_.pop_front();
+  while (!unsaved_.empty() && unsaved_.front()()) unsaved_.pop_front();
   while (!unsaved_notes_.empty()) {
     const UnsavedNote& note = unsaved_notes_.front();
     const auto late = std::chrono::duration_cast<std::chrono::seconds>(clock_.wall() - note.wall).count();
@@ -111,11 +119,22 @@ void JobTracker::retry() {
 }
 
 void JobTracker::set_stage_seconds(const std::string& job, JobStage stage, double seconds) {
-  warn_of(store_->set_stage_seconds(job, stage, seconds), {job});
+  save_in_order(job, [this, job, stage, seconds]() -> Result<void> {
+    auto kept = store_->set_stage_seconds(job, stage, seconds);
+    if (!kept && kept.error().code == ErrorCode::StorageFailed) return kept;
+    warn_of(kept, {job});
+    return {};
+  });
 }
 
 void JobTracker::move(const std::string& job, JobState state, std::string_view message) {
   counters_.keep();
+  // The other site is sent a job as it is stored: at its end, with the counters of its end.
+  if (const auto unkept = counters_.unkept(job))
+    save_in_order(job, [this, job, counters = *unkept]() -> Result<void> {
+      auto kept = store_->set_counters(job, counters);
+      return !kept && kept.error().code == ErrorCode::StorageFailed ? kept : Result<void>{};
+    });
   record(job, state, message);
 }
 

@@ -13,6 +13,17 @@ namespace telefab {
 namespace {
 
 constexpr auto kReserveLookEvery = std::chrono::seconds{5};
+constexpr auto kRetentionLookEvery = std::chrono::hours{1};
+constexpr auto kBackUpEvery = std::chrono::hours{1};
+
+std::uint64_t bytes_in(const std::filesystem::path& folder) {
+  std::uint64_t bytes = 0;
+  std::error_code error;  // what cannot be read counts as nothing
+  for (const auto& file : std::filesystem::recursive_directory_iterator{folder, error})
+    if (file.is_regular_file(error))
+      if (const auto size = file.file_size(error); !error) bytes += size;
+  return bytes;
+}
 
 }  // namespace
 
@@ -57,6 +68,9 @@ Result<void> Site::serve(SiteWork& work, std::stop_token stop) {
   if (!page) return tl::unexpected{page.error()};
   listener_ = listener->get();
   look_after_reserve();
+  backed_up_revision_ = store().revision();
+  loop_->after(kBackUpEvery, [this] { back_up_store(); });
+  if (options_.retention.is_on()) look_at_retention(work);
 
   set_thread_name("network");
   if (auto announced = folder_.announce_port((*listener)->port()); !announced) return announced;
@@ -70,6 +84,61 @@ Result<void> Site::serve(SiteWork& work, std::stop_token stop) {
   listener_ = nullptr;
   notifier.end();
   return {};
+}
+
+Result<Job> Site::forget(const std::string& job) {
+  const auto found = store().find(job);
+  if (!found) return found;
+  if (!is_final(found->state))
+    return fail(ErrorCode::Conflict,
+                fmt::format("job {} is {}: only a job that has ended can be forgotten", job, name_of(found->state)));
+  const auto taken = folder_.take_out(job);
+  if (!taken) return tl::unexpected{taken.error()};
+  auto forgotten = store().forget(job);
+  if (!forgotten) {
+    if (*taken)
+      if (auto back = folder_.put_back(job, **taken); !back) log_warning(back.error().what, {job});
+    return forgotten;
+  }
+  ended_bytes_.erase(job);
+  std::error_code error;
+  if (*taken) std::filesystem::remove_all(**taken, error);
+  if (error) log_warning(fmt::format("{}: {}; the next start tries again", (*taken)->string(), error.message()), {job});
+  return forgotten;
+}
+
+void Site::look_at_retention(SiteWork& work) {
+  const auto again = [this, &work](Nanoseconds pause) {
+    loop_->after(pause, [this, &work] { look_at_retention(work); });
+  };
+  const auto ended = store().ended();
+  if (!ended) return again(kRetentionLookEvery);
+  // A folder of a job that has ended does not change: it is measured once, and others are served in between.
+  if (options_.retention.keep_gib > 0)
+    for (const Job& job : *ended)
+      if (!ended_bytes_.contains(job.id)) {
+        ended_bytes_[job.id] = bytes_in(folder_.path() / "jobs" / job.id);
+        return again(Nanoseconds{0});
+      }
+  const auto now = std::chrono::duration_cast<std::chrono::milliseconds>(clock_.wall()).count();
+  for (const Outlived& gone : outlived(*ended, ended_bytes_, options_.retention, now)) {
+    const auto forgotten = work.forget(gone.job);
+    if (forgotten) tracker_->note("telefab", fmt::format("forget {}: {}", gone.job, gone.why));
+    // One that is still worked on, or cannot be removed now, is looked at in an hour.
+    return again(forgotten ? Nanoseconds{0} : Nanoseconds{kRetentionLookEvery});
+  }
+  again(kRetentionLookEvery);
+}
+
+void Site::back_up_store() {
+  if (const std::uint64_t now = store().revision(); now != backed_up_revision_) {
+    const auto kept = store().back_up();
+    if (kept)
+      backed_up_revision_ = now;
+    else
+      log_warning(kept.error().what);
+  }
+  loop_->after(kBackUpEvery, [this] { back_up_store(); });
 }
 
 void Site::look_after_reserve() {

@@ -28,6 +28,10 @@ Result<StackReceiver::OfferAnswer> JobIntake::take_offer(const Offer& offer, con
   const auto job = site_.store().find(offer.job);
   if (!job && job.error().code != ErrorCode::NotFound)
     return put_off(offer.job, DeferReason::StorageFault, job.error().what);
+  if (!job)
+    if (const auto before = site_.store().forgotten(offer.job); before && *before)
+      return fail(ErrorCode::Conflict, fmt::format("replayed-job: job {} ended here as {}, and was forgotten",
+                                                   offer.job, name_of(**before)));
   if (job && job->owner != site)
     return fail(ErrorCode::Conflict, fmt::format("replayed-job: there is a job {} of another site", offer.job));
   if (job && is_before(JobState::Sending, job->state)) {

@@ -38,9 +38,9 @@ void JobPlanner::add(const std::string& job, std::shared_ptr<LayerStream> analys
   queue_.add(job);
 }
 
-void JobPlanner::drop(const std::string& job) {
-  queue_.drop(job);
-  predictor_.drop(job);
+bool JobPlanner::drop(const std::string& job) {
+  const bool was_planned = queue_.drop(job);
+  return predictor_.drop(job) || was_planned;
 }
 
 void JobPlanner::ask_to_end() {

@@ -25,8 +25,8 @@ class JobPlanner {
   void add(const std::string& job, std::shared_ptr<LayerStream> analysis);
   /// A job that is planned; nothing is computed where that was done before.
   void predict(const std::string& job) { predictor_.add(job); }
-  /// Nothing is planned or computed for the job any more.
-  void drop(const std::string& job);
+  /// Nothing is planned or computed for the job any more. True where something was under way, which ends soon.
+  bool drop(const std::string& job);
   void ask_to_end();
 
  private:

@@ -41,6 +41,12 @@ void JobPrinter::planned(const std::string& job, const Preflight& preflight) {
         fmt::format("waits for `telefab approve`{}{}", preflight.holds() ? ": " : "", preflight.why_held()));
   const auto now = store().find(job);
   if (!now || is_final(now->state)) return;
+  // A restored list, or one that was lost: the journal has a print of which the list knows nothing.
+  if (const auto before = folder ? start_case(*folder, *now) : fail(ErrorCode::StorageFailed, {});
+      before && before->facts.is_ahead_of_store)
+    return tracker().move(job, JobState::AwaitingApproval,
+                          "waits for `telefab approve`: a print of it had begun before, and goes on where its journal "
+                          "ends; look at the platform first");
   tracker().move(job, JobState::Ready, "");
   const auto put = put_on_machine(*now, {JournalStep::Approved, kAutomatic, {}, {}});
   if (!put && is_storage_trouble(put.error())) {
@@ -155,9 +161,17 @@ Result<PrintRecord> JobPrinter::attempt(const std::string& job, PrintControl& co
 }
 
 void JobPrinter::on_ended(const std::string& job, const Result<PrintRecord>& record) {
-  // Printed to its end, but not recorded: the record needs no operator, only a disk.
-  if (!record && is_storage_trouble(record.error()) && is_finished(job)) return wait_for_disk(job, record.error());
-  if (!record && is_storage_trouble(record.error())) site_.room().note_trouble(record.error());
+  if (!record && is_storage_trouble(record.error())) {
+    site_.room().note_trouble(record.error());
+    // Printed to its end, but not recorded: the record needs no operator, only a disk. As long as the disk does not
+    // even say whether it is so, nothing is begun.
+    const auto finished = is_finished(job);
+    if (finished && *finished) return wait_for_disk(job, record.error());
+    if (!finished && is_storage_trouble(finished.error())) {
+      if (const auto now = store().find(job)) tracker().move(job, now->state, waits_because(record.error()));
+      return site_.loop().after(site_.options().retry_every, [this, job, record] { on_ended(job, record); });
+    }
+  }
   if (!record && (is_device_fault(record.error().code) || is_site_trouble(record.error().code)))
     return tracker().move(job, JobState::Paused, record.error().what + "; telefab resume tries again");
   if (!record) return tracker().end(job, JobState::Failed, record.error().what);
@@ -181,12 +195,13 @@ void JobPrinter::on_ended(const std::string& job, const Result<PrintRecord>& rec
   }
 }
 
-bool JobPrinter::is_finished(const std::string& job) {
+Result<bool> JobPrinter::is_finished(const std::string& job) {
   const auto found = site_.find(job);
-  if (!found) return false;
+  if (!found) return tl::unexpected{found.error()};
   const auto before = start_case(found->folder, found->job);
-  return before && may_light_at_start(before->facts, before->has_begun, at_start_, site_.clock().wall()).ruling ==
-                       StartRuling::KeepRecord;
+  if (!before) return tl::unexpected{before.error()};
+  return may_light_at_start(before->facts, before->has_begun, at_start_, site_.clock().wall()).ruling ==
+         StartRuling::KeepRecord;
 }
 
 void JobPrinter::on_progress(const std::string& job, const PrintProgress& progress) {
@@ -265,7 +280,8 @@ void JobPrinter::command(const Job& job, const Command& command, std::function<v
       if (control) return pass_to_print(command, control, std::move(done));
       return answer(cancel(job, command.who));
     case JobCommand::Cleared:
-      break;  // about a machine, not a job
+    case JobCommand::Forget:
+      break;  // about a machine, or a job that has ended: the site's
   }
 }
 

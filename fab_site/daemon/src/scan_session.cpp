@@ -156,6 +156,10 @@ class ScanSession final : public MessageSession {
           command.request,
           {ErrorCode::NotPermitted, "only an operator of the fab may approve: telefab approve --site FAB"},
           command.job);
+    if (command.command == JobCommand::Forget)
+      return send_fault(command.request,
+                        {ErrorCode::NotPermitted, "only an operator of the fab may forget: telefab forget --site FAB"},
+                        command.job);
     Command named = command;
     named.who = fmt::format("{} at {}", command.who.substr(0, 100), peer().name);
     carry_out(named);

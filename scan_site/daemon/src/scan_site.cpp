@@ -251,6 +251,7 @@ void ScanSite::keep_reports(const std::string& job) {
 }
 
 void ScanSite::command(const Command& command, std::function<void(Result<Job>)> done) {
+  if (command.command == JobCommand::Forget) return done(forget(command.job));
   const auto job = store().find(command.job);
   if (!job) return done(job);
   if (is_final(job->state))

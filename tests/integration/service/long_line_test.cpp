@@ -122,5 +122,22 @@ TEST_F(LongLine, PutsOffAJobTooManyUntilOneIsOver) {
   EXPECT_EQ(site.fault, "");
 }
 
+// A scan site that never heard how its job ended offers it again; it is not printed twice because it was forgotten.
+TEST_F(LongLine, RefusesAJobThatEndedAndWasForgotten) {
+  start_fab({"--log-level", "warning"});
+  start_scan();
+  Offer offer = recorded_offer();
+  OfferingSite site{fab_site()};
+  offer.job = "joffered-1";
+  site.send(offer);
+  site.send(Command{{}, offer.job, JobCommand::Cancel, "ana", {}});
+  site.await([&] { return site.over.contains(offer.job); });
+  ASSERT_EQ(telefab({"forget", offer.job, "--site", fab_site()}).code, 0);
+  site.send(offer);
+  site.await([&] { return !site.fault.empty(); });
+  EXPECT_THAT(site.fault, testing::HasSubstr("ended here as cancelled, and was forgotten"));
+  EXPECT_FALSE(std::filesystem::exists(folder() / "fab" / "jobs" / offer.job));
+}
+
 }  // namespace
 }  // namespace telefab::test

@@ -3,6 +3,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <telefab/job/job.hpp>
 #include <telefab/net/loop.hpp>
@@ -43,6 +44,12 @@ class LiveCounters {
   void keep();
   /// After this the job is not live; what was not stored is stored, now or later.
   void end(const std::string& job);
+  /// What could not be stored of a job; nothing: all is.
+  [[nodiscard]] std::optional<JobCounters> unkept(const std::string& job) const {
+    const auto found = jobs_.find(job);
+    if (found == jobs_.end() || !found->second.is_dirty) return {};
+    return found->second.counters;
+  }
   [[nodiscard]] std::vector<std::string> jobs() const;
 
  private:
