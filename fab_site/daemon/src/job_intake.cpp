@@ -59,7 +59,7 @@ Result<StackReceiver::OfferAnswer> JobIntake::take_offer(const Offer& offer, con
 
 OfferDeferred JobIntake::put_off(const std::string& job, DeferReason reason, const std::string& why) {
   // What the intake holds in memory may be ahead of what is stored.
-  live_.erase(job);
+  if (reason != DeferReason::Busy) live_.erase(job);
   if (reason == DeferReason::StorageFault) site_.room().note_trouble({ErrorCode::StorageFailed, why});
   const std::string what =
       fmt::format("the fab is {}: {}", reason == DeferReason::StorageFault ? "in trouble" : name_of(reason), why);

@@ -137,6 +137,7 @@ void FabLink::add(const Offer& given, std::shared_ptr<SharedSpool> spool) {
 
 void FabLink::offer(Sending& sending) {
   sending.is_taken = sending.is_end_sent = false;
+  ++sending.offers;
   (void)send(sending.offer, &sending);  // where it fails the connection is lost, and the job is offered on the next one
 }
 
@@ -201,13 +202,13 @@ void FabLink::handle(const OfferDeferred& deferred) {
   Sending& sending = found->second;
   sending.is_taken = sending.is_end_sent = false;
   sending.why_deferred = deferred.what;
-  const std::uint32_t deferral = ++sending.deferrals;
   loop_.after(std::max<Nanoseconds>(deferred.retry_after, kShortestPause),
-              [this, alive = alive_, job = deferred.job, deferral] {
+              [this, alive = alive_, job = deferred.job, offers = sending.offers] {
                 if (!*alive) return;
-                // A job that was offered on another connection meanwhile is not offered twice.
+                // On a new connection it was offered meanwhile: two offers under way would be answered twice, and its
+                // chunks would come again.
                 const auto again = jobs_.find(job);
-                if (again == jobs_.end() || again->second.deferrals != deferral || again->second.is_taken) return;
+                if (again == jobs_.end() || again->second.offers != offers) return;
                 if (is_ready_) offer(again->second);
               });
   events_.deferred(std::string{deferred.job}, deferred.what);

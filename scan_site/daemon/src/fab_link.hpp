@@ -61,7 +61,7 @@ class FabLink {
     std::uint32_t kept = 0;    ///< chunks acknowledged
     std::uint64_t bytes = 0;   ///< sent and not yet told
     std::string why_deferred;  ///< empty: it is not
-    std::uint32_t deferrals = 0;
+    std::uint32_t offers = 0;  ///< so many were sent
   };
 
   void connect();
