@@ -244,7 +244,13 @@ struct JobStore::Impl {
       std::filesystem::remove(*temporary, ignored);
       return done;
     }
-    return put_in_place(*temporary, copy);
+    if (auto placed = put_in_place(*temporary, copy); !placed) return placed;
+    std::error_code error;  // who may read the store may read its copy, and nobody else
+    std::filesystem::permissions(copy, std::filesystem::status(path, error).permissions(), error);
+    if (error)
+      return fail(ErrorCode::StorageFailed,
+                  fmt::format("cannot set the permissions of {}: {}", copy.string(), error.message()));
+    return {};
   }
 
   [[nodiscard]] Result<void> check() const {

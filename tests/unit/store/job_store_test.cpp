@@ -304,6 +304,13 @@ TEST_F(JobStoreBackup, ServesWhereTheStoreIsMissing) {
   EXPECT_THAT(restored->store->list(10).value(), SizeIs(2));
 }
 
+TEST_F(JobStoreBackup, IsReadByNobodyWhoMayNotReadTheStore) {
+  make(1);
+  std::filesystem::permissions(path(), std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+  make(1);
+  EXPECT_EQ(std::filesystem::status(beside(".backup-1")).permissions(), std::filesystem::status(path()).permissions());
+}
+
 TEST_F(JobStoreBackup, SoManyAreKept) {
   for (int i = 0; i < 5; ++i) make(1);
   for (int number = 1; number <= kStoreBackups; ++number)
