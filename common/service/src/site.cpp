@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/service/client_session.hpp>
 #include <telefab/service/log.hpp>
@@ -108,26 +109,42 @@ Result<Job> Site::forget(const std::string& job) {
 }
 
 void Site::look_at_retention(SiteWork& work) {
-  const auto again = [this, &work](Nanoseconds pause) {
-    loop_->after(pause, [this, &work] { look_at_retention(work); });
-  };
+  loop_->after(kRetentionLookEvery, [this, &work] { look_at_retention(work); });
   const auto ended = store().ended();
-  if (!ended) return again(kRetentionLookEvery);
-  // A folder of a job that has ended does not change: it is measured once, and others are served in between.
+  if (!ended) return log_warning(ended.error().what);
+  std::vector<std::string> unmeasured;  // a folder of a job that has ended does not change: once is enough
   if (options_.retention.keep_gib > 0)
     for (const Job& job : *ended)
-      if (!ended_bytes_.contains(job.id)) {
-        ended_bytes_[job.id] = bytes_in(folder_.path() / "jobs" / job.id);
-        return again(Nanoseconds{0});
-      }
+      if (!ended_bytes_.contains(job.id)) unmeasured.push_back(job.id);
+  measure(work, std::move(unmeasured));
+}
+
+void Site::measure(SiteWork& work, std::vector<std::string> jobs) {
+  if (jobs.empty()) return forget_outlived(work);
+  ended_bytes_[jobs.back()] = bytes_in(folder_.path() / "jobs" / jobs.back());
+  jobs.pop_back();
+  loop_->post([this, &work, jobs = std::move(jobs)] { measure(work, jobs); });
+}
+
+void Site::forget_outlived(SiteWork& work) {
+  const auto ended = store().ended();
+  if (!ended) return log_warning(ended.error().what);
   const auto now = std::chrono::duration_cast<std::chrono::milliseconds>(clock_.wall()).count();
-  for (const Outlived& gone : outlived(*ended, ended_bytes_, options_.retention, now)) {
-    const auto forgotten = work.forget(gone.job);
-    if (forgotten) tracker_->note("telefab", fmt::format("forget {}: {}", gone.job, gone.why));
-    // One that is still worked on, or cannot be removed now, is looked at in an hour.
-    return again(forgotten ? Nanoseconds{0} : Nanoseconds{kRetentionLookEvery});
-  }
-  again(kRetentionLookEvery);
+  auto gone = outlived(*ended, ended_bytes_, options_.retention, now);
+  std::reverse(gone.begin(), gone.end());  // the oldest is taken first, from the end
+  forget(work, std::move(gone));
+}
+
+void Site::forget(SiteWork& work, std::vector<Outlived> gone) {
+  if (gone.empty()) return;
+  const Outlived each = std::move(gone.back());
+  gone.pop_back();
+  // One that is still worked on, or cannot be removed now, is looked at again in an hour.
+  if (const auto forgotten = work.forget(each.job))
+    tracker_->note("telefab", fmt::format("forget {}: {}", each.job, each.why));
+  else
+    log_warning(forgotten.error().what, {each.job});
+  loop_->post([this, &work, gone = std::move(gone)] { forget(work, gone); });
 }
 
 void Site::back_up_store() {

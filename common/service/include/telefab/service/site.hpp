@@ -65,8 +65,12 @@ class Site {
         folder_{std::move(folder)} {}
   [[nodiscard]] Result<std::unique_ptr<WebServer>> open_page_of(SiteWork& work);
   void on_connection(SiteWork& work, const net::ConnectionPtr& connection);
-  /// Forgets what has outlived --keep-days and --keep-gib, one step a turn of the loop; asks itself every hour.
+  /// Forgets what has outlived --keep-days and --keep-gib; asks itself every hour. One folder a turn of the loop is
+  /// measured, and one job forgotten, so that others are served in between.
   void look_at_retention(SiteWork& work);
+  void measure(SiteWork& work, std::vector<std::string> jobs);
+  void forget_outlived(SiteWork& work);
+  void forget(SiteWork& work, std::vector<Outlived> gone);
   /// Asks itself every hour, and does nothing where nothing has changed.
   void back_up_store();
   /// Takes the reserve back once there is room for it again; asks itself every few seconds.
