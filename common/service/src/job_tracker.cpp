@@ -48,10 +48,21 @@ Result<std::unique_ptr<JobTracker>> JobTracker::open(const std::filesystem::path
   if (!restored->notice.empty()) {
     log_warning(restored->notice);
     tracker->note("telefab", restored->notice);
+    tracker->note_unlisted(folder / "jobs");
   }
   // A start goes on without a backup; the store itself is sound.
   warn_of(tracker->store().back_up());
   return tracker;
+}
+
+void JobTracker::note_unlisted(const std::filesystem::path& jobs) {
+  std::error_code error;
+  for (const auto& each : std::filesystem::directory_iterator{jobs, error})
+    if (const auto found = store_->find(each.path().filename().string());
+        !found && found.error().code == ErrorCode::NotFound)
+      note("telefab", fmt::format("{} is of a job that is not in the list: the other site offers it again, or it is "
+                                  "yours to look at and to remove",
+                                  each.path().string()));
 }
 
 void JobTracker::note(std::string_view who, std::string_view what) {

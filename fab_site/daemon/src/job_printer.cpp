@@ -41,21 +41,24 @@ void JobPrinter::planned(const std::string& job, const Preflight& preflight) {
         fmt::format("waits for `telefab approve`{}{}", preflight.holds() ? ": " : "", preflight.why_held()));
   const auto now = store().find(job);
   if (!now || is_final(now->state)) return;
-  // A restored list, or one that was lost: the journal has a print of which the list knows nothing.
-  if (const auto before = folder ? start_case(*folder, *now) : fail(ErrorCode::StorageFailed, {});
-      before && before->facts.is_ahead_of_store)
+  const auto put = [&]() -> Result<void> {
+    if (!folder) return tl::unexpected{folder.error()};
+    const auto before = start_case(*folder, *now);
+    if (!before) return tl::unexpected{before.error()};
+    // A restored list, or one that was lost: the journal has a print of which the list knows nothing.
+    if (before->facts.is_ahead_of_store)
+      return fail(ErrorCode::Conflict,
+                  "a print of it had begun before, and goes on where its journal ends; look at the platform first");
+    tracker().move(job, JobState::Ready, "");
+    return put_on_machine(*now, {JournalStep::Approved, kAutomatic, {}, {}});
+  }();
+  if (put) return;
+  if (!is_storage_trouble(put.error()))
     return tracker().move(job, JobState::AwaitingApproval,
-                          "waits for `telefab approve`: a print of it had begun before, and goes on where its journal "
-                          "ends; look at the platform first");
-  tracker().move(job, JobState::Ready, "");
-  const auto put = put_on_machine(*now, {JournalStep::Approved, kAutomatic, {}, {}});
-  if (!put && is_storage_trouble(put.error())) {
-    site_.room().note_trouble(put.error());
-    tracker().move(job, JobState::Ready, waits_because(put.error()));
-    return site_.loop().after(site_.options().retry_every, [this, job, preflight] { planned(job, preflight); });
-  }
-  if (!put)
-    tracker().move(job, JobState::AwaitingApproval, fmt::format("waits for `telefab approve`: {}", put.error().what));
+                          fmt::format("waits for `telefab approve`: {}", put.error().what));
+  site_.room().note_trouble(put.error());
+  tracker().move(job, JobState::Ready, waits_because(put.error()));
+  site_.loop().after(site_.options().retry_every, [this, job, preflight] { planned(job, preflight); });
 }
 
 Result<void> JobPrinter::resume(const Job& job) {
@@ -165,9 +168,11 @@ void JobPrinter::on_ended(const std::string& job, const Result<PrintRecord>& rec
     site_.room().note_trouble(record.error());
     // Printed to its end, but not recorded: the record needs no operator, only a disk. As long as the disk does not
     // even say whether it is so, nothing is begun.
-    const auto finished = is_finished(job);
-    if (finished && *finished) return wait_for_disk(job, record.error());
-    if (!finished && is_storage_trouble(finished.error())) {
+    const auto ruling = ruling_on(job);
+    if (ruling && *ruling == StartRuling::KeepRecord) return wait_for_disk(job, record.error());
+    if (ruling && *ruling == StartRuling::End)
+      return tracker().end(job, JobState::Cancelled, "its record is not kept: " + record.error().what);
+    if (!ruling && is_storage_trouble(ruling.error())) {
       if (const auto now = store().find(job)) tracker().move(job, now->state, waits_because(record.error()));
       return site_.loop().after(site_.options().retry_every, [this, job, record] { on_ended(job, record); });
     }
@@ -195,13 +200,12 @@ void JobPrinter::on_ended(const std::string& job, const Result<PrintRecord>& rec
   }
 }
 
-Result<bool> JobPrinter::is_finished(const std::string& job) {
+Result<StartRuling> JobPrinter::ruling_on(const std::string& job) {
   const auto found = site_.find(job);
   if (!found) return tl::unexpected{found.error()};
   const auto before = start_case(found->folder, found->job);
   if (!before) return tl::unexpected{before.error()};
-  return may_light_at_start(before->facts, before->has_begun, at_start_, site_.clock().wall()).ruling ==
-         StartRuling::KeepRecord;
+  return may_light_at_start(before->facts, before->has_begun, at_start_, site_.clock().wall()).ruling;
 }
 
 void JobPrinter::on_progress(const std::string& job, const PrintProgress& progress) {
@@ -403,6 +407,8 @@ Result<void> JobPrinter::put_on_machine(const Job& job, const PrintWord& word) {
   set_exposure_unknown(job.id, false);
   if (job.state == JobState::AwaitingApproval || job.state == JobState::Ready)
     tracker().move(job.id, JobState::Ready, "");
+  // Before the answer: a start whose list still says paused would wait for the word again.
+  if (job.state == JobState::Paused) tracker().move(job.id, JobState::Printing, "waits for its machine");
   queue_.add(job.id);
   return {};
 }

@@ -74,9 +74,8 @@ class JobPrinter {
   void try_again_later(const std::string& job);
   void on_progress(const std::string& job, const PrintProgress& progress);
   void on_ended(const std::string& job, const Result<PrintRecord>& record);
-  /// Whether its journal says that every layer is made: what is left to do neither lights nor moves.
-  /// Fails as start_case.
-  [[nodiscard]] Result<bool> is_finished(const std::string& job);
+  /// What the start rule would say of the job now. Fails as start_case.
+  [[nodiscard]] Result<StartRuling> ruling_on(const std::string& job);
 
   /// The control of the job's print, if it is under way.
   [[nodiscard]] std::shared_ptr<PrintControl> control_of(const std::string& job);

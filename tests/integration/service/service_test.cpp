@@ -128,6 +128,29 @@ TEST_F(Books, GiveTheReserveUpForWhatCannotBeWrittenOtherwise) {
   EXPECT_TRUE(room.health());
 }
 
+TEST_F(Books, OfADamagedListAreRestoredAndNameTheFoldersThatItNoLongerKnows) {
+  const SystemClock clock;
+  net::Loop loop;
+  std::string kept, lost;
+  {
+    const auto tracker = JobTracker::open(folder(), {}, clock, loop).value();
+    kept = tracker->store().create({{}, "a", "toy", "{}", "ana"}).value().id;
+    ASSERT_TRUE(tracker->store().back_up());
+    lost = tracker->store().create({{}, "b", "toy", "{}", "ana"}).value().id;
+  }
+  for (const std::string& job : {kept, lost}) std::filesystem::create_directories(folder() / "jobs" / job);
+  std::ofstream{folder() / "jobs.sqlite"} << std::string(9000, 'x');
+  const auto tracker = JobTracker::open(folder(), {}, clock, loop);
+  ASSERT_TRUE(tracker) << tracker.error().what;
+  EXPECT_TRUE((*tracker)->store().find(kept));
+  EXPECT_FALSE((*tracker)->store().find(lost));
+  std::ifstream audit{folder() / "audit.log"};
+  const std::string lines{std::istreambuf_iterator<char>{audit}, {}};
+  EXPECT_THAT(lines, HasSubstr("jobs.sqlite.backup-1 took its place"));
+  EXPECT_THAT(lines, HasSubstr("jobs/" + lost + " is of a job that is not in the list"));
+  EXPECT_THAT(lines, testing::Not(HasSubstr("jobs/" + kept)));
+}
+
 class Service : public TwoSites {
  protected:
   void SetUp() override {

@@ -67,6 +67,8 @@ class JobTracker {
   /// Now, or behind whatever is not stored yet: a change may follow from one before it.
   void save_in_order(const std::string& job, Change change);
   [[nodiscard]] Result<void> save_move(const std::string& job, JobState state, const std::string& message);
+  /// Folders of jobs that a restored store does not know.
+  void note_unlisted(const std::filesystem::path& jobs);
   void retry_later();
   void retry();
   /// Whether there is room now that was not there before.
