@@ -141,9 +141,12 @@ void JobTracker::set_stage_seconds(const std::string& job, JobStage stage, doubl
 void JobTracker::move(const std::string& job, JobState state, std::string_view message) {
   counters_.keep();
   // The other site is sent a job as it is stored: at its end, with the counters of its end.
-  if (const auto unkept = counters_.unkept(job))
-    save_in_order(job, [this, job, counters = *unkept]() -> Result<void> {
-      auto kept = store_->set_counters(job, counters);
+  if (counters_.unkept(job))
+    save_in_order(job, [this, job]() -> Result<void> {
+      // As they are by then, and nothing where they are stored already: older ones never come over newer ones.
+      const auto counters = counters_.unkept(job);
+      if (!counters) return {};
+      auto kept = store_->set_counters(job, *counters);
       return !kept && kept.error().code == ErrorCode::StorageFailed ? kept : Result<void>{};
     });
   record(job, state, message);
