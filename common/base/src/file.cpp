@@ -122,12 +122,21 @@ Result<void> put_in_place(const std::filesystem::path& temporary, const std::fil
 }
 
 Result<void> write_new_secret(const std::filesystem::path& path, std::string_view text) {
-  Descriptor file{::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600)};
-  const bool written = file.get() >= 0 &&
-                       ::write(file.get(), text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
-                       ::fsync(file.get()) == 0 && file.close();
-  if (!written)
-    return fail(ErrorCode::StorageFailed, fmt::format("cannot write {}: {}", path.string(), std::strerror(errno)));
+  const auto give_up = [&](int error) {
+    return fail(ErrorCode::StorageFailed, fmt::format("cannot write {}: {}", path.string(), std::strerror(error)));
+  };
+  // Under its name it is whole or not there: a secret that a full disk cut short would be taken for one.
+  std::string temporary = (path.parent_path() / ("." + path.filename().string() + ".XXXXXX")).string();
+  Descriptor file{::mkostemp(temporary.data(), O_CLOEXEC)};  // 0600
+  if (file.get() < 0) return give_up(errno);
+  int error = write_all(file.get(), std::as_bytes(std::span{text}));
+  if (error == 0 && ::fsync(file.get()) != 0) error = errno;
+  if (error == 0 && ::link(temporary.c_str(), path.c_str()) != 0) error = errno;
+  ::unlink(temporary.c_str());
+  if (error != 0) return give_up(error);
+  const Descriptor folder{
+      ::open(path.has_parent_path() ? path.parent_path().c_str() : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC)};
+  if (folder.get() < 0 || ::fsync(folder.get()) != 0) return give_up(errno);
   return {};
 }
 

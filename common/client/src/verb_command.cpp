@@ -10,6 +10,14 @@
 namespace telefab::client {
 namespace {
 
+/// One job's answer on a line.
+Result<void> ask_and_print(SiteClient& client, const CommonOptions& common, const Command& command) {
+  auto jobs = client.ask<Jobs>(command);
+  if (!jobs) return tl::unexpected{jobs.error()};
+  for (const Job& job : jobs->jobs) write_output(fmt::format("{}\n", common.json ? to_json(job) : to_line(job)));
+  return {};
+}
+
 VerbBody declare_command(VerbOptions& options, JobCommand command) {
   struct Options {
     CommonOptions common;
@@ -51,14 +59,41 @@ VerbBody declare_command(VerbOptions& options, JobCommand command) {
     if (!client) return tl::unexpected{client.error()};
     const std::string although = fmt::format("{}", fmt::join(o->although, ",")).substr(0, kMaxNameBytes);
     const std::string who = o->who.substr(0, kMaxNameBytes);
-    auto jobs = (*client)->ask<Jobs>(Command{(*client)->next_request(), o->job, asked, who, although});
-    if (!jobs) return tl::unexpected{jobs.error()};
-    for (const Job& job : jobs->jobs) write_output(fmt::format("{}\n", o->common.json ? to_json(job) : to_line(job)));
+    const Command spoken{(*client)->next_request(), o->job, asked, who, although};
+    if (auto done = ask_and_print(**client, o->common, spoken); !done) return tl::unexpected{done.error()};
     return ExitCode::Ok;
   };
 }
 
 }  // namespace
+
+VerbBody declare_forget(VerbOptions& options) {
+  struct Options {
+    CommonOptions common;
+    std::vector<std::string> jobs;
+    std::string who;
+  };
+  auto o = std::make_shared<Options>();
+  declare_common(options, o->common);
+  options.add("JOB", o->jobs, "ids of jobs that have ended; their scans, plans and pictures go, as-built records stay")
+      .required();
+  options.add("--who", o->who, "your name for the audit log; with --tls the certificate's name counts")
+      .environment("USER");
+  return [o](std::stop_token stop) -> Result<ExitCode> {
+    for (const std::string& job : o->jobs)
+      if (!is_job_id(job))
+        return fail(ErrorCode::NotFound, fmt::format("no job \"{}\": `telefab jobs` lists them", job));
+    auto client = connect(o->common, std::move(stop));
+    if (!client) return tl::unexpected{client.error()};
+    const std::string who = o->who.substr(0, kMaxNameBytes);
+    for (const std::string& job : o->jobs)
+      if (auto forgotten =
+              ask_and_print(**client, o->common, {(*client)->next_request(), job, JobCommand::Forget, who, {}});
+          !forgotten)
+        return tl::unexpected{forgotten.error()};
+    return ExitCode::Ok;
+  };
+}
 
 VerbBody declare_approve(VerbOptions& options) { return declare_command(options, JobCommand::Approve); }
 VerbBody declare_pause(VerbOptions& options) { return declare_command(options, JobCommand::Pause); }

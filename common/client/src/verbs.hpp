@@ -14,6 +14,7 @@ namespace telefab::client {
 [[nodiscard]] VerbBody declare_resume(VerbOptions& options);
 [[nodiscard]] VerbBody declare_cleared(VerbOptions& options);
 [[nodiscard]] VerbBody declare_cancel(VerbOptions& options);
+[[nodiscard]] VerbBody declare_forget(VerbOptions& options);
 [[nodiscard]] VerbBody declare_report(VerbOptions& options);
 [[nodiscard]] VerbBody declare_sites(VerbOptions& options);
 [[nodiscard]] VerbBody declare_certs(VerbOptions& options);

@@ -57,6 +57,8 @@ std::string_view name_of(JobCommand command) {
       return "resume as expose-again";
     case JobCommand::Cleared:
       return "cleared";
+    case JobCommand::Forget:
+      return "forget";
   }
   return "cancel";
 }

@@ -6,12 +6,18 @@
 #include <unistd.h>
 
 #include <cstring>
+#include <span>
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/service/data_folder.hpp>
 #include <utility>
 
 namespace telefab {
+namespace {
+
+constexpr std::uint64_t kMaxRecordBytes = 1U << 30U;
+
+}  // namespace
 
 Result<DataFolder> DataFolder::open(const std::filesystem::path& path) {
   std::error_code error;
@@ -30,9 +36,9 @@ Result<DataFolder> DataFolder::open(const std::filesystem::path& path) {
     return fail(ErrorCode::Conflict,
                 fmt::format("another daemon works in {}; give each its own --data", path.string()));
   }
-  // Uploads that were under way when the daemon ended last.
+  // Uploads that were under way when the daemon ended last, and jobs that were being forgotten.
   for (const auto& left : std::filesystem::directory_iterator{path / "incoming", error})
-    std::filesystem::remove(left.path(), error);
+    std::filesystem::remove_all(left.path(), error);
   std::filesystem::remove(path / "port", error);
   return DataFolder{path, lock};
 }
@@ -52,6 +58,35 @@ Result<std::filesystem::path> DataFolder::job(std::string_view id) const {
     return fail(ErrorCode::StorageFailed,
                 fmt::format("cannot make the folder {}: {}", folder.string(), error.message()));
   return folder;
+}
+
+Result<std::optional<std::filesystem::path>> DataFolder::take_out(std::string_view id) const {
+  const auto folder = path_ / "jobs" / id;
+  std::error_code error;
+  if (!std::filesystem::exists(folder, error)) return std::optional<std::filesystem::path>{};
+  if (const auto record = folder / "report" / "as-built.json"; std::filesystem::exists(record, error)) {
+    const auto bytes = read_file(record, kMaxRecordBytes);
+    if (!bytes) return tl::unexpected{bytes.error()};
+    std::filesystem::create_directories(path_ / "records", error);
+    const auto kept = path_ / "records" / fmt::format("{}.json", id);
+    if (auto written = write_file_atomically(kept, std::span<const std::byte>{*bytes}); !written)
+      return tl::unexpected{written.error()};
+  }
+  const auto taken = incoming() / fmt::format("forgotten-{}", id);
+  std::filesystem::rename(folder, taken, error);
+  if (error)
+    return fail(ErrorCode::StorageFailed,
+                fmt::format("cannot take the folder of job {} out of jobs: {}", id, error.message()));
+  return std::optional{taken};
+}
+
+Result<void> DataFolder::put_back(std::string_view id, const std::filesystem::path& taken) const {
+  std::error_code error;
+  std::filesystem::rename(taken, path_ / "jobs" / id, error);
+  if (error)
+    return fail(ErrorCode::StorageFailed,
+                fmt::format("cannot put the folder {} of job {} back: {}", taken.string(), id, error.message()));
+  return {};
 }
 
 Result<void> DataFolder::announce_port(std::uint16_t port) const {

@@ -19,35 +19,58 @@ void warn_of(const Result<void>& outcome, const LogFields& fields = {}) {
 }  // namespace
 
 JobTracker::JobTracker(std::unique_ptr<JobStore> store, std::unique_ptr<AuditLog> audit,
-                       std::unique_ptr<StateHooks> hooks, const Clock& clock, net::Loop& loop)
+                       std::unique_ptr<StateHooks> hooks, const Clock& clock, net::Loop& loop, DiskRoom* room)
     : store_{std::move(store)},
       audit_{std::move(audit)},
       hooks_{std::move(hooks)},
       clock_{clock},
       loop_{loop},
+      room_{room},
       counters_{loop, [this](const std::string& job, const JobCounters& counters) {
-                  warn_of(store_->set_counters(job, counters), {job});
+                  const auto kept = store_->set_counters(job, counters);
+                  // Said once, however often it is tried again.
+                  if (!std::exchange(has_unkept_counters_, !kept)) warn_of(kept, {job});
+                  return kept || kept.error().code != ErrorCode::StorageFailed;
                 }} {}
 
 JobTracker::~JobTracker() = default;
 
 Result<std::unique_ptr<JobTracker>> JobTracker::open(const std::filesystem::path& folder, const HookOptions& hooks,
-                                                     const Clock& clock, net::Loop& loop) {
-  auto store = JobStore::open(folder / "jobs.sqlite", clock);
-  if (!store) return tl::unexpected{store.error()};
+                                                     const Clock& clock, net::Loop& loop, DiskRoom* room) {
+  auto restored = open_or_restore(folder / "jobs.sqlite", clock);
+  if (!restored) return tl::unexpected{restored.error()};
   auto audit = AuditLog::open(folder / "audit.log", clock);
   if (!audit) return tl::unexpected{audit.error()};
   auto notifier = StateHooks::start(hooks);
   if (!notifier) return tl::unexpected{notifier.error()};
-  return std::unique_ptr<JobTracker>{
-      new JobTracker{std::move(*store), std::move(*audit), std::move(*notifier), clock, loop}};
+  std::unique_ptr<JobTracker> tracker{
+      new JobTracker{std::move(restored->store), std::move(*audit), std::move(*notifier), clock, loop, room}};
+  if (!restored->notice.empty()) {
+    log_warning(restored->notice);
+    tracker->note("telefab", restored->notice);
+    tracker->note_unlisted(folder / "jobs");
+  }
+  // A start goes on without a backup; the store itself is sound.
+  warn_of(tracker->store().back_up());
+  return tracker;
+}
+
+void JobTracker::note_unlisted(const std::filesystem::path& jobs) {
+  std::error_code error;
+  for (const auto& each : std::filesystem::directory_iterator{jobs, error})
+    if (const auto found = store_->find(each.path().filename().string());
+        !found && found.error().code == ErrorCode::NotFound)
+      note("telefab", fmt::format("{} is of a job that is not in the list: the other site offers it again, or it is "
+                                  "yours to look at and to remove",
+                                  each.path().string()));
 }
 
 void JobTracker::note(std::string_view who, std::string_view what) {
   log_line(fmt::format("{}: {}", who, what));
   const std::lock_guard lock{mutex_};
   if (unsaved_notes_.empty()) {
-    const auto added = audit_->add(who, what);
+    auto added = audit_->add(who, what);
+    if (!added && has_given_up_reserve()) added = audit_->add(who, what);
     if (added) return;
     log_warning(added.error().what);
   }
@@ -57,31 +80,33 @@ void JobTracker::note(std::string_view who, std::string_view what) {
 }
 
 void JobTracker::record(const std::string& job, JobState state, std::string_view message) {
+  save_in_order(job, [this, job, state, message = std::string{message}] { return save_move(job, state, message); });
+}
+
+void JobTracker::save_in_order(const std::string& job, Change change) {
   const std::lock_guard lock{mutex_};
-  Unsaved move{job, state, std::string{message}};
   if (unsaved_.empty()) {
-    const auto saved = save(move);
+    auto saved = change();
+    if (!saved && has_given_up_reserve()) saved = change();
     if (saved) return;
     log_warning(saved.error().what + "; tried again until it is kept", {job});
   }
-  // Behind the others: a move that is not stored yet may be what this one follows.
-  unsaved_.push_back(std::move(move));
+  unsaved_.push_back(std::move(change));
   retry_later();
 }
 
-Result<void> JobTracker::save(const Unsaved& move) {
-  const auto now = store_->find(move.job);
+Result<void> JobTracker::save_move(const std::string& job, JobState state, const std::string& message) {
+  const auto now = store_->find(job);
   if (!now && now.error().code == ErrorCode::StorageFailed) return tl::unexpected{now.error()};
-  if (!now || (now->state == move.state && now->message == move.message)) return {};
-  if (now->state != move.state && !may_follow(now->state, move.state)) return {};
-  const auto moved = store_->move(move.job, move.state, move.message);
+  if (!now || (now->state == state && now->message == message)) return {};
+  if (now->state != state && !may_follow(now->state, state)) return {};
+  const auto moved = store_->move(job, state, message);
   if (!moved && moved.error().code == ErrorCode::StorageFailed) return tl::unexpected{moved.error()};
   if (!moved) {
-    log_warning(moved.error().what, {move.job});
+    log_warning(moved.error().what, {job});
     return {};
   }
-  log_line(fmt::format("job {} {}{}{}", move.job, name_of(move.state), move.message.empty() ? "" : ": ", move.message),
-           {move.job});
+  log_line(fmt::format("job {} {}{}{}", job, name_of(state), message.empty() ? "" : ": ", message), {job});
   hooks_->notify(*moved);
   return {};
 }
@@ -93,7 +118,7 @@ void JobTracker::retry_later() {
 
 void JobTracker::retry() {
   const std::lock_guard lock{mutex_};
-  while (!unsaved_.empty() && save(unsaved_.front())) unsaved_.pop_front();
+  while (!unsaved_.empty() && unsaved_.front()()) unsaved_.pop_front();
   while (!unsaved_notes_.empty()) {
     const UnsavedNote& note = unsaved_notes_.front();
     const auto late = std::chrono::duration_cast<std::chrono::seconds>(clock_.wall() - note.wall).count();
@@ -105,11 +130,25 @@ void JobTracker::retry() {
 }
 
 void JobTracker::set_stage_seconds(const std::string& job, JobStage stage, double seconds) {
-  warn_of(store_->set_stage_seconds(job, stage, seconds), {job});
+  save_in_order(job, [this, job, stage, seconds]() -> Result<void> {
+    auto kept = store_->set_stage_seconds(job, stage, seconds);
+    if (!kept && kept.error().code == ErrorCode::StorageFailed) return kept;
+    warn_of(kept, {job});
+    return {};
+  });
 }
 
 void JobTracker::move(const std::string& job, JobState state, std::string_view message) {
   counters_.keep();
+  // The other site is sent a job as it is stored: at its end, with the counters of its end.
+  if (counters_.unkept(job))
+    save_in_order(job, [this, job]() -> Result<void> {
+      // As they are by then, and nothing where they are stored already: older ones never come over newer ones.
+      const auto counters = counters_.unkept(job);
+      if (!counters) return {};
+      auto kept = store_->set_counters(job, *counters);
+      return !kept && kept.error().code == ErrorCode::StorageFailed ? kept : Result<void>{};
+    });
   record(job, state, message);
 }
 

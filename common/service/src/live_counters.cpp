@@ -3,31 +3,40 @@
 #include <utility>
 
 namespace telefab {
-namespace {
 
-constexpr auto kKeepAfter = std::chrono::milliseconds{100};
-
-}  // namespace
+void LiveCounters::begin(const std::string& job, const JobCounters& counters) {
+  const auto [slot, is_new] = jobs_.try_emplace(job, Live{counters});
+  if (!is_new && slot->second.is_over) slot->second = Live{counters};
+}
 
 void LiveCounters::keep() {
-  for (auto& [job, live] : jobs_)
-    if (std::exchange(live.is_dirty, false)) store_(job, live.counters);
+  bool is_whole = true;
+  for (auto each = jobs_.begin(); each != jobs_.end();) {
+    Live& live = each->second;
+    if (live.is_dirty) live.is_dirty = !store_(each->first, live.counters);
+    is_whole &= !live.is_dirty;
+    each = live.is_over && !live.is_dirty ? jobs_.erase(each) : std::next(each);
+  }
+  if (!is_whole) keep_after(kRetryAfter);
 }
 
 void LiveCounters::end(const std::string& job) {
+  const auto found = jobs_.find(job);
+  if (found == jobs_.end()) return;
+  found->second.is_over = true;
   keep();
-  jobs_.erase(job);
 }
 
 std::vector<std::string> LiveCounters::jobs() const {
   std::vector<std::string> names;
-  for (const auto& [job, live] : jobs_) names.push_back(job);
+  for (const auto& [job, live] : jobs_)
+    if (!live.is_over) names.push_back(job);
   return names;
 }
 
-void LiveCounters::keep_soon() {
+void LiveCounters::keep_after(Nanoseconds pause) {
   if (std::exchange(is_keeping_soon_, true)) return;
-  loop_.after(kKeepAfter, [this, alive = std::weak_ptr<bool>{alive_}] {
+  loop_.after(pause, [this, alive = std::weak_ptr<bool>{alive_}] {
     if (alive.expired()) return;
     is_keeping_soon_ = false;
     keep();

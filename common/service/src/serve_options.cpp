@@ -26,6 +26,17 @@ void declare_serve_options(VerbOptions& app, ServeOptions& options) {
   app.add("--log-level", options.log_level, "how much is logged; debug adds a line a layer")
       .one_of({"debug", "info", "warning"})
       .shows_default();
+  app.add("--reserve-mib", options.reserve_mib,
+          "MiB of the data folder's disk that are kept for the job list and the logs; a job that does not fit beside "
+          "them waits until there is room")
+      .shows_default();
+  app.add("--keep-days", options.retention.keep_days,
+          "days after which a job that has ended is forgotten with its files; 0: never. As-built records and the audit "
+          "log stay")
+      .shows_default();
+  app.add("--keep-gib", options.retention.keep_gib,
+          "GiB that jobs that have ended may take before the oldest are forgotten; 0: without limit")
+      .shows_default();
 }
 
 Result<std::shared_ptr<net::Trust>> trust_of(const ServeOptions& options) {

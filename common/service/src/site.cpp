@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/service/client_session.hpp>
 #include <telefab/service/log.hpp>
@@ -10,6 +11,22 @@
 #include <telefab/base/version.hpp>
 
 namespace telefab {
+namespace {
+
+constexpr auto kReserveLookEvery = std::chrono::seconds{5};
+constexpr auto kRetentionLookEvery = std::chrono::hours{1};
+constexpr auto kBackUpEvery = std::chrono::hours{1};
+
+std::uint64_t bytes_in(const std::filesystem::path& folder) {
+  std::uint64_t bytes = 0;
+  std::error_code error;  // what cannot be read counts as nothing
+  for (const auto& file : std::filesystem::recursive_directory_iterator{folder, error})
+    if (file.is_regular_file(error))
+      if (const auto size = file.file_size(error); !error) bytes += size;
+  return bytes;
+}
+
+}  // namespace
 
 Result<std::unique_ptr<Site>> Site::open(std::string program, const ServeOptions& options, const Clock& clock) {
   auto machines = machine_profiles(options.machines);
@@ -19,7 +36,8 @@ Result<std::unique_ptr<Site>> Site::open(std::string program, const ServeOptions
   std::unique_ptr<Site> site{
       new Site{std::move(program), options, clock, std::move(machines->machines), std::move(*folder)}};
   site->loop_ = std::make_unique<net::Loop>();
-  auto tracker = JobTracker::open(site->folder_.path(), options.hooks, clock, *site->loop_);
+  site->room_ = std::make_unique<DiskRoom>(site->folder_.path(), options.reserve_mib << 20U, options.ask_space);
+  auto tracker = JobTracker::open(site->folder_.path(), options.hooks, clock, *site->loop_, site->room_.get());
   if (!tracker) return tl::unexpected{tracker.error()};
   site->tracker_ = std::move(*tracker);
   auto trust = trust_of(options);
@@ -50,6 +68,10 @@ Result<void> Site::serve(SiteWork& work, std::stop_token stop) {
   const auto page = open_page_of(work);
   if (!page) return tl::unexpected{page.error()};
   listener_ = listener->get();
+  look_after_reserve();
+  backed_up_revision_ = store().revision();
+  loop_->after(kBackUpEvery, [this] { back_up_store(); });
+  if (options_.retention.is_on()) look_at_retention(work);
 
   set_thread_name("network");
   if (auto announced = folder_.announce_port((*listener)->port()); !announced) return announced;
@@ -63,6 +85,83 @@ Result<void> Site::serve(SiteWork& work, std::stop_token stop) {
   listener_ = nullptr;
   notifier.end();
   return {};
+}
+
+Result<Job> Site::forget(const std::string& job) {
+  const auto found = store().find(job);
+  if (!found) return found;
+  if (!is_final(found->state))
+    return fail(ErrorCode::Conflict,
+                fmt::format("job {} is {}: only a job that has ended can be forgotten", job, name_of(found->state)));
+  const auto taken = folder_.take_out(job);
+  if (!taken) return tl::unexpected{taken.error()};
+  auto forgotten = store().forget(job);
+  if (!forgotten) {
+    if (*taken)
+      if (auto back = folder_.put_back(job, **taken); !back) log_warning(back.error().what, {job});
+    return forgotten;
+  }
+  ended_bytes_.erase(job);
+  std::error_code error;
+  if (*taken) std::filesystem::remove_all(**taken, error);
+  if (error) log_warning(fmt::format("{}: {}; the next start tries again", (*taken)->string(), error.message()), {job});
+  return forgotten;
+}
+
+void Site::look_at_retention(SiteWork& work) {
+  loop_->after(kRetentionLookEvery, [this, &work] { look_at_retention(work); });
+  const auto ended = store().ended();
+  if (!ended) return log_warning(ended.error().what);
+  std::vector<std::string> unmeasured;  // a folder of a job that has ended does not change: once is enough
+  if (options_.retention.keep_gib > 0)
+    for (const Job& job : *ended)
+      if (!ended_bytes_.contains(job.id)) unmeasured.push_back(job.id);
+  measure(work, std::move(unmeasured));
+}
+
+void Site::measure(SiteWork& work, std::vector<std::string> jobs) {
+  if (jobs.empty()) return forget_outlived(work);
+  ended_bytes_[jobs.back()] = bytes_in(folder_.path() / "jobs" / jobs.back());
+  jobs.pop_back();
+  loop_->post([this, &work, jobs = std::move(jobs)] { measure(work, jobs); });
+}
+
+void Site::forget_outlived(SiteWork& work) {
+  const auto ended = store().ended();
+  if (!ended) return log_warning(ended.error().what);
+  const auto now = std::chrono::duration_cast<std::chrono::milliseconds>(clock_.wall()).count();
+  auto gone = outlived(*ended, ended_bytes_, options_.retention, now);
+  std::reverse(gone.begin(), gone.end());  // the oldest is taken first, from the end
+  forget(work, std::move(gone));
+}
+
+void Site::forget(SiteWork& work, std::vector<Outlived> gone) {
+  if (gone.empty()) return;
+  const Outlived each = std::move(gone.back());
+  gone.pop_back();
+  // One that is still worked on, or cannot be removed now, is looked at again in an hour.
+  if (const auto forgotten = work.forget(each.job))
+    tracker_->note("telefab", fmt::format("forget {}: {}", each.job, each.why));
+  else
+    log_warning(forgotten.error().what, {each.job});
+  loop_->post([this, &work, gone = std::move(gone)] { forget(work, gone); });
+}
+
+void Site::back_up_store() {
+  if (const std::uint64_t now = store().revision(); now != backed_up_revision_) {
+    const auto kept = store().back_up();
+    if (kept)
+      backed_up_revision_ = now;
+    else
+      log_warning(kept.error().what);
+  }
+  loop_->after(kBackUpEvery, [this] { back_up_store(); });
+}
+
+void Site::look_after_reserve() {
+  // What no reserve can be taken for is said by health(), and by whatever waits for room.
+  if (!room_->health()) (void)room_->check(0);
+  loop_->after(kReserveLookEvery, [this] { look_after_reserve(); });
 }
 
 Result<std::unique_ptr<WebServer>> Site::open_page_of(SiteWork& work) {

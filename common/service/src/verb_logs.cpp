@@ -8,6 +8,7 @@
 #include <telefab/base/json_number.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/service/shared_verbs.hpp>
+#include <telefab/store/audit_log.hpp>
 #include <telefab/store/job_store.hpp>
 
 namespace telefab {
@@ -42,11 +43,10 @@ void print(const LogEntry& entry, bool json) {
   }
 }
 
-/// Lines of the audit log that name the job. Its chain is checked by the daemon, not here.
-Result<std::vector<LogEntry>> audit_of(const std::filesystem::path& path, const std::string& job) {
-  std::vector<LogEntry> entries;
+/// Lines of one part of the audit log that name the job. Its chain is checked by `audit`, not here.
+Result<void> take_audit_lines(const std::filesystem::path& path, const std::string& job,
+                              std::vector<LogEntry>& entries) {
   const auto bytes = read_file(path, kMaxAuditBytes);
-  if (!bytes && bytes.error().code == ErrorCode::NotFound) return entries;
   if (!bytes) return tl::unexpected{bytes.error()};
   std::string_view text{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
   for (std::size_t end; (end = text.find('\n')) != std::string_view::npos; text.remove_prefix(end + 1)) {
@@ -60,7 +60,7 @@ Result<std::vector<LogEntry>> audit_of(const std::filesystem::path& path, const 
       what = entry.at("what").get<std::string>();
       unix_ms = whole_number<std::int64_t>(entry.at("unix_ms"));
     } catch (const nlohmann::json::exception&) {
-      continue;  // the daemon complains of it
+      continue;  // `audit` complains of it
     }
     // A longer id may begin with this one.
     const std::size_t at = what.find(job);
@@ -68,7 +68,7 @@ Result<std::vector<LogEntry>> audit_of(const std::filesystem::path& path, const 
     if (at == std::string::npos || (after < what.size() && what[after] != ' ')) continue;
     entries.push_back({unix_ms, std::move(who), std::move(what)});
   }
-  return entries;
+  return {};
 }
 
 Result<ExitCode> run(const LogsOptions& o, const std::stop_token& stop) {
@@ -81,8 +81,9 @@ Result<ExitCode> run(const LogsOptions& o, const std::stop_token& stop) {
   if (!store) return tl::unexpected{store.error()};
   const auto job = (*store)->find(o.job);
   if (!job) return tl::unexpected{job.error()};
-  auto entries = audit_of(folder / "audit.log", o.job);
-  if (!entries) return tl::unexpected{entries.error()};
+  std::vector<LogEntry> entries;
+  for (const auto& part : audit_parts(folder / "audit.log"))
+    if (auto taken = take_audit_lines(part, o.job, entries); !taken) return tl::unexpected{taken.error()};
   std::uint64_t last = 0;
   const auto take_events = [&](std::vector<LogEntry>& into) -> Result<void> {
     const auto events = (*store)->events(o.job, last, kMostEvents);
@@ -93,9 +94,9 @@ Result<ExitCode> run(const LogsOptions& o, const std::stop_token& stop) {
     }
     return {};
   };
-  if (auto taken = take_events(*entries); !taken) return tl::unexpected{taken.error()};
-  std::ranges::stable_sort(*entries, {}, &LogEntry::unix_ms);
-  for (const LogEntry& entry : *entries) print(entry, o.json);
+  if (auto taken = take_events(entries); !taken) return tl::unexpected{taken.error()};
+  std::ranges::stable_sort(entries, {}, &LogEntry::unix_ms);
+  for (const LogEntry& entry : entries) print(entry, o.json);
   // Whoever follows reads as it comes; where nobody reads any more there is nothing to wait for.
   while (o.follow && flush_output() && is_output_read() && !stop.stop_requested()) {
     const auto now = (*store)->find(o.job);

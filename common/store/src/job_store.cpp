@@ -3,13 +3,16 @@
 #include <sqlite3.h>
 
 #include <atomic>
+#include <iterator>
 #include <mutex>
+#include <telefab/base/file.hpp>
 #include <telefab/store/job_store.hpp>
 
 namespace telefab {
 namespace {
 
-constexpr int kSchemaVersion = 2;
+constexpr int kSchemaVersion = 3;
+constexpr int kMostSetAside = 100;
 constexpr int kApplicationId = 0x54464142;  // "TFAB"
 
 constexpr const char* kSchema = R"sql(
@@ -35,10 +38,16 @@ CREATE TABLE job (
 CREATE TABLE job_stage (job_id TEXT NOT NULL, place BIGINT NOT NULL, stage TEXT NOT NULL, seconds DOUBLE PRECISION NOT NULL, PRIMARY KEY (job_id, stage));
 CREATE TABLE job_event (number BIGINT PRIMARY KEY, job_id TEXT NOT NULL, unix_ms BIGINT NOT NULL, text TEXT NOT NULL);
 CREATE INDEX job_event_of_job ON job_event (job_id, number);
+CREATE TABLE job_forgotten (id TEXT PRIMARY KEY, state INTEGER NOT NULL, unix_ms BIGINT NOT NULL);
 )sql";
 
-/// Version 1 had no state for what waits for approval: it was ready, with a message that said so.
-constexpr const char* kFromVersion1 = "UPDATE job SET state = 11 WHERE state = 5 AND message <> '';";
+/// From each version to the next, the first from 1.
+constexpr const char* kMigrations[] = {
+    // There was no state for what waits for approval: it was ready, with a message that said so.
+    "UPDATE job SET state = 11 WHERE state = 5 AND message <> '';",
+    "CREATE TABLE IF NOT EXISTS job_forgotten (id TEXT PRIMARY KEY, state INTEGER NOT NULL, unix_ms BIGINT NOT NULL);",
+};
+static_assert(std::size(kMigrations) == kSchemaVersion - 1, "each version says how it comes out of the one before");
 
 constexpr const char* kColumns =
     "id, name, machine, parameters, owner, state, message, layers, layers_sliced, layers_sent, print_layers, "
@@ -51,6 +60,12 @@ struct CloseDatabase {
 struct FinalizeStatement {
   void operator()(sqlite3_stmt* statement) const { sqlite3_finalize(statement); }
 };
+
+/// A file that is read, and is not what was written.
+ErrorCode code_of(int sqlite_code) {
+  return (sqlite_code & 0xff) == SQLITE_CORRUPT || (sqlite_code & 0xff) == SQLITE_NOTADB ? ErrorCode::NotTrusted
+                                                                                         : ErrorCode::StorageFailed;
+}
 
 /// One prepared statement; binds in order, steps, reads columns in order.
 class Statement {
@@ -82,7 +97,7 @@ class Statement {
     read_ = 0;
     if (code == SQLITE_ROW) return true;
     if (code == SQLITE_DONE) return false;
-    return fail(ErrorCode::StorageFailed,
+    return fail(code_of(code),
                 fmt::format("job store {}: {}", sqlite3_db_filename(database_, "main"), sqlite3_errmsg(database_)));
   }
   [[nodiscard]] std::string text() {
@@ -121,9 +136,9 @@ struct JobStore::Impl {
 
   [[nodiscard]] Result<void> run(const std::string& text) const {
     char* reason = nullptr;
-    if (sqlite3_exec(database.get(), text.c_str(), nullptr, nullptr, &reason) == SQLITE_OK) return {};
-    auto error =
-        fail(ErrorCode::StorageFailed, fmt::format("job store {}: {}", path.string(), reason ? reason : "unknown"));
+    const int code = sqlite3_exec(database.get(), text.c_str(), nullptr, nullptr, &reason);
+    if (code == SQLITE_OK) return {};
+    auto error = fail(code_of(code), fmt::format("job store {}: {}", path.string(), reason ? reason : "unknown"));
     sqlite3_free(reason);
     return error;
   }
@@ -133,7 +148,7 @@ struct JobStore::Impl {
   [[nodiscard]] auto together(const Work& work) -> decltype(work()) {
     const std::lock_guard lock{mutex};
     const auto remember = [this](const Error& error) {
-      if (error.code == ErrorCode::StorageFailed) trouble = error;
+      if (error.code == ErrorCode::StorageFailed || error.code == ErrorCode::NotTrusted) trouble = error;
       return tl::unexpected{error};
     };
     if (auto begun = run("BEGIN IMMEDIATE"); !begun) return remember(begun.error());
@@ -211,6 +226,52 @@ struct JobStore::Impl {
     return std::move(jobs->front());
   }
 
+  /// The first column of the first row, which is a number; 0: there is none.
+  [[nodiscard]] Result<std::int64_t> number_of(const std::string& question) const {
+    Statement query = prepare(question);
+    auto row = query.step();
+    if (!row) return tl::unexpected{row.error()};
+    return *row ? query.number() : 0;
+  }
+
+  /// A copy under another name, whole or not at all.
+  [[nodiscard]] Result<void> copy_to(const std::filesystem::path& copy) const {
+    const auto temporary = make_temporary_beside(copy);
+    if (!temporary) return tl::unexpected{temporary.error()};
+    Statement vacuum = prepare("VACUUM INTO ?");  // into an empty file it may
+    if (auto done = execute(std::move(vacuum.bind(temporary->string()))); !done) {
+      std::error_code ignored;  // the reason is the error that is told
+      std::filesystem::remove(*temporary, ignored);
+      return done;
+    }
+    if (auto placed = put_in_place(*temporary, copy); !placed) return placed;
+    std::error_code error;  // who may read the store may read its copy, and nobody else
+    std::filesystem::permissions(copy, std::filesystem::status(path, error).permissions(), error);
+    if (error)
+      return fail(ErrorCode::StorageFailed,
+                  fmt::format("cannot set the permissions of {}: {}", copy.string(), error.message()));
+    return {};
+  }
+
+  [[nodiscard]] Result<void> check() const {
+    Statement query = prepare("PRAGMA quick_check(1)");
+    auto row = query.step();
+    if (!row) return tl::unexpected{row.error()};
+    const std::string found = *row ? query.text() : "it says nothing";
+    if (found == "ok") return {};
+    return fail(ErrorCode::NotTrusted, fmt::format("job store {} is damaged: {}", path.string(), found));
+  }
+
+  /// Step by step up to this version; the file as it was stays beside.
+  [[nodiscard]] Result<void> migrate(std::int64_t from) {
+    if (auto kept = copy_to(fmt::format("{}.schema-{}", path.string(), from)); !kept) return kept;
+    return together([&]() -> Result<void> {
+      for (std::int64_t version = from; version < kSchemaVersion; ++version)
+        if (auto done = run(kMigrations[version - 1]); !done) return done;
+      return run(fmt::format("PRAGMA user_version = {};", kSchemaVersion));
+    });
+  }
+
   [[nodiscard]] Result<void> add_event(std::string_view id, std::string_view text) const {
     return execute(std::move(prepare("INSERT INTO job_event (number, job_id, unix_ms, text) SELECT "
                                      "COALESCE(MAX(number), 0) + 1, ?, ?, ? FROM job_event")
@@ -234,17 +295,11 @@ Result<std::unique_ptr<JobStore>> JobStore::open(const std::filesystem::path& pa
                 fmt::format("cannot open job store {}: {}", path.string(), sqlite3_errstr(code)));
   sqlite3_busy_timeout(raw, 5000);
 
-  const auto pragma = [&](const char* text) -> Result<std::int64_t> {
-    Statement query = impl->prepare(text);
-    auto row = query.step();
-    if (!row) return tl::unexpected{row.error()};
-    return *row ? query.number() : 0;
-  };
   for (const char* setting : {"PRAGMA journal_mode = WAL", "PRAGMA synchronous = FULL"})
     if (auto done = impl->run(setting); !done) return tl::unexpected{done.error()};
-  const auto application = pragma("PRAGMA application_id");
+  const auto application = impl->number_of("PRAGMA application_id");
   if (!application) return tl::unexpected{application.error()};
-  const auto version = pragma("PRAGMA user_version");
+  const auto version = impl->number_of("PRAGMA user_version");
   if (!version) return tl::unexpected{version.error()};
   if (*application == 0 && *version == 0) {
     auto made = impl->together([&]() -> Result<void> {
@@ -252,18 +307,18 @@ Result<std::unique_ptr<JobStore>> JobStore::open(const std::filesystem::path& pa
                                    kSchemaVersion));
     });
     if (!made) return tl::unexpected{made.error()};
-  } else if (*application == kApplicationId && *version == 1) {
-    auto migrated = impl->together([&]() -> Result<void> {
-      return impl->run(fmt::format("{} PRAGMA user_version = {};", kFromVersion1, kSchemaVersion));
-    });
-    if (!migrated) return tl::unexpected{migrated.error()};
-  } else if (*application != kApplicationId || *version != kSchemaVersion) {
-    return fail(
-        ErrorCode::InvalidInput,
-        fmt::format(
-            "job store {} belongs to another program or another version of Telefab (schema {}, this one has {}); "
-            "name another data folder",
-            path.string(), *version, kSchemaVersion));
+  } else if (*application != kApplicationId || *version < 1) {
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("job store {} belongs to another program; name another data folder", path.string()));
+  } else if (*version > kSchemaVersion) {
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("job store {} was written by a newer version of Telefab (schema {}, this one reads up to "
+                            "{}); start that version, or name another data folder",
+                            path.string(), *version, kSchemaVersion));
+  } else {
+    if (auto checked = impl->check(); !checked) return tl::unexpected{checked.error()};
+    if (*version < kSchemaVersion)
+      if (auto migrated = impl->migrate(*version); !migrated) return tl::unexpected{migrated.error()};
   }
   return std::unique_ptr<JobStore>{new JobStore{std::move(impl)}};
 }
@@ -278,6 +333,11 @@ Result<Job> JobStore::create(const NewJob& job) {
     // Readable, sortable, unique at this site: the millisecond it was made and its place.
     const std::string id = job.id ? *job.id : fmt::format("j{:x}-{}", now, place);
     if (impl_->find(id)) return fail(ErrorCode::Conflict, fmt::format("there is a job {} already", id));
+    const auto before = forgotten(id);
+    if (!before) return tl::unexpected{before.error()};
+    if (*before)
+      return fail(ErrorCode::Conflict,
+                  fmt::format("there was a job {} already: it ended as {}, and was forgotten", id, name_of(**before)));
     auto inserted = impl_->execute(std::move(
         impl_
             ->prepare("INSERT INTO job (id, place, name, machine, parameters, owner, state, message, created_unix_ms, "
@@ -400,6 +460,63 @@ Result<std::vector<JobEvent>> JobStore::events(std::string_view id, std::uint64_
   }
 }
 
+Result<std::vector<Job>> JobStore::ended() const {
+  const std::lock_guard lock{impl_->mutex};
+  Statement query = impl_->prepare(
+      fmt::format("SELECT {} FROM job WHERE state IN (?, ?, ?) ORDER BY changed_unix_ms, place", kColumns));
+  for (const JobState state : {JobState::Done, JobState::Failed, JobState::Cancelled})
+    query.bind(static_cast<std::int64_t>(state));
+  return impl_->select(std::move(query));
+}
+
+Result<Job> JobStore::forget(std::string_view id) {
+  return impl_->together([&]() -> Result<Job> {
+    auto job = impl_->find(id);
+    if (!job) return job;
+    if (!is_final(job->state))
+      return fail(ErrorCode::Conflict,
+                  fmt::format("job {} is {}: only a job that has ended can be forgotten", id, name_of(job->state)));
+    auto kept =
+        impl_->execute(std::move(impl_->prepare("INSERT INTO job_forgotten (id, state, unix_ms) VALUES (?, ?, ?)")
+                                     .bind(id)
+                                     .bind(static_cast<std::int64_t>(job->state))
+                                     .bind(impl_->now_unix_ms())));
+    if (!kept) return tl::unexpected{kept.error()};
+    for (const char* statement : {"DELETE FROM job_event WHERE job_id = ?", "DELETE FROM job_stage WHERE job_id = ?",
+                                  "DELETE FROM job WHERE id = ?"})
+      if (auto done = impl_->execute(std::move(impl_->prepare(statement).bind(id))); !done)
+        return tl::unexpected{done.error()};
+    return job;
+  });
+}
+
+Result<std::optional<JobState>> JobStore::forgotten(std::string_view id) const {
+  const std::lock_guard lock{impl_->mutex};
+  Statement query = impl_->prepare("SELECT state FROM job_forgotten WHERE id = ?");
+  query.bind(id);
+  auto row = query.step();
+  if (!row) return tl::unexpected{row.error()};
+  if (!*row) return std::optional<JobState>{};
+  return std::optional{static_cast<JobState>(query.number())};
+}
+
+Result<void> JobStore::back_up() {
+  const std::lock_guard lock{impl_->mutex};
+  const auto backup = [&](int number) {
+    return std::filesystem::path{fmt::format("{}.backup-{}", impl_->path.string(), number)};
+  };
+  // The new one first: where it cannot be written, the old ones stay as they are.
+  const std::filesystem::path made = impl_->path.string() + ".backup-0";
+  if (auto copied = impl_->copy_to(made); !copied) return copied;
+  std::error_code error;  // one that is not there is not moved
+  for (int number = kStoreBackups; number > 1; --number)
+    std::filesystem::rename(backup(number - 1), backup(number), error);
+  std::filesystem::rename(made, backup(1), error);
+  if (error)
+    return fail(ErrorCode::StorageFailed, fmt::format("cannot keep {}: {}", backup(1).string(), error.message()));
+  return {};
+}
+
 Result<void> JobStore::health() const {
   const std::lock_guard lock{impl_->mutex};
   if (impl_->trouble) return tl::unexpected{*impl_->trouble};
@@ -407,5 +524,64 @@ Result<void> JobStore::health() const {
 }
 
 std::uint64_t JobStore::revision() const { return impl_->revision; }
+
+namespace {
+
+/// Gives the damaged file and what belongs to it other names; the first of them.
+Result<std::filesystem::path> set_aside(const std::filesystem::path& path) {
+  std::error_code error;
+  for (int number = 1; number <= kMostSetAside; ++number) {
+    const std::filesystem::path aside = fmt::format("{}.damaged-{}", path.string(), number);
+    if (std::filesystem::exists(aside, error)) continue;
+    for (const char* part : {"-wal", "-shm"})
+      if (std::filesystem::exists(path.string() + part, error))
+        std::filesystem::rename(path.string() + part, aside.string() + part, error);
+    if (!error) std::filesystem::rename(path, aside, error);
+    if (!error) return aside;
+    break;
+  }
+  return fail(ErrorCode::StorageFailed, fmt::format("{} is damaged and cannot be set aside: {}", path.string(),
+                                                    error ? error.message() : "too many are"));
+}
+
+}  // namespace
+
+Result<RestoredStore> open_or_restore(const std::filesystem::path& path, const Clock& clock) {
+  std::error_code error;
+  const auto backup = [&](int number) {
+    return std::filesystem::path{fmt::format("{}.backup-{}", path.string(), number)};
+  };
+  std::string notice;
+  // A start that ended while it restored leaves no file, and backups.
+  if (!std::filesystem::exists(path, error) && std::filesystem::exists(backup(1), error)) {
+    notice = fmt::format("job store {} is missing", path.string());
+  } else {
+    auto store = JobStore::open(path, clock);
+    if (store) return RestoredStore{std::move(*store), {}};
+    if (store.error().code != ErrorCode::NotTrusted) return tl::unexpected{store.error()};
+    const auto aside = set_aside(path);
+    if (!aside) return tl::unexpected{aside.error()};
+    notice = fmt::format("{}; it is kept as {}", store.error().what, aside->string());
+  }
+  for (int number = 1; number <= kStoreBackups; ++number) {
+    if (!std::filesystem::exists(backup(number), error)) continue;
+    const auto copy = make_temporary_beside(path);
+    if (!copy) return tl::unexpected{copy.error()};
+    std::filesystem::copy_file(backup(number), *copy, std::filesystem::copy_options::overwrite_existing, error);
+    if (error)
+      return fail(ErrorCode::StorageFailed,
+                  fmt::format("cannot copy {}: {}", backup(number).string(), error.message()));
+    if (auto placed = put_in_place(*copy, path); !placed) return tl::unexpected{placed.error()};
+    auto store = JobStore::open(path, clock);
+    if (store)
+      return RestoredStore{std::move(*store), fmt::format("{}; {} took its place, and changes since then are lost",
+                                                          notice, backup(number).string())};
+    if (store.error().code != ErrorCode::NotTrusted) return tl::unexpected{store.error()};
+    for (const char* part : {"", "-wal", "-shm"}) std::filesystem::remove(path.string() + part, error);
+  }
+  auto store = JobStore::open(path, clock);
+  if (!store) return tl::unexpected{store.error()};
+  return RestoredStore{std::move(*store), notice + "; there is no sound backup, and the list begins empty"};
+}
 
 }  // namespace telefab

@@ -10,12 +10,12 @@ namespace telefab {
 namespace {
 
 constexpr std::array kKnown{
-    FrameType::Hello,       FrameType::Fault,         FrameType::Ping,      FrameType::Pong,
-    FrameType::AskMachines, FrameType::Machines,      FrameType::Submit,    FrameType::UploadReady,
-    FrameType::UploadBlock, FrameType::AskJobs,       FrameType::Jobs,      FrameType::Command,
-    FrameType::AskFiles,    FrameType::Files,         FrameType::AskFile,   FrameType::FileBlock,
-    FrameType::Offer,       FrameType::OfferAccepted, FrameType::SendChunk, FrameType::ChunkStored,
-    FrameType::StackEnd,    FrameType::StackStored,   FrameType::JobChanged};
+    FrameType::Hello,       FrameType::Fault,         FrameType::Ping,       FrameType::Pong,
+    FrameType::AskMachines, FrameType::Machines,      FrameType::Submit,     FrameType::UploadReady,
+    FrameType::UploadBlock, FrameType::AskJobs,       FrameType::Jobs,       FrameType::Command,
+    FrameType::AskFiles,    FrameType::Files,         FrameType::AskFile,    FrameType::FileBlock,
+    FrameType::Offer,       FrameType::OfferAccepted, FrameType::SendChunk,  FrameType::ChunkStored,
+    FrameType::StackEnd,    FrameType::StackStored,   FrameType::JobChanged, FrameType::OfferDeferred};
 
 void put(std::byte* at, std::uint32_t value, int bytes) {
   for (int i = 0; i < bytes; ++i) at[i] = static_cast<std::byte>(value >> (8 * i));

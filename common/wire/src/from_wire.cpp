@@ -172,7 +172,7 @@ void read(Reading& reading, const v1::Jobs& proto, Jobs& value) {
 void read(Reading& reading, const v1::Command& proto, Command& value) {
   value.request = request(proto.request());
   value.job = job_id(reading, proto.job());
-  expect(reading, proto.action() >= 1 && proto.action() <= 7, "action", "is none of this version");
+  expect(reading, proto.action() >= 1 && proto.action() <= 8, "action", "is none of this version");
   value.command = static_cast<JobCommand>(proto.action());
   value.who = name(reading, proto.who(), "who");
   value.although = name(reading, proto.although(), "although");
@@ -228,6 +228,14 @@ void read(Reading& reading, const v1::OfferAccepted& proto, OfferAccepted& value
   expect(reading, proto.next_sequence() <= kMaxLayers, "next_sequence", "is above the limit of chunks");
   value.next_sequence = proto.next_sequence();
   value.complete = proto.complete();
+}
+void read(Reading& reading, const v1::OfferDeferred& proto, OfferDeferred& value) {
+  value.job = job_id(reading, proto.job());
+  expect(reading, proto.reason() >= 1 && proto.reason() <= 3, "reason", "is none of this version");
+  value.reason = static_cast<DeferReason>(proto.reason());
+  expect(reading, proto.retry_after_ms() <= kLongestDeferral.count(), "retry_after_ms", "is above the limit");
+  value.retry_after = std::chrono::milliseconds{proto.retry_after_ms()};
+  value.what = words(reading, proto.what(), "what");
 }
 void read(Reading& reading, const v1::SendChunk& proto, SendChunk& value) {
   value.job = job_id(reading, proto.job());

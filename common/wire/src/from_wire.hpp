@@ -31,6 +31,7 @@ void read(Reading& reading, const v1::AskFile& proto, AskFile& value);
 void read(Reading& reading, const v1::FileBlock& proto, FileBlock& value);
 void read(Reading& reading, const v1::Offer& proto, Offer& value);
 void read(Reading& reading, const v1::OfferAccepted& proto, OfferAccepted& value);
+void read(Reading& reading, const v1::OfferDeferred& proto, OfferDeferred& value);
 void read(Reading& reading, const v1::SendChunk& proto, SendChunk& value);
 void read(Reading& reading, const v1::ChunkStored& proto, ChunkStored& value);
 void read(Reading& reading, const v1::StackEnd& proto, StackEnd& value);

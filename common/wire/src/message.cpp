@@ -43,6 +43,18 @@ bool is_job_id(std::string_view text) {
   });
 }
 
+std::string_view name_of(DeferReason reason) {
+  switch (reason) {
+    case DeferReason::Busy:
+      return "busy";
+    case DeferReason::Full:
+      return "full";
+    case DeferReason::StorageFault:
+      return "storage-fault";
+  }
+  return "unknown";
+}
+
 Frame to_frame(const Message& message) {
   return std::visit(
       [](const auto& value) {

@@ -63,5 +63,7 @@ template <>
 struct RowOf<StackStored> : Row<FrameType::StackStored, v1::StackStored> {};
 template <>
 struct RowOf<JobChanged> : Row<FrameType::JobChanged, v1::JobChanged> {};
+template <>
+struct RowOf<OfferDeferred> : Row<FrameType::OfferDeferred, v1::OfferDeferred> {};
 
 }  // namespace telefab::wire

@@ -152,6 +152,12 @@ void write(const OfferAccepted& value, v1::OfferAccepted& proto) {
   proto.set_next_sequence(value.next_sequence);
   proto.set_complete(value.complete);
 }
+void write(const OfferDeferred& value, v1::OfferDeferred& proto) {
+  proto.set_job(value.job);
+  proto.set_reason(static_cast<v1::DeferReason>(value.reason));
+  proto.set_retry_after_ms(static_cast<std::uint32_t>(value.retry_after.count()));
+  proto.set_what(cut(value.what, kMaxTextBytes));
+}
 void write(const SendChunk& value, v1::SendChunk& proto) {
   proto.set_job(value.job);
   proto.set_sequence(value.sequence);

@@ -23,6 +23,7 @@ void write(const AskFile& value, v1::AskFile& proto);
 void write(const FileBlock& value, v1::FileBlock& proto);
 void write(const Offer& value, v1::Offer& proto);
 void write(const OfferAccepted& value, v1::OfferAccepted& proto);
+void write(const OfferDeferred& value, v1::OfferDeferred& proto);
 void write(const SendChunk& value, v1::SendChunk& proto);
 void write(const ChunkStored& value, v1::ChunkStored& proto);
 void write(const StackEnd& value, v1::StackEnd& proto);

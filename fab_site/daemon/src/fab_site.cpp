@@ -59,7 +59,7 @@ void FabSite::on_site(const net::ConnectionPtr& connection) {
 
 WebSite& FabSite::open_page(std::string token, CommandPost post) {
   page_backend_ = std::make_unique<SitePageBackend>(
-      store(), site().folder(), site().machines(), std::move(post),
+      store(), site().room(), site().folder(), site().machines(), std::move(post),
       [this](const NewJob& upload, std::function<void(Result<Job>)> done) {
         site().loop().post([this, upload, done = std::move(done)] { done(intake_.take_upload(upload)); });
       },
@@ -105,6 +105,7 @@ Result<Job> FabSite::submit(const Submit& submit, const std::filesystem::path&, 
 
 void FabSite::command(const Command& command, std::function<void(Result<Job>)> done) {
   if (command.command == JobCommand::Cleared) return done(printer_.clear_platform(command.job));
+  if (command.command == JobCommand::Forget) return done(forget(command.job));
   const auto job = store().find(command.job);
   if (!job) return done(job);
   printer_.command(*job, command, [this, done = std::move(done)](Result<Job> answered) {
@@ -112,6 +113,12 @@ void FabSite::command(const Command& command, std::function<void(Result<Job>)> d
     if (answered && answered->state == JobState::Cancelled) planner_.drop(answered->id);
     done(std::move(answered));
   });
+}
+
+Result<Job> FabSite::forget(const std::string& job) {
+  if (const auto now = store().find(job); now && is_final(now->state) && planner_.drop(job))
+    return fail(ErrorCode::Conflict, fmt::format("job {} is still worked on; forget it in a moment", job));
+  return site().forget(job);
 }
 
 void FabSite::files(const std::string& job, std::function<void(Result<std::vector<FileEntry>>)> done) {

@@ -28,6 +28,7 @@ class FabSite final : public SiteWork {
   void file(const std::string& job, const std::string& name,
             std::function<void(Result<std::filesystem::path>)> done) override;
 
+  Result<Job> forget(const std::string& job) override;
   void resume(const Job& job) override;
   Hello hello() override;
   void on_site(const net::ConnectionPtr& connection) override;

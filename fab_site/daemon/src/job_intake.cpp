@@ -3,9 +3,12 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <telefab/fab/planning/plan_room.hpp>
 #include <telefab/service/saved_message.hpp>
 #include <telefab/wire/job_signature.hpp>
 
+#include "job_room.hpp"
 #include "print_orders.hpp"
 #include "upload.hpp"
 
@@ -16,19 +19,25 @@ JobIntake::JobIntake(Site& site, SiteKeys keys, StartPolicy policy, JobPlanner& 
   tracker().on_end([this](const std::string& job) { live_.erase(job); });
 }
 
-Result<std::shared_ptr<Intake>> JobIntake::take_offer(const Offer& offer, const net::Peer& peer) {
+Result<StackReceiver::OfferAnswer> JobIntake::take_offer(const Offer& offer, const net::Peer& peer) {
   const std::string& site = peer.name;
   const auto signer = keys_.check(offer, peer);
   if (!signer) return tl::unexpected{signer.error()};
   const auto machine = find_machine(site_.machines(), offer.machine);
   if (!machine) return tl::unexpected{machine.error()};
-  auto job = site_.store().find(offer.job);
+  const auto job = site_.store().find(offer.job);
+  if (!job && job.error().code != ErrorCode::NotFound)
+    return put_off(offer.job, DeferReason::StorageFault, job.error().what);
+  if (!job)
+    if (const auto before = site_.store().forgotten(offer.job); before && *before)
+      return fail(ErrorCode::Conflict, fmt::format("replayed-job: job {} ended here as {}, and was forgotten",
+                                                   offer.job, name_of(**before)));
   if (job && job->owner != site)
     return fail(ErrorCode::Conflict, fmt::format("replayed-job: there is a job {} of another site", offer.job));
-  const auto folder = site_.folder().job(offer.job);
-  if (!folder) return tl::unexpected{folder.error()};
   if (job && is_before(JobState::Sending, job->state)) {
-    const auto before = saved_offer(*folder);
+    const auto before = saved_offer(site_.folder().path() / "jobs" / offer.job);
+    if (!before && is_storage_trouble(before.error()))
+      return put_off(offer.job, DeferReason::StorageFault, before.error().what);
     if (!before || to_frame(*before) != to_frame(offer))
       return fail(ErrorCode::Conflict, fmt::format("replayed-job: job {} was another one", offer.job));
     return std::shared_ptr<Intake>{};
@@ -36,15 +45,43 @@ Result<std::shared_ptr<Intake>> JobIntake::take_offer(const Offer& offer, const 
   if (offer.profile != digest_of_profile(*machine) || offer.header.machine != machine->name)
     return fail(ErrorCode::Conflict,
                 fmt::format("the profile of {} was changed since the scan was cut; submit it again", machine->name));
+  const auto live = live_.find(offer.job);
+  if (live == live_.end() || !live->second.intake) {
+    const auto room = site_.room().check(offer_room_bytes(offer.header));
+    if (!room && room.error().code == ErrorCode::TooLarge) return tl::unexpected{room.error()};
+    if (!room) return put_off(offer.job, DeferReason::Full, room.error().what);
+  }
+  auto intake = open_intake(offer, *machine, site, *signer);
+  if (intake) return *intake;
+  if (!is_storage_trouble(intake.error())) return tl::unexpected{intake.error()};
+  return put_off(offer.job, DeferReason::StorageFault, intake.error().what);
+}
+
+OfferDeferred JobIntake::put_off(const std::string& job, DeferReason reason, const std::string& why) {
+  // What the intake holds in memory may be ahead of what is stored.
+  if (reason != DeferReason::Busy) live_.erase(job);
+  if (reason == DeferReason::StorageFault) site_.room().note_trouble({ErrorCode::StorageFailed, why});
+  const std::string what =
+      fmt::format("the fab is {}: {}", reason == DeferReason::StorageFault ? "in trouble" : name_of(reason), why);
+  if (const auto now = site_.store().find(job); now && now->state == JobState::Sending)
+    tracker().move(job, JobState::Sending, "waits: " + what);
+  return {job, reason, std::min(site_.options().retry_every, kLongestDeferral), what};
+}
+
+Result<std::shared_ptr<Intake>> JobIntake::open_intake(const Offer& offer, const MachineProfile& machine,
+                                                       const std::string& site, const std::string& signer) {
+  const auto folder = site_.folder().job(offer.job);
+  if (!folder) return tl::unexpected{folder.error()};
+  auto job = site_.store().find(offer.job);
   if (!job) {
     job = site_.store().create({offer.job, offer.name, offer.machine, offer.parameters, site});
     if (!job) return tl::unexpected{job.error()};
     tracker().note(
-        site, fmt::format("offer {} {} for {} by {}, {}", offer.job, offer.name, offer.machine, offer.owner, *signer));
+        site, fmt::format("offer {} {} for {} by {}, {}", offer.job, offer.name, offer.machine, offer.owner, signer));
   }
   Live& live = live_[offer.job];
   if (!live.intake) {
-    auto analysis = std::make_shared<LayerStream>(*machine);
+    auto analysis = std::make_shared<LayerStream>(machine);
     auto intake = Intake::open(*folder, offer, [analysis](const Layer& layer) { analysis->add(layer); });
     if (!intake) return tl::unexpected{intake.error()};
     live.analysis = std::move(analysis);

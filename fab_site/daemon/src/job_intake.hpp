@@ -17,7 +17,8 @@ class JobIntake final : public StackReceiver {
   /// Both must outlive it. `policy`: what may light by itself when the site starts.
   JobIntake(Site& site, SiteKeys keys, StartPolicy policy, JobPlanner& planner);
 
-  Result<std::shared_ptr<Intake>> take_offer(const Offer& offer, const net::Peer& peer) override;
+  Result<OfferAnswer> take_offer(const Offer& offer, const net::Peer& peer) override;
+  OfferDeferred put_off(const std::string& job, DeferReason reason, const std::string& why) override;
   void received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) override;
   void completed(const std::string& job) override;
   void broken(const std::string& job, const Error& why) override;
@@ -33,6 +34,9 @@ class JobIntake final : public StackReceiver {
     std::shared_ptr<LayerStream> analysis;  ///< of its layers, likewise
   };
   [[nodiscard]] JobTracker& tracker() const { return site_.tracker(); }
+  /// The intake of an offer that nothing speaks against; what fails now is the disk, or the job's own folder.
+  [[nodiscard]] Result<std::shared_ptr<Intake>> open_intake(const Offer& offer, const MachineProfile& machine,
+                                                            const std::string& site, const std::string& signer);
 
   Site& site_;
   SiteKeys keys_;

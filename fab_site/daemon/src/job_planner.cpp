@@ -3,10 +3,12 @@
 
 #include <fmt/format.h>
 
+#include <telefab/fab/planning/plan_room.hpp>
 #include <telefab/service/log.hpp>
 
 #include "accuracy.hpp"
 #include "intake.hpp"
+#include "job_room.hpp"
 #include "plan_print.hpp"
 
 namespace telefab::fab {
@@ -36,9 +38,9 @@ void JobPlanner::add(const std::string& job, std::shared_ptr<LayerStream> analys
   queue_.add(job);
 }
 
-void JobPlanner::drop(const std::string& job) {
-  queue_.drop(job);
-  predictor_.drop(job);
+bool JobPlanner::drop(const std::string& job) {
+  const bool was_planned = queue_.drop(job);
+  return predictor_.drop(job) || was_planned;
 }
 
 void JobPlanner::ask_to_end() {
@@ -47,6 +49,7 @@ void JobPlanner::ask_to_end() {
 }
 
 void JobPlanner::plan(const std::string& job, std::stop_token stop) {
+  if (const auto now = site_.store().find(job); now && is_final(now->state)) return;  // it waited, and was cancelled
   const Nanoseconds began = site_.clock().now();
   Result<PlanOutcome> outcome = fail(ErrorCode::Internal, "not begun");
   try {
@@ -58,12 +61,20 @@ void JobPlanner::plan(const std::string& job, std::stop_token stop) {
   const double seconds = std::chrono::duration<double>(site_.clock().now() - began).count();
   site_.loop().post([this, job, outcome, seconds] {
     JobTracker& tracker = site_.tracker();
+    if (!outcome && is_storage_trouble(outcome.error())) return wait(job, outcome.error());
     if (!outcome) return tracker.end(job, JobState::Failed, outcome.error().what);
     count(job, outcome->print_layers, outcome->print_layers);
     tracker.set_stage_seconds(job, JobStage::Plan, seconds);
     printer_.planned(job, outcome->preflight);
     predictor_.add(job);
   });
+}
+
+void JobPlanner::wait(const std::string& job, const Error& why) {
+  if (const auto now = site_.store().find(job); now && is_final(now->state)) return;
+  site_.room().note_trouble(why);
+  site_.tracker().move(job, JobState::Planning, waits_because(why));
+  site_.loop().after(site_.options().retry_every, [this, job] { queue_.add(job); });
 }
 
 Result<PlanOutcome> JobPlanner::attempt(const std::string& job, std::stop_token stop) {
@@ -73,6 +84,13 @@ Result<PlanOutcome> JobPlanner::attempt(const std::string& job, std::stop_token 
   if (!machine) return tl::unexpected{machine.error()};
   const auto stack = received_stack(found->folder);
   if (!stack) return tl::unexpected{stack.error()};
+  const auto spool = ChunkSpool::open(found->folder / "chunks");
+  if (!spool) return tl::unexpected{spool.error()};
+  // A disk that will never do may be made larger; nothing of a job that was taken is given up for it.
+  if (const auto room = site_.room().check(plan_room_bytes(*stack, spool->payload_bytes())); !room)
+    return fail(ErrorCode::StorageFailed, "the fab is full: " + room.error().what);
+  if (!found->job.message.empty())
+    site_.loop().post([this, job] { site_.tracker().move(job, JobState::Planning, ""); });
   const std::uint32_t layers = stack->header().layer_count;
   PlanOptions options = options_;
   options.job = job;

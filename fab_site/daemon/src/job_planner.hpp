@@ -25,8 +25,8 @@ class JobPlanner {
   void add(const std::string& job, std::shared_ptr<LayerStream> analysis);
   /// A job that is planned; nothing is computed where that was done before.
   void predict(const std::string& job) { predictor_.add(job); }
-  /// Nothing is planned or computed for the job any more.
-  void drop(const std::string& job);
+  /// Nothing is planned or computed for the job any more. True where something was under way, which ends soon.
+  bool drop(const std::string& job);
   void ask_to_end();
 
  private:
@@ -37,6 +37,8 @@ class JobPlanner {
   /// On the predictor's thread.
   void compute_accuracy(const std::string& job, std::stop_token stop);
   [[nodiscard]] Result<void> attempt_accuracy(const std::string& job, const std::stop_token& stop);
+  /// The job waits, says why, and is tried again; nothing of it is lost.
+  void wait(const std::string& job, const Error& why);
   void count(const std::string& job, std::uint32_t done, std::uint32_t all);
 
   Site& site_;

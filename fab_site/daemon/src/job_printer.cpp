@@ -6,6 +6,7 @@
 #include <telefab/fab/planning/preflight.hpp>
 #include <telefab/service/log.hpp>
 
+#include "job_room.hpp"
 #include "upload.hpp"
 
 namespace telefab::fab {
@@ -40,9 +41,24 @@ void JobPrinter::planned(const std::string& job, const Preflight& preflight) {
         fmt::format("waits for `telefab approve`{}{}", preflight.holds() ? ": " : "", preflight.why_held()));
   const auto now = store().find(job);
   if (!now || is_final(now->state)) return;
-  tracker().move(job, JobState::Ready, "");
-  if (auto put = put_on_machine(*now, {JournalStep::Approved, kAutomatic, {}, {}}); !put)
-    tracker().move(job, JobState::AwaitingApproval, fmt::format("waits for `telefab approve`: {}", put.error().what));
+  const auto put = [&]() -> Result<void> {
+    if (!folder) return tl::unexpected{folder.error()};
+    const auto before = start_case(*folder, *now);
+    if (!before) return tl::unexpected{before.error()};
+    // A restored list, or one that was lost: the journal has a print of which the list knows nothing.
+    if (before->facts.is_ahead_of_store)
+      return fail(ErrorCode::Conflict,
+                  "a print of it had begun before, and goes on where its journal ends; look at the platform first");
+    tracker().move(job, JobState::Ready, "");
+    return put_on_machine(*now, {JournalStep::Approved, kAutomatic, {}, {}});
+  }();
+  if (put) return;
+  if (!is_storage_trouble(put.error()))
+    return tracker().move(job, JobState::AwaitingApproval,
+                          fmt::format("waits for `telefab approve`: {}", put.error().what));
+  site_.room().note_trouble(put.error());
+  tracker().move(job, JobState::Ready, waits_because(put.error()));
+  site_.loop().after(site_.options().retry_every, [this, job, preflight] { planned(job, preflight); });
 }
 
 Result<void> JobPrinter::resume(const Job& job) {
@@ -93,6 +109,7 @@ void JobPrinter::darken(const Job& job) {
 void JobPrinter::print(const std::string& job, std::stop_token stop) {
   const auto next = store().find(job);
   if (!next || is_final(next->state)) return;
+  if (!has_room(*next)) return;
   if (const auto known = find_machine(site_.machines(), next->machine); known && !take_platform(*next, *known)) return;
   if (!is_recorded_as_printing(job)) return;
   const auto control = std::make_shared<PrintControl>();
@@ -147,6 +164,19 @@ Result<PrintRecord> JobPrinter::attempt(const std::string& job, PrintControl& co
 }
 
 void JobPrinter::on_ended(const std::string& job, const Result<PrintRecord>& record) {
+  if (!record && is_storage_trouble(record.error())) {
+    site_.room().note_trouble(record.error());
+    // Printed to its end, but not recorded: the record needs no operator, only a disk. As long as the disk does not
+    // even say whether it is so, nothing is begun.
+    const auto ruling = ruling_on(job);
+    if (ruling && *ruling == StartRuling::KeepRecord) return wait_for_disk(job, record.error());
+    if (ruling && *ruling == StartRuling::End)
+      return tracker().end(job, JobState::Cancelled, "its record is not kept: " + record.error().what);
+    if (!ruling && is_storage_trouble(ruling.error())) {
+      if (const auto now = store().find(job)) tracker().move(job, now->state, waits_because(record.error()));
+      return site_.loop().after(site_.options().retry_every, [this, job, record] { on_ended(job, record); });
+    }
+  }
   if (!record && (is_device_fault(record.error().code) || is_site_trouble(record.error().code)))
     return tracker().move(job, JobState::Paused, record.error().what + "; telefab resume tries again");
   if (!record) return tracker().end(job, JobState::Failed, record.error().what);
@@ -168,6 +198,14 @@ void JobPrinter::on_ended(const std::string& job, const Result<PrintRecord>& rec
                           ? "the layer was perhaps exposed: telefab resume --as treat-as-exposed|expose-again"
                           : "telefab resume tries again"));
   }
+}
+
+Result<StartRuling> JobPrinter::ruling_on(const std::string& job) {
+  const auto found = site_.find(job);
+  if (!found) return tl::unexpected{found.error()};
+  const auto before = start_case(found->folder, found->job);
+  if (!before) return tl::unexpected{before.error()};
+  return may_light_at_start(before->facts, before->has_begun, at_start_, site_.clock().wall()).ruling;
 }
 
 void JobPrinter::on_progress(const std::string& job, const PrintProgress& progress) {
@@ -246,8 +284,27 @@ void JobPrinter::command(const Job& job, const Command& command, std::function<v
       if (control) return pass_to_print(command, control, std::move(done));
       return answer(cancel(job, command.who));
     case JobCommand::Cleared:
-      break;  // about a machine, not a job
+    case JobCommand::Forget:
+      break;  // about a machine, or a job that has ended: the site's
   }
+}
+
+// ---- room on disk ----------------------------------------------------------------------------------------------
+
+bool JobPrinter::has_room(const Job& job) {
+  const auto room = site_.room().check(
+      print_room_bytes(site_.folder().path() / "jobs" / job.id, LayerIndex{job.counters.print_layers}));
+  if (room) return true;
+  later([this, id = job.id, why = room.error()] { wait_for_disk(id, {why.code, "the fab is full: " + why.what}); });
+  return false;
+}
+
+void JobPrinter::wait_for_disk(const std::string& job, const Error& why) {
+  const auto now = store().find(job);
+  if (now && is_final(now->state)) return;
+  site_.room().note_trouble(why);
+  if (now) tracker().move(job, now->state, waits_because(why));
+  site_.loop().after(site_.options().retry_every, [this, job] { queue_.add(job); });
 }
 
 // ---- the platform ----------------------------------------------------------------------------------------------
@@ -350,6 +407,8 @@ Result<void> JobPrinter::put_on_machine(const Job& job, const PrintWord& word) {
   set_exposure_unknown(job.id, false);
   if (job.state == JobState::AwaitingApproval || job.state == JobState::Ready)
     tracker().move(job.id, JobState::Ready, "");
+  // Before the answer: a start whose list still says paused would wait for the word again.
+  if (job.state == JobState::Paused) tracker().move(job.id, JobState::Printing, "waits for its machine");
   queue_.add(job.id);
   return {};
 }

@@ -65,10 +65,17 @@ class JobPrinter {
   /// Whether the job may go on its machine now; false: another part is on the platform, and the job waits.
   [[nodiscard]] bool take_platform(const Job& job, const MachineProfile& machine);
 
+  /// Whether the disk has room for what the print will write; false: the job waits for it.
+  [[nodiscard]] bool has_room(const Job& job);
+  /// The job says why it waits, and is tried again.
+  void wait_for_disk(const std::string& job, const Error& why);
+
   void wait_for_platform(const Job& job, const std::string& occupant);
   void try_again_later(const std::string& job);
   void on_progress(const std::string& job, const PrintProgress& progress);
   void on_ended(const std::string& job, const Result<PrintRecord>& record);
+  /// What the start rule would say of the job now. Fails as start_case.
+  [[nodiscard]] Result<StartRuling> ruling_on(const std::string& job);
 
   /// The control of the job's print, if it is under way.
   [[nodiscard]] std::shared_ptr<PrintControl> control_of(const std::string& job);

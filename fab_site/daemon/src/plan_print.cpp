@@ -106,6 +106,14 @@ Result<void> keep_as_built(const std::filesystem::path& folder, PrintRecord reco
   return write_file_atomically(folder / "report" / "as-built.json", *sealed);
 }
 
+/// Both records of a print that has ended, or faulted.
+Result<void> keep_records(const std::filesystem::path& folder, const PrintRecord& record) {
+  std::error_code error;  // said by the write that follows
+  std::filesystem::create_directories(folder / "report", error);
+  if (auto kept = write_file_atomically(folder / "report" / "print.json", to_json(record) + "\n"); !kept) return kept;
+  return keep_as_built(folder, record);
+}
+
 /// A held job is printed on the word of somebody who knew what holds it, and on no other.
 Result<void> check_let_through(const std::filesystem::path& folder, const PrintJournal& journal) {
   const auto preflight = preflight_in(folder / "plan");
@@ -121,6 +129,14 @@ Result<void> check_let_through(const std::filesystem::path& folder, const PrintJ
 }
 
 }  // namespace
+
+std::uint64_t print_room_bytes(const std::filesystem::path& folder, LayerIndex layers) {
+  constexpr std::uint64_t kRecordedLayer_bytes =
+      2048;  // a layer's rows in print.json and as-built.json are below 1,200
+  std::error_code error;
+  const bool has_journal = std::filesystem::exists(folder / "journal", error);
+  return layers.count() * kRecordedLayer_bytes + (has_journal ? 0 : PrintJournal::room_bytes(layers));
+}
 
 Result<void> go_dark(const MachineProfile& machine) {
   if (machine.devices.projector == ProjectorKind::Virtual) return {};
@@ -165,11 +181,9 @@ Result<PrintRecord> print_from(const std::filesystem::path& folder, const Machin
   auto record = runner.run((*job)->plan(), scaled, control, sink, std::move(stop));
   if (!record) return record;
   record->provenance = provenance_of(folder);
-  std::error_code error;
-  std::filesystem::create_directories(folder / "report", error);
-  if (auto kept = write_file_atomically(folder / "report" / "print.json", to_json(*record) + "\n"); !kept)
+  // Why a print faulted is the news; its record is written again once it has ended.
+  if (auto kept = keep_records(folder, *record); !kept && record->outcome != PrintOutcome::Faulted)
     return tl::unexpected{kept.error()};
-  if (auto kept = keep_as_built(folder, *record); !kept) return tl::unexpected{kept.error()};
   return record;
 }
 

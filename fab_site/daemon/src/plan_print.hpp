@@ -27,6 +27,9 @@ struct PlanOutcome {
                                              const PrintPolicy& policy, PrintControl& control, const PrintSink& sink,
                                              std::atomic<std::uint64_t>& beats, std::stop_token stop);
 
+/// Bytes that a print from the folder still takes on its disk: the journal, where none is begun, and the records.
+[[nodiscard]] std::uint64_t print_room_bytes(const std::filesystem::path& folder, LayerIndex layers);
+
 /// The light of a machine off, without touching its stage; nothing to do for a virtual one. Fails as make_devices.
 [[nodiscard]] Result<void> go_dark(const MachineProfile& machine);
 

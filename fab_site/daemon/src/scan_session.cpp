@@ -5,7 +5,11 @@
 
 #include <algorithm>
 #include <map>
+#include <set>
+#include <telefab/service/log.hpp>
 #include <telefab/service/message_session.hpp>
+
+#include "job_room.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -81,21 +85,39 @@ class ScanSession final : public MessageSession {
 
   void handle(const Offer& offer) {
     if (jobs_.size() >= kMaxJobs && !offered_here(offer.job))
-      return send_fault(
-          {}, {ErrorCode::TooLarge, "job-limit: too many jobs that are not at their end; submit it again later"},
-          offer.job);
-    auto intake = receiver_.take_offer(offer, peer());
-    if (!intake) {
-      service().note(peer().name, fmt::format("refused: offer {}: {}", offer.job, intake.error().what));
-      return send_fault({}, intake.error(), offer.job);
+      return defer(receiver_.put_off(offer.job, DeferReason::Busy,
+                                     fmt::format("it has {} jobs of this site that are not at their end", kMaxJobs)));
+    auto answer = receiver_.take_offer(offer, peer());
+    if (!answer) {
+      service().note(peer().name, fmt::format("refused: offer {}: {}", offer.job, answer.error().what));
+      return send_fault({}, answer.error(), offer.job);
     }
+    if (const auto* deferred = std::get_if<OfferDeferred>(&*answer)) return defer(*deferred);
+    const auto intake = std::get<std::shared_ptr<Intake>>(std::move(*answer));
+    deferred_.erase(offer.job);
     OwnJob& own = jobs_[offer.job];
-    own = {*intake, {}, *intake ? (*intake)->next_sequence() : 0};
+    own = {intake, {}, intake ? intake->next_sequence() : 0};
     // A job beyond its intake is whole here already.
-    send(OfferAccepted{offer.job, *intake ? (*intake)->next_sequence() : 0, !*intake || (*intake)->is_complete()});
+    send(OfferAccepted{offer.job, intake ? intake->next_sequence() : 0, !intake || intake->is_complete()});
     if (is_open()) send_if_changed(offer.job, own);
     if (is_open()) forget_if_over(offer.job, own);
     look_again();
+  }
+
+  /// The job is offered again, perhaps many times; it is logged once.
+  void defer(const OfferDeferred& deferred) {
+    if (deferred_.insert(deferred.job).second)
+      log_warning(fmt::format("{}: job {} is put off: {}", peer().name, deferred.job, deferred.what), {deferred.job});
+    jobs_.erase(deferred.job);
+    send(deferred);
+  }
+
+  /// What came of a job was not taken: it was wrong, or could not be stored.
+  void refuse(const std::string& job, const Error& why) {
+    if (is_storage_trouble(why)) return defer(receiver_.put_off(job, DeferReason::StorageFault, why.what));
+    receiver_.broken(job, why);
+    send_fault({}, why, job);
+    end(why);
   }
 
   void handle(const SendChunk& chunk) {
@@ -105,11 +127,7 @@ class ScanSession final : public MessageSession {
     auto taken = chunk.sequence >= own->due
                      ? own->intake->take(chunk)
                      : fail(ErrorCode::ProtocolBroken, fmt::format("chunk-order: chunk {} came again", chunk.sequence));
-    if (!taken) {
-      receiver_.broken(chunk.job, taken.error());
-      send_fault({}, taken.error(), chunk.job);
-      return end(taken.error());
-    }
+    if (!taken) return refuse(chunk.job, taken.error());
     own->due = chunk.sequence + 1;
     receiver_.received(chunk.job, own->intake->spool().layer_count(), kFrameHeaderBytes + chunk.payload.size());
     send(ChunkStored{chunk.job, chunk.sequence});
@@ -118,11 +136,7 @@ class ScanSession final : public MessageSession {
   void handle(const StackEnd& stack) {
     OwnJob* own = offered_here(stack.job);
     if (!own || !own->intake) return;
-    if (auto finished = own->intake->finish(stack); !finished) {
-      receiver_.broken(stack.job, finished.error());
-      send_fault({}, finished.error(), stack.job);
-      return end(finished.error());
-    }
+    if (auto finished = own->intake->finish(stack); !finished) return refuse(stack.job, finished.error());
     own->intake.reset();
     send(StackStored{stack.job});
     receiver_.completed(stack.job);
@@ -142,6 +156,10 @@ class ScanSession final : public MessageSession {
           command.request,
           {ErrorCode::NotPermitted, "only an operator of the fab may approve: telefab approve --site FAB"},
           command.job);
+    if (command.command == JobCommand::Forget)
+      return send_fault(command.request,
+                        {ErrorCode::NotPermitted, "only an operator of the fab may forget: telefab forget --site FAB"},
+                        command.job);
     Command named = command;
     named.who = fmt::format("{} at {}", command.who.substr(0, 100), peer().name);
     carry_out(named);
@@ -167,6 +185,7 @@ class ScanSession final : public MessageSession {
   bool is_looking_ = false;
   std::uint64_t seen_revision_ = 0;
   std::map<std::string, OwnJob> jobs_;
+  std::set<std::string> deferred_;  ///< jobs that were put off and are not taken yet
 };
 
 }  // namespace

@@ -15,10 +15,16 @@ class StackReceiver {
   StackReceiver(const StackReceiver&) = delete;
   StackReceiver& operator=(const StackReceiver&) = delete;
 
-  /// A job that is offered, new or again; its intake lives until the job is planned. Refusals: NotFound (machine),
-  /// NotTrusted (signature), Conflict (another profile, another job of that id, another owner's job), TooLarge (too
-  /// many jobs).
-  [[nodiscard]] virtual Result<std::shared_ptr<Intake>> take_offer(const Offer& offer, const net::Peer& peer) = 0;
+  /// Where the layers of an offered job go, null where all are here; or why the job is put off.
+  using OfferAnswer = std::variant<std::shared_ptr<Intake>, OfferDeferred>;
+
+  /// A job that is offered, new or again; its intake lives until the job is planned. Refused for good: NotFound
+  /// (machine), NotTrusted (signature), Conflict (another profile, another job of that id, another owner's job),
+  /// TooLarge (for this fab's disk). A disk that is full or cannot be written puts it off.
+  [[nodiscard]] virtual Result<OfferAnswer> take_offer(const Offer& offer, const net::Peer& peer) = 0;
+  /// What came of the job could not be stored: its intake is closed, and it is to be offered again. Also the answer to
+  /// an offer of one job too many.
+  [[nodiscard]] virtual OfferDeferred put_off(const std::string& job, DeferReason reason, const std::string& why) = 0;
   /// Bytes and layers came in.
   virtual void received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) = 0;
   /// The stack is whole and checked; planning may begin.

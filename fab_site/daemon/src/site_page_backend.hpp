@@ -7,6 +7,7 @@
 #include <telefab/fab/web/page_backend.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/machine/machine_profile.hpp>
+#include <telefab/service/disk_room.hpp>
 #include <telefab/service/web_page.hpp>
 #include <telefab/store/job_store.hpp>
 #include <telefab/wire/message.hpp>
@@ -28,10 +29,11 @@ using QuestionAsker = std::function<JobQuestions(const std::string& job)>;
 /// thread "web"; keeps the layers of the job last looked at.
 class SitePageBackend final : public PageBackend {
  public:
-  /// Store and folder must outlive the backend.
-  SitePageBackend(JobStore& store, const DataFolder& folder, std::vector<MachineProfile> machines, CommandPost post,
-                  UploadPost uploaded, QuestionAsker questions)
+  /// Store, room and folder must outlive the backend.
+  SitePageBackend(JobStore& store, const DiskRoom& room, const DataFolder& folder, std::vector<MachineProfile> machines,
+                  CommandPost post, UploadPost uploaded, QuestionAsker questions)
       : store_{store},
+        room_{room},
         folder_{folder},
         machines_{std::move(machines)},
         post_{std::move(post)},
@@ -53,7 +55,10 @@ class SitePageBackend final : public PageBackend {
   Result<void> clear_platform(std::string_view machine, std::string_view who) override;
   Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) override;
   std::string devices_json() override;
-  Result<void> healthy() override { return store_.health(); }
+  Result<void> healthy() override {
+    if (auto good = store_.health(); !good) return good;
+    return room_.health();
+  }
   std::uint64_t revision() override { return store_.revision(); }
 
  private:
@@ -80,6 +85,7 @@ class SitePageBackend final : public PageBackend {
   [[nodiscard]] Result<const LayerImages*> layer_images_of(std::string_view id);
 
   JobStore& store_;
+  const DiskRoom& room_;
   const DataFolder& folder_;
   std::vector<MachineProfile> machines_;
   CommandPost post_;

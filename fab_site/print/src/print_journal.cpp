@@ -418,8 +418,10 @@ Result<void> PrintJournal::set_aside(std::string by, Nanoseconds wall, std::vect
   return {};
 }
 
-Result<void> PrintJournal::reserve(LayerIndex layers) {
-  return file_->reserve(layers.count() * kLayerRoom_bytes + kOrdersRoom_bytes);
+Result<void> PrintJournal::reserve(LayerIndex layers) { return file_->reserve(room_bytes(layers)); }
+
+std::uint64_t PrintJournal::room_bytes(LayerIndex layers) {
+  return layers.count() * kLayerRoom_bytes + kOrdersRoom_bytes;
 }
 
 }  // namespace telefab::fab

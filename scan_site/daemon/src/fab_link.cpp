@@ -137,6 +137,7 @@ void FabLink::add(const Offer& given, std::shared_ptr<SharedSpool> spool) {
 
 void FabLink::offer(Sending& sending) {
   sending.is_taken = sending.is_end_sent = false;
+  ++sending.offers;
   (void)send(sending.offer, &sending);  // where it fails the connection is lost, and the job is offered on the next one
 }
 
@@ -180,6 +181,7 @@ void FabLink::handle(const OfferAccepted& taken) {
   // ten times a second.
   pause_ = kShortestPause;
   sending.is_taken = true;
+  if (!std::exchange(sending.why_deferred, {}).empty()) events_.deferred(std::string{taken.job}, {});
   sending.next = sending.kept = taken.next_sequence;
   const auto layers = sending.spool->with([&](const ChunkSpool& spool) -> std::uint32_t {
     if (taken.next_sequence == 0) return 0;
@@ -192,6 +194,31 @@ void FabLink::handle(const OfferAccepted& taken) {
     return events_.kept(taken.job);
   }
   pump(sending);
+}
+
+void FabLink::handle(const OfferDeferred& deferred) {
+  const auto found = jobs_.find(deferred.job);
+  if (found == jobs_.end()) return;
+  Sending& sending = found->second;
+  sending.is_taken = sending.is_end_sent = false;
+  sending.why_deferred = deferred.what;
+  loop_.after(std::max<Nanoseconds>(deferred.retry_after, kShortestPause),
+              [this, alive = alive_, job = deferred.job, offers = sending.offers] {
+                if (!*alive) return;
+                // On a new connection it was offered meanwhile: two offers under way would be answered twice, and its
+                // chunks would come again.
+                const auto again = jobs_.find(job);
+                if (again == jobs_.end() || again->second.offers != offers) return;
+                if (is_ready_) offer(again->second);
+              });
+  events_.deferred(std::string{deferred.job}, deferred.what);
+}
+
+std::string FabLink::why_waiting(const std::string& job) const {
+  if (!is_ready_) return "waits for the fab: " + why_down_;
+  const auto found = jobs_.find(job);
+  if (found == jobs_.end() || found->second.why_deferred.empty()) return {};
+  return "waits: " + found->second.why_deferred;
 }
 
 void FabLink::handle(const ChunkStored& chunk) {

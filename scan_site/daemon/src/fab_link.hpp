@@ -16,6 +16,8 @@ struct FabLinkEvents {
   std::function<void(const std::string& job)> kept;  ///< the whole stack is at the fab, checked
   std::function<void(const Job& theirs)> job_changed;
   std::function<void(const std::string& job, const Error& why)> refused;
+  /// The fab puts the job off, and it is offered again; empty: it is taken now.
+  std::function<void(const std::string& job, const std::string& why)> deferred;
 };
 
 /// The scan site's end of the wire: keeps a connection to the fab, offers jobs, sends their chunks as they come into
@@ -37,6 +39,9 @@ class FabLink {
   /// What the fab said last; empty until it was reached once.
   [[nodiscard]] const std::vector<MachineProfile>& machines() const { return machines_; }
 
+  /// Why a job does not go out now: the fab is not reached, or puts it off; empty: it does.
+  [[nodiscard]] std::string why_waiting(const std::string& job) const;
+
   void add(const Offer& offer, std::shared_ptr<SharedSpool> spool);
   [[nodiscard]] bool knows(const std::string& job) const { return jobs_.contains(job); }
   /// More chunks, or the end, are in the job's spool.
@@ -52,9 +57,11 @@ class FabLink {
     std::shared_ptr<SharedSpool> spool;
     bool is_taken = false;  ///< on this connection
     bool is_end_sent = false;
-    std::uint32_t next = 0;   ///< chunk to be sent
-    std::uint32_t kept = 0;   ///< chunks acknowledged
-    std::uint64_t bytes = 0;  ///< sent and not yet told
+    std::uint32_t next = 0;    ///< chunk to be sent
+    std::uint32_t kept = 0;    ///< chunks acknowledged
+    std::uint64_t bytes = 0;   ///< sent and not yet told
+    std::string why_deferred;  ///< empty: it is not
+    std::uint32_t offers = 0;  ///< so many were sent
   };
 
   void connect();
@@ -69,6 +76,7 @@ class FabLink {
 
   void handle(const Hello& hello);
   void handle(const OfferAccepted& taken);
+  void handle(const OfferDeferred& deferred);
   void handle(const ChunkStored& chunk);
   void handle(const StackStored& stack);
   void handle(const JobChanged& change);

@@ -58,7 +58,7 @@ ScanSite::~ScanSite() {
 }
 
 WebSite& ScanSite::open_page(std::string token, CommandPost post) {
-  page_backend_ = std::make_unique<SitePageBackend>(store(), site().folder(), fab_, std::move(post));
+  page_backend_ = std::make_unique<SitePageBackend>(store(), site().room(), site().folder(), fab_, std::move(post));
   web_site_ = std::make_unique<ScanWeb>(*page_backend_, std::move(token), std::string{kVersion});
   return *web_site_;
 }
@@ -90,10 +90,11 @@ Result<void> ScanSite::may_submit(const Submit& submit) {
   if (!machine) return tl::unexpected{Error{ErrorCode::InvalidInput, machine.error().what}};
   if (auto parameters = job_parameters_from(submit.parameters, *machine); !parameters)
     return tl::unexpected{parameters.error()};
-  std::error_code error;
-  const auto space = std::filesystem::space(site().folder().path(), error);
-  if (!error && space.available / 2 < submit.size_bytes)
-    return fail(ErrorCode::StorageFailed, fmt::format("the scan site has no room for {} bytes", submit.size_bytes));
+  // The scan itself, and at most as much again for its layers.
+  if (const auto room = site().room().check(2 * submit.size_bytes); !room)
+    return fail(room.error().code, fmt::format("the scan site has no room for {}{}: {}", submit.name,
+                                               room.error().code == ErrorCode::TooLarge ? "" : " now, submit it later",
+                                               room.error().what));
   return {};
 }
 
@@ -112,14 +113,19 @@ Result<Job> ScanSite::submit(const Submit& submit, const std::filesystem::path& 
   }
   JobCounters begun = job->counters;
   begun.scan_bytes = submit.size_bytes;
-  if (auto kept = store().set_counters(job->id, begun); !kept) return tl::unexpected{kept.error()};
+  if (auto kept = store().set_counters(job->id, begun); !kept) {
+    tracker().end(job->id, JobState::Failed, "the job could not be kept: " + kept.error().what);
+    return tl::unexpected{kept.error()};
+  }
   counters().begin(job->id, begun);
-  if (auto taken = resume_unfinished(*job); !taken) tracker().end(job->id, JobState::Failed, taken.error().what);
+  resume(*job);
   return store().find(job->id);
 }
 
 void ScanSite::resume(const Job& job) {
-  if (auto taken = resume_unfinished(job); !taken) tracker().end(job.id, JobState::Failed, taken.error().what);
+  auto taken = resume_unfinished(job);
+  if (!taken && taken.error().code == ErrorCode::StorageFailed) return wait_for_disk(job.id, taken.error());
+  if (!taken) tracker().end(job.id, JobState::Failed, taken.error().what);
 }
 
 Result<void> ScanSite::resume_unfinished(const Job& job) {
@@ -161,14 +167,24 @@ SlicerEvents ScanSite::slicer_events() {
             site().loop().post([this, job, seconds] {
               if (!counters().contains(job)) return;
               if (!seconds) {
+                // A disk that is full or fails keeps the job waiting; what is cut already is in its spool.
+                if (seconds.error().code == ErrorCode::StorageFailed) return wait_for_disk(job, seconds.error());
                 const bool is_cancelled = seconds.error().code == ErrorCode::Cancelled;
                 return tracker().end(job, is_cancelled ? JobState::Cancelled : JobState::Failed, seconds.error().what);
               }
               tracker().set_stage_seconds(job, JobStage::Slice, *seconds);
-              tracker().move(job, JobState::Sending, link_->is_up() ? "" : "waits for the fab: " + link_->why_down());
+              tracker().move(job, JobState::Sending, link_->why_waiting(job));
               link_->pump(job);
             });
           }};
+}
+
+void ScanSite::wait_for_disk(const std::string& job, const Error& why) {
+  site().room().note_trouble(why);
+  if (const auto now = store().find(job)) tracker().move(job, now->state, "waits: " + why.what);
+  site().loop().after(site().options().retry_every, [this, job] {
+    if (const auto now = store().find(job); now && !is_final(now->state)) resume(*now);
+  });
 }
 
 FabLinkEvents ScanSite::link_events() {
@@ -178,7 +194,7 @@ FabLinkEvents ScanSite::link_events() {
             if (is_up) send_cancelled();
             for (const std::string& job : counters().jobs())
               if (const auto now = store().find(job); now && now->state == JobState::Sending)
-                tracker().move(job, JobState::Sending, is_up ? "" : "waits for the fab: " + why);
+                tracker().move(job, JobState::Sending, link_->why_waiting(job));
           },
           [this](const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
             counters().change(job, [&](JobCounters& c) {
@@ -186,10 +202,16 @@ FabLinkEvents ScanSite::link_events() {
               c.wire_bytes += bytes;
             });
           },
-          [this](const std::string& job) { on_kept(job); }, [this](const Job& theirs) { on_job_changed(theirs); },
+          [this](const std::string& job) { on_kept(job); },
+          [this](const Job& theirs) { on_job_changed(theirs); },
           [this](const std::string& job, const Error& why) {
             slicer_->cancel(job);
             tracker().end(job, JobState::Failed, "the fab refused it: " + why.what);
+          },
+          [this](const std::string& job, const std::string&) {
+            const auto now = store().find(job);
+            if (now && (now->state == JobState::Slicing || now->state == JobState::Sending))
+              tracker().move(job, now->state, link_->why_waiting(job));
           }};
 }
 
@@ -229,6 +251,7 @@ void ScanSite::keep_reports(const std::string& job) {
 }
 
 void ScanSite::command(const Command& command, std::function<void(Result<Job>)> done) {
+  if (command.command == JobCommand::Forget) return done(forget(command.job));
   const auto job = store().find(command.job);
   if (!job) return done(job);
   if (is_final(job->state))

@@ -39,6 +39,8 @@ class ScanSite final : public SiteWork {
   [[nodiscard]] FabLinkEvents link_events();
   [[nodiscard]] const std::vector<MachineProfile>& known_machines() const;
   [[nodiscard]] Result<void> resume_unfinished(const Job& job);
+  /// The job says why it waits, and is resumed again; nothing of it is lost.
+  void wait_for_disk(const std::string& job, const Error& why);
   void on_job_changed(const Job& theirs);
   void on_kept(const std::string& job);
   /// Brings the fab's reports and pictures of an ended job here, so that they can be had without the fab.

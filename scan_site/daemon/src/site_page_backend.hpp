@@ -2,6 +2,7 @@
 #pragma once
 #include <mutex>
 #include <telefab/scan/web/scan_web.hpp>
+#include <telefab/service/disk_room.hpp>
 #include <telefab/service/web_page.hpp>
 #include <telefab/store/job_store.hpp>
 
@@ -11,9 +12,13 @@ namespace telefab::scan {
 /// thread "web", but for set_link.
 class SitePageBackend final : public PageBackend {
  public:
-  /// Store and folder must outlive the backend.
-  SitePageBackend(JobStore& store, const DataFolder& folder, std::string fab, CommandPost post)
-      : store_{store}, folder_{folder}, link_{std::move(fab), false, "not tried yet"}, post_{std::move(post)} {}
+  /// Store, room and folder must outlive the backend.
+  SitePageBackend(JobStore& store, const DiskRoom& room, const DataFolder& folder, std::string fab, CommandPost post)
+      : store_{store},
+        room_{room},
+        folder_{folder},
+        link_{std::move(fab), false, "not tried yet"},
+        post_{std::move(post)} {}
 
   Result<std::vector<Job>> jobs() override;
   Result<Job> job(std::string_view id) override { return store_.find(id); }
@@ -21,7 +26,10 @@ class SitePageBackend final : public PageBackend {
   Result<std::string> report(std::string_view id) override;
   LinkView link() override;
   Result<void> act(std::string_view id, JobCommand command, std::string_view who) override;
-  Result<void> healthy() override { return store_.health(); }
+  Result<void> healthy() override {
+    if (auto good = store_.health(); !good) return good;
+    return room_.health();
+  }
   std::uint64_t revision() override;
 
   /// From any thread.
@@ -29,6 +37,7 @@ class SitePageBackend final : public PageBackend {
 
  private:
   JobStore& store_;
+  const DiskRoom& room_;
   const DataFolder& folder_;
   std::mutex mutex_;
   LinkView link_;                    ///< guarded by mutex_

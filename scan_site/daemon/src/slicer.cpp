@@ -39,6 +39,7 @@ class SpoolWriter {
     if (chunks == 0 || codec_.coding != Coding::Exact) return 0U;
     auto offer = saved_offer(task_.folder);
     if (!offer) return tl::unexpected{offer.error()};
+    kept_ = *offer;
     if (auto begun = begin(offer->header); !begun) return tl::unexpected{begun.error()};
     const auto decoder = StackDecoder::start(offer->header);
     if (!decoder) return tl::unexpected{decoder.error()};
@@ -81,6 +82,10 @@ class SpoolWriter {
     if (!encoder) return tl::unexpected{encoder.error()};
     encoder_.emplace(std::move(*encoder));
     layer_count_ = header.layer_count;
+    if (kept_) {  // the fab may have it: made again without the scan's digest it would be another job's
+      events_.offered(task_.job, *kept_);
+      return {};
+    }
     Offer offer{task_.job,
                 task_.name,
                 task_.machine.name,
@@ -132,6 +137,7 @@ class SpoolWriter {
   const std::string& site_key_;
   Digest scan_;
   double registration_rms_ = 0;  // unit of the file
+  std::optional<Offer> kept_;    ///< of the interrupted spool
   std::optional<StackEncoder> encoder_;
   std::uint32_t layers_ = 0;
   std::uint32_t layer_count_ = 0;

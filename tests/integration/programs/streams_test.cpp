@@ -127,6 +127,7 @@ class Programs : public TwoSites {
             {{"measure", torus().string(), torus().string()}},
             {{"machines", "--machines", m}},
             {{"logs", job_, "--data", at("scan")}},
+            {{"audit", "--data", at("scan")}},
             {{"serve", "--listen", "127.0.0.1:0", "--fab", fab_site(), "--data", data, "--machines", m},
              true,
              fs::path{data} / "port"}};
@@ -147,6 +148,7 @@ class Programs : public TwoSites {
             {{"machines", "--machines", m}},
             {{"probe", "--machine", "toy", "--machines", m}},
             {{"logs", job_, "--data", at("fab")}},
+            {{"audit", "--data", at("fab")}},
             {{"simulate-usb", "--port", "0"}, true},
             {{"serve", "--listen", "127.0.0.1:0", "--data", data, "--machines", m}, true, fs::path{data} / "port"}};
   }
@@ -161,6 +163,7 @@ class Programs : public TwoSites {
                              {{"cancel", job_}},
                              {{"report", job_, "--out", at("report")}},
                              {{"machines"}},
+                             {{"forget", "nobody"}},
                              {{"cleared", "nobody"}}};  // a second time would find it empty
     for (Command& command : all) command.words.insert(command.words.end(), {"--site", fab_site()});
     all[0].words.back() = all[8].words.back() = scan_site();

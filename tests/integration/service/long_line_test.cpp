@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <map>
 #include <set>
 #include <telefab/net/listener.hpp>
 #include <telefab/test/two_sites.hpp>
@@ -38,6 +39,7 @@ class OfferingSite {
 
   bool is_ready = false;
   std::set<std::string> accepted, over;
+  std::map<std::string, OfferDeferred> deferred;
   std::string fault;
 
  private:
@@ -48,27 +50,34 @@ class OfferingSite {
     if (const auto* taken = std::get_if<OfferAccepted>(&*message)) accepted.insert(taken->job);
     if (const auto* changed = std::get_if<JobChanged>(&*message); changed && is_final(changed->job.state))
       over.insert(changed->job.id);
+    if (const auto* later = std::get_if<OfferDeferred>(&*message)) deferred[later->job] = *later;
     if (const auto* refused = std::get_if<Fault>(&*message)) fault = refused->error.what;
   }
   net::Loop loop_;
   net::ConnectionPtr connection_;
 };
 
-using LongLine = TwoSites;
+class LongLine : public TwoSites {
+ protected:
+  /// The offer of a job that the fab has printed, unsigned, for jobs like it.
+  [[nodiscard]] Offer recorded_offer() const {
+    const std::string job = submit_torus();
+    EXPECT_EQ(telefab({"watch", job}).code, 0);
+    FrameReader reader;
+    const std::string recorded = text_of(folder() / "fab" / "jobs" / job / "offer");
+    reader.feed(std::as_bytes(std::span{recorded}));
+    Offer offer = std::get<Offer>(from_frame(reader.take().value().value()).value());
+    offer.public_key.clear();
+    offer.signature.clear();
+    return offer;
+  }
+};
 
 // The 257th job of a connection once failed for good, however many of those before were over.
 TEST_F(LongLine, CarriesAnyNumberOfJobsOneAfterTheOther) {
   start_fab({"--log-level", "warning"});  // nobody reads the log meanwhile, and a pipe is soon full
   start_scan();
-  const std::string job = submit_torus();
-  ASSERT_EQ(telefab({"watch", job}).code, 0);
-  FrameReader reader;
-  const std::string recorded = text_of(folder() / "fab" / "jobs" / job / "offer");
-  reader.feed(std::as_bytes(std::span{recorded}));
-  Offer offer = std::get<Offer>(from_frame(reader.take().value().value()).value());
-  offer.public_key.clear();
-  offer.signature.clear();
-
+  Offer offer = recorded_offer();
   constexpr std::size_t kBatches = 3, kJobs = 100;
   OfferingSite site{fab_site()};
   ASSERT_TRUE(site.is_ready);
@@ -85,6 +94,48 @@ TEST_F(LongLine, CarriesAnyNumberOfJobsOneAfterTheOther) {
   EXPECT_EQ(site.fault, "");
   EXPECT_EQ(site.accepted.size(), kBatches * kJobs);
   EXPECT_EQ(site.over.size(), kBatches * kJobs);
+}
+
+// Such a job was once refused, and failed at the scan site.
+TEST_F(LongLine, PutsOffAJobTooManyUntilOneIsOver) {
+  start_fab({"--log-level", "warning"});
+  start_scan();
+  Offer offer = recorded_offer();
+  constexpr std::size_t kJobs = 256;
+  OfferingSite site{fab_site()};
+  ASSERT_TRUE(site.is_ready);
+  for (std::size_t i = 0; i <= kJobs; ++i) {
+    offer.job = fmt::format("joffered-{}", i);
+    site.send(offer);
+  }
+  site.await([&] { return !site.deferred.empty() || !site.fault.empty(); });
+  ASSERT_TRUE(site.deferred.contains(offer.job)) << site.fault;
+  EXPECT_EQ(site.accepted.size(), kJobs);
+  EXPECT_EQ(site.deferred[offer.job].reason, DeferReason::Busy);
+  EXPECT_GT(site.deferred[offer.job].retry_after.count(), 0);
+  site.send(Command{{}, "joffered-7", JobCommand::Cancel, "ana", {}});
+  site.await([&] { return site.over.contains("joffered-7"); });
+  site.send(offer);
+  site.await([&] { return site.accepted.contains(offer.job); });
+  EXPECT_TRUE(site.accepted.contains(offer.job));
+  EXPECT_EQ(site.fault, "");
+}
+
+// A scan site that never heard how its job ended offers it again; it is not printed twice because it was forgotten.
+TEST_F(LongLine, RefusesAJobThatEndedAndWasForgotten) {
+  start_fab({"--log-level", "warning"});
+  start_scan();
+  Offer offer = recorded_offer();
+  OfferingSite site{fab_site()};
+  offer.job = "joffered-1";
+  site.send(offer);
+  site.send(Command{{}, offer.job, JobCommand::Cancel, "ana", {}});
+  site.await([&] { return site.over.contains(offer.job); });
+  ASSERT_EQ(telefab({"forget", offer.job, "--site", fab_site()}).code, 0);
+  site.send(offer);
+  site.await([&] { return !site.fault.empty(); });
+  EXPECT_THAT(site.fault, testing::HasSubstr("ended here as cancelled, and was forgotten"));
+  EXPECT_FALSE(std::filesystem::exists(folder() / "fab" / "jobs" / offer.job));
 }
 
 }  // namespace

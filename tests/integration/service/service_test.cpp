@@ -83,6 +83,73 @@ TEST_F(Books, AreCaughtUpInOrderOnceADiskThatWasFullHasRoomAgain) {
   EXPECT_THAT(lines, HasSubstr("cancel " + job));
 }
 
+// The other site is sent a job as it is stored: one that is done with seven of its ten layers printed stays so there.
+TEST_F(Books, KeepTheCountersOfAJobBeforeItsEnd) {
+  const SystemClock clock;
+  net::Loop loop;
+  const auto tracker = JobTracker::open(folder(), {}, clock, loop).value();
+  const std::string job = tracker->store().create({{}, "a", "toy", "{}", "ana"}).value().id;
+  tracker->move(job, JobState::Printing, "");
+  tracker->counters().begin(job, {});
+  {
+    const FullDisk full;
+    tracker->counters().change(job, [](JobCounters& c) { c.layers_printed = 10; });
+    tracker->set_stage_seconds(job, JobStage::Print, 7);
+    tracker->end(job, JobState::Done, "");
+  }
+  EXPECT_FALSE(tracker->counters().contains(job)) << "whoever works on it has forgotten it";
+  for (int tries = 0; tries < 200 && !is_final(tracker->store().find(job)->state); ++tries) {
+    EXPECT_EQ(tracker->store().find(job)->state, JobState::Printing);
+    loop.run_for(50ms);
+  }
+  const auto now = tracker->store().find(job).value();
+  EXPECT_EQ(now.state, JobState::Done);
+  EXPECT_EQ(now.counters.layers_printed, 10U);
+  ASSERT_EQ(now.stages.size(), 1U);
+  EXPECT_EQ(now.stages[0].seconds, 7);
+}
+
+TEST_F(Books, GiveTheReserveUpForWhatCannotBeWrittenOtherwise) {
+  const SystemClock clock;
+  net::Loop loop;
+  DiskRoom room{folder(), 1U << 20U};
+  const auto tracker = JobTracker::open(folder(), {}, clock, loop, &room).value();
+  const std::string job = tracker->store().create({{}, "a", "toy", "{}", "ana"}).value().id;
+  ASSERT_TRUE(room.health());
+  {
+    const FullDisk full;
+    tracker->move(job, JobState::Slicing, "");
+  }
+  EXPECT_FALSE(std::filesystem::exists(folder() / "reserve"));
+  EXPECT_FALSE(room.health());
+  EXPECT_TRUE(room.check(0)) << "there is room again";
+  EXPECT_TRUE(std::filesystem::exists(folder() / "reserve"));
+  EXPECT_TRUE(room.health());
+}
+
+TEST_F(Books, OfADamagedListAreRestoredAndNameTheFoldersThatItNoLongerKnows) {
+  const SystemClock clock;
+  net::Loop loop;
+  std::string kept, lost;
+  {
+    const auto tracker = JobTracker::open(folder(), {}, clock, loop).value();
+    kept = tracker->store().create({{}, "a", "toy", "{}", "ana"}).value().id;
+    ASSERT_TRUE(tracker->store().back_up());
+    lost = tracker->store().create({{}, "b", "toy", "{}", "ana"}).value().id;
+  }
+  for (const std::string& job : {kept, lost}) std::filesystem::create_directories(folder() / "jobs" / job);
+  std::ofstream{folder() / "jobs.sqlite"} << std::string(9000, 'x');
+  const auto tracker = JobTracker::open(folder(), {}, clock, loop);
+  ASSERT_TRUE(tracker) << tracker.error().what;
+  EXPECT_TRUE((*tracker)->store().find(kept));
+  EXPECT_FALSE((*tracker)->store().find(lost));
+  std::ifstream audit{folder() / "audit.log"};
+  const std::string lines{std::istreambuf_iterator<char>{audit}, {}};
+  EXPECT_THAT(lines, HasSubstr("jobs.sqlite.backup-1 took its place"));
+  EXPECT_THAT(lines, HasSubstr("jobs/" + lost + " is of a job that is not in the list"));
+  EXPECT_THAT(lines, testing::Not(HasSubstr("jobs/" + kept)));
+}
+
 class Service : public TwoSites {
  protected:
   void SetUp() override {

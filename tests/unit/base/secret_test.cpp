@@ -24,6 +24,8 @@ TEST(Secret, IsRefusedOnceOthersMayReadOrChangeIt) {
   }
   ASSERT_EQ(::chmod(path.c_str(), 0640), 0);
   EXPECT_TRUE(read_secret(path)) << "of the group of this process: a service reads root's key";
+  EXPECT_EQ(write_new_secret(path, "another").error().code, ErrorCode::StorageFailed) << "it is there already";
+  EXPECT_EQ(*read_secret(path), "key");
   std::filesystem::remove(path);
   EXPECT_EQ(read_secret(path).error().code, ErrorCode::NotFound);
 }

@@ -5,6 +5,7 @@
 
 #include <telefab/base/file.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/planning/plan_room.hpp>
 #include <telefab/test/block_stack.hpp>
 #include <telefab/test/overlooked.hpp>
 
@@ -62,6 +63,27 @@ TEST_F(PlanFolderTest, HoldsTheLastLayersAloneWhereSupportsWereAddedForWhatFloat
   ASSERT_TRUE(supports) << supports.error().what;
   EXPECT_EQ(supports->size(), summary->plan.layers.size());
   EXPECT_TRUE(std::ranges::any_of(*supports, [](const auto& rings) { return !rings.empty(); }));
+}
+
+TEST_F(PlanFolderTest, TakesNoMoreRoomThanWasComputedForItBefore) {
+  const LayerStack stack = test::table(9, 1);
+  ASSERT_TRUE(write(root / "plan", 10));
+  std::uint64_t bytes = 0;
+  for (const auto& file : fs::recursive_directory_iterator{root / "plan"})
+    if (file.is_regular_file()) bytes += (file.file_size() + 4095) / 4096 * 4096;
+  const std::uint64_t chunks = fs::file_size(root / "plan" / "part.tfc");
+  EXPECT_LE(bytes, plan_room_bytes(stack, chunks));
+  EXPECT_LE(plan_room_bytes(stack, chunks), offer_room_bytes(stack.header()));
+}
+
+// What a plan takes beside its pictures and reports grows with its layers; so must what is computed for it.
+TEST(PlanRoom, GrowsWithLayersContoursAndChunks) {
+  const LayerStack low = test::table(9, 1);
+  const LayerStack high = test::table(90, 1);
+  const std::uint64_t layers = high.header().layer_count - low.header().layer_count;
+  EXPECT_GT(plan_room_bytes(high, 0) - plan_room_bytes(low, 0), layers * 8192);
+  EXPECT_EQ(plan_room_bytes(low, 1000) - plan_room_bytes(low, 0), 8000U);
+  EXPECT_GT(offer_room_bytes(high.header()) - offer_room_bytes(low.header()), layers * 8192);
 }
 
 TEST_F(PlanFolderTest, RefusesAFolderThatHoldsSomethingElse) {

@@ -131,5 +131,84 @@ TEST_F(AuditLogTest, GoesOnBehindAWriteForWhichThereWasNoRoom) {
   EXPECT_TRUE(AuditLog::open(path(), clock)) << "the next start is not refused";
 }
 
+class AuditParts : public AuditLogTest {
+ protected:
+  static constexpr std::uint64_t kPartBytes = 1000;
+  /// Some five lines a part.
+  void fill_parts() const {
+    const auto log = AuditLog::open(path(), clock, kPartBytes).value();
+    for (int i = 0; i < 23; ++i) ASSERT_TRUE(log->add("ana", "submit j" + std::to_string(i)));
+  }
+  [[nodiscard]] std::filesystem::path part(int number) const {
+    return path().string() + ".00000" + std::to_string(number);
+  }
+  static void change(const std::filesystem::path& file, std::string_view from, std::string_view to) {
+    std::ifstream in{file, std::ios::binary};
+    std::string text{std::istreambuf_iterator<char>{in}, {}};
+    text.replace(text.find(from), from.size(), to);
+    std::ofstream{file, std::ios::binary} << text;
+  }
+};
+
+TEST_F(AuditParts, GoOnWhereTheOneBeforeEndsOverRestarts) {
+  fill_parts();
+  fill_parts();
+  const auto parts = audit_parts(path());
+  ASSERT_GT(parts.size(), 5U);
+  EXPECT_EQ(parts.back(), path());
+  for (const auto& each : parts) EXPECT_LT(std::filesystem::file_size(each), kPartBytes + 300) << each;
+  const auto head = check_audit_log(path());
+  ASSERT_TRUE(head) << head.error().what;
+  EXPECT_EQ(head->entries, 46U);
+  EXPECT_EQ(audit_head(path())->entries, 46U);
+  EXPECT_EQ(audit_head(path())->line, head->line);
+}
+
+TEST_F(AuditParts, AStartReadsTheLastAndTheEndOfTheOneBefore) {
+  fill_parts();
+  const auto parts = audit_parts(path());
+  change(parts[1], "submit", "cancel");  // whatever lies further back is not read
+  EXPECT_TRUE(AuditLog::open(path(), clock, kPartBytes));
+  const auto checked = check_audit_log(path());
+  ASSERT_FALSE(checked);
+  EXPECT_EQ(checked.error().code, ErrorCode::NotTrusted);
+  EXPECT_THAT(checked.error().what, HasSubstr(parts[1].string()));
+  change(parts[1], "cancel", "submit");
+  ASSERT_TRUE(check_audit_log(path()));
+
+  const auto before = parts[parts.size() - 2];
+  std::ifstream in{before};
+  const std::string whole{std::istreambuf_iterator<char>{in}, {}};
+  const std::size_t last = whole.rfind('\n', whole.size() - 2) + 1;
+  std::ofstream{before} << whole.substr(0, last);  // its last line dropped
+  const auto opened = AuditLog::open(path(), clock, kPartBytes);
+  ASSERT_FALSE(opened);
+  EXPECT_EQ(opened.error().code, ErrorCode::NotTrusted);
+}
+
+TEST_F(AuditParts, OneThatIsMissingShows) {
+  fill_parts();
+  std::filesystem::remove(part(2));
+  EXPECT_EQ(check_audit_log(path()).error().code, ErrorCode::NotTrusted);
+  EXPECT_EQ(AuditLog::open(path(), clock, kPartBytes).error().code, ErrorCode::NotTrusted);
+}
+
+TEST_F(AuditParts, ALogOfOnePieceIsClosedAtTheFirstStartAndReadNoMore) {
+  fill();
+  ASSERT_TRUE(AuditLog::open(path(), clock, 100).value()->add("ana", "cancel j2"));
+  EXPECT_EQ(audit_parts(path()).size(), 2U);
+  EXPECT_EQ(check_audit_log(path())->entries, 4U);
+}
+
+// As a kill between the two steps leaves it.
+TEST_F(AuditParts, APartThatWasClosedWithNoFileBehindItIsGoneOnFrom) {
+  fill();
+  const auto head = audit_head(path());
+  std::filesystem::rename(path(), part(1));
+  EXPECT_EQ(audit_head(path())->line, head->line);
+  ASSERT_TRUE(AuditLog::open(path(), clock).value()->add("ana", "cancel j2"));
+  EXPECT_EQ(check_audit_log(path())->entries, 4U);
+}
+
 }  // namespace
 }  // namespace telefab

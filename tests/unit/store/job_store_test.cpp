@@ -156,6 +156,7 @@ TEST_F(JobStoreTest, TakesOverAStoreInWhichAMessageMeantWaiting) {
     EXPECT_EQ(store->find(printing)->state, JobState::Printing);
     EXPECT_THAT(store->unfinished().value(), SizeIs(3));
   }
+  EXPECT_TRUE(std::filesystem::exists(folder / "jobs.db.schema-1")) << "as it was before";
 }
 
 TEST_F(JobStoreTest, RaisesItsRevisionWithEveryChangeOnly) {
@@ -202,6 +203,120 @@ TEST_F(JobStoreTest, HoldsEveryAnsweredChangeAfterKill) {
   ::close(pipe_ends[0]);
   auto store = open();
   for (int i = 0; i < answered; ++i) EXPECT_TRUE(store->find("job-" + std::to_string(i))) << i;
+}
+
+TEST_F(JobStoreTest, RefusesAStoreOfANewerVersionByName) {
+  open();
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open((folder / "jobs.db").c_str(), &database), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(database, "PRAGMA user_version = 99;", nullptr, nullptr, nullptr), SQLITE_OK);
+  sqlite3_close(database);
+  const auto store = JobStore::open(folder / "jobs.db", clock);
+  ASSERT_FALSE(store);
+  EXPECT_EQ(store.error().code, ErrorCode::InvalidInput);
+  EXPECT_THAT(store.error().what, HasSubstr("newer version of Telefab (schema 99"));
+  EXPECT_FALSE(open_or_restore(folder / "jobs.db", clock)) << "nor is it set aside";
+}
+
+TEST_F(JobStoreTest, ForgetsOnlyWhatHasEndedAndNeverMakesItAgain) {
+  auto store = open();
+  const std::string job = store->create({.name = "a", .machine = "m", .owner = "ana"}).value().id;
+  EXPECT_EQ(store->forget(job).error().code, ErrorCode::Conflict);
+  EXPECT_FALSE(store->forgotten(job).value());
+  ASSERT_TRUE(store->move(job, JobState::Failed, "no support holds it"));
+  EXPECT_THAT(store->ended().value(), SizeIs(1));
+  EXPECT_EQ(store->forget(job)->id, job);
+  EXPECT_EQ(store->find(job).error().code, ErrorCode::NotFound);
+  EXPECT_THAT(store->events(job, 0, 10).value(), SizeIs(0));
+  store.reset();
+  store = open();
+  EXPECT_EQ(store->forgotten(job).value(), JobState::Failed);
+  const auto again = store->create({.id = job, .name = "a", .machine = "m", .owner = "ana"});
+  ASSERT_FALSE(again);
+  EXPECT_EQ(again.error().code, ErrorCode::Conflict);
+  EXPECT_THAT(again.error().what, HasSubstr("ended as failed"));
+}
+
+class JobStoreBackup : public JobStoreTest {
+ protected:
+  /// A store of so many jobs, backed up before the last one was made.
+  void make(int jobs) {
+    auto store = open();
+    for (int i = 0; i < jobs; ++i) {
+      const bool is_backed_up = i + 1 < jobs || store->back_up();
+      ASSERT_TRUE(is_backed_up);
+      ASSERT_TRUE(store->create({.name = "a", .machine = "m", .owner = "ana"}));
+    }
+  }
+  [[nodiscard]] std::filesystem::path path() const { return folder / "jobs.db"; }
+  [[nodiscard]] std::filesystem::path beside(const std::string& ending) const { return path().string() + ending; }
+  /// Flips bits in the middle of every page.
+  static void damage(const std::filesystem::path& file) {
+    std::fstream bytes{file, std::ios::in | std::ios::out | std::ios::binary};
+    for (std::uint64_t at = 4096 + 8; at + 64 < std::filesystem::file_size(file); at += 4096) {
+      bytes.seekp(static_cast<std::streamoff>(at));
+      bytes << std::string(64, '\x7f');
+    }
+  }
+};
+
+TEST_F(JobStoreBackup, TakesThePlaceOfADamagedStoreAndSaysSo) {
+  make(3);
+  damage(path());
+  ASSERT_FALSE(JobStore::open(path(), clock));
+  EXPECT_EQ(JobStore::open(path(), clock).error().code, ErrorCode::NotTrusted);
+  const auto restored = open_or_restore(path(), clock);
+  ASSERT_TRUE(restored) << restored.error().what;
+  EXPECT_THAT(restored->store->list(10).value(), SizeIs(2)) << "what came after the backup is lost";
+  EXPECT_THAT(restored->notice, HasSubstr("jobs.db.damaged-1"));
+  EXPECT_THAT(restored->notice, HasSubstr("jobs.db.backup-1 took its place"));
+  EXPECT_TRUE(std::filesystem::exists(beside(".damaged-1")));
+  ASSERT_TRUE(restored->store->create({.name = "a", .machine = "m", .owner = "ana"}));
+  EXPECT_TRUE(open_or_restore(path(), clock)->notice.empty());
+}
+
+TEST_F(JobStoreBackup, AnOlderOneServesWhereTheNewestIsDamagedToo) {
+  make(2);
+  make(2);
+  damage(path());
+  damage(beside(".backup-1"));
+  const auto restored = open_or_restore(path(), clock);
+  ASSERT_TRUE(restored) << restored.error().what;
+  EXPECT_THAT(restored->notice, HasSubstr("backup-2 took its place"));
+  EXPECT_THAT(restored->store->list(10).value(), SizeIs(1));
+}
+
+TEST_F(JobStoreBackup, WithoutOneTheListBeginsEmptyAndTheDamagedFileStays) {
+  std::ofstream{path()} << std::string(5000, 'x');
+  const auto restored = open_or_restore(path(), clock);
+  ASSERT_TRUE(restored) << restored.error().what;
+  EXPECT_THAT(restored->notice, HasSubstr("begins empty"));
+  EXPECT_EQ(std::filesystem::file_size(beside(".damaged-1")), 5000U);
+}
+
+// A kill while the damaged file is set aside leaves none; that is no new site.
+TEST_F(JobStoreBackup, ServesWhereTheStoreIsMissing) {
+  make(3);
+  for (const char* part : {"", "-wal", "-shm"}) std::filesystem::remove(beside(part));
+  const auto restored = open_or_restore(path(), clock);
+  ASSERT_TRUE(restored);
+  EXPECT_THAT(restored->notice, HasSubstr("is missing"));
+  EXPECT_THAT(restored->store->list(10).value(), SizeIs(2));
+}
+
+TEST_F(JobStoreBackup, IsReadByNobodyWhoMayNotReadTheStore) {
+  make(1);
+  std::filesystem::permissions(path(), std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+  make(1);
+  EXPECT_EQ(std::filesystem::status(beside(".backup-1")).permissions(), std::filesystem::status(path()).permissions());
+}
+
+TEST_F(JobStoreBackup, SoManyAreKept) {
+  for (int i = 0; i < 5; ++i) make(1);
+  for (int number = 1; number <= kStoreBackups; ++number)
+    EXPECT_TRUE(std::filesystem::exists(beside(".backup-" + std::to_string(number))));
+  EXPECT_FALSE(std::filesystem::exists(beside(".backup-" + std::to_string(kStoreBackups + 1))));
+  EXPECT_FALSE(std::filesystem::exists(beside(".backup-0")));
 }
 
 }  // namespace

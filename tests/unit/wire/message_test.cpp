@@ -66,9 +66,10 @@ std::vector<Message> every_message() {
           ChunkStored{"j1", 7},
           StackEnd{"j1", 8, digest, digest, std::vector<std::byte>(64)},
           StackStored{"j1"},
-          JobChanged{some_job()}};
+          JobChanged{some_job()},
+          OfferDeferred{"j1", DeferReason::Full, std::chrono::milliseconds{2000}, "the disk is full"}};
 }
-static_assert(std::variant_size_v<Message> == 23, "add the new message to every_message()");
+static_assert(std::variant_size_v<Message> == 24, "add the new message to every_message()");
 
 TEST(Message, ComesBackAsItWasSent) {
   std::size_t index = 0;
@@ -100,6 +101,17 @@ TEST(Message, CarriesBothAnswersAboutALayerPerhapsExposed) {
     const auto back = from_frame(to_frame(Command{RequestId{1}, "j1", answer, "ana"}));
     ASSERT_TRUE(back);
     EXPECT_EQ(std::get<Command>(*back).command, answer);
+  }
+}
+
+TEST(Message, SaysWhyAnOfferIsPutOffAndWhenToOfferAgain) {
+  for (const DeferReason reason : {DeferReason::Busy, DeferReason::Full, DeferReason::StorageFault}) {
+    const auto back = from_frame(to_frame(OfferDeferred{"j1", reason, std::chrono::milliseconds{1500}, "later"}));
+    ASSERT_TRUE(back);
+    const auto& deferred = std::get<OfferDeferred>(*back);
+    EXPECT_EQ(deferred.reason, reason);
+    EXPECT_EQ(deferred.retry_after, std::chrono::milliseconds{1500});
+    EXPECT_EQ(deferred.what, "later");
   }
 }
 
@@ -159,6 +171,8 @@ TEST(Message, RefusesEveryValueOutOfItsRangeByName) {
       {Hello{1, static_cast<Side>(0), "", {}, ""}, "side"},
       {JobChanged{bad_job}, "state"},
       {JobChanged{timeless}, "seconds"},
+      {OfferDeferred{"j1", static_cast<DeferReason>(0), {}, ""}, "reason"},
+      {OfferDeferred{"j1", DeferReason::Full, 2 * kLongestDeferral, ""}, "retry_after_ms"},
   };
   for (const BadMessage& each : bad) {
     const auto back = from_frame(to_frame(each.message));

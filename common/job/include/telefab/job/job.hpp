@@ -49,6 +49,7 @@ enum class JobCommand : std::uint8_t {
   TreatAsExposed = 5,  ///< resume; a layer that was perhaps exposed counts as exposed
   ExposeAgain = 6,     ///< resume; such a layer is exposed again
   Cleared = 7,         ///< about a machine, whose name is in Command::job: its platform is empty
+  Forget = 8,          ///< a job that has ended and all its files leave the site
 };
 [[nodiscard]] std::string_view name_of(JobCommand command);
 

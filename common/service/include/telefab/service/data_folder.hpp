@@ -2,13 +2,14 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string_view>
 #include <telefab/base/result.hpp>
 
 namespace telefab {
 
-/// A daemon's folder: jobs.sqlite, audit.log, port, incoming/ and jobs/ID/. Locked while the daemon lives, so that two
-/// daemons never share one.
+/// A daemon's folder: jobs.sqlite, audit.log, port, incoming/, jobs/ID/ and records/. Locked while the daemon lives, so
+/// that two daemons never share one.
 class DataFolder {
  public:
   /// Makes what is missing. Fails with NotPermitted, StorageFailed, Conflict (another daemon works there).
@@ -21,6 +22,11 @@ class DataFolder {
   [[nodiscard]] std::filesystem::path incoming() const { return path_ / "incoming"; }
   /// The folder of a job, which exists afterwards.
   [[nodiscard]] Result<std::filesystem::path> job(std::string_view id) const;
+  /// Takes the folder of a job out of jobs/ in one step; where it lies until it is removed, at the latest by the next
+  /// open(). The as-built record of the job is kept as records/ID.json. Nothing where there is no folder.
+  [[nodiscard]] Result<std::optional<std::filesystem::path>> take_out(std::string_view id) const;
+  /// Puts it back where it was.
+  [[nodiscard]] Result<void> put_back(std::string_view id, const std::filesystem::path& taken) const;
   /// Tells which port was bound: one line on standard output and the file `port`.
   [[nodiscard]] Result<void> announce_port(std::uint16_t port) const;
 

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <map>
 #include <mutex>
+#include <telefab/service/disk_room.hpp>
 #include <telefab/service/live_counters.hpp>
 #include <telefab/service/state_hooks.hpp>
 #include <telefab/store/audit_log.hpp>
@@ -16,11 +17,12 @@ namespace telefab {
 /// whoever works on a job and must know that it is at its end.
 class JobTracker {
  public:
-  /// jobs.sqlite and audit.log in `folder`. Fails as JobStore, AuditLog and StateHooks do. Clock and loop must outlive
-  /// it.
+  /// jobs.sqlite, which is checked, restored where it is damaged and backed up, and audit.log in `folder`. Fails as
+  /// JobStore, AuditLog and StateHooks do. Clock, loop and room must outlive it. `room`: its reserve is given up for
+  /// what cannot be written otherwise; may be null.
   [[nodiscard]] static Result<std::unique_ptr<JobTracker>> open(const std::filesystem::path& folder,
                                                                 const HookOptions& hooks, const Clock& clock,
-                                                                net::Loop& loop);
+                                                                net::Loop& loop, DiskRoom* room = nullptr);
   ~JobTracker();
   JobTracker(const JobTracker&) = delete;
   JobTracker& operator=(const JobTracker&) = delete;
@@ -32,6 +34,7 @@ class JobTracker {
   /// Moves a job where that is a change and may be; logs it and calls the hooks. What cannot be stored is tried again
   /// every second, in order, until it is; JobStore::health() says so meanwhile.
   void record(const std::string& job, JobState state, std::string_view message);
+  /// Tried again as record() does.
   void set_stage_seconds(const std::string& job, JobStage stage, double seconds);
 
   // ---- the loop's thread ----
@@ -49,32 +52,36 @@ class JobTracker {
   void end_stage(const std::string& job, JobStage stage);
 
  private:
-  struct Unsaved {
-    std::string job;
-    JobState state;
-    std::string message;
-  };
+  /// A change of the store; where it fails, it is tried again.
+  using Change = std::function<Result<void>()>;
   struct UnsavedNote {
     std::string who, what;
     Nanoseconds wall;
   };
   JobTracker(std::unique_ptr<JobStore> store, std::unique_ptr<AuditLog> audit, std::unique_ptr<StateHooks> hooks,
-             const Clock& clock, net::Loop& loop);
+             const Clock& clock, net::Loop& loop, DiskRoom* room);
 
   std::unique_ptr<JobStore> store_;
   std::unique_ptr<AuditLog> audit_;
   std::unique_ptr<StateHooks> hooks_;
-  /// Stores a move; StorageFailed where it must be tried again. mutex_ is held.
-  [[nodiscard]] Result<void> save(const Unsaved& move);
+  /// Now, or behind whatever is not stored yet: a change may follow from one before it.
+  void save_in_order(const std::string& job, Change change);
+  [[nodiscard]] Result<void> save_move(const std::string& job, JobState state, const std::string& message);
+  /// Folders of jobs that a restored store does not know.
+  void note_unlisted(const std::filesystem::path& jobs);
   void retry_later();
   void retry();
+  /// Whether there is room now that was not there before.
+  [[nodiscard]] bool has_given_up_reserve() { return room_ != nullptr && room_->give_up_reserve(); }
 
   const Clock& clock_;
   net::Loop& loop_;
-  std::mutex mutex_;  ///< what is unsaved, and the order of moves
-  std::deque<Unsaved> unsaved_;
+  DiskRoom* room_;
+  std::mutex mutex_;            ///< what is unsaved, and the order of moves
+  std::deque<Change> unsaved_;  ///< in the order they were made
   std::deque<UnsavedNote> unsaved_notes_;
   bool is_retrying_ = false;
+  bool has_unkept_counters_ = false;  ///< the loop's thread only
   LiveCounters counters_;
   std::vector<std::function<void(const std::string&)>> forgetters_;
   std::map<std::string, std::map<JobStage, Nanoseconds>> began_;  ///< by job

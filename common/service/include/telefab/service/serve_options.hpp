@@ -5,6 +5,8 @@
 #include <string>
 #include <telefab/command_line/options.hpp>
 #include <telefab/net/listener.hpp>
+#include <telefab/service/disk_room.hpp>
+#include <telefab/service/retention.hpp>
 #include <telefab/service/state_hooks.hpp>
 
 namespace telefab {
@@ -20,10 +22,15 @@ struct ServeOptions {
   std::vector<std::string> web_hosts;  ///< further names under which it may be asked for
   HookOptions hooks;
   std::string log_level = "info";
+  std::uint64_t reserve_mib = 64;  ///< of the data folder's disk, kept for the books
+  RetentionPolicy retention;
+  // Not from the command line: what a test puts in place of the file system, and how long what it puts off waits.
+  AskSpace ask_space;
+  std::chrono::milliseconds retry_every{10'000};
 };
 
-/// Adds --listen, --data, --machines, --tls, --tls-name, --web, --hook, --webhook and --log-level; what `options` holds
-/// already is the default.
+/// Adds --listen, --data, --machines, --tls, --tls-name, --web, --hook, --webhook, --log-level, --reserve-mib,
+/// --keep-days and --keep-gib; what `options` holds already is the default.
 void declare_serve_options(VerbOptions& app, ServeOptions& options);
 
 /// The certificates of --tls; empty where none is given. Fails as net::Trust::load.

@@ -8,6 +8,9 @@ namespace telefab {
 /// `logs JOB --data DIR`: a job's events and the audit log's lines on it, by time.
 [[nodiscard]] VerbBody declare_logs(VerbOptions& options);
 
+/// `audit --data DIR`: follows the audit log through all of its parts.
+[[nodiscard]] VerbBody declare_audit(VerbOptions& options);
+
 /// `machines`: the machine profiles of a folder, or every key a profile may have.
 [[nodiscard]] VerbBody declare_machines(VerbOptions& options);
 

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <map>
 #include <stop_token>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/service/data_folder.hpp>
+#include <telefab/service/disk_room.hpp>
 #include <telefab/service/job_service.hpp>
 #include <telefab/service/job_tracker.hpp>
 #include <telefab/service/serve_options.hpp>
@@ -43,11 +45,15 @@ class Site {
   /// Null without --tls.
   [[nodiscard]] const std::shared_ptr<net::Trust>& trust() const { return trust_; }
   [[nodiscard]] const DataFolder& folder() const { return folder_; }
+  [[nodiscard]] DiskRoom& room() { return *room_; }
   [[nodiscard]] net::Loop& loop() { return *loop_; }
   [[nodiscard]] JobTracker& tracker() { return *tracker_; }
   [[nodiscard]] JobStore& store() { return tracker_->store(); }
   /// Any thread. Fails: NotFound, StorageFailed.
   [[nodiscard]] Result<FoundJob> find(const std::string& job);
+  /// Takes a job that has ended off the list and removes its folder; its as-built record is kept in records/. The job
+  /// as it was. Fails: NotFound, Conflict (it has not ended), StorageFailed; then all is as before.
+  [[nodiscard]] Result<Job> forget(const std::string& job);
 
  private:
   Site(std::string program, const ServeOptions& options, const Clock& clock, std::vector<MachineProfile> machines,
@@ -59,6 +65,16 @@ class Site {
         folder_{std::move(folder)} {}
   [[nodiscard]] Result<std::unique_ptr<WebServer>> open_page_of(SiteWork& work);
   void on_connection(SiteWork& work, const net::ConnectionPtr& connection);
+  /// Forgets what has outlived --keep-days and --keep-gib; asks itself every hour. One folder a turn of the loop is
+  /// measured, and one job forgotten, so that others are served in between.
+  void look_at_retention(SiteWork& work);
+  void measure(SiteWork& work, std::vector<std::string> jobs);
+  void forget_outlived(SiteWork& work);
+  void forget(SiteWork& work, std::vector<Outlived> gone);
+  /// Asks itself every hour, and does nothing where nothing has changed.
+  void back_up_store();
+  /// Takes the reserve back once there is room for it again; asks itself every few seconds.
+  void look_after_reserve();
 
   std::string program_;
   ServeOptions options_;
@@ -66,8 +82,11 @@ class Site {
   std::vector<MachineProfile> machines_;
   DataFolder folder_;
   std::shared_ptr<net::Trust> trust_;
+  std::unique_ptr<DiskRoom> room_;
   std::unique_ptr<JobTracker> tracker_;  ///< outlives the loop, whose sessions may still note something
   std::unique_ptr<net::Loop> loop_;
+  std::map<std::string, std::uint64_t> ended_bytes_;  ///< of folders, by job; only where --keep-gib is set
+  std::uint64_t backed_up_revision_ = 0;
   net::Listener* listener_ = nullptr;  ///< while it serves
 };
 
@@ -80,6 +99,8 @@ class SiteWork : public JobService {
 
   /// Goes on with a job that was not at its end when the site ended last.
   virtual void resume(const Job& job) = 0;
+  /// Site::forget, once nothing works on the job any more.
+  [[nodiscard]] virtual Result<Job> forget(const std::string& job) { return site_.forget(job); }
   /// What this site shows of itself to whoever calls.
   [[nodiscard]] virtual Hello hello() = 0;
   /// Another site, not a client, has called and is past its handshake.

@@ -34,6 +34,7 @@ enum class FrameType : std::uint16_t {
   StackEnd = 34,
   StackStored = 35,
   JobChanged = 36,
+  OfferDeferred = 37,
 };
 
 /// One message on the wire: its type and its Protobuf body.

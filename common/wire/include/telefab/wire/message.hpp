@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <chrono>
 #include <telefab/base/digest.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/geometry/limits.hpp>
@@ -128,6 +129,24 @@ struct OfferAccepted {
   std::uint32_t next_sequence = 0;
   bool complete = false;
 };
+/// Why an offered job is put off. Numbers cross the wire: never renumber.
+enum class DeferReason : std::uint8_t {
+  Busy = 1,          ///< the fab holds as many jobs as it takes from one site
+  Full = 2,          ///< its disk has no room for the job now
+  StorageFault = 3,  ///< its disk could not be read or written
+};
+/// "busy", "full", "storage-fault".
+[[nodiscard]] std::string_view name_of(DeferReason reason);
+
+/// The answer "later" to an offer, or to a chunk or end that could not be stored; "never" is a Fault.
+struct OfferDeferred {
+  std::string job;
+  DeferReason reason{};
+  std::chrono::milliseconds retry_after{};  ///< at most kLongestDeferral
+  std::string what;
+};
+inline constexpr std::chrono::milliseconds kLongestDeferral = std::chrono::hours{1};
+
 struct SendChunk {
   std::string job;
   std::uint32_t sequence = 0;
@@ -156,7 +175,7 @@ struct JobChanged {
 
 using Message = std::variant<Hello, Fault, Ping, Pong, AskMachines, Machines, Submit, UploadReady, UploadBlock, AskJobs,
                              Jobs, Command, AskFiles, Files, AskFile, FileBlock, Offer, OfferAccepted, SendChunk,
-                             ChunkStored, StackEnd, StackStored, JobChanged>;
+                             ChunkStored, StackEnd, StackStored, JobChanged, OfferDeferred>;
 
 /// A job's name on the wire and in the file system: 1 to 64 of a-z, 0-9 and '-', so it is safe as a folder.
 [[nodiscard]] bool is_job_id(std::string_view text);

@@ -104,6 +104,8 @@ class PrintJournal {
   [[nodiscard]] Result<void> set_aside(std::string by, Nanoseconds wall, std::vector<JournalEntry> words);
   /// Room for what is still to be written of `layers` layers, and for words of operators. StorageFailed: there is none.
   [[nodiscard]] Result<void> reserve(LayerIndex layers);
+  /// Bytes that reserve() takes.
+  [[nodiscard]] static std::uint64_t room_bytes(LayerIndex layers);
 
  private:
   explicit PrintJournal(std::unique_ptr<JournalFile> file) : file_{std::move(file)} {}

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <telefab/base/result.hpp>
+
+namespace telefab {
+
+/// Asks a file system how large it is and how much is free; fails with StorageFailed.
+using AskSpace = std::function<Result<std::filesystem::space_info>(const std::filesystem::path&)>;
+
+/// Room on the disk of a data folder. A reserve of it lies in a file of its own, DATA/reserve: whoever else fills the
+/// disk, the books (jobs.sqlite, the audit log) can still be written once it is given up. Threads: any.
+class DiskRoom {
+ public:
+  /// Takes the reserve as far as there is room. `ask`: the file system itself where it is empty.
+  DiskRoom(std::filesystem::path folder, std::uint64_t reserve_bytes, AskSpace ask = {});
+
+  /// Whether so many bytes may be written now and the reserve is whole, or can be taken back beside them. Fails in one
+  /// sentence with figures: StorageFailed (not now), TooLarge (never: the disk is smaller).
+  [[nodiscard]] Result<void> check(std::uint64_t bytes);
+  /// Frees the reserve for what must be written now. False where none was held.
+  bool give_up_reserve();
+  /// Something could not be written or read: health() says so until a check passes.
+  void note_trouble(const Error& error);
+  /// Why the last check failed or the reserve is not whole; nothing is wrong once a check passes.
+  [[nodiscard]] Result<void> health() const;
+
+ private:
+  /// mutex_ is held.
+  [[nodiscard]] Result<void> take_reserve();
+
+  std::filesystem::path folder_;
+  std::uint64_t reserve_bytes_;
+  AskSpace ask_;
+  mutable std::mutex mutex_;
+  bool is_held_ = false;
+  std::optional<Error> trouble_;
+};
+
+}  // namespace telefab

@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <thread>
+#include <vector>
+
+#include "disk_trial.hpp"
+
+// Every write of both daemons fails once: with EIO, and with ENOSPC from there on until somebody makes room. Each fax
+// must end recovered, refused or held with its reason; a trial is a process of its own.
+
+namespace telefab::test {
+namespace {
+
+using namespace std::chrono_literals;
+namespace fs = std::filesystem;
+
+constexpr auto kLongestTrial = 150s;
+
+struct Row {
+  DiskTrial trial;
+  nlohmann::json verdict;
+};
+
+/// The verdict that the trial's process printed.
+nlohmann::json verdict_of(const DiskTrial& trial) {
+  fs::create_directories(trial.folder.parent_path());
+  const std::string out = trial.folder.string() + ".out";
+  const pid_t child = ::fork();
+  if (child == 0) {
+    ::setpgid(0, 0);
+    const int file = ::open(out.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+    for (const int stream : {1, 2}) ::dup2(file, stream);
+    const std::string at = std::to_string(trial.at), error = std::to_string(trial.error);
+    ::execl("/proc/self/exe", "campaign_disk", trial.bin.c_str(), trial.folder.c_str(), "trial", trial.site.c_str(),
+            at.c_str(), error.c_str(), trial.stays ? "stays" : "once", nullptr);
+    ::_exit(127);
+  }
+  int status = 0;
+  pid_t ended = 0;
+  for (const auto end = std::chrono::steady_clock::now() + kLongestTrial;
+       (ended = ::waitpid(child, &status, WNOHANG)) == 0 && std::chrono::steady_clock::now() < end;)
+    std::this_thread::sleep_for(10ms);
+  if (ended == 0) {
+    ::kill(-child, SIGKILL);
+    ::waitpid(child, &status, 0);
+    return {{"outcome", "wrong"}, {"what", "it hangs; see " + out}};
+  }
+  std::ifstream in{out};
+  nlohmann::json verdict;
+  for (std::string line; std::getline(in, line);)
+    if (line.starts_with("{\"outcome\""))
+      if (auto read = nlohmann::json::parse(line, nullptr, false); read.is_object()) verdict = std::move(read);
+  if (!WIFEXITED(status) || !verdict.is_object())
+    return {{"outcome", "wrong"}, {"what", fmt::format("it died, status {}; see {}", status, out)}};
+  if (verdict["outcome"] != "wrong") fs::remove(out);
+  return verdict;
+}
+
+int print_trial(const DiskTrial& trial) {
+  const DiskVerdict verdict = run_trial(trial);
+  const nlohmann::ordered_json json{{"outcome", name_of(verdict.outcome)},
+                                    {"what", verdict.what},
+                                    {"fault", verdict.fault},
+                                    {"operations", verdict.operations},
+                                    {"unhealthy", verdict.was_unhealthy}};
+  fmt::print("\n{}\n", json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+  return 0;
+}
+
+/// `most`: trials of each site, spread over its operations.
+int campaign(const fs::path& bin, const fs::path& folder, std::uint64_t most) {
+  int wrong = 0;
+  fmt::print(
+      "| disk of | fails | operations | trials | recovered | refused | held | wrong | health said so |\n"
+      "|---|---|---|---|---|---|---|---|---|\n");
+  for (const std::string site : {"fab", "scan"}) {
+    const auto sound = verdict_of({bin, folder / "sound", site, 0, 0, false});
+    if (sound["outcome"] != "recovered") {
+      fmt::print(stderr, "a fax over a sound disk: {}\n", sound.dump());
+      return 5;
+    }
+    const auto operations = sound["operations"].get<std::uint64_t>();
+    const std::uint64_t step = std::max<std::uint64_t>(1, operations * 2 / std::max<std::uint64_t>(most, 1));
+    for (const bool stays : {false, true}) {
+      std::map<std::string, std::uint64_t> counts;
+      std::uint64_t trials = 0;
+      // The two kinds of fault take turns where not every operation is tried.
+      for (std::uint64_t at = 1 + (stays ? step / 2 : 0); at <= operations; at += step) {
+        const DiskTrial trial{bin, folder / "trial", site, at, stays ? ENOSPC : EIO, stays};
+        const auto verdict = verdict_of(trial);
+        const std::string outcome = verdict["outcome"];
+        ++counts[outcome];
+        ++trials;
+        if (verdict.value("unhealthy", false)) ++counts["unhealthy"];
+        if (outcome != "recovered" || most >= 1000)
+          fmt::print(stderr, "{} {} {}: {} {}: {}\n", site, stays ? "ENOSPC" : "EIO", at, outcome,
+                     verdict.value("fault", ""), verdict.value("what", ""));
+        if (outcome == "wrong") {
+          ++wrong;
+          std::error_code ignored;  // a folder of the same trial before
+          fs::remove_all(folder / fmt::format("wrong-{}-{}-{}", site, stays, at), ignored);
+          fs::rename(folder / "trial", folder / fmt::format("wrong-{}-{}-{}", site, stays, at), ignored);
+          fs::rename(folder / "trial.out", folder / fmt::format("wrong-{}-{}-{}.out", site, stays, at), ignored);
+        }
+      }
+      fmt::print("| {} | {} | {} | {} | {} | {} | {} | {} | {} |\n", site, stays ? "ENOSPC, stays" : "EIO, once",
+                 operations, trials, counts["recovered"], counts["refused"], counts["held"], counts["wrong"],
+                 counts["unhealthy"]);
+      std::fflush(stdout);
+    }
+  }
+  return wrong == 0 ? 0 : 5;
+}
+
+int run(const std::vector<std::string>& words) {
+  // The fab computes its accuracy pictures by running its own program again, which is this one.
+  if (!words.empty() && words[0] == "predict") return 1;
+  if (words.size() == 7 && words[2] == "trial")
+    return print_trial({words[0], words[1], words[3], std::stoull(words[4]), std::stoi(words[5]), words[6] == "stays"});
+  if (words.size() == 4 && words[2] == "some") return campaign(words[0], words[1], std::stoull(words[3]));
+  if (words.size() == 3 && words[2] == "all") return campaign(words[0], words[1], 1U << 30U);
+  fmt::print(stderr, "campaign_disk BIN FOLDER all | some TRIALS | trial fab|scan AT ERRNO once|stays\n");
+  return 1;
+}
+
+}  // namespace
+}  // namespace telefab::test
+
+int main(int count, char** words) {
+  try {
+    return telefab::test::run({words + 1, words + count});
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "{}\n", error.what());
+    return 70;
+  }
+}

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+
+#include <atomic>
+#include <telefab/fab/daemon/serve_fab_site.hpp>
+#include <telefab/service/disk_room.hpp>
+#include <thread>
+
+#include "two_sites.hpp"
+
+// What a fab without room does: it waits, says so, and goes on by itself. A disk that is full loses no job.
+
+namespace telefab::test {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::HasSubstr;
+namespace fs = std::filesystem;
+
+constexpr std::uint64_t kPlenty_bytes = 1ULL << 40U;
+
+/// The fab of this process, whose disk is as large and as full as the test says; the scan site a process of its own.
+class Room : public TwoSites {
+ protected:
+  void start_fab_here() {
+    fab::FabSiteConfig config;
+    config.serve.listen = "127.0.0.1:0";
+    config.serve.data = (folder() / "fab").string();
+    config.serve.machines = (folder() / "machines").string();
+    config.serve.log_level = "warning";
+    config.serve.reserve_mib = 1;
+    config.serve.retry_every = 50ms;
+    config.serve.ask_space = [this](const fs::path&) -> Result<fs::space_info> {
+      const std::uint64_t free = is_full() ? 0 : kPlenty_bytes;
+      return fs::space_info{capacity, free, free};
+    };
+    fab_thread_ = std::jthread{[this, config](const std::stop_token& stop) {
+      const SystemClock clock;
+      const auto served = fab::serve_fab_site(config, clock, stop);
+      EXPECT_TRUE(served) << served.error().what;
+    }};
+    ASSERT_TRUE(await([&] { return fs::exists(folder() / "fab" / "port"); }));
+    std::string port = text_of(folder() / "fab" / "port");
+    port.pop_back();
+    set_way_to_fab("127.0.0.1:" + port);
+  }
+  template <class Condition>
+  static bool await(Condition condition) {
+    for (int tries = 0; tries < 2000; ++tries, std::this_thread::sleep_for(5ms))
+      if (condition()) return true;
+    return condition();
+  }
+  [[nodiscard]] std::string jobs() const { return telefab({"jobs"}).output; }
+  void TearDown() override { fab_thread_ = {}; }
+
+  std::atomic<std::uint64_t> capacity{kPlenty_bytes};
+  std::atomic<bool> is_full_for_offers{false}, is_full_for_plans{false}, is_full_for_prints{false};
+
+ private:
+  /// By what the fab's jobs are waiting for.
+  [[nodiscard]] bool is_full() const {
+    std::error_code error;
+    bool has_stack = false, has_plan = false;
+    for (const auto& job : fs::directory_iterator{folder() / "fab" / "jobs", error}) {
+      has_stack |= fs::exists(job.path() / "end");
+      has_plan |= fs::exists(job.path() / "plan");
+    }
+    return has_plan ? is_full_for_prints : has_stack ? is_full_for_plans : is_full_for_offers;
+  }
+  std::jthread fab_thread_;
+};
+
+TEST_F(Room, AFullFabPutsAnOfferOffAndTheScanSiteOffersItAgain) {
+  is_full_for_offers = true;
+  start_fab_here();
+  start_scan();
+  const std::string job = submit_torus();
+  ASSERT_TRUE(await([&] { return jobs().find("waits: the fab is full") != std::string::npos; })) << jobs();
+  EXPECT_THAT(jobs(), HasSubstr("0 MiB of disk are free"));
+  EXPECT_FALSE(fs::exists(folder() / "fab" / "jobs" / job)) << "nothing is begun that cannot be ended";
+  is_full_for_offers = false;
+  const Outcome watched = telefab({"watch", job});
+  EXPECT_EQ(watched.code, 0) << watched.output;
+  EXPECT_THAT(jobs(), testing::Not(HasSubstr("waits")));
+}
+
+TEST_F(Room, AJobWaitsBeforeItsPlanAndBeforeItsPrintAndGoesOnByItself) {
+  is_full_for_plans = is_full_for_prints = true;
+  start_fab_here();
+  start_scan();
+  const std::string job = submit_torus();
+  const auto waits = [&] { return jobs().find("waits: the fab is full") != std::string::npos; };
+  ASSERT_TRUE(await(waits)) << jobs();
+  EXPECT_THAT(jobs(), HasSubstr("planning"));
+  EXPECT_FALSE(fs::exists(folder() / "fab" / "jobs" / job / "plan"));
+  is_full_for_plans = false;
+  ASSERT_TRUE(await([&] { return fs::exists(folder() / "fab" / "jobs" / job / "plan" / "plan.json"); })) << jobs();
+  ASSERT_TRUE(await([&] { return jobs().find("ready") != std::string::npos && waits(); })) << jobs();
+  EXPECT_FALSE(fs::exists(folder() / "fab" / "jobs" / job / "report" / "print.json"));
+  is_full_for_prints = false;
+  const Outcome watched = telefab({"watch", job});
+  EXPECT_EQ(watched.code, 0) << watched.output;
+  EXPECT_TRUE(fs::exists(folder() / "fab" / "jobs" / job / "report" / "as-built.json"));
+}
+
+TEST_F(Room, AJobThatWaitsForRoomCanBeCancelled) {
+  is_full_for_plans = true;
+  start_fab_here();
+  start_scan();
+  const std::string job = submit_torus();
+  ASSERT_TRUE(await([&] { return jobs().find("waits: the fab is full") != std::string::npos; })) << jobs();
+  EXPECT_EQ(telefab({"cancel", job}).code, 0);
+  is_full_for_plans = false;
+  std::this_thread::sleep_for(300ms);  // several tries
+  EXPECT_THAT(jobs(), HasSubstr("cancelled"));
+  EXPECT_FALSE(fs::exists(folder() / "fab" / "jobs" / job / "plan"));
+}
+
+TEST_F(Room, ADiskThatIsTooSmallForTheJobRefusesItForGood) {
+  capacity = 2U << 20U;
+  start_fab_here();
+  start_scan();
+  const std::string job = submit_torus();
+  EXPECT_EQ(telefab({"watch", job}).code, 5) << jobs();
+  EXPECT_THAT(jobs(), HasSubstr("the fab refused it: the disk of 2 MiB is too small"));
+}
+
+class Reserve : public TwoSites {};
+
+TEST_F(Reserve, LiesOnTheDiskUntilItIsGivenUpAndIsTakenBackOnceThereIsRoom) {
+  std::atomic<std::uint64_t> free{kPlenty_bytes};
+  DiskRoom room{folder(), 1U << 20U, [&](const fs::path&) -> Result<fs::space_info> {
+                  return fs::space_info{kPlenty_bytes, free, free};
+                }};
+  EXPECT_EQ(fs::file_size(folder() / "reserve"), 1U << 20U);
+  EXPECT_TRUE(room.health());
+  free = 1000;
+  EXPECT_TRUE(room.check(1000)) << "the reserve is not part of what is free";
+  const auto full = room.check(1001);
+  ASSERT_FALSE(full);
+  EXPECT_EQ(full.error().code, ErrorCode::StorageFailed);
+  EXPECT_FALSE(room.health());
+
+  EXPECT_TRUE(room.give_up_reserve());
+  EXPECT_FALSE(fs::exists(folder() / "reserve"));
+  EXPECT_FALSE(room.give_up_reserve()) << "there is no second one";
+  EXPECT_FALSE(room.check(0)) << "nothing else is begun before it is whole again";
+  free = 1U << 20U;
+  EXPECT_FALSE(room.check(1));
+  EXPECT_TRUE(room.check(0));
+  EXPECT_EQ(fs::file_size(folder() / "reserve"), 1U << 20U);
+  EXPECT_TRUE(room.health());
+}
+
+TEST_F(Reserve, RefusesForGoodOnlyWhatTheWholeDiskCouldNotHold) {
+  DiskRoom room{folder(), 1U << 20U, [](const fs::path&) -> Result<fs::space_info> {
+                  return fs::space_info{10U << 20U, 5U << 20U, 5U << 20U};
+                }};
+  EXPECT_EQ(room.check(6U << 20U).error().code, ErrorCode::StorageFailed);
+  EXPECT_EQ(room.check(10U << 20U).error().code, ErrorCode::TooLarge);
+}
+
+}  // namespace
+}  // namespace telefab::test
