@@ -77,7 +77,7 @@ void shake_hands(std::shared_ptr<Tls> stream, std::shared_ptr<ssl::context> cont
       if (verdict != X509_V_OK) why = X509_verify_cert_error_string(verdict);
       return done(fail(ErrorCode::NotTrusted, fmt::format("{}: TLS refused: {}", address, why)));
     }
-    auto peer = peer_of(*stream, address);
+    auto peer = peer_of(stream->native_handle(), address);
     if (!peer) return done(tl::unexpected{peer.error()});
     done(ConnectionPtr{std::make_shared<StreamConnection<Tls>>(std::move(*stream), std::move(*peer), limits, trust)});
   });

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <optional>
 #include <stop_token>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/service/data_folder.hpp>
@@ -32,7 +33,7 @@ class Site {
 
   /// Goes on with the jobs that are not at their end, listens, shows the page, and serves until the stop is requested
   /// and the work has ended. The calling thread is the loop's. `work` must go before the site does. Fails, before
-  /// anything is served, as JobStore, open_listener, web_token and open_page do.
+  /// anything is served, as JobStore, open_listener, sign_in_of and open_page do.
   [[nodiscard]] Result<void> serve(SiteWork& work, std::stop_token stop);
 
   [[nodiscard]] const std::string& program() const { return program_; }
@@ -68,6 +69,7 @@ class Site {
   std::shared_ptr<net::Trust> trust_;
   std::unique_ptr<JobTracker> tracker_;  ///< outlives the loop, whose sessions may still note something
   std::unique_ptr<net::Loop> loop_;
+  std::optional<SignIn> sign_in_;      ///< of the page, whose thread alone uses it
   net::Listener* listener_ = nullptr;  ///< while it serves
 };
 
@@ -84,8 +86,9 @@ class SiteWork : public JobService {
   [[nodiscard]] virtual Hello hello() = 0;
   /// Another site, not a client, has called and is past its handshake.
   virtual void on_site(const net::ConnectionPtr& connection) = 0;
-  /// What the page shows; it lives on until the work does. `post` gives commands from the page's thread.
-  [[nodiscard]] virtual WebSite& open_page(std::string token, CommandPost post) = 0;
+  /// What the page shows; it lives on until the work does, `sign_in` longer. `post` gives commands from the page's
+  /// thread.
+  [[nodiscard]] virtual WebSite& open_page(SignIn& sign_in, CommandPost post) = 0;
   /// The port is bound, and the loop is about to run.
   virtual void begin(std::uint16_t port) = 0;
   /// Whether threads beside the loop's go on, for the service manager.
