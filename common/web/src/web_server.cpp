@@ -37,8 +37,7 @@ constexpr auto kHandshakeTimeout = std::chrono::seconds{10};
 constexpr auto kGoodbyeTimeout = std::chrono::seconds{2};
 constexpr auto kRequestTimeout = std::chrono::seconds{30};
 constexpr auto kUploadTimeout = std::chrono::minutes{10};
-constexpr auto kStreamTick = std::chrono::milliseconds{250};
-constexpr int kTicksPerKeepAlive = 60;
+constexpr auto kKeepAliveEvery = std::chrono::seconds{15};
 constexpr auto kBreath = std::chrono::milliseconds{100};
 
 std::string text_of(beast::string_view text) { return {text.data(), text.size()}; }
@@ -58,6 +57,8 @@ class Session {
   /// The newest text for a watcher. Where the one before is still on its way, this waits, and an older one that waits
   /// is forgotten.
   virtual void push(const StreamText& text) = 0;
+  /// Whether it has not taken the text that is on its way in the time for it.
+  [[nodiscard]] virtual bool is_stuck() const = 0;
   /// Whether who opened a stream may still watch.
   [[nodiscard]] virtual bool may_watch() = 0;
   virtual void leave() = 0;
@@ -165,7 +166,8 @@ class StreamSession final : public Session, public std::enable_shared_from_this<
       return;
     }
     writing_ = text;
-    lowest().expires_after(kRequestTimeout);
+    writing_since_ = shared_.clock.now();
+    lowest().expires_never();  // by the server's clock, see is_stuck()
     asio::async_write(stream_, asio::buffer(*writing_), [self = own()](beast::error_code error, auto) {
       self->writing_.reset();
       if (error) return self->leave();
@@ -173,6 +175,7 @@ class StreamSession final : public Session, public std::enable_shared_from_this<
     });
   }
 
+  bool is_stuck() const override { return writing_ && shared_.clock.now() - writing_since_ > kRequestTimeout; }
   bool may_watch() override { return certificate_holds() && shared_.site.admit(head_).has_value(); }
 
   void leave() override {
@@ -305,6 +308,7 @@ class StreamSession final : public Session, public std::enable_shared_from_this<
     if (shared_.streams.size() >= shared_.max_streams)
       return send(web_problem(503, "too-large", "too many watchers; try again later"), false);
     shared_.streams.insert(this);
+    shared_.stream_opened();  // before the text is made: what changes from here on is told
     http::fields fields;
     shared_.add_common_headers(fields);
     std::string text =
@@ -314,7 +318,6 @@ class StreamSession final : public Session, public std::enable_shared_from_this<
     text += "\r\nretry: 2000\n\ndata: " + shared_.site.event_data() + "\n\n";
     push(std::make_shared<const std::string>(std::move(text)));
     await_end();
-    shared_.stream_opened();
   }
 
   /// A watcher says nothing more; whatever comes, the end most of all, ends the stream.
@@ -342,6 +345,7 @@ class StreamSession final : public Session, public std::enable_shared_from_this<
   http::response<http::string_body> response_;
   std::optional<http::response_serializer<http::string_body>> serializer_;
   StreamText writing_;
+  Nanoseconds writing_since_{};
   StreamText waiting_;
   bool keep_alive_ = false;
   bool head_only_ = false;
@@ -357,21 +361,24 @@ struct WebServer::Impl {
   asio::steady_timer breath{loop};
   bool is_ticking = false;
   std::uint64_t last_sent = 0;
-  int idle_ticks = 0;
-  int ticks_to_judging;
-  int judging_ticks = 0;
+  Nanoseconds sent_at{};
+  Nanoseconds judged_at{};
+  Nanoseconds look_every;
+  Nanoseconds judge_every;
   std::jthread thread;
 
   Impl(const WebAddress& address, WebSite& site, std::string product, const Clock& clock)
       : shared{site, std::move(product), clock, address.trust, {}, address.max_connections, address.max_streams, {}, {},
                {}},
-        ticks_to_judging{std::max(1, static_cast<int>(address.judge_every / kStreamTick))} {
+        look_every{address.look_every},
+        judge_every{address.judge_every} {
     shared.hosts = {"localhost", "127.0.0.1", "[::1]",
                     address.host.find(':') == std::string::npos ? address.host : '[' + address.host + ']'};
     for (const std::string& name : address.names) shared.hosts.insert(lower(name));
     shared.stream_opened = [this] {
       if (std::exchange(is_ticking, true)) return;
       last_sent = shared.site.revision();
+      sent_at = judged_at = shared.clock.now();
       wait();
     };
   }
@@ -409,33 +416,34 @@ struct WebServer::Impl {
 
   /// Looks for news as long as anybody watches.
   void wait() {
-    tick.expires_after(kStreamTick);
+    tick.expires_after(look_every);
     tick.async_wait([this](beast::error_code error) {
       if (error) return;
-      if (++judging_ticks >= ticks_to_judging) judge();
+      let_go();
       is_ticking = !shared.streams.empty();
       if (!is_ticking) return;
       // Read first: what changes while the text is made is told next time.
       const std::uint64_t now = shared.site.revision();
       if (now != last_sent)
         send("data: " + shared.site.event_data() + "\n\n");
-      else if (++idle_ticks >= kTicksPerKeepAlive)
+      else if (shared.clock.now() - sent_at >= kKeepAliveEvery)
         send(": still here\n\n");
       last_sent = now;
       wait();
     });
   }
 
-  /// A token or a certificate that holds no longer ends the streams it opened.
-  void judge() {
-    judging_ticks = 0;
+  /// Ends the streams of those who take nothing, and of those whose token or certificate holds no longer.
+  void let_go() {
+    const bool is_judging = shared.clock.now() - judged_at >= judge_every;
+    if (is_judging) judged_at = shared.clock.now();
     const auto watchers = shared.streams;
     for (Session* session : watchers)
-      if (!session->may_watch()) session->leave();
+      if (session->is_stuck() || (is_judging && !session->may_watch())) session->leave();
   }
 
   void send(std::string text) {
-    idle_ticks = 0;
+    sent_at = shared.clock.now();
     const auto shared_text = std::make_shared<const std::string>(std::move(text));
     const auto watchers = shared.streams;  // a push may end one
     for (Session* session : watchers) session->push(shared_text);

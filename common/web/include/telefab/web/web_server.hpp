@@ -30,15 +30,16 @@ class WebSite {
   WebSite() = default;
 };
 
-/// Where a page is served, and under which names.
+/// Where a page is served, under which names, and how much of it.
 struct WebAddress {
   std::string host;
   std::uint16_t port = 0;                  ///< 0 takes a free one
   std::vector<std::string> names = {};     ///< further ones than loopback's and `host`
   std::shared_ptr<net::Trust> trust = {};  ///< serves over TLS; the server's thread alone uses it. Empty: HTTP
   std::size_t max_connections = 64;
-  std::size_t max_streams = 56;                       ///< of them; leaves room for the page and for an operator's click
-  Nanoseconds judge_every = std::chrono::seconds{5};  ///< whether who watches a stream still may
+  std::size_t max_streams = 56;  ///< of them; leaves room for the page and for an operator's click
+  Nanoseconds look_every = std::chrono::milliseconds{250};  ///< for news to watchers
+  Nanoseconds judge_every = std::chrono::seconds{5};        ///< whether who watches a stream still may
 };
 
 /// Serves a site over HTTP/1.1 (Boost.Beast) from one thread of its own, named "web". The site must outlive the server.
