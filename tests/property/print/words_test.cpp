@@ -182,6 +182,8 @@ class Story {
       EXPECT_FALSE(cancelled_) << "an approval of a cancelled print was answered";
       dark_since_.reset();
       is_paused_in_store_ = false;
+      approval_stands_ = true;
+      if (chance(50)) disk_.crash(rng_);  // what was answered is not among what a crash takes
     } catch (const Killed&) {
       ++seen_["approvals killed"];
       dark_since_.reset();  // it was said, and holds where it was kept
@@ -207,6 +209,10 @@ class Story {
     const bool begun = !journal.empty() || seen_by_store_ > LayerIndex{0};
     const StartFacts facts = facts_of(journal, plan_digest(plan_), seen_by_store_, begun, is_paused_in_store_);
     const StartVerdict verdict = may_light_at_start(facts, begun, {}, wall());
+    // By a clock that never jumped; one that did is a stated limit (decision 0807).
+    EXPECT_FALSE(verdict.ruling == StartRuling::GoOn && !has_jumped_ && clock_.now() - ended_at_ > 10min)
+        << "a print that hung for long went on by itself";
+    EXPECT_TRUE(!approval_stands_ || facts.order.order != Order::None) << "an answered approval was lost";
     ++seen_["ruled " + std::string{name_of(verdict.reason)}];
     if (verdict.ruling == StartRuling::End) {
       if (chance(20)) approve_in_vain(journal);
@@ -233,6 +239,7 @@ class Story {
       const auto record = runner.run(
           plan_, {}, control, [&](const PrintProgress& at) { watch(at, control, stop); }, stop.get_token());
       control.close();
+      ended_at_ = clock_.now();
       if (!record) return;  // the disk was full before it began
       if (record->outcome == PrintOutcome::Done) end("done");
       if (record->outcome == PrintOutcome::Cancelled && file->order().order == Order::Cancel) end("cancelled");
@@ -271,6 +278,7 @@ class Story {
     EXPECT_TRUE(kept) << kept.error().what;
     if (kept) {
       dark_since_.reset();
+      ended_at_ = clock_.now();
       ++seen_["resumed"];
     }
     return kept.has_value();
@@ -294,6 +302,7 @@ class Story {
       };
     if (chance(15))
       operations.at[when()] = [this] {
+        has_jumped_ = true;
         jump_ += chance(50) ? Nanoseconds{-1h} : Nanoseconds{1h};
         ++seen_["clock jumps"];
       };
@@ -345,16 +354,19 @@ class Story {
 
   void after_the_end() {
     if (is_over_) return;
+    ended_at_ = clock_.now();
     if (chance(10)) {
       clock_.advance(20min);
       ++seen_["long outages"];
     }
     if (chance(12) && !backup_.empty() && backup_.size() < disk_.text().size() && !dark_since_) {
       restore_backup();
+      approval_stands_ = false;
       ++seen_["restored backups"];
     } else if (chance(10)) {
       std::string text = disk_.text();
       if (text.empty()) return;
+      approval_stands_ = false;
       text[rng_() % text.size()] ^= static_cast<char>(1U << rng_() % 7);
       disk_.safe = text;
       disk_.unsafe.clear();
@@ -416,6 +428,9 @@ class Story {
   std::optional<Nanoseconds> dark_since_ = Nanoseconds{0};
   bool resume_taken_ = false;  ///< said, and not known to be untaken or refused
   bool cancelled_ = false;
+  Nanoseconds ended_at_ = clock_.now();  ///< the last life, or the last word before it
+  bool has_jumped_ = false;
+  bool approval_stands_ = false;  ///< answered, and the disk kept its word since
   std::set<std::uint32_t> decided_;
   std::set<std::uint32_t> lost_;
   int lights_against_order_ = 0;
