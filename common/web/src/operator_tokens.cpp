@@ -106,7 +106,7 @@ Result<std::string> add_operator_token(const std::filesystem::path& file, const 
   // Those the daemon itself uses of who has shown no name of his own.
   if (!is_name(name) || name == "web" || name == "local")
     return fail(ErrorCode::InvalidInput,
-                fmt::format("\"{}\" is no name for an operator: up to {} letters, digits, -, _ and ., and neither "
+                fmt::format("\"{}\" is not a name for an operator: up to {} letters, digits, -, _ and ., and neither "
                             "\"web\" nor \"local\"",
                             name, kLongestName));
   const Changing changing{file};
