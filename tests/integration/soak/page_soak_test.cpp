@@ -37,7 +37,7 @@ class NewsBackend final : public RecordingBackend {
     return jobs;
   }
   [[nodiscard]] std::uint64_t revision() override { return revision_; }
-  void tell() { ++revision_; }
+  void change() { ++revision_; }
   std::atomic<std::size_t> size{0};
 
  private:
@@ -71,7 +71,7 @@ TEST_F(PageSoak, AnIdleStreamIsKeptAliveEveryFifteenSecondsForEightHours) {
     clock.advance(seconds{15});
     ASSERT_THAT(watching->read_until("still here\n\n"), HasSubstr("still here")) << "after " << i << " times 15 s";
   }
-  backend.tell();
+  backend.change();
   EXPECT_THAT(watching->read_until("\"message\":\"2\""), HasSubstr("data: "));
 }
 
@@ -79,7 +79,7 @@ TEST_F(PageSoak, AStreamCarriesALayerEveryTenSecondsForEightHours) {
   const auto watching = watcher();
   for (int i = 0; i < 8 * 360; ++i) {
     clock.advance(seconds{10});
-    backend.tell();
+    backend.change();
     const std::string wanted = "\"message\":\"" + std::to_string(i + 2) + "\"";
     ASSERT_THAT(watching->read_until(wanted), HasSubstr(wanted));
   }
@@ -92,7 +92,7 @@ TEST_F(PageSoak, AWatcherThatStopsReadingIsLetGoAndTheOthersAreNot) {
   // Until its socket is full, and then for as long as a write may take; the other one reads on.
   for (int i = 0; i < 600; ++i) {
     clock.advance(seconds{6});
-    backend.tell();
+    backend.change();
     const std::string wanted = "\"message\":\"" + std::to_string(i + 2) + "x";
     ASSERT_THAT(watching->read_until(wanted), HasSubstr(wanted)) << i;
     (void)watching->read_until("\n\n");
