@@ -140,10 +140,9 @@ std::optional<Visitor> SignIn::by_cookie(const WebRequest& request) {
 
 tl::expected<Visitor, SignIn::Refusal> SignIn::identify(const WebRequest& request) {
   refresh();
-  if (!request.authorization.empty()) {
-    const bool is_bearer = request.authorization.starts_with(kBearer);
-    if (const auto owner =
-            is_bearer ? by_token(std::string_view{request.authorization}.substr(kBearer.size())) : std::nullopt)
+  // Another scheme is a proxy's own affair.
+  if (request.authorization.starts_with(kBearer)) {
+    if (const auto owner = by_token(std::string_view{request.authorization}.substr(kBearer.size())))
       return owner->visitor;
     if (request.is_whole)
       events_.refused(request.address, {ErrorCode::NotTrusted, "the page: a token that is nobody's"});
@@ -188,7 +187,7 @@ WebResponse SignIn::session(const WebRequest& request) {
   const auto visitor = identify(request);
   if (!visitor) return answer_of(visitor.error());
   if (visitor->name.empty()) return describe(*visitor, nullptr);
-  if (!request.authorization.empty()) return describe(*visitor, "token");
+  if (request.authorization.starts_with(kBearer)) return describe(*visitor, "token");
   return describe(*visitor, by_cookie(request) ? "session" : "certificate");
 }
 

@@ -269,6 +269,15 @@ TEST_F(SignInTest, HoldsNoMoreSessionsThanItsLimit) {
   EXPECT_EQ(status(sign_in, from_page("GET", first), Access::Readers), 401U);
 }
 
+TEST_F(SignInTest, LeavesThePasswordOfAProxyBeforeItToTheProxy) {
+  SignIn sign_in = page(true);
+  WebRequest request = from_page("POST", signed_in(sign_in, add("ada")));
+  request.authorization = "Basic YWRhOnByb3h5";
+  EXPECT_EQ(sign_in.admit(request, Access::Operators).value().name, "ada");
+  request.cookie.clear();
+  EXPECT_EQ(status(sign_in, request, Access::Readers), 401U);
+}
+
 TEST_F(SignInTest, CountsARefusedTokenOnceForARequestWhoseHeadIsLookedAtFirst) {
   SignIn sign_in = page();
   add("ada");
