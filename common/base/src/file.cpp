@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -11,6 +12,9 @@
 
 namespace telefab {
 namespace {
+
+constexpr mode_t kAnyMode = 0666;  ///< less what the umask takes
+constexpr int kMostTries = 16;
 
 class Descriptor {
  public:
@@ -97,11 +101,17 @@ Result<std::filesystem::path> make_temporary_beside(const std::filesystem::path&
   if (::stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode))
     return fail(ErrorCode::InvalidInput,
                 fmt::format("cannot write {}: it is not a regular file; name another", path.string()));
-  // Hidden, so that nobody who lists the folder takes it for a file that is there to stay.
-  std::string temporary = (path.parent_path() / ("." + path.filename().string() + ".XXXXXX")).string();
-  const Descriptor file{::mkostemp(temporary.data(), O_CLOEXEC)};
-  if (file.get() < 0) return fail_errno("write", path, errno);
-  return std::filesystem::path{temporary};
+  for (int tries = 0; tries < kMostTries; ++tries) {
+    std::uint64_t random = 0;
+    if (::getrandom(&random, sizeof random, 0) != sizeof random) return fail_errno("write", path, errno);
+    // Hidden, so that nobody who lists the folder takes it for a file that is there to stay. Its mode is what the umask
+    // leaves, as of any file that a program writes.
+    const auto temporary = path.parent_path() / fmt::format(".{}.{:016x}", path.filename().string(), random);
+    const Descriptor file{::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, kAnyMode)};
+    if (file.get() >= 0) return temporary;
+    if (errno != EEXIST) return fail_errno("write", path, errno);
+  }
+  return fail_errno("write", path, EEXIST);
 }
 
 Result<void> put_in_place(const std::filesystem::path& temporary, const std::filesystem::path& path) {
@@ -112,7 +122,6 @@ Result<void> put_in_place(const std::filesystem::path& temporary, const std::fil
   };
   Descriptor file{::open(temporary.c_str(), O_RDWR | O_CLOEXEC)};
   if (file.get() < 0) return give_up(errno);
-  if (::fchmod(file.get(), 0644) != 0) return give_up(errno);  // it was made 0600
   if (::fsync(file.get()) != 0) return give_up(errno);
   if (!file.close()) return give_up(errno);
   if (::rename(temporary.c_str(), path.c_str()) != 0) return give_up(errno);
@@ -158,7 +167,7 @@ Result<void> write_file_atomically(const std::filesystem::path& path, std::strin
 }
 
 Result<void> write_new_file(const std::filesystem::path& path, std::span<const std::byte> bytes) {
-  Descriptor file{::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)};
+  Descriptor file{::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, kAnyMode)};
   if (file.get() < 0) return fail_errno("write", path, errno);
   if (const int error = write_all(file.get(), bytes)) return fail_errno("write", path, error);
   if (!file.close()) return fail_errno("write", path, errno);

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -25,7 +26,7 @@ Result<void> check_is_secret(const std::filesystem::path& path) {
   // A service account reads a key that belongs to root by its group.
   const bool is_of_our_group = status.st_gid == ::getegid() && (status.st_mode & S_IWGRP) == 0;
   if ((status.st_mode & kOthers) != 0 || ((status.st_mode & kGroup) != 0 && !is_of_our_group))
-    return fail(ErrorCode::NotTrusted, fmt::format("the private key {0} can be read or changed by others, so it proves "
+    return fail(ErrorCode::NotTrusted, fmt::format("the secret {0} can be read or changed by others, so it proves "
                                                    "nothing: make a new one, or, if nobody has, chmod 600 {0}",
                                                    path.string()));
   return {};
@@ -36,6 +37,31 @@ Result<std::string> read_secret(const std::filesystem::path& path) {
   if (!bytes) return tl::unexpected{bytes.error()};
   if (const auto secret = check_is_secret(path); !secret) return tl::unexpected{secret.error()};
   return std::string{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+}
+
+Result<void> write_secret(const std::filesystem::path& path, std::string_view text) {
+  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path{"."};
+  std::filesystem::path temporary = path;
+  temporary += ".new";
+  const auto give_up = [&](std::string_view action) {
+    const int error = errno;
+    ::unlink(temporary.c_str());
+    return fail(error == EACCES || error == EPERM ? ErrorCode::NotPermitted : ErrorCode::StorageFailed,
+                fmt::format("cannot {} {}: {}", action, path.string(), std::strerror(error)));
+  };
+  ::unlink(temporary.c_str());  // of a writer that was killed
+  if (auto written = write_new_secret(temporary, text); !written) return written;
+  struct stat status {};
+  if (::geteuid() == 0 &&
+      (::stat(folder.c_str(), &status) != 0 || ::chown(temporary.c_str(), status.st_uid, status.st_gid) != 0))
+    return give_up("give away");
+  if (::rename(temporary.c_str(), path.c_str()) != 0) return give_up("write");
+  const int opened = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const bool is_synced = opened >= 0 && ::fsync(opened) == 0;
+  if (opened >= 0) ::close(opened);
+  if (!is_synced)
+    return fail(ErrorCode::StorageFailed, fmt::format("cannot sync {}: {}", folder.string(), std::strerror(errno)));
+  return {};
 }
 
 }  // namespace telefab

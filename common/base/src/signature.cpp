@@ -7,6 +7,8 @@
 #include <charconv>
 #include <memory>
 #include <span>
+#include <telefab/base/file.hpp>
+#include <telefab/base/secret.hpp>
 #include <telefab/base/signature.hpp>
 #include <vector>
 
@@ -64,6 +66,15 @@ std::string public_half(const EVP_PKEY* key) {
 
 const unsigned char* bytes_of(std::string_view text) { return reinterpret_cast<const unsigned char*>(text.data()); }
 
+/// Empty where libcrypto cannot.
+std::string public_pem_of(EVP_PKEY* key) {
+  const Bio open{BIO_new(BIO_s_mem())};
+  if (!open || PEM_write_bio_PUBKEY(open.get(), key) != 1) return {};
+  char* text = nullptr;
+  const long size = BIO_get_mem_data(open.get(), &text);
+  return {text, static_cast<std::size_t>(size)};
+}
+
 }  // namespace
 
 Result<KeyPair> new_ed25519_key() {
@@ -73,17 +84,35 @@ Result<KeyPair> new_ed25519_key() {
     return fail(ErrorCode::Internal, "libcrypto could not make a key");
   const Key key{made};
   const Bio secret{BIO_new(BIO_s_mem())};
-  const Bio open{BIO_new(BIO_s_mem())};
-  if (!secret || !open ||
-      PEM_write_bio_PKCS8PrivateKey(secret.get(), key.get(), nullptr, nullptr, 0, nullptr, nullptr) != 1 ||
-      PEM_write_bio_PUBKEY(open.get(), key.get()) != 1)
+  std::string public_pem = public_pem_of(key.get());
+  if (!secret || public_pem.empty() ||
+      PEM_write_bio_PKCS8PrivateKey(secret.get(), key.get(), nullptr, nullptr, 0, nullptr, nullptr) != 1)
     return fail(ErrorCode::Internal, "libcrypto could not write a key");
-  const auto text_in = [](BIO* bio) {
-    char* text = nullptr;
-    const long size = BIO_get_mem_data(bio, &text);
-    return std::string{text, static_cast<std::size_t>(size)};
-  };
-  return KeyPair{text_in(secret.get()), text_in(open.get())};
+  char* text = nullptr;
+  const long size = BIO_get_mem_data(secret.get(), &text);
+  return KeyPair{std::string{text, static_cast<std::size_t>(size)}, std::move(public_pem)};
+}
+
+Result<std::string> kept_ed25519_key(const std::filesystem::path& private_file,
+                                     const std::filesystem::path& public_file) {
+  auto kept = read_secret(private_file);
+  if (!kept && kept.error().code != ErrorCode::NotFound) return kept;
+  if (!kept) {
+    auto made = new_ed25519_key();
+    if (!made) return tl::unexpected{made.error()};
+    if (auto written = write_file_atomically(public_file, made->public_pem); !written)
+      return tl::unexpected{written.error()};
+    if (auto written = write_new_secret(private_file, made->private_pem); !written)
+      return tl::unexpected{written.error()};
+    return std::move(made->private_pem);
+  }
+  const Key key = key_from_pem(*kept, true);
+  if (!key) return fail(ErrorCode::InvalidInput, private_file.string() + " holds no Ed25519 private key in PEM");
+  std::error_code error;
+  if (!std::filesystem::exists(public_file, error))
+    if (auto written = write_file_atomically(public_file, public_pem_of(key.get())); !written)
+      return tl::unexpected{written.error()};
+  return kept;
 }
 
 Result<Signature> sign_ed25519(std::string_view private_key_pem, std::string_view message) {

@@ -6,7 +6,7 @@
 #include <telefab/net/listener.hpp>
 #include <telefab/wire/message.hpp>
 
-#include "loop_impl.hpp"
+#include "loop_timer.hpp"
 #include "stream_connection.hpp"
 #include "trust_impl.hpp"
 
@@ -39,35 +39,26 @@ std::string plain_is_refused(const Endpoint& endpoint) {
       to_text(endpoint));
 }
 
-ConnectionPtr plain_connection(tcp::socket socket, const ConnectionLimits& limits) {
+ConnectionPtr plain_connection(Loop& loop, tcp::socket socket, const ConnectionLimits& limits) {
   Code ignored;  // without it the stream is slower, not wrong
   socket.set_option(tcp::no_delay{true}, ignored);
   Peer peer{text_of(socket), "local", {}};
-  return std::make_shared<StreamConnection<tcp::socket>>(std::move(socket), std::move(peer), limits);
-}
-
-/// Calls back once: done, or not within the time.
-template <class Done>
-std::shared_ptr<asio::steady_timer> guard_time(Tls& stream, Nanoseconds within, Done on_late) {
-  auto timer = std::make_shared<asio::steady_timer>(stream.get_executor(), within);
-  timer->async_wait([on_late](const Code& error) {
-    if (!error) on_late();
-  });
-  return timer;
+  return std::make_shared<StreamConnection<tcp::socket>>(loop, std::move(socket), std::move(peer), limits);
 }
 
 /// Shakes hands, then looks at the certificate. `done` is called once.
-void shake_hands(std::shared_ptr<Tls> stream, std::shared_ptr<ssl::context> context, std::shared_ptr<Trust> trust,
-                 ssl::stream_base::handshake_type type, const ConnectionLimits& limits,
+void shake_hands(Loop& loop, std::shared_ptr<Tls> stream, std::shared_ptr<ssl::context> context,
+                 std::shared_ptr<Trust> trust, ssl::stream_base::handshake_type type, const ConnectionLimits& limits,
                  std::function<void(Result<ConnectionPtr>)> done) {
   Code ignored;
   stream->lowest_layer().set_option(tcp::no_delay{true}, ignored);
   const std::string address = text_of(stream->next_layer());
-  auto timer = guard_time(*stream, limits.handshake_within, [stream] {
+  auto timer = std::make_shared<LoopTimer>(loop);
+  timer->start(limits.handshake_within, [stream] {
     Code closing;
     stream->lowest_layer().close(closing);
   });
-  stream->async_handshake(type, [stream, context, trust, timer, address, limits, done](const Code& error) {
+  stream->async_handshake(type, [&loop, stream, context, trust, timer, address, limits, done](const Code& error) {
     timer->cancel();
     if (error) {
       const long verdict = SSL_get_verify_result(stream->native_handle());
@@ -77,9 +68,10 @@ void shake_hands(std::shared_ptr<Tls> stream, std::shared_ptr<ssl::context> cont
       if (verdict != X509_V_OK) why = X509_verify_cert_error_string(verdict);
       return done(fail(ErrorCode::NotTrusted, fmt::format("{}: TLS refused: {}", address, why)));
     }
-    auto peer = peer_of(*stream, address);
+    auto peer = peer_of(stream->native_handle(), address);
     if (!peer) return done(tl::unexpected{peer.error()});
-    done(ConnectionPtr{std::make_shared<StreamConnection<Tls>>(std::move(*stream), std::move(*peer), limits, trust)});
+    done(ConnectionPtr{
+        std::make_shared<StreamConnection<Tls>>(loop, std::move(*stream), std::move(*peer), limits, trust)});
   });
 }
 
@@ -90,7 +82,7 @@ struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
   ListenOptions options;
   ListenEvents events;
   tcp::acceptor acceptor;
-  asio::steady_timer breath;
+  LoopTimer breath;
 
   /// One that has not said who it is: a TLS handshake under way, or a connection before its hello.
   struct Pending {
@@ -119,15 +111,15 @@ struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
   };
   static constexpr std::size_t kMostKinds = 256;                     ///< told apart; beyond, addresses are not
   std::map<std::pair<std::string, std::string>, Refusals> refusals;  ///< by host and reason
-  asio::steady_timer report;
+  LoopTimer report;
 
   Impl(Loop& with, const ListenOptions& given, ListenEvents with_events)
       : loop{with},
         options{given},
         events{std::move(with_events)},
         acceptor{with.impl().context},
-        breath{with.impl().context},
-        report{with.impl().context} {}
+        breath{with},
+        report{with} {}
 
   void accept() {
     acceptor.async_accept([self = shared_from_this()](const Code& error, tcp::socket socket) {
@@ -140,9 +132,8 @@ struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
 
   /// Out of file descriptors or memory: wait a little instead of spinning.
   void rest() {
-    breath.expires_after(std::chrono::milliseconds{100});
-    breath.async_wait([self = shared_from_this()](const Code& error) {
-      if (!error && self->acceptor.is_open()) self->accept();
+    breath.start(std::chrono::milliseconds{100}, [self = shared_from_this()] {
+      if (self->acceptor.is_open()) self->accept();
     });
   }
 
@@ -163,9 +154,7 @@ struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
   }
 
   void report_later() {
-    report.expires_after(options.refusals_every);
-    report.async_wait([self = shared_from_this()](const Code& error) {
-      if (error) return;
+    report.start(options.refusals_every, [self = shared_from_this()] {
       for (const auto& [kind, refused] : std::exchange(self->refusals, {}))
         if (refused.count > 0)
           self->events.refused(kind.first, {refused.last.code,
@@ -196,13 +185,13 @@ struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
     make_room();
     if (!options.trust) {
       pending.push_back({host_of(address), {}, {}});
-      return hand_out(plain_connection(std::move(socket), options.limits), pending.back());
+      return hand_out(plain_connection(loop, std::move(socket), options.limits), pending.back());
     }
     if (auto fresh = options.trust->refresh(); !fresh) refuse("certificates", fresh.error());
     auto context = options.trust->impl().context;
     auto stream = std::make_shared<Tls>(std::move(socket), *context);
     pending.push_back({host_of(address), stream, {}});
-    shake_hands(stream, context, options.trust, ssl::stream_base::server, options.limits,
+    shake_hands(loop, stream, context, options.trust, ssl::stream_base::server, options.limits,
                 [self = shared_from_this(), address, stream = std::weak_ptr{stream}](Result<ConnectionPtr> made) {
                   const auto own = std::ranges::find_if(self->pending, [&](const Pending& each) {
                     return !each.stream.owner_before(stream) && !stream.owner_before(each.stream);
@@ -293,17 +282,16 @@ namespace {
 class Attempt : public std::enable_shared_from_this<Attempt> {
  public:
   Attempt(Loop& loop, const ConnectOptions& options, std::function<void(Result<ConnectionPtr>)> done)
-      : options_{options},
+      : loop_{loop},
+        options_{options},
         done_{std::move(done)},
         resolver_{loop.impl().context},
         socket_{loop.impl().context},
-        timer_{loop.impl().context} {}
+        timer_{loop} {}
 
   void begin() {
-    timer_.expires_after(options_.within);
-    timer_.async_wait([self = shared_from_this()](const Code& error) {
-      if (!error) self->finish(self->unreachable("no answer in time"));
-    });
+    timer_.start(options_.within,
+                 [self = shared_from_this()] { self->finish(self->unreachable("no answer in time")); });
     resolver_.async_resolve(options_.endpoint.host, std::to_string(options_.endpoint.port),
                             [self = shared_from_this()](const Code& error, const tcp::resolver::results_type& found) {
                               if (!self->done_) return;
@@ -331,14 +319,14 @@ class Attempt : public std::enable_shared_from_this<Attempt> {
 
   void connected() {
     if (!options_.trust) {
-      return finish(plain_connection(std::move(socket_), options_.limits));
+      return finish(plain_connection(loop_, std::move(socket_), options_.limits));
     }
     if (auto fresh = options_.trust->refresh(); !fresh) return finish(tl::unexpected{fresh.error()});
     auto context = options_.trust->impl().context;
     auto stream = std::make_shared<Tls>(std::move(socket_), *context);
     (void)SSL_set_tlsext_host_name(stream->native_handle(), options_.endpoint.host.c_str());
     shake_hands(
-        stream, context, options_.trust, ssl::stream_base::client, options_.limits,
+        loop_, stream, context, options_.trust, ssl::stream_base::client, options_.limits,
         [self = shared_from_this()](Result<ConnectionPtr> made) {
           if (!self->done_) return;
           if (made && self->options_.expected && (*made)->peer().role != self->options_.expected)
@@ -369,11 +357,12 @@ class Attempt : public std::enable_shared_from_this<Attempt> {
     if (done) done(std::move(outcome));
   }
 
+  Loop& loop_;
   ConnectOptions options_;
   std::function<void(Result<ConnectionPtr>)> done_;
   tcp::resolver resolver_;
   tcp::socket socket_;
-  asio::steady_timer timer_;
+  LoopTimer timer_;
 };
 
 }  // namespace

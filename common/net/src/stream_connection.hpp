@@ -8,6 +8,7 @@
 #include <telefab/net/connection.hpp>
 
 #include "asio.hpp"
+#include "loop_timer.hpp"
 
 namespace telefab::net {
 
@@ -16,10 +17,12 @@ template <class Stream>
 class StreamConnection final : public Connection, public std::enable_shared_from_this<StreamConnection<Stream>> {
  public:
   /// `trust`: whoever let the peer in, asked again and again whether it still would; empty for plain TCP.
-  StreamConnection(Stream stream, Peer peer, const ConnectionLimits& limits, std::shared_ptr<Trust> trust = {})
-      : stream_{std::move(stream)},
-        tick_{stream_.get_executor()},
-        slow_{stream_.get_executor()},
+  StreamConnection(Loop& loop, Stream stream, Peer peer, const ConnectionLimits& limits,
+                   std::shared_ptr<Trust> trust = {})
+      : clock_{loop.impl().clock},
+        stream_{std::move(stream)},
+        tick_{loop},
+        slow_{loop},
         peer_{std::move(peer)},
         limits_{limits},
         trust_{std::move(trust)},
@@ -72,7 +75,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
   using Code = boost::system::error_code;
   enum class State : std::uint8_t { Open, Draining, Closed };
 
-  static Nanoseconds now() { return std::chrono::steady_clock::now().time_since_epoch(); }
+  [[nodiscard]] Nanoseconds now() const { return clock_.now(); }
 
   void queue(std::vector<std::byte> bytes) {
     waiting_.insert(waiting_.end(), bytes.begin(), bytes.end());
@@ -94,7 +97,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
       if (error) return self->lose(error);
       self->written_ += size;
       self->sent_ += size;
-      self->last_sent_ = self->last_taken_ = now();
+      self->last_sent_ = self->last_taken_ = self->now();
       if (self->written_ < self->writing_.size()) return self->write_more();
       self->is_writing_ = false;
       if (!self->waiting_.empty()) return self->write();
@@ -125,9 +128,8 @@ class StreamConnection final : public Connection, public std::enable_shared_from
     }
     const Nanoseconds pause = pause_for_rate();
     if (pause <= Nanoseconds{0}) return read();
-    slow_.expires_after(pause);
-    slow_.async_wait([self = this->shared_from_this()](const Code& error) {
-      if (!error && self->state_ != State::Closed) self->read();
+    slow_.start(pause, [self = this->shared_from_this()] {
+      if (self->state_ != State::Closed) self->read();
     });
   }
 
@@ -171,12 +173,12 @@ class StreamConnection final : public Connection, public std::enable_shared_from
   void tick() {
     const Nanoseconds shortest = std::min({limits_.handshake_within, limits_.frame_within, limits_.idle_after,
                                            limits_.write_within, limits_.judge_every});
-    tick_.expires_after(std::clamp<Nanoseconds>(shortest / 4, std::chrono::milliseconds{10}, std::chrono::seconds{1}));
-    tick_.async_wait([self = this->shared_from_this()](const Code& error) {
-      if (error || self->state_ == State::Closed) return;
-      self->look_at_clocks();
-      if (self->state_ != State::Closed) self->tick();
-    });
+    tick_.start(std::clamp<Nanoseconds>(shortest / 4, std::chrono::milliseconds{10}, std::chrono::seconds{1}),
+                [self = this->shared_from_this()] {
+                  if (self->state_ == State::Closed) return;
+                  self->look_at_clocks();
+                  if (self->state_ != State::Closed) self->tick();
+                });
   }
 
   void look_at_clocks() {
@@ -187,7 +189,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
     }
     if (trust_ && t - last_judged_ >= limits_.judge_every) {
       last_judged_ = t;
-      const auto still = trust_->judge(peer_.certificate_pem, std::chrono::system_clock::now().time_since_epoch());
+      const auto still = trust_->judge(peer_.certificate_pem, clock_.wall());
       if (!still)
         return end({still.error().code, fmt::format("{} ({}): {}", peer_.name, peer_.address, still.error().what)});
     }
@@ -240,10 +242,11 @@ class StreamConnection final : public Connection, public std::enable_shared_from
     stream_.lowest_layer().close(ignored);
   }
 
+  const Clock& clock_;
   Stream stream_;
   bool is_peer_done_ = false;
-  boost::asio::steady_timer tick_;
-  boost::asio::steady_timer slow_;
+  LoopTimer tick_;
+  LoopTimer slow_;
   Peer peer_;
   ConnectionLimits limits_;
   std::shared_ptr<Trust> trust_;

@@ -200,8 +200,10 @@ Result<void> Trust::judge(const std::string& certificate_pem, Nanoseconds wall) 
                           X509_verify_cert_error_string(X509_STORE_CTX_get_error(judgement.get()))));
 }
 
-Result<Peer> peer_of(Tls& stream, std::string address) {
-  const std::unique_ptr<X509, FreeCertificate> certificate{SSL_get_peer_certificate(stream.native_handle())};
+ssl_ctx_st* Trust::context() { return impl_->context->native_handle(); }
+
+Result<Peer> peer_of(const ssl_st* stream, std::string address) {
+  const std::unique_ptr<X509, FreeCertificate> certificate{SSL_get_peer_certificate(stream)};
   if (!certificate) return fail(ErrorCode::NotTrusted, "the other side showed no certificate");
   X509_NAME* subject = X509_get_subject_name(certificate.get());
   const std::string unit = entry_of(subject, NID_organizationalUnitName);

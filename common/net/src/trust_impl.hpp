@@ -15,7 +15,4 @@ struct Trust::Impl {
   std::array<std::filesystem::file_time_type, 4> read_at{};
 };
 
-/// Name and role of the certificate the other side showed; NotTrusted where it carries no role of ours.
-[[nodiscard]] Result<Peer> peer_of(Tls& stream, std::string address);
-
 }  // namespace telefab::net

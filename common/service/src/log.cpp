@@ -1,14 +1,20 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
-#include <spdlog/sinks/stdout_sinks.h>
+#include <limits.h>
+#include <poll.h>
+#include <spdlog/sinks/base_sink.h>
 #include <spdlog/spdlog.h>
 #include <sys/stat.h>
 #include <sys/uio.h>
 #include <syslog.h>
 #include <systemd/sd-journal.h>
+#include <unistd.h>
 
+#include <algorithm>
 #include <array>
+#include <cerrno>
 #include <cstdlib>
+#include <mutex>
 #include <string>
 #include <telefab/service/log.hpp>
 
@@ -22,9 +28,40 @@ bool is_journal(int descriptor) {
   return stream && ::fstat(descriptor, &status) == 0 && fmt::format("{}:{}", status.st_dev, status.st_ino) == stream;
 }
 
+/// Standard error, for a daemon that must never wait for whoever reads it: a line that finds a full pipe is left out,
+/// and the next that finds room says how many were. A pipe that poll() calls writable takes PIPE_BUF bytes at once.
+class StandardErrorSink final : public spdlog::sinks::base_sink<std::mutex> {
+ protected:
+  void sink_it_(const spdlog::details::log_msg& message) override {
+    spdlog::memory_buf_t line;
+    formatter_->format(message, line);
+    if (left_out_ > 0) {
+      const std::string gap = fmt::format("{} lines were left out here: nobody read standard error\n", left_out_);
+      if (!write(gap)) return void(++left_out_);
+      left_out_ = 0;
+    }
+    if (!write({line.data(), line.size()})) ++left_out_;
+  }
+  void flush_() override {}
+
+ private:
+  static bool write(std::string_view text) {
+    while (!text.empty()) {
+      pollfd stream{STDERR_FILENO, POLLOUT, 0};
+      if (::poll(&stream, 1, 0) <= 0 || (stream.revents & POLLOUT) == 0) return false;
+      const ssize_t put = ::write(STDERR_FILENO, text.data(), std::min<std::size_t>(text.size(), PIPE_BUF));
+      if (put < 0 && errno == EINTR) continue;
+      if (put <= 0) return false;
+      text.remove_prefix(static_cast<std::size_t>(put));
+    }
+    return true;
+  }
+  std::uint64_t left_out_ = 0;
+};
+
 struct DaemonLog {
   std::shared_ptr<spdlog::logger> logger =
-      std::make_shared<spdlog::logger>("telefab", std::make_shared<spdlog::sinks::stderr_sink_mt>());
+      std::make_shared<spdlog::logger>("telefab", std::make_shared<StandardErrorSink>());
   bool to_journal = is_journal(STDERR_FILENO);
   DaemonLog() { logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %l %v"); }
 };

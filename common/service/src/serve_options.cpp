@@ -12,13 +12,15 @@ void declare_serve_options(VerbOptions& app, ServeOptions& options) {
   app.add("--tls", options.tls_folder,
           "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as `telefab certs` makes it");
   app.add("--tls-name", options.tls_name, "NAME of the certificate in that folder").shows_default();
-  app.add("--web", options.web,
-          "HOST:PORT of the web page and its API, on loopback, e.g. 127.0.0.1:7480; default: none. What changes a job "
-          "needs "
-          "the token in DATA/web-token");
+  app.add(
+      "--web", options.web,
+      "HOST:PORT of the web page and its API, e.g. 127.0.0.1:7480; default: none. Off loopback it is served over TLS "
+      "with the certificate of --tls. Where operators have tokens (the verb tokens), where it is off loopback and "
+      "with --web-host everybody signs in: with a token or an operator's certificate. Elsewhere whoever is on this "
+      "machine sees it, and what changes a job needs the token in DATA/web-token");
   app.add("--web-host", options.web_hosts,
-          "a name under which the page may be asked for besides those of loopback, for a TLS proxy before it; may be "
-          "given again");
+          "a name under which the page may be asked for besides those of loopback: its own off loopback, or that of a "
+          "TLS proxy before it; may be given again");
   app.add("--hook", options.hooks.program,
           "program to run at every change of a job's state: TELEFAB_JOB, TELEFAB_STATE, TELEFAB_MESSAGE, "
           "TELEFAB_NAME and TELEFAB_MACHINE in its environment, the job as JSON on its input");

@@ -166,16 +166,26 @@ void Site::look_after_reserve() {
 
 Result<std::unique_ptr<WebServer>> Site::open_page_of(SiteWork& work) {
   if (options_.web.empty()) return std::unique_ptr<WebServer>{};
-  auto token = web_token(folder_);
-  if (!token) return tl::unexpected{token.error()};
+  SignInEvents events;
+  events.noted = [this](std::string_view who, std::string_view what) {
+    loop_->post([this, who = std::string{who}, what = std::string{what}] { tracker_->note(who, what); });
+  };
+  events.refused = [this](const std::string& address, const Error& why) {
+    loop_->post([this, address, why] {
+      if (listener_ != nullptr) listener_->count_refusal(address, why);
+    });
+  };
+  auto sign_in = sign_in_of(options_, folder_, clock_, std::move(events));
+  if (!sign_in) return tl::unexpected{sign_in.error()};
+  sign_in_.emplace(std::move(*sign_in));
   WebSite& pages =
-      work.open_page(std::move(*token), [this, &work](const Command& asked, std::function<void(Result<Job>)> done) {
+      work.open_page(*sign_in_, [this, &work](const Command& asked, std::function<void(Result<Job>)> done) {
         loop_->post([this, &work, asked, done = std::move(done)] {
           tracker_->note(asked.who, fmt::format("{} {}", name_of(asked.command), asked.job));
           work.command(asked, done);
         });
       });
-  return telefab::open_page(options_, folder_, pages, fmt::format("{}/{}", program_, kVersion));
+  return telefab::open_page(options_, folder_, pages, fmt::format("{}/{}", program_, kVersion), clock_);
 }
 
 void Site::on_connection(SiteWork& work, const net::ConnectionPtr& connection) {

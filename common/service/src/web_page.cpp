@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
-#include <sys/random.h>
 
-#include <array>
 #include <future>
 #include <telefab/base/file.hpp>
+#include <telefab/base/secret.hpp>
 #include <telefab/service/log.hpp>
 #include <telefab/service/web_page.hpp>
 
@@ -12,44 +11,69 @@ namespace telefab {
 namespace {
 
 constexpr auto kCommandTimeout = std::chrono::seconds{5};
-constexpr std::uint64_t kLongestToken = 4096;
 
 }  // namespace
 
 Result<std::string> web_token(const DataFolder& folder) {
   const auto path = folder.path() / "web-token";
-  if (const auto bytes = read_file(path, kLongestToken)) {
-    std::string kept{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+  auto read = read_secret(path);
+  if (!read && read.error().code != ErrorCode::NotFound) return read;
+  if (read) {
+    std::string& kept = *read;
     while (!kept.empty() && (kept.back() == '\n' || kept.back() == ' ')) kept.pop_back();
     if (kept.size() < 16)
       return fail(
           ErrorCode::InvalidInput,
           fmt::format("{} holds no token of at least 16 characters; remove it to have one made", path.string()));
-    return kept;
+    return read;
   }
-  std::array<unsigned char, 16> random{};
-  if (::getrandom(random.data(), random.size(), 0) != static_cast<ssize_t>(random.size()))
-    return fail(ErrorCode::Internal, "no random numbers for the web token");
-  std::string token;
-  for (const unsigned char byte : random) token += fmt::format("{:02x}", byte);
-  if (auto written = write_new_secret(path, token + "\n"); !written) return tl::unexpected{written.error()};
+  auto token = random_token();
+  if (!token) return token;
+  if (auto written = write_new_secret(path, *token + "\n"); !written) return tl::unexpected{written.error()};
   return token;
 }
 
-Result<std::unique_ptr<WebServer>> open_page(const ServeOptions& options, const DataFolder& folder, WebSite& site,
-                                             const std::string& product) {
-  if (options.web.empty()) return std::unique_ptr<WebServer>{};
+std::filesystem::path operator_tokens_in(const std::filesystem::path& data) { return data / "operator-tokens"; }
+
+Result<SignIn> sign_in_of(const ServeOptions& options, const DataFolder& folder, const Clock& clock,
+                          SignInEvents events) {
   const auto address = net::endpoint_from_text(options.web);
   if (!address) return fail_in("--web", address.error());
-  if (!net::is_loopback(*address))
-    return fail(
-        ErrorCode::NotTrusted,
-        fmt::format("--web {}: the page speaks HTTP without TLS, so it is refused off loopback. Reach it by ssh -L, "
-                    "or put a TLS proxy before it on this machine and name its host with --web-host",
-                    options.web));
-  auto server = WebServer::listen(address->host, address->port, site, product, options.web_hosts);
+  auto shared = web_token(folder);
+  if (!shared) return tl::unexpected{shared.error()};
+  const auto tokens = operator_tokens_in(folder.path());
+  const bool is_shown_beyond = !net::is_loopback(*address) || !options.web_hosts.empty();
+  const auto named = read_operator_tokens(tokens);
+  if (!named && named.error().code != ErrorCode::NotFound) return tl::unexpected{named.error()};
+  if (!named && is_shown_beyond && options.tls_folder.empty())
+    log_warning(
+        fmt::format("--web {}: the page is shown beyond this machine, and nobody can sign in: make each operator "
+                    "a token with the verb `tokens add NAME --data {}`",
+                    options.web, folder.path().string()));
+  return SignIn{{tokens, std::move(*shared), is_shown_beyond}, clock, std::move(events)};
+}
+
+Result<std::unique_ptr<WebServer>> open_page(const ServeOptions& options, const DataFolder& folder, WebSite& site,
+                                             const std::string& product, const Clock& clock) {
+  const auto endpoint = net::endpoint_from_text(options.web);
+  if (!endpoint) return fail_in("--web", endpoint.error());
+  WebAddress address{endpoint->host, endpoint->port, options.web_hosts};
+  if (!net::is_loopback(*endpoint)) {
+    if (options.tls_folder.empty())
+      return fail(
+          ErrorCode::NotTrusted,
+          fmt::format("--web {}: off loopback the page is served over TLS alone: give --tls FOLDER, reach it by "
+                      "ssh -L, or put a TLS proxy before it on this machine and name its host with --web-host",
+                      options.web));
+    // One of the page's own: its thread reads the files again by itself.
+    auto trust = trust_of(options);
+    if (!trust) return tl::unexpected{trust.error()};
+    address.trust = std::move(*trust);
+  }
+  auto server = WebServer::listen(address, site, product, clock);
   if (!server) return server;
-  log_line(fmt::format("the page is at http://{}:{}/", address->host, (*server)->port()));
+  log_line(
+      fmt::format("the page is at {}://{}:{}/", address.trust ? "https" : "http", endpoint->host, (*server)->port()));
   const std::string port = fmt::format("{}\n", (*server)->port());
   if (auto written = write_file_atomically(folder.path() / "web-port", std::string_view{port}); !written)
     return tl::unexpected{written.error()};

@@ -4,10 +4,10 @@
 "use strict";
 
 const byId = (id) => document.getElementById(id);
-const state = { jobs: [], chosen: null, token: sessionStorage.getItem("token") || "", waiting: null, told: "", stage: "" };
+const state = { jobs: [], chosen: null, visitor: { name: null, may: "nothing", must_sign_in: false, by: null }, waiting: null, told: "", stage: "" };
 
 // Of the page itself: showJob(job) for every change, showStage(job) once a state, chosen(id) when another job is chosen,
-// news(data) for every event, where there is one.
+// news(data) for every event and begun() once somebody may see the page, where there is one.
 const site = {};
 
 const allowed = {
@@ -110,11 +110,9 @@ async function approval() {
 }
 
 async function act(action, as) {
-  if (!state.token) {
+  if (state.visitor.may !== "operator") {
     state.waiting = [action, as];
-    byId("token-form").hidden = false;
-    byId("token").focus();
-    return;
+    return askToSignIn(state.visitor.name ? `${state.visitor.name} may look and change nothing.` : "");
   }
   if (action === "cancel" && !confirm("Cancel this job? The print cannot be resumed.")) return;
   const said = action === "approve" ? await approval() : as ? { as } : {};
@@ -122,34 +120,57 @@ async function act(action, as) {
   const machine = state.jobs.find((j) => j.id === state.chosen)?.machine;
   const answer = await fetch(action === "cleared" ? `/v1/machines/${machine}/cleared` : `/v1/jobs/${state.chosen}/${action}`, {
     method: "POST",
-    headers: { Authorization: `Bearer ${state.token}` },
     body: Object.keys(said).length ? JSON.stringify(said) : undefined,
   });
   if (answer.status === 401) {
-    state.token = "";
-    sessionStorage.removeItem("token");
-    byId("answer").textContent = "This token is not the operator's.";
-    return;
+    await findVisitor();
+    return act(action, as);
   }
   byId("answer").textContent = answer.ok ? `${action}${as ? ` as ${as}` : ""}: accepted` : (await answer.json()).error.what;
 }
 
-byId("token-form").onsubmit = (event) => {
+// Who has signed in is known by a cookie that no script can read, or by a certificate.
+async function findVisitor() {
+  state.visitor = await get("/v1/session");
+  byId("visitor").hidden = !state.visitor.name;
+  byId("visitor-name").textContent = state.visitor.name || "";
+  byId("sign-out").hidden = state.visitor.by !== "session";
+}
+
+function askToSignIn(why) {
+  byId("sign-in-answer").textContent = why;
+  byId("token-form").hidden = false;
+  byId("token").focus();
+}
+
+byId("token-form").onsubmit = async (event) => {
   event.preventDefault();
-  state.token = byId("token").value;
-  sessionStorage.setItem("token", state.token);
+  const answer = await fetch("/v1/sign-in", { method: "POST", body: JSON.stringify({ token: byId("token").value }) });
   byId("token").value = "";
+  if (!answer.ok) return askToSignIn((await answer.json()).error.what);
   byId("token-form").hidden = true;
+  await findVisitor();
+  if (!state.stream) follow();
   if (state.waiting) act(...state.waiting);
   state.waiting = null;
 };
+byId("sign-out").onclick = async () => {
+  await fetch("/v1/sign-out", { method: "POST" });
+  location.reload();  // nothing of what was seen stays in the page
+};
 for (const button of document.querySelectorAll("[data-action]")) button.onclick = () => act(button.dataset.action, button.dataset.as);
 
-function begin() {
-  const stream = new EventSource("/v1/stream");
-  stream.onopen = () => (byId("link").textContent = "live");
-  stream.onerror = () => (byId("link").textContent = "connection lost, trying again");
-  stream.onmessage = (event) => {
+function follow() {
+  state.stream = new EventSource("/v1/stream");
+  state.stream.onopen = () => (byId("link").textContent = "live");
+  state.stream.onerror = () => {
+    byId("link").textContent = "connection lost, trying again";
+    if (state.stream.readyState !== EventSource.CLOSED) return;
+    // Refused, not lost: perhaps the session has ended.
+    state.stream = null;
+    setTimeout(begin, 2000);
+  };
+  state.stream.onmessage = (event) => {
     const news = JSON.parse(event.data);
     state.jobs = news.jobs;
     if (site.news) site.news(news);
@@ -158,4 +179,16 @@ function begin() {
     showJob();
     showDetails();
   };
+  if (site.begun) site.begun();
+}
+
+async function begin() {
+  try {
+    await findVisitor();
+  } catch {
+    return setTimeout(begin, 2000);
+  }
+  if (!state.visitor.must_sign_in || state.visitor.may !== "nothing") return follow();
+  byId("link").textContent = "not signed in";
+  askToSignIn("");
 }

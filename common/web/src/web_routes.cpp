@@ -1,19 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <openssl/crypto.h>
-
 #include <charconv>
 #include <optional>
 #include <telefab/web/web_routes.hpp>
 
 namespace telefab {
 namespace {
-
-bool token_matches(std::string_view authorization, std::string_view token) {
-  constexpr std::string_view scheme = "Bearer ";
-  if (token.empty() || !authorization.starts_with(scheme)) return false;
-  const std::string_view shown = authorization.substr(scheme.size());
-  return shown.size() == token.size() && CRYPTO_memcmp(shown.data(), token.data(), token.size()) == 0;
-}
 
 /// A segment of a path that may stand for {id}: what job ids are made of, nothing a file system could misread.
 bool is_id(std::string_view text) {
@@ -52,7 +43,7 @@ std::optional<PathArguments> match(std::string_view pattern, std::string_view pa
 }  // namespace
 
 tl::expected<Routed, WebResponse> find_route(std::span<const WebRoute> routes, const WebRequest& request,
-                                             std::string_view token) {
+                                             SignIn& sign_in) {
   const std::string_view path = std::string_view{request.target}.substr(0, request.target.find('?'));
   const std::string_view method = request.method == "HEAD" ? std::string_view{"GET"} : std::string_view{request.method};
   bool path_known = false;
@@ -61,11 +52,9 @@ tl::expected<Routed, WebResponse> find_route(std::span<const WebRoute> routes, c
     if (!arguments) continue;
     path_known = true;
     if (routes[row].method != method) continue;
-    if ((routes[row].changes_state || routes[row].needs_token) && !token_matches(request.authorization, token))
-      return tl::unexpected{web_problem(401, "not-permitted",
-                                        "this needs the operator's token: Authorization: Bearer TOKEN, or X-Api-Key: "
-                                        "TOKEN (file web-token in the daemon's data folder)")};
-    return Routed{row, std::move(*arguments)};
+    const auto visitor = sign_in.admit(request, routes[row].needs);
+    if (!visitor) return tl::unexpected{web_problem(visitor.error().status, "not-permitted", visitor.error().what)};
+    return Routed{row, std::move(*arguments), *visitor};
   }
   if (path_known)
     return tl::unexpected{web_problem(405, "not-permitted", "this address does not take the method " + request.method)};

@@ -57,7 +57,7 @@ void FabSite::on_site(const net::ConnectionPtr& connection) {
   serve_scan_site(site().loop(), connection, *this, intake_);
 }
 
-WebSite& FabSite::open_page(std::string token, CommandPost post) {
+WebSite& FabSite::open_page(SignIn& sign_in, CommandPost post) {
   page_backend_ = std::make_unique<SitePageBackend>(
       store(), site().room(), site().folder(), site().machines(), std::move(post),
       [this](const NewJob& upload, std::function<void(Result<Job>)> done) {
@@ -69,8 +69,7 @@ WebSite& FabSite::open_page(std::string token, CommandPost post) {
   std::string three_js;
   if (const auto library = read_file(kThreeJs, kMaxThreeJsBytes))
     three_js.assign(reinterpret_cast<const char*>(library->data()), library->size());
-  web_site_ = std::make_unique<FabWeb>(*page_backend_,
-                                       WebOptions{std::move(token), std::string{kVersion}, std::move(three_js)});
+  web_site_ = std::make_unique<FabWeb>(*page_backend_, sign_in, WebOptions{std::string{kVersion}, std::move(three_js)});
   return *web_site_;
 }
 

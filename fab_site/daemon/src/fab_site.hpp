@@ -32,7 +32,7 @@ class FabSite final : public SiteWork {
   void resume(const Job& job) override;
   Hello hello() override;
   void on_site(const net::ConnectionPtr& connection) override;
-  WebSite& open_page(std::string token, CommandPost post) override;
+  WebSite& open_page(SignIn& sign_in, CommandPost post) override;
   void begin(std::uint16_t port) override;
   bool is_alive() override { return printer_.is_alive(); }
   /// The print under way goes dark, and its journal says so, before the site ends.

@@ -78,16 +78,7 @@ std::map<std::string, std::string> provenance_of(const std::filesystem::path& fo
 /// The key that as-built records are signed with, as-built-key.pem beside the jobs; made with its public half,
 /// as-built-key.pub, for the first record.
 Result<std::string> as_built_key(const std::filesystem::path& site) {
-  const auto path = site / "as-built-key.pem";
-  auto key = read_secret(path);
-  if (key || key.error().code != ErrorCode::NotFound) return key;
-  const auto made = new_ed25519_key();
-  if (!made) return tl::unexpected{made.error()};
-  // The public half first: where this breaks off, the next record makes both again.
-  if (auto kept = write_file_atomically(site / "as-built-key.pub", made->public_pem); !kept)
-    return tl::unexpected{kept.error()};
-  if (auto kept = write_new_secret(path, made->private_pem); !kept) return tl::unexpected{kept.error()};
-  return made->private_pem;
+  return kept_ed25519_key(site / "as-built-key.pem", site / "as-built-key.pub");
 }
 
 /// The record sealed and signed, in report/as-built.json, with the head of the site's audit log in it.

@@ -293,8 +293,9 @@ Result<void> SitePageBackend::clear_platform(std::string_view machine, std::stri
   return carry_out(post_, command);
 }
 
-Result<std::string> SitePageBackend::take_file(std::string_view name, std::string_view tfc, bool start) {
-  auto upload = write_upload(folder_, machines_, name, std::as_bytes(std::span{tfc}), start);
+Result<std::string> SitePageBackend::take_file(std::string_view name, std::string_view tfc, bool start,
+                                               std::string_view who) {
+  auto upload = write_upload(folder_, machines_, name, std::as_bytes(std::span{tfc}), start, who);
   if (!upload) return tl::unexpected{upload.error()};
   const auto job = command_and_wait(
       [&](const Command&, std::function<void(Result<Job>)> done) { uploaded_(*upload, std::move(done)); }, {});

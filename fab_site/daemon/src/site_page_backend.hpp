@@ -53,7 +53,7 @@ class SitePageBackend final : public PageBackend {
   Result<void> act(std::string_view id, JobCommand action, std::string_view who) override;
   Result<void> approve(std::string_view id, std::string_view although, std::string_view who) override;
   Result<void> clear_platform(std::string_view machine, std::string_view who) override;
-  Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) override;
+  Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start, std::string_view who) override;
   std::string devices_json() override;
   Result<void> healthy() override {
     if (auto good = store_.health(); !good) return good;

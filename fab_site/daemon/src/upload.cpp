@@ -61,7 +61,7 @@ Result<void> write_layers(const std::filesystem::path& folder, const Offer& offe
 }  // namespace
 
 Result<NewJob> write_upload(const DataFolder& data, const std::vector<MachineProfile>& machines, std::string_view name,
-                            std::span<const std::byte> tfc, bool start) {
+                            std::span<const std::byte> tfc, bool start, std::string_view who) {
   const auto stack = read_tfc(tfc);
   if (!stack) return fail_in(std::string{name}, stack.error());
   const auto machine = find_machine(machines, stack->header().machine);
@@ -80,7 +80,7 @@ Result<NewJob> write_upload(const DataFolder& data, const std::vector<MachinePro
                     digest_of_profile(*machine),
                     stack->header(),
                     static_cast<std::uint32_t>(Coding::Exact),
-                    "web",
+                    std::string{who},
                     {},
                     {}};
   auto written = write_layers(*folder, offer, *stack);
@@ -90,7 +90,7 @@ Result<NewJob> write_upload(const DataFolder& data, const std::vector<MachinePro
     std::filesystem::remove_all(*folder, ignored);
     return tl::unexpected{written.error()};
   }
-  return NewJob{*id, kept_name, machine->name, parameters, "web"};
+  return NewJob{*id, kept_name, machine->name, parameters, std::string{who}};
 }
 
 Result<void> hold_for_approval(const std::filesystem::path& folder) {

@@ -103,7 +103,8 @@ StartFacts facts_of(const PrintJournal& journal, const Digest& plan, LayerIndex 
   facts.is_ahead_of_store = !journal.empty() && !is_begun_in_store;
   facts.maybe_exposed = known.maybe_exposed || facts.is_behind_store;
   facts.is_paused_in_store = is_paused_in_store;
-  for (const JournalEntry& e : entries) facts.last_sign = std::max(facts.last_sign, e.wall);
+  // The newest line, not the latest time: where the clock was set back, older lines are of a time yet to come.
+  if (!entries.empty()) facts.last_sign = entries.back().wall;
   return facts;
 }
 

@@ -158,5 +158,5 @@ byId("layer").oninput = () => {
   showLayer();
 };
 
-showDevices();
+site.begun = showDevices;
 begin();

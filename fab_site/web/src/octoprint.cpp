@@ -8,7 +8,6 @@
 #include <nlohmann/json.hpp>
 #include <telefab/base/text.hpp>
 #include <telefab/web/form_data.hpp>
-#include <telefab/web/web_routes.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -76,15 +75,12 @@ std::string not_taken(std::string_view name) {
 
 }  // namespace
 
-std::optional<WebResponse> octoprint_refusal(const WebRequest& request, const std::string& token) {
+std::optional<WebResponse> octoprint_refusal(const WebRequest& request, SignIn& sign_in) {
   if (!request.target.starts_with("/api/")) return std::nullopt;
   // A client proves its key by any question: a wrong one is said even where none is needed.
-  static const std::vector<WebRoute> check{{"POST", "/", "", true}};
-  if (request.method != "POST" && request.authorization.empty()) return std::nullopt;
-  if (find_route(check, {"POST", "/", request.authorization, {}, {}}, token)) return std::nullopt;
-  return octoprint_problem(403,
-                           "X-Api-Key must be the operator's token (file web-token in the fab's data folder); without "
-                           "it nothing can be changed");
+  const auto visitor = sign_in.admit(request, request.method == "POST" ? Access::Operators : Access::Readers);
+  if (visitor) return std::nullopt;
+  return octoprint_problem(403, "X-Api-Key: " + visitor.error().what);
 }
 
 WebResponse octoprint_version(const std::string& version) {
@@ -144,7 +140,7 @@ WebResponse octoprint_printer(PageBackend& backend) {
                         {"closedOrError", false}}}}}});
 }
 
-WebResponse octoprint_command(const WebRequest& request, PageBackend& backend) {
+WebResponse octoprint_command(const WebRequest& request, PageBackend& backend, const std::string& who) {
   const auto asked = ordered_json::parse(request.body, nullptr, false);
   const auto text = [&](const char* key) {
     const auto found = asked.is_object() ? asked.find(key) : asked.end();
@@ -178,12 +174,12 @@ WebResponse octoprint_command(const WebRequest& request, PageBackend& backend) {
     return {204, "application/json", ""};
   if (!job || is_final(job->state)) return octoprint_problem(409, "there is no job on the machine");
   // What holds a job is named on the page; a program that sends files names nothing.
-  if (auto done = starts ? backend.approve(job->id, "", "web") : backend.act(job->id, *wanted, "web"); !done)
+  if (auto done = starts ? backend.approve(job->id, "", who) : backend.act(job->id, *wanted, who); !done)
     return octoprint_problem(done.error());
   return {204, "application/json", ""};
 }
 
-WebResponse octoprint_upload(const WebRequest& request, PageBackend& backend) {
+WebResponse octoprint_upload(const WebRequest& request, PageBackend& backend, const std::string& who) {
   const auto fields = form_fields(request.content_type, request.body);
   if (!fields) return octoprint_problem(fields.error());
   const auto file = std::find_if(fields->begin(), fields->end(), [](const FormField& field) {
@@ -194,7 +190,7 @@ WebResponse octoprint_upload(const WebRequest& request, PageBackend& backend) {
   if (!is_file_name(name)) return octoprint_problem(400, "the file's name cannot be kept; rename it");
   if (!ends_with(name, ".tfc")) return octoprint_problem(415, not_taken(name));
   const bool is_to_print = is_yes(value_of(*fields, "print"));
-  const auto job = backend.take_file(name, file->content, is_to_print);
+  const auto job = backend.take_file(name, file->content, is_to_print, who);
   if (!job) return octoprint_problem(job.error());
   WebResponse made = with(201, {{"files",
                                  {{"local",

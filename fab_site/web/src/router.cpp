@@ -43,13 +43,17 @@ WebResponse as_png(const Result<std::vector<std::byte>>& image) {
 
 struct Call {
   const WebRequest& request;
-  const PathArguments& arguments;
+  const Routed& routed;
   PageBackend& backend;
+  SignIn& sign_in;
   const WebOptions& options;
+
+  [[nodiscard]] const std::string& id() const { return routed.arguments.id; }
+  [[nodiscard]] const std::string& who() const { return routed.visitor.name; }
 };
 
-WebResponse list_jobs(const Call& call) {
-  const auto jobs = call.backend.jobs();
+WebResponse list_jobs(PageBackend& backend) {
+  const auto jobs = backend.jobs();
   if (!jobs) return web_problem(jobs.error());
   json list = json::array();
   for (const JobView& job : *jobs) list.push_back(to_json(job));
@@ -57,13 +61,13 @@ WebResponse list_jobs(const Call& call) {
 }
 
 WebResponse show_job(const Call& call) {
-  const auto job = call.backend.job(call.arguments.id);
+  const auto job = call.backend.job(call.id());
   if (!job) return web_problem(job.error());
   return {200, "application/json", text_of(to_json(*job))};
 }
 
 WebResponse show_events(const Call& call) {
-  const auto events = call.backend.events(call.arguments.id);
+  const auto events = call.backend.events(call.id());
   if (!events) return web_problem(events.error());
   json list = json::array();
   for (const JobEventView& event : *events) list.push_back({{"unix_ms", event.unix_ms}, {"text", event.text}});
@@ -72,12 +76,12 @@ WebResponse show_events(const Call& call) {
 
 template <JobCommand action>
 WebResponse act(const Call& call) {
-  if (const auto done = call.backend.act(call.arguments.id, action, "web"); !done) return web_problem(done.error());
+  if (const auto done = call.backend.act(call.id(), action, call.who()); !done) return web_problem(done.error());
   return show_job(call);
 }
 
 WebResponse clear_platform(const Call& call) {
-  if (const auto done = call.backend.clear_platform(call.arguments.id, "web"); !done) return web_problem(done.error());
+  if (const auto done = call.backend.clear_platform(call.id(), call.who()); !done) return web_problem(done.error());
   return {200, "application/json", call.backend.devices_json()};
 }
 
@@ -97,8 +101,7 @@ WebResponse approve(const Call& call) {
         although += (although.empty() ? "" : ",") + name.get<std::string>();
       }
   }
-  if (const auto done = call.backend.approve(call.arguments.id, although, "web"); !done)
-    return web_problem(done.error());
+  if (const auto done = call.backend.approve(call.id(), although, call.who()); !done) return web_problem(done.error());
   return show_job(call);
 }
 
@@ -127,7 +130,10 @@ struct Row {
 
 const std::vector<Row>& rows() {
   static const std::vector<Row> table{
-      {{"GET", "/v1/version", "name and version of the program"},
+      {kSignInRoutes[0], [](const Call& c) { return c.sign_in.session(c.request); }},
+      {kSignInRoutes[1], [](const Call& c) { return c.sign_in.sign_in(c.request); }},
+      {kSignInRoutes[2], [](const Call& c) { return c.sign_in.sign_out(c.request); }},
+      {{"GET", "/v1/version", "name and version of the program", Access::Anybody},
        [](const Call& c) -> WebResponse {
          return {200, "application/json",
                  text_of(json{{"program", "telefab-fab"}, {"version", c.options.version}, {"api", "v1"}})};
@@ -136,28 +142,29 @@ const std::vector<Row>& rows() {
        [](const Call& c) -> WebResponse {
          return {200, "application/json", c.backend.devices_json()};
        }},
-      {{"GET", "/v1/jobs", "all jobs, newest first"}, list_jobs},
+      {{"GET", "/v1/jobs", "all jobs, newest first"}, [](const Call& c) { return list_jobs(c.backend); }},
       {{"GET", "/v1/jobs/{id}", "one job"}, show_job},
       {{"GET", "/v1/jobs/{id}/events", "the job's log"}, show_events},
       {{"GET", "/v1/jobs/{id}/report", "report of plan and print"},
-       [](const Call& c) { return web_json(c.backend.report(c.arguments.id)); }},
+       [](const Call& c) { return web_json(c.backend.report(c.id())); }},
       {{"GET", "/v1/jobs/{id}/preflight", "what was asked before the light went on, with verdicts"},
-       [](const Call& c) { return web_json(c.backend.preflight(c.arguments.id)); }},
+       [](const Call& c) { return web_json(c.backend.preflight(c.id())); }},
       {{"GET", "/v1/jobs/{id}/exposures", "light of every layer, planned and measured"},
-       [](const Call& c) { return web_json(c.backend.exposures(c.arguments.id)); }},
+       [](const Call& c) { return web_json(c.backend.exposures(c.id())); }},
       {{"GET", "/v1/jobs/{id}/preview.png", "contact sheet of the plan"},
-       [](const Call& c) { return as_png(c.backend.preview_png(c.arguments.id)); }},
+       [](const Call& c) { return as_png(c.backend.preview_png(c.id())); }},
       {{"GET", "/v1/jobs/{id}/accuracy.png", "the predicted part and the error of its edges"},
-       [](const Call& c) { return as_png(c.backend.accuracy_png(c.arguments.id)); }},
+       [](const Call& c) { return as_png(c.backend.accuracy_png(c.id())); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}", "contours of part and supports in one layer"},
-       [](const Call& c) { return web_json(c.backend.layer_json(c.arguments.id, c.arguments.layer)); }},
+       [](const Call& c) { return web_json(c.backend.layer_json(c.id(), c.routed.arguments.layer)); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}/mask.png", "grey mask of one layer"},
-       [](const Call& c) { return as_png(c.backend.mask_png(c.arguments.id, c.arguments.layer)); }},
-      {{"POST", "/v1/jobs/{id}/approve", "let a job that waits for approval print", true}, approve},
-      {{"POST", "/v1/jobs/{id}/pause", "stop before the next exposure, lifted", true}, act<JobCommand::Pause>},
-      {{"POST", "/v1/jobs/{id}/resume", "go on with the next layer", true}, resume},
-      {{"POST", "/v1/jobs/{id}/cancel", "end the job", true}, act<JobCommand::Cancel>},
-      {{"POST", "/v1/machines/{id}/cleared", "say that the part is off the platform of a machine", true},
+       [](const Call& c) { return as_png(c.backend.mask_png(c.id(), c.routed.arguments.layer)); }},
+      {{"POST", "/v1/jobs/{id}/approve", "let a job that waits for approval print", Access::Operators}, approve},
+      {{"POST", "/v1/jobs/{id}/pause", "stop before the next exposure, lifted", Access::Operators},
+       act<JobCommand::Pause>},
+      {{"POST", "/v1/jobs/{id}/resume", "go on with the next layer", Access::Operators}, resume},
+      {{"POST", "/v1/jobs/{id}/cancel", "end the job", Access::Operators}, act<JobCommand::Cancel>},
+      {{"POST", "/v1/machines/{id}/cleared", "say that the part is off the platform of a machine", Access::Operators},
        clear_platform},
       {{"GET", "/metrics", "gauges for Prometheus"},
        [](const Call& c) -> WebResponse {
@@ -165,7 +172,7 @@ const std::vector<Row>& rows() {
          if (!jobs) return web_problem(jobs.error());
          return {200, Gauges::kContentType, metrics_text(*jobs)};
        }},
-      {{"GET", "/v1/health", "whether the daemon answers and its store can be read and written"},
+      {{"GET", "/v1/health", "whether the daemon answers and its store can be read and written", Access::Anybody},
        [](const Call& c) -> WebResponse {
          const auto jobs = c.backend.jobs();
          if (!jobs) return web_problem(jobs.error());
@@ -184,10 +191,11 @@ const std::vector<Row>& rows() {
        [](const Call& c) { return octoprint_job(c.backend); }},
       {{"GET", "/api/printer", "OctoPrint's: state of the printer"},
        [](const Call& c) { return octoprint_printer(c.backend); }},
-      {{"POST", "/api/job", "OctoPrint's: start, pause, resume or cancel the job on the machine", true},
-       [](const Call& c) { return octoprint_command(c.request, c.backend); }},
-      {{"POST", "/api/files/local", "OctoPrint's: upload a .tfc file and make it a job", true, false, kMostUpload},
-       [](const Call& c) { return octoprint_upload(c.request, c.backend); }},
+      {{"POST", "/api/job", "OctoPrint's: start, pause, resume or cancel the job on the machine", Access::Operators},
+       [](const Call& c) { return octoprint_command(c.request, c.backend, c.who()); }},
+      {{"POST", "/api/files/local", "OctoPrint's: upload a .tfc file and make it a job", Access::Operators,
+        kMostUpload},
+       [](const Call& c) { return octoprint_upload(c.request, c.backend, c.who()); }},
   };
   return table;
 }
@@ -203,25 +211,26 @@ const std::vector<WebRoute>& web_routes() {
   return routes;
 }
 
-WebResponse answer(const WebRequest& request, PageBackend& backend, const WebOptions& options) {
-  if (auto refused = octoprint_refusal(request, options.token)) return std::move(*refused);
-  const auto routed = find_route(web_routes(), request, options.token);
-  if (routed) return rows()[routed->row].run(Call{request, routed->arguments, backend, options});
+WebResponse answer(const WebRequest& request, PageBackend& backend, SignIn& sign_in, const WebOptions& options) {
+  if (auto refused = octoprint_refusal(request, sign_in)) return std::move(*refused);
+  const auto routed = find_route(web_routes(), request, sign_in);
+  if (routed) return rows()[routed->row].run(Call{request, *routed, backend, sign_in, options});
   if (routed.error().status == 404 && (request.method == "GET" || request.method == "HEAD"))
     return asset(request.target, options);
   return routed.error();
 }
 
-std::string event_data(PageBackend& backend) {
-  const PathArguments none;
-  const WebRequest request;
-  const WebOptions options;
-  return list_jobs(Call{request, none, backend, options}).body;
+std::string event_data(PageBackend& backend) { return list_jobs(backend).body; }
+
+tl::expected<Visitor, WebResponse> FabWeb::admit(const WebRequest& head) {
+  auto routed = find_route(web_routes(), head, sign_in_);
+  if (!routed) return tl::unexpected{std::move(routed.error())};
+  return std::move(routed->visitor);
 }
 
 std::uint64_t FabWeb::most_body(const WebRequest& head) {
   // Whoever may not upload is not listened to at length.
-  const auto routed = find_route(web_routes(), head, options_.token);
+  const auto routed = find_route(web_routes(), head, sign_in_);
   return routed ? web_routes()[routed->row].most_body : 0;
 }
 

@@ -57,9 +57,9 @@ ScanSite::~ScanSite() {
   slicer_.reset();
 }
 
-WebSite& ScanSite::open_page(std::string token, CommandPost post) {
+WebSite& ScanSite::open_page(SignIn& sign_in, CommandPost post) {
   page_backend_ = std::make_unique<SitePageBackend>(store(), site().room(), site().folder(), fab_, std::move(post));
-  web_site_ = std::make_unique<ScanWeb>(*page_backend_, std::move(token), std::string{kVersion});
+  web_site_ = std::make_unique<ScanWeb>(*page_backend_, sign_in, std::string{kVersion});
   return *web_site_;
 }
 

@@ -29,7 +29,7 @@ class ScanSite final : public SiteWork {
   void resume(const Job& job) override;
   Hello hello() override;
   void on_site(const net::ConnectionPtr& connection) override;
-  WebSite& open_page(std::string token, CommandPost post) override;
+  WebSite& open_page(SignIn& sign_in, CommandPost post) override;
   void begin(std::uint16_t port) override;
 
  private:

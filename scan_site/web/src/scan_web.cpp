@@ -14,9 +14,13 @@ namespace {
 using nlohmann::ordered_json;
 
 struct Call {
-  const PathArguments& arguments;
+  const WebRequest& request;
+  const Routed& routed;
   PageBackend& backend;
+  SignIn& sign_in;
   const std::string& version;
+
+  [[nodiscard]] const std::string& id() const { return routed.arguments.id; }
 };
 
 WebResponse as_text(const ordered_json& value) {
@@ -34,20 +38,20 @@ std::string list_of(const std::vector<Job>& jobs, const LinkView& link) {
   return R"({"jobs":[)" + list + R"(],"link":)" + link_json(link).dump() + "}";
 }
 
-WebResponse list_jobs(const Call& call) {
-  const auto jobs = call.backend.jobs();
+WebResponse list_jobs(PageBackend& backend) {
+  const auto jobs = backend.jobs();
   if (!jobs) return web_problem(jobs.error());
-  return {200, "application/json", list_of(*jobs, call.backend.link())};
+  return {200, "application/json", list_of(*jobs, backend.link())};
 }
 
 WebResponse show_job(const Call& call) {
-  const auto job = call.backend.job(call.arguments.id);
+  const auto job = call.backend.job(call.id());
   if (!job) return web_problem(job.error());
   return {200, "application/json", to_json(*job)};
 }
 
 WebResponse show_events(const Call& call) {
-  const auto events = call.backend.events(call.arguments.id);
+  const auto events = call.backend.events(call.id());
   if (!events) return web_problem(events.error());
   ordered_json list = ordered_json::array();
   for (const JobEvent& event : *events) list.push_back({{"unix_ms", event.unix_ms}, {"text", event.text}});
@@ -56,7 +60,8 @@ WebResponse show_events(const Call& call) {
 
 template <JobCommand command>
 WebResponse act(const Call& call) {
-  if (const auto done = call.backend.act(call.arguments.id, command, "web"); !done) return web_problem(done.error());
+  if (const auto done = call.backend.act(call.id(), command, call.routed.visitor.name); !done)
+    return web_problem(done.error());
   return show_job(call);
 }
 
@@ -102,30 +107,38 @@ struct Row {
 
 const std::vector<Row>& rows() {
   static const std::vector<Row> table{
-      {{"GET", "/v1/version", "name and version of the program"},
+      {kSignInRoutes[0], [](const Call& c) { return c.sign_in.session(c.request); }},
+      {kSignInRoutes[1], [](const Call& c) { return c.sign_in.sign_in(c.request); }},
+      {kSignInRoutes[2], [](const Call& c) { return c.sign_in.sign_out(c.request); }},
+      {{"GET", "/v1/version", "name and version of the program", Access::Anybody},
        [](const Call& c) {
          return as_text({{"program", "telefab-scan"}, {"version", c.version}, {"api", "v1"}});
        }},
-      {{"GET", "/v1/health", "whether the daemon answers and its store can be read and written"}, health},
+      {{"GET", "/v1/health", "whether the daemon answers and its store can be read and written", Access::Anybody},
+       health},
       {{"GET", "/v1/link", "the line to the fab"}, [](const Call& c) { return as_text(link_json(c.backend.link())); }},
-      {{"GET", "/v1/parameters", "what may be asked of a scan's slicing: names, kinds, units, ranges"},
+      {{"GET", "/v1/parameters", "what may be asked of a scan's slicing: names, kinds, units, ranges", Access::Anybody},
        [](const Call&) -> WebResponse {
          return {200, "application/json", slice_parameter_list_json()};
        }},
-      {{"GET", "/v1/jobs", "all jobs, newest first, and the line to the fab"}, list_jobs},
+      {{"GET", "/v1/jobs", "all jobs, newest first, and the line to the fab"},
+       [](const Call& c) { return list_jobs(c.backend); }},
       {{"GET", "/v1/jobs/{id}", "one job"}, show_job},
       {{"GET", "/v1/jobs/{id}/events", "the job's log"}, show_events},
       {{"GET", "/v1/jobs/{id}/report", "what cleaning and slicing found"},
-       [](const Call& c) { return web_json(c.backend.report(c.arguments.id)); }},
-      {{"POST", "/v1/jobs/{id}/approve", "let a job that waits at the fab print", true}, act<JobCommand::Approve>},
-      {{"POST", "/v1/jobs/{id}/pause", "have the fab stop before the next exposure", true}, act<JobCommand::Pause>},
-      {{"POST", "/v1/jobs/{id}/resume", "have the fab go on with the next layer", true}, act<JobCommand::Resume>},
-      {{"POST", "/v1/jobs/{id}/cancel", "end the job here and at the fab", true}, act<JobCommand::Cancel>},
+       [](const Call& c) { return web_json(c.backend.report(c.id())); }},
+      {{"POST", "/v1/jobs/{id}/approve", "let a job that waits at the fab print", Access::Operators},
+       act<JobCommand::Approve>},
+      {{"POST", "/v1/jobs/{id}/pause", "have the fab stop before the next exposure", Access::Operators},
+       act<JobCommand::Pause>},
+      {{"POST", "/v1/jobs/{id}/resume", "have the fab go on with the next layer", Access::Operators},
+       act<JobCommand::Resume>},
+      {{"POST", "/v1/jobs/{id}/cancel", "end the job here and at the fab", Access::Operators}, act<JobCommand::Cancel>},
       {{"GET", "/metrics", "gauges for Prometheus"}, metrics},
       // The server keeps a GET open; this is what a HEAD is told.
       {{"GET", "/v1/stream", "server-sent events: jobs and line whenever they change"},
        [](const Call& c) -> WebResponse {
-         return {200, "text/event-stream", "data: " + list_jobs(c).body + "\n\n"};
+         return {200, "text/event-stream", "data: " + list_jobs(c.backend).body + "\n\n"};
        }},
   };
   return table;
@@ -152,8 +165,8 @@ const std::vector<WebRoute>& web_routes() {
 }
 
 WebResponse ScanWeb::answer(const WebRequest& request) {
-  const auto routed = find_route(web_routes(), request, token_);
-  if (routed) return rows()[routed->row].run(Call{routed->arguments, backend_, version_});
+  const auto routed = find_route(web_routes(), request, sign_in_);
+  if (routed) return rows()[routed->row].run(Call{request, *routed, backend_, sign_in_, version_});
   if (routed.error().status == 404 && (request.method == "GET" || request.method == "HEAD")) {
     WebResponse page = web_asset(page_assets(), request.target);
     return request.target == "/openapi.json" ? described(std::move(page)) : page;
@@ -161,9 +174,12 @@ WebResponse ScanWeb::answer(const WebRequest& request) {
   return routed.error();
 }
 
-std::string ScanWeb::event_data() {
-  const PathArguments none;
-  return list_jobs(Call{none, backend_, version_}).body;
+tl::expected<Visitor, WebResponse> ScanWeb::admit(const WebRequest& head) {
+  auto routed = find_route(web_routes(), head, sign_in_);
+  if (!routed) return tl::unexpected{std::move(routed.error())};
+  return std::move(routed->visitor);
 }
+
+std::string ScanWeb::event_data() { return list_jobs(backend_).body; }
 
 }  // namespace telefab::scan

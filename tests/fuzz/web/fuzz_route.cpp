@@ -9,11 +9,11 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace telefab;
   static constexpr std::array kRoutes{
-      WebRoute{"GET", "/", "page"},
+      WebRoute{"GET", "/", "page", Access::Anybody},
       WebRoute{"GET", "/v1/jobs", "list"},
       WebRoute{"GET", "/v1/jobs/{id}", "one"},
-      WebRoute{"GET", "/v1/jobs/{id}/layers/{layer}/mask.png", "mask", false, true},
-      WebRoute{"POST", "/v1/jobs/{id}/approve", "approve", true},
+      WebRoute{"GET", "/v1/jobs/{id}/layers/{layer}/mask.png", "mask", Access::Operators},
+      WebRoute{"POST", "/v1/jobs/{id}/approve", "approve", Access::Operators},
   };
   const std::string_view all{reinterpret_cast<const char*>(data), size};
   const std::size_t line = std::min(all.find('\n'), all.size());
@@ -23,13 +23,15 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   request.method = head.substr(0, space);
   request.target = head.substr(std::min(space + 1, head.size()));
   request.authorization = all.substr(std::min(line + 1, all.size()));
-  const auto routed = find_route(kRoutes, request, "secret");
+  static const VirtualClock kClock;
+  SignIn sign_in{{.shared_token = "secret"}, kClock};
+  const auto routed = find_route(kRoutes, request, sign_in);
   if (!routed) {
     if (routed.error().status < 400 || routed.error().body.empty()) std::abort();
     return 0;
   }
   const WebRoute& route = kRoutes.at(routed->row);
-  if ((route.changes_state || route.needs_token) && request.authorization != "Bearer secret") std::abort();
+  if (route.needs == Access::Operators && request.authorization != "Bearer secret") std::abort();
   if (routed->arguments.id.find_first_of("./\\%") != std::string::npos) std::abort();
   return 0;
 }

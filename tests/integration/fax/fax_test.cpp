@@ -2,7 +2,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <unistd.h>
 
+#include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <telefab/base/digest.hpp>
@@ -339,6 +341,50 @@ TEST_F(Fax, RefusesWhatCannotBecomeAJobAtTheClient) {
   }
   kill_scan();
   EXPECT_EQ(telefab({"jobs"}).code, 3);
+}
+
+/// Processes whose parent is `parent`, by /proc.
+std::vector<pid_t> children_of(pid_t parent) {
+  std::vector<pid_t> found;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator{"/proc", error}) {
+    const std::string name = entry.path().filename().string();
+    if (name.find_first_not_of("0123456789") != std::string::npos) continue;
+    std::ifstream in{entry.path() / "stat"};
+    std::string line;
+    std::getline(in, line);
+    const auto end = line.rfind(')');
+    if (end == std::string::npos || line.size() < end + 4) continue;
+    if (std::atoi(line.c_str() + end + 4) == parent) found.push_back(std::atoi(name.c_str()));
+  }
+  return found;
+}
+
+TEST_F(Fax, AKilledFabLeavesNoChildRunning) {
+  set_machine(1);
+  start_both();
+  (void)submit_torus();
+  std::vector<pid_t> children;
+  for (int tries = 0; tries < 2000 && children.empty(); ++tries) {
+    children = children_of(fab().id());
+    // Before its exec it is a copy of the fab that has not said yet with whom it ends.
+    std::erase_if(children, [&](pid_t child) {
+      return text_of("/proc/" + std::to_string(child) + "/cmdline").find("predict") == std::string::npos;
+    });
+    ::usleep(5000);
+  }
+  ASSERT_EQ(children.size(), 1U) << "the prediction of what the masks cure";
+  ASSERT_EQ(::kill(children[0], SIGSTOP), 0) << "so that it cannot end by itself";
+  kill_fab();
+  bool is_gone = false;
+  for (int tries = 0; tries < 2000 && !is_gone; ++tries) {
+    std::ifstream in{"/proc/" + std::to_string(children[0]) + "/stat"};
+    std::string line;
+    is_gone = !std::getline(in, line) || line.find(") Z ") != std::string::npos;  // dead, its new parent to be told
+    ::usleep(5000);
+  }
+  EXPECT_TRUE(is_gone);
+  if (!is_gone) ::kill(children[0], SIGKILL);
 }
 
 }  // namespace

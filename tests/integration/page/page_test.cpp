@@ -2,7 +2,10 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <stdlib.h>
+
 #include <atomic>
+#include <filesystem>
 #include <mutex>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/test/recording_backend.hpp>
@@ -85,8 +88,10 @@ class PageTest : public testing::Test {
   }
 
   LivingBackend backend;
-  FabWeb site{backend, {.token = "secret", .version = "0", .three_js = ""}};
-  std::unique_ptr<WebServer> server = WebServer::listen("127.0.0.1", 0, site, "telefab-fab/0").value();
+  SystemClock clock;
+  SignIn sign_in{{.shared_token = "secret"}, clock};
+  FabWeb site{backend, sign_in, {.version = "0", .three_js = ""}};
+  std::unique_ptr<WebServer> server = WebServer::listen({"127.0.0.1"}, site, "telefab-fab/0", clock).value();
   std::unique_ptr<test::Browser> browser;
 };
 
@@ -135,7 +140,8 @@ TEST_F(PageTest, AsksWhatBecameOfALayerPerhapsExposedAndPassesTheAnswerOn) {
 TEST_F(PageTest, RefusesAWrongTokenAndAsksAgain) {
   browser->click("[data-action=pause]");
   browser->type("#token", "wrong\n");
-  ASSERT_TRUE(says("#answer", "not the operator"));
+  ASSERT_TRUE(says("#sign-in-answer", "nobody"));
+  EXPECT_TRUE(browser->becomes_true("return !document.querySelector('#token-form').hidden;"));
   EXPECT_TRUE(backend.actions.empty());
 }
 
@@ -242,6 +248,69 @@ TEST_F(PageTest, FitsAPhone) {
   browser->resize(500, 900);  // the narrowest window of the desktop browser
   EXPECT_TRUE(browser->becomes_true("return document.documentElement.scrollWidth <= window.innerWidth;"));
   keep_screenshot("page-phone");
+}
+
+/// The same where operators have tokens of their own.
+class SignInPage : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!test::Browser::is_installed()) GTEST_SKIP() << "no chromium and chromedriver on this machine";
+    browser = std::make_unique<test::Browser>();
+    browser->open(fmt::format("http://127.0.0.1:{}/", server->port()));
+  }
+  ~SignInPage() override { std::filesystem::remove_all(folder); }
+  [[nodiscard]] bool says(const std::string& css, const std::string& text) const {
+    return browser->becomes_true(
+        fmt::format("return document.querySelector('{}').textContent.includes('{}');", css, text));
+  }
+  static std::filesystem::path new_folder() {
+    std::string pattern = (std::filesystem::temp_directory_path() / "telefab-sign-in-page-XXXXXX").string();
+    return ::mkdtemp(pattern.data());
+  }
+
+  SystemClock clock;
+  std::filesystem::path folder = new_folder();
+  std::string ada = add_operator_token(folder / "operator-tokens", "ada", Access::Operators, {}).value();
+  LivingBackend backend;
+  SignIn sign_in{{folder / "operator-tokens", "secret"}, clock};
+  FabWeb site{backend, sign_in, {}};
+  std::unique_ptr<WebServer> server = WebServer::listen({"127.0.0.1"}, site, "telefab-fab/0", clock).value();
+  std::unique_ptr<test::Browser> browser;
+};
+
+TEST_F(SignInPage, ShowsNothingBeforeTheSignInAndNothingAfterTheSignOut) {
+  ASSERT_TRUE(says("#link", "not signed in"));
+  EXPECT_TRUE(
+      browser->becomes_true("return !document.querySelector('#token-form').hidden && "
+                            "document.activeElement.id === 'token';"));
+  EXPECT_FALSE(browser->run("return document.body.textContent.includes('statue');").get<bool>());
+  test::keep_screenshot(*browser, "page-sign-in");
+  browser->type("#token", "secret\n");
+  ASSERT_TRUE(says("#sign-in-answer", "nobody")) << "the shared token names no person";
+  browser->type("#token", ada + "\n");
+  ASSERT_TRUE(says("#visitor-name", "ada"));
+  ASSERT_TRUE(says("#job-name", "statue.ply"));
+  EXPECT_TRUE(
+      browser->becomes_true("return document.querySelector('#token-form').hidden && "
+                            "document.querySelector('#mask').naturalWidth >= 0;"));
+  EXPECT_EQ(browser->run("return document.cookie + Object.keys(sessionStorage) + Object.keys(localStorage);"), "")
+      << "no script can read what the operator signed in with";
+  browser->click("[data-action=pause]");
+  ASSERT_TRUE(says("#job-line", "paused"));
+  EXPECT_EQ(backend.names, std::vector<std::string>{"ada"});
+  test::keep_screenshot(*browser, "page-signed-in");
+  browser->click("#sign-out");
+  ASSERT_TRUE(says("#link", "not signed in"));
+  EXPECT_FALSE(browser->run("return document.body.textContent.includes('statue');").get<bool>());
+}
+
+TEST_F(SignInPage, AsksAgainWhereTheTokenWasRevokedUnderAnOpenPage) {
+  browser->type("#token", ada + "\n");
+  ASSERT_TRUE(says("#job-name", "statue.ply"));
+  ASSERT_TRUE(revoke_operator_token(folder / "operator-tokens", "ada"));
+  browser->click("[data-action=pause]");
+  EXPECT_TRUE(browser->becomes_true("return !document.querySelector('#token-form').hidden;"));
+  EXPECT_TRUE(backend.actions.empty());
 }
 
 }  // namespace

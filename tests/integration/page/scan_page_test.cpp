@@ -21,8 +21,10 @@ class ScanPageTest : public testing::Test {
   }
 
   RecordingScanBackend backend;
-  ScanWeb site{backend, "secret", "0.1.0"};
-  std::unique_ptr<WebServer> server = WebServer::listen("127.0.0.1", 0, site, "telefab-scan/0.1.0").value();
+  SystemClock clock;
+  SignIn sign_in{{.shared_token = "secret"}, clock};
+  ScanWeb site{backend, sign_in, "0.1.0"};
+  std::unique_ptr<WebServer> server = WebServer::listen({"127.0.0.1"}, site, "telefab-scan/0.1.0", clock).value();
   std::unique_ptr<test::Browser> browser;
 };
 

@@ -14,6 +14,7 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 
 namespace telefab::test {
 
@@ -76,7 +77,17 @@ class Browser {
                        {"args", Json::array()}})
         .get<bool>();
   }
-  void accept_dialog() { (void)in_session("POST", "/alert/accept", Json::object()); }
+  /// Waits for the dialog, which may come after an answer of the server.
+  void accept_dialog() {
+    for (int tries = 0;; ++tries) {
+      try {
+        return (void)in_session("POST", "/alert/accept", Json::object());
+      } catch (const std::exception& error) {
+        if (tries == 100 || std::string_view{error.what()}.find("no such alert") == std::string_view::npos) throw;
+        ::usleep(100'000);
+      }
+    }
+  }
   void click(const std::string& css) { (void)in_session("POST", "/element/" + find(css) + "/click", Json::object()); }
   void type(const std::string& css, const std::string& text) {
     (void)in_session("POST", "/element/" + find(css) + "/value", {{"text", text}});

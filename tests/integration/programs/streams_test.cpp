@@ -128,6 +128,7 @@ class Programs : public TwoSites {
             {{"machines", "--machines", m}},
             {{"logs", job_, "--data", at("scan")}},
             {{"audit", "--data", at("scan")}},
+            {{"tokens", "list", "--data", at("scan")}},
             {{"serve", "--listen", "127.0.0.1:0", "--fab", fab_site(), "--data", data, "--machines", m},
              true,
              fs::path{data} / "port"}};
@@ -147,6 +148,7 @@ class Programs : public TwoSites {
             {{"cover", at("square.json"), "--anchor-mm", "3"}},
             {{"machines", "--machines", m}},
             {{"probe", "--machine", "toy", "--machines", m}},
+            {{"tokens", "list", "--data", at("fab")}},
             {{"logs", job_, "--data", at("fab")}},
             {{"audit", "--data", at("fab")}},
             {{"simulate-usb", "--port", "0"}, true},

@@ -18,8 +18,10 @@ using Client = test::HttpClient;
 class WebServerTest : public testing::Test {
  protected:
   RecordingBackend backend;
-  FabWeb site{backend, {"secret", "0.1.0", ""}};
-  std::unique_ptr<WebServer> server = WebServer::listen("127.0.0.1", 0, site, "telefab-fab/0.1.0").value();
+  SystemClock clock;
+  SignIn sign_in{{.shared_token = "secret"}, clock};
+  FabWeb site{backend, sign_in, {"0.1.0", ""}};
+  std::unique_ptr<WebServer> server = WebServer::listen({"127.0.0.1"}, site, "telefab-fab/0.1.0", clock).value();
 
   std::string ask(const std::string& request) {
     const Client client{server->port()};
@@ -37,7 +39,7 @@ TEST_F(WebServerTest, ServesThePageWithAPolicyThatForbidsOutsideRequests) {
 
 // A page anywhere whose name is made to mean this address could read masks.
 TEST_F(WebServerTest, AnswersOnlyUnderNamesOfItsOwn) {
-  const auto named = WebServer::listen("127.0.0.1", 0, site, "telefab-fab/0.1.0", {"Fab.Example.org"}).value();
+  const auto named = WebServer::listen({"127.0.0.1", 0, {"Fab.Example.org"}}, site, "telefab-fab/0.1.0", clock).value();
   for (const std::string host :
        {"localhost", "LOCALHOST:8080", "127.0.0.1:7480", "[::1]:1", "[::1]", "fab.example.org"}) {
     const Client client{named->port()};
@@ -119,10 +121,12 @@ TEST_F(WebServerTest, LeavesRoomForAnOperatorBesideManyWatchers) {
 
 TEST(WebServer, SaysWhichPortIsTaken) {
   RecordingBackend backend;
-  FabWeb site{backend, {}};
-  const auto first = WebServer::listen("127.0.0.1", 0, site, "");
+  const SystemClock clock;
+  SignIn sign_in{{}, clock};
+  FabWeb site{backend, sign_in, {}};
+  const auto first = WebServer::listen({"127.0.0.1"}, site, "", clock);
   ASSERT_TRUE(first);
-  const auto second = WebServer::listen("127.0.0.1", (*first)->port(), site, "");
+  const auto second = WebServer::listen({"127.0.0.1", (*first)->port()}, site, "", clock);
   ASSERT_FALSE(second);
   EXPECT_THAT(second.error().what, HasSubstr(std::to_string((*first)->port())));
 }

@@ -13,11 +13,11 @@
 #include <telefab/fab/print/start_rule.hpp>
 #include <telefab/test/print_rig.hpp>
 
-// Operators who pause, cancel, resume, approve and stop a print that is killed between any two of its operations, on a
-// disk that fills, with journals put back from a backup, bits that change and a clock that jumps. The devices live on
-// and are the recorder: no light begins after an answered pause or cancel without a later resume; no layer is lit twice
-// or left out without an operator's decision. TELEFAB_WORDS says how many prints (default 400; the campaign takes
-// 10,000).
+// Operators who approve, pause, cancel, resume and stop a print that is killed between any two of its operations, those
+// of an approval among them, on a disk that fills, with journals put back from a backup, bits that change and a clock
+// that jumps. The devices live on and are the recorder: no light before somebody has said to print, and none after an
+// answered pause or cancel without a later resume; no layer is lit twice or left out without an operator's decision.
+// TELEFAB_WORDS says how many prints (default 400; the campaign takes 10,000).
 
 namespace telefab::fab {
 namespace {
@@ -28,7 +28,8 @@ using test::FormulaMasks;
 constexpr PixelSize kSize{24, 16};
 constexpr std::uint32_t kLayers = 5;
 constexpr Nanoseconds kExposure = 700ms;
-constexpr int kLives = 12;
+constexpr int kLives = 16;
+constexpr unsigned kApprovalOperations = 8;  ///< about as many as an approval takes
 
 struct Killed {};
 
@@ -148,7 +149,6 @@ class Story {
   Story(const PrintPlan& plan, std::uint64_t seed) : plan_{plan}, rng_{seed} {}
 
   void play(std::map<std::string, int>& outcomes) {
-    approve();
     for (int life = 0; life < kLives && !is_over_; ++life) live(life + 1 == kLives);
     projector_.faults = {};
     (void)projector_.dark();
@@ -166,9 +166,37 @@ class Story {
   [[nodiscard]] Nanoseconds wall() const { return clock_.wall() + jump_; }
   bool chance(unsigned of_hundred) { return rng_() % 100 < of_hundred; }
 
-  void approve() {
-    PrintJournal journal = open();
-    ASSERT_TRUE(keep_word(journal, plan_, {}, {JournalStep::Approved, "ana", {}, {}}, wall()));
+  /// A planned print waits for somebody's word; the site may die while it is given, and the disk may be full.
+  void approve(bool is_last) {
+    Operations operations;
+    if (!is_last && chance(25)) operations.at[rng_() % kApprovalOperations] = [] { throw Killed{}; };
+    if (!is_last && chance(15)) operations.at[rng_() % kApprovalOperations] = [this] { disk_.is_full = true; };
+    const std::string although = chance(30) ? "islands: seen, they hold" : "";
+    try {
+      auto journal = PrintJournal::open(std::make_unique<DiskFile>(disk_, operations));
+      ASSERT_TRUE(journal) << journal.error().what;
+      const auto kept =
+          keep_word(*journal, plan_, seen_by_store_, {JournalStep::Approved, "ana", although, {}}, wall());
+      ++seen_[kept ? "approvals answered" : "approvals refused"];
+      if (!kept) return;  // it must stay as dark as it was
+      EXPECT_FALSE(cancelled_) << "an approval of a cancelled print was answered";
+      dark_since_.reset();
+      is_paused_in_store_ = false;
+      approval_stands_ = true;
+      if (chance(50)) disk_.crash(rng_);  // what was answered is not among what a crash takes
+    } catch (const Killed&) {
+      ++seen_["approvals killed"];
+      dark_since_.reset();  // it was said, and holds where it was kept
+      disk_.crash(rng_);
+    }
+  }
+
+  /// Whoever approves a cancelled print is told so, and nothing lights.
+  void approve_in_vain(PrintJournal& journal) {
+    const auto kept = keep_word(journal, plan_, seen_by_store_, {JournalStep::Approved, "ben", {}, {}}, wall());
+    ASSERT_FALSE(kept);
+    EXPECT_EQ(kept.error().code, ErrorCode::Conflict);
+    ++seen_["approvals after a cancel"];
   }
 
   /// One life of the site: what the start rule allows, with things that happen on the way.
@@ -178,10 +206,23 @@ class Story {
     std::stop_source stop;
     PrintControl control;
     PrintJournal journal = open();
-    const StartFacts facts = facts_of(journal, plan_digest(plan_), seen_by_store_, true, is_paused_in_store_);
-    StartVerdict verdict = may_light_at_start(facts, true, {}, wall());
+    const bool begun = !journal.empty() || seen_by_store_ > LayerIndex{0};
+    const StartFacts facts = facts_of(journal, plan_digest(plan_), seen_by_store_, begun, is_paused_in_store_);
+    const StartVerdict verdict = may_light_at_start(facts, begun, {}, wall());
+    // By a clock that never jumped; one that did is a stated limit (decision 0807).
+    EXPECT_FALSE(verdict.ruling == StartRuling::GoOn && !has_jumped_ && clock_.now() - ended_at_ > 10min)
+        << "a print that hung for long went on by itself";
+    EXPECT_TRUE(!approval_stands_ || facts.order.order != Order::None) << "an answered approval was lost";
     ++seen_["ruled " + std::string{name_of(verdict.reason)}];
-    if (verdict.ruling == StartRuling::End) return end("cancelled");
+    if (verdict.ruling == StartRuling::End) {
+      if (chance(20)) approve_in_vain(journal);
+      return end("cancelled");
+    }
+    if (verdict.ruling == StartRuling::WaitForApproval) {
+      if (!is_last && chance(5)) return give_to_resting(journal, {JournalStep::CancelAsked, "ana", {}, {}});
+      approve(is_last);
+      return after_the_end();
+    }
     if (verdict.ruling != StartRuling::GoOn && verdict.ruling != StartRuling::KeepRecord) {
       is_paused_in_store_ = true;
       if (!is_last && chance(15)) return give_to_resting(journal, {JournalStep::CancelAsked, "ana", {}, {}});
@@ -198,6 +239,7 @@ class Story {
       const auto record = runner.run(
           plan_, {}, control, [&](const PrintProgress& at) { watch(at, control, stop); }, stop.get_token());
       control.close();
+      ended_at_ = clock_.now();
       if (!record) return;  // the disk was full before it began
       if (record->outcome == PrintOutcome::Done) end("done");
       if (record->outcome == PrintOutcome::Cancelled && file->order().order == Order::Cancel) end("cancelled");
@@ -236,6 +278,7 @@ class Story {
     EXPECT_TRUE(kept) << kept.error().what;
     if (kept) {
       dark_since_.reset();
+      ended_at_ = clock_.now();
       ++seen_["resumed"];
     }
     return kept.has_value();
@@ -259,6 +302,7 @@ class Story {
       };
     if (chance(15))
       operations.at[when()] = [this] {
+        has_jumped_ = true;
         jump_ += chance(50) ? Nanoseconds{-1h} : Nanoseconds{1h};
         ++seen_["clock jumps"];
       };
@@ -310,15 +354,19 @@ class Story {
 
   void after_the_end() {
     if (is_over_) return;
+    ended_at_ = clock_.now();
     if (chance(10)) {
       clock_.advance(20min);
       ++seen_["long outages"];
     }
     if (chance(12) && !backup_.empty() && backup_.size() < disk_.text().size() && !dark_since_) {
       restore_backup();
+      approval_stands_ = false;
       ++seen_["restored backups"];
     } else if (chance(10)) {
       std::string text = disk_.text();
+      if (text.empty()) return;
+      approval_stands_ = false;
       text[rng_() % text.size()] ^= static_cast<char>(1U << rng_() % 7);
       disk_.safe = text;
       disk_.unsafe.clear();
@@ -351,7 +399,8 @@ class Story {
 
   void judge() {
     ASSERT_EQ(log_.light_while_moving(), 0ns);
-    ASSERT_EQ(lights_against_order_, 0) << "light after an answered pause or cancel, and nobody had resumed";
+    ASSERT_EQ(lights_against_order_, 0)
+        << "light before an approval, or after an answered pause or cancel, and nobody had resumed";
     for (std::uint32_t k = 0; k < kLayers; ++k) {
       const Nanoseconds lit = light_of(LayerIndex{k});
       if (decided_.contains(k) || lost_.contains(k)) continue;
@@ -375,9 +424,13 @@ class Story {
   LayerIndex seen_by_store_;
   bool is_paused_in_store_ = false;
   std::string backup_;
-  std::optional<Nanoseconds> dark_since_;  ///< a pause or cancel was answered then, and no resume since
-  bool resume_taken_ = false;              ///< said, and not known to be untaken or refused
+  /// A pause or cancel was answered then, and no resume since; from the beginning, as long as nobody has approved.
+  std::optional<Nanoseconds> dark_since_ = Nanoseconds{0};
+  bool resume_taken_ = false;  ///< said, and not known to be untaken or refused
   bool cancelled_ = false;
+  Nanoseconds ended_at_ = clock_.now();  ///< the last life, or the last word before it
+  bool has_jumped_ = false;
+  bool approval_stands_ = false;  ///< answered, and the disk kept its word since
   std::set<std::uint32_t> decided_;
   std::set<std::uint32_t> lost_;
   int lights_against_order_ = 0;
@@ -391,7 +444,7 @@ int prints_wanted() {
   return text != nullptr ? std::max(1, std::atoi(text)) : 400;
 }
 
-TEST(Words, ThatWereAnsweredHoldThroughKillsFullDisksBackupsDamageAndClockJumps) {
+TEST(Words, FromTheApprovalOnHoldThroughKillsFullDisksBackupsDamageAndClockJumps) {
   FormulaMasks masks{kSize};
   const PrintPlan plan = test::formula_plan(masks, kSize, kLayers, std::chrono::duration_cast<Microseconds>(kExposure));
   const int prints = prints_wanted();
@@ -405,7 +458,8 @@ TEST(Words, ThatWereAnsweredHoldThroughKillsFullDisksBackupsDamageAndClockJumps)
   EXPECT_EQ(outcomes["done"] + outcomes["cancelled"] + outcomes["waits for an operator"], prints);
   EXPECT_LT(outcomes["waits for an operator"], prints / 20) << "operators get their prints done";
   for (const char* what : {"kills", "full disks", "clock jumps", "changed bits", "restored backups", "words answered",
-                           "words refused", "decisions", "stops", "cancelled", "long outages"})
+                           "words refused", "decisions", "stops", "cancelled", "long outages", "approvals answered",
+                           "approvals killed", "approvals refused", "approvals after a cancel"})
     EXPECT_GT(outcomes[what], 0) << what;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gtest/gtest.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 
 #include <filesystem>
 #include <telefab/base/file.hpp>
@@ -35,6 +36,18 @@ TEST_F(WriteFileAtomically, WritesIntoAHiddenFileFirst) {
   ASSERT_TRUE(temporary) << temporary.error().what;
   EXPECT_TRUE(temporary->filename().string().starts_with(".report.json."));
   EXPECT_EQ(temporary->parent_path(), folder);
+}
+
+TEST_F(WriteFileAtomically, LeavesTheModeToTheUmask) {
+  for (const mode_t mask : {0022U, 0027U, 0077U}) {
+    const mode_t before = ::umask(mask);
+    const auto path = folder / std::to_string(mask);
+    EXPECT_TRUE(write_file_atomically(path, "text"));
+    ::umask(before);
+    struct stat status {};
+    ASSERT_EQ(::stat(path.c_str(), &status), 0);
+    EXPECT_EQ(status.st_mode & 0777U, 0666U & ~mask);
+  }
 }
 
 TEST_F(WriteFileAtomically, NamesTheFolderThatIsNotThere) {

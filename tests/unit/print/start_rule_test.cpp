@@ -189,5 +189,16 @@ TEST(StartFacts, SeesABackupByTheLayersTheStoreHasSeen) {
   EXPECT_EQ(facts(2).last_sign, 1s);
 }
 
+TEST(StartFacts, TakeTheAgeOfThePrintByItsNewestLineThoughTheClockWasSetBackMeanwhile) {
+  JournalEntry before = line(JournalStep::PauseAsked, 0), after = line(JournalStep::Resumed, 0);
+  before.wall = 100h;
+  after.wall = 99h;  // somebody looked at it and resumed it an hour "earlier"
+  const PrintJournal journal = journal_of({line(JournalStep::Approved, 0), before, after});
+  StartFacts facts = facts_of(journal, {}, LayerIndex{0}, true, false);
+  EXPECT_EQ(facts.last_sign, 99h);
+  facts.is_of_this_plan = true;
+  EXPECT_EQ(may_light_at_start(facts, true, {}, 100h + 5min).reason, StartReason::TooOld) << "it hung for over an hour";
+}
+
 }  // namespace
 }  // namespace telefab::fab

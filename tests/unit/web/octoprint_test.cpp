@@ -20,10 +20,10 @@ using testing::SizeIs;
 class OctoPrintTest : public testing::Test {
  protected:
   WebResponse get(const std::string& target, const std::string& shown = "Bearer secret") {
-    return answer({"GET", target, shown, {}, {}}, backend, options);
+    return answer({"GET", target, shown, {}, {}}, backend, sign_in, options);
   }
   WebResponse post(const std::string& target, const std::string& body, const std::string& type = "application/json") {
-    return answer({"POST", target, "Bearer secret", type, body}, backend, options);
+    return answer({"POST", target, "Bearer secret", type, body}, backend, sign_in, options);
   }
   WebResponse upload(const std::string& name, const std::string& content, const std::string& more = {}) {
     return post("/api/files/local",
@@ -32,7 +32,9 @@ class OctoPrintTest : public testing::Test {
                 "multipart/form-data; boundary=XX");
   }
   RecordingBackend backend;
-  WebOptions options{"secret", "0.1.0", ""};
+  VirtualClock clock;
+  SignIn sign_in{{.shared_token = "secret"}, clock};
+  WebOptions options{"0.1.0", ""};
 };
 
 TEST_F(OctoPrintTest, TellsItsVersionAsClientsLookForIt) {
@@ -136,7 +138,7 @@ TEST_F(OctoPrintTest, KeepsOnlyTheLastPartOfAFileName) {
 }
 
 TEST_F(OctoPrintTest, TakesNoBodyToSpeakOfWithoutTheKey) {
-  FabWeb web{backend, options};
+  FabWeb web{backend, sign_in, options};
   EXPECT_EQ(web.most_body({"POST", "/api/files/local", "Bearer wrong", {}, {}}), 0U);
   EXPECT_EQ(web.most_body({"POST", "/v1/jobs/job-1/pause", "Bearer secret", {}, {}}), 0U);
   EXPECT_GE(web.most_body({"POST", "/api/files/local", "Bearer secret", {}, {}}), 64U << 20U);

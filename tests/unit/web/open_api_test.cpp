@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -19,15 +20,21 @@ json api_of(const std::string& site) {
   return json::parse(file);
 }
 
-/// "GET /v1/jobs: summary, token" for each operation of a file.
+/// Who may call an operation: what it says itself, else what the file says for all.
+std::string who_may(const json& api, const json& operation) {
+  const json& ways = operation.contains("security") ? operation["security"] : api["security"];
+  if (ways.empty()) return "nothing";
+  return std::any_of(ways.begin(), ways.end(), [](const json& way) { return way.empty(); }) ? "read-only" : "operator";
+}
+
+/// "GET /v1/jobs: summary, read-only" for each operation of a file.
 std::set<std::string> documented(const json& api) {
   std::set<std::string> list;
   for (const auto& [path, methods] : api["paths"].items())
     for (const auto& [method, operation] : methods.items()) {
       std::string upper = method;
       for (char& c : upper) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
-      list.insert(upper + " " + path + ": " + operation["summary"].get<std::string>() +
-                  (operation.contains("security") ? ", token" : ""));
+      list.insert(upper + " " + path + ": " + operation["summary"].get<std::string>() + ", " + who_may(api, operation));
     }
   return list;
 }
@@ -35,8 +42,8 @@ std::set<std::string> documented(const json& api) {
 std::set<std::string> coded(const std::vector<WebRoute>& routes) {
   std::set<std::string> list;
   for (const WebRoute& route : routes)
-    list.insert(std::string{route.method} + " " + std::string{route.path} + ": " + std::string{route.summary} +
-                (route.changes_state ? ", token" : ""));
+    list.insert(std::string{route.method} + " " + std::string{route.path} + ": " + std::string{route.summary} + ", " +
+                std::string{name_of(route.needs)});
   return list;
 }
 

@@ -18,7 +18,13 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::SizeIs;
 
-const WebOptions kOptions{"secret", "0.1.0", ""};
+const VirtualClock kClock;
+
+/// Answers by the token "secret", as somebody on the machine itself.
+WebResponse answer(const WebRequest& request, PageBackend& backend, const WebOptions& options = {"0.1.0", ""}) {
+  SignIn sign_in{{.shared_token = "secret"}, kClock};
+  return answer(request, backend, sign_in, options);
+}
 
 WebRequest ask(std::string method, std::string target, std::string authorization) {
   return {std::move(method), std::move(target), std::move(authorization), {}, {}};
@@ -34,20 +40,21 @@ std::string concrete(std::string_view pattern) {
 TEST(WebRouter, AnswersEveryRouteOfItsTable) {
   RecordingBackend backend;
   for (const WebRoute& route : web_routes()) {
-    const WebResponse response =
-        answer({std::string{route.method}, concrete(route.path), "Bearer secret"}, backend, kOptions);
-    // Without a body the two POSTs of OctoPrint's API say what is missing.
+    const WebResponse response = answer({std::string{route.method}, concrete(route.path), "Bearer secret"}, backend);
+    // Without a body the two POSTs of OctoPrint's API and the sign-in say what is missing.
     EXPECT_THAT(response.status, testing::AnyOf(200U, 409U, 400U)) << route.path;
-    EXPECT_EQ(response.status == 400, route.changes_state && route.path.starts_with("/api/")) << route.path;
+    EXPECT_EQ(response.status == 400,
+              route.path == "/v1/sign-in" || (route.needs == Access::Operators && route.path.starts_with("/api/")))
+        << route.path;
     EXPECT_FALSE(response.body.empty()) << route.path;
   }
 }
 
 TEST(WebRouter, SaysOfItsHealthWhetherChangesCanBeKept) {
   RecordingBackend backend;
-  EXPECT_EQ(answer(ask("GET", "/v1/health", ""), backend, kOptions).status, 200U);
+  EXPECT_EQ(answer(ask("GET", "/v1/health", ""), backend).status, 200U);
   backend.health = fail(ErrorCode::StorageFailed, "job store: disk full");
-  const WebResponse sick = answer(ask("GET", "/v1/health", ""), backend, kOptions);
+  const WebResponse sick = answer(ask("GET", "/v1/health", ""), backend);
   EXPECT_EQ(sick.status, 503U);
   EXPECT_THAT(sick.body, HasSubstr("disk full"));
 }
@@ -56,17 +63,17 @@ TEST(WebRouter, NeverChangesStateOnGetOrHead) {
   RecordingBackend backend;
   for (const WebRoute& route : web_routes())
     for (const char* method : {"GET", "HEAD"})
-      (void)answer(ask(method, concrete(route.path), "Bearer secret"), backend, kOptions);
+      (void)answer(ask(method, concrete(route.path), "Bearer secret"), backend);
   EXPECT_THAT(backend.actions, IsEmpty());
 }
 
 TEST(WebRouter, WantsTheTokenForWhateverChangesState) {
   RecordingBackend backend;
   for (const WebRoute& route : web_routes()) {
-    if (!route.changes_state) continue;
+    if (route.needs != Access::Operators) continue;
     for (const char* shown :
          {"", "Bearer ", "Bearer secre", "Bearer secrets", "Bearer SECRET", "Basic secret", "secret"})
-      EXPECT_EQ(answer(ask("POST", concrete(route.path), shown), backend, kOptions).status,
+      EXPECT_EQ(answer(ask("POST", concrete(route.path), shown), backend).status,
                 route.path.starts_with("/api/") ? 403U : 401U)
           << route.path << ' ' << shown;
   }
@@ -75,13 +82,14 @@ TEST(WebRouter, WantsTheTokenForWhateverChangesState) {
 
 TEST(WebRouter, ChangesNothingAtAllWhereNoTokenIsSet) {
   RecordingBackend backend;
-  EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/pause", "Bearer "), backend, {"", "0"}).status, 401U);
+  SignIn nobody{{}, kClock};
+  EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/pause", "Bearer "), backend, nobody, {}).status, 401U);
   EXPECT_THAT(backend.actions, IsEmpty());
 }
 
 TEST(WebRouter, PausesWithTheToken) {
   RecordingBackend backend;
-  EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/pause", "Bearer secret"), backend, kOptions).status, 200U);
+  EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/pause", "Bearer secret"), backend).status, 200U);
   ASSERT_THAT(backend.actions, SizeIs(1));
   EXPECT_EQ(backend.actions[0].second, JobCommand::Pause);
 }
@@ -93,9 +101,8 @@ TEST(WebRouter, ResumesWithOrWithoutAWordAboutTheLayerPerhapsExposed) {
                                                     {R"({ "as" : "expose-again" })", JobCommand::ExposeAgain}};
   for (const auto& [body, action] : bodies) {
     RecordingBackend backend;
-    EXPECT_EQ(
-        answer({"POST", "/v1/jobs/job-1/resume", "Bearer secret", "application/json", body}, backend, kOptions).status,
-        200U)
+    EXPECT_EQ(answer({"POST", "/v1/jobs/job-1/resume", "Bearer secret", "application/json", body}, backend).status,
+              200U)
         << body;
     ASSERT_THAT(backend.actions, SizeIs(1));
     EXPECT_EQ(backend.actions[0].second, action) << body;
@@ -106,9 +113,8 @@ TEST(WebRouter, RefusesAnyOtherWordAboutTheLayerPerhapsExposed) {
   for (const char* body : {R"({"as":"lit"})", R"({"as":1})", R"(["expose-again"])", R"({"as":"expose-again","and":1})",
                            "expose-again", "{"}) {
     RecordingBackend backend;
-    EXPECT_EQ(
-        answer({"POST", "/v1/jobs/job-1/resume", "Bearer secret", "application/json", body}, backend, kOptions).status,
-        400U)
+    EXPECT_EQ(answer({"POST", "/v1/jobs/job-1/resume", "Bearer secret", "application/json", body}, backend).status,
+              400U)
         << body;
     EXPECT_THAT(backend.actions, IsEmpty());
   }
@@ -117,8 +123,7 @@ TEST(WebRouter, RefusesAnyOtherWordAboutTheLayerPerhapsExposed) {
 TEST(WebRouter, ApprovesWhatIsHeldOnlyByTheNamesInTheBody) {
   RecordingBackend backend;
   const auto approve = [&](const char* body) {
-    return answer({"POST", "/v1/jobs/job-1/approve", "Bearer secret", "application/json", body}, backend, kOptions)
-        .status;
+    return answer({"POST", "/v1/jobs/job-1/approve", "Bearer secret", "application/json", body}, backend).status;
   };
   EXPECT_EQ(approve(R"({"although":["islands","supports"]})"), 200U);
   ASSERT_EQ(backend.approvals.size(), 1U);
@@ -130,7 +135,7 @@ TEST(WebRouter, ApprovesWhatIsHeldOnlyByTheNamesInTheBody) {
 
 TEST(WebRouter, SaysConflictWithTheReasonOfTheBackend) {
   RecordingBackend backend;
-  const WebResponse response = answer(ask("POST", "/v1/jobs/job-1/approve", "Bearer secret"), backend, kOptions);
+  const WebResponse response = answer(ask("POST", "/v1/jobs/job-1/approve", "Bearer secret"), backend);
   EXPECT_EQ(response.status, 409U);
   EXPECT_THAT(response.body, HasSubstr("does not wait for approval"));
 }
@@ -140,8 +145,8 @@ TEST(WebRouter, RefusesPathTricksAndUnknownPaths) {
   for (const char* target : {"/../etc/passwd", "/v1/jobs/../../etc/passwd", "/v1/jobs/%2e%2e", "/v1/jobs//events",
                              "/v1/jobs/a b", "/v1/jobs/job-1/layers/-1", "/v1/jobs/job-1/layers/99999999999",
                              "/v1/jobs/job-1/layers/1e3", "//", "", "*", "/v1/jobs/", "/V1/jobs"})
-    EXPECT_EQ(answer(ask("GET", target, ""), backend, kOptions).status, 404U) << target;
-  EXPECT_EQ(answer(ask("DELETE", "/v1/jobs/job-1", "Bearer secret"), backend, kOptions).status, 405U);
+    EXPECT_EQ(answer(ask("GET", target, ""), backend).status, 404U) << target;
+  EXPECT_EQ(answer(ask("DELETE", "/v1/jobs/job-1", "Bearer secret"), backend).status, 405U);
 }
 
 TEST(WebRouter, ChangesNothingUnderTenThousandMalformedRequests) {
@@ -154,7 +159,7 @@ TEST(WebRouter, ChangesNothingUnderTenThousandMalformedRequests) {
   for (int i = 0; i < 10'000; ++i) {
     WebRequest request = ask(methods[rng() % methods.size()], "", rng() % 2 ? "Bearer wrong" : "");
     for (auto n = rng() % 8; n > 0; --n) request.target += (rng() % 3 ? "/" : "") + parts[rng() % parts.size()];
-    const WebResponse response = answer(request, backend, kOptions);
+    const WebResponse response = answer(request, backend);
     EXPECT_THAT(response.status, testing::AnyOf(200U, 401U, 403U, 404U, 405U));
   }
   EXPECT_THAT(backend.actions, IsEmpty());
@@ -163,7 +168,7 @@ TEST(WebRouter, ChangesNothingUnderTenThousandMalformedRequests) {
 
 TEST(WebRouter, EscapesNamesInJson) {
   RecordingBackend backend;
-  const json jobs = json::parse(answer(ask("GET", "/v1/jobs", ""), backend, kOptions).body);
+  const json jobs = json::parse(answer(ask("GET", "/v1/jobs", ""), backend).body);
   EXPECT_EQ(jobs["jobs"][0]["name"], "a \"statue\" <b>.ply");
   EXPECT_EQ(event_data(backend).find('\n'), std::string::npos);
 }
@@ -176,24 +181,24 @@ TEST(WebRouter, HandsOutTheBackendsReportsAndPicturesAsTheyAre) {
                                                        {"exposures", *backend.exposures("job-1")},
                                                        {"layers/2", *backend.layer_json("job-1", 2)}};
   for (const auto& [route, text] : texts) {
-    const WebResponse response = answer(ask("GET", job + route, ""), backend, kOptions);
+    const WebResponse response = answer(ask("GET", job + route, ""), backend);
     EXPECT_EQ(response.status, 200U) << route;
     EXPECT_EQ(json::parse(response.body), json::parse(text)) << route;
     EXPECT_THAT(response.content_type, HasSubstr("application/json")) << route;
   }
   for (const char* route : {"preview.png", "accuracy.png", "layers/2/mask.png"}) {
-    const WebResponse response = answer(ask("GET", job + route, ""), backend, kOptions);
+    const WebResponse response = answer(ask("GET", job + route, ""), backend);
     EXPECT_EQ(response.status, 200U) << route;
     EXPECT_EQ(response.body, "\x89") << route;
     EXPECT_EQ(response.content_type, "image/png") << route;
   }
-  EXPECT_EQ(answer(ask("GET", job + "layers/3/mask.png", ""), backend, kOptions).status, 404U);
+  EXPECT_EQ(answer(ask("GET", job + "layers/3/mask.png", ""), backend).status, 404U);
 }
 
 TEST(WebRouter, ServesThePageAndItsPartsWithoutOutsideRequests) {
   RecordingBackend backend;
   for (const char* path : {"/", "/page.css", "/jobs.js", "/page.js", "/solid.js", "/icon.svg"}) {
-    const WebResponse response = answer(ask("GET", path, ""), backend, kOptions);
+    const WebResponse response = answer(ask("GET", path, ""), backend);
     EXPECT_EQ(response.status, 200U) << path;
     std::string body = response.body;
     const std::string name_space = "http://www.w3.org/2000/svg";
@@ -204,15 +209,15 @@ TEST(WebRouter, ServesThePageAndItsPartsWithoutOutsideRequests) {
 
 TEST(WebRouter, ServesTheThreeDimensionalLibraryOnlyWhereItIsInstalled) {
   RecordingBackend backend;
-  EXPECT_EQ(answer(ask("GET", "/three.js", ""), backend, kOptions).status, 404U);
-  WebOptions options = kOptions;
+  EXPECT_EQ(answer(ask("GET", "/three.js", ""), backend).status, 404U);
+  WebOptions options;
   options.three_js = "var THREE = {};";
   EXPECT_EQ(answer(ask("GET", "/three.js", ""), backend, options).body, options.three_js);
 }
 
 TEST(WebRouter, MetricsTellStatesStagesAndLightInPrometheusText) {
   RecordingBackend backend;
-  const WebResponse response = answer(ask("GET", "/metrics", ""), backend, kOptions);
+  const WebResponse response = answer(ask("GET", "/metrics", ""), backend);
   EXPECT_THAT(response.body, HasSubstr("# TYPE telefab_jobs gauge"));
   EXPECT_THAT(response.body, HasSubstr("telefab_jobs{state=\"printing\"} 1"));
   EXPECT_THAT(response.body, HasSubstr("telefab_jobs{state=\"failed\"} 0"));

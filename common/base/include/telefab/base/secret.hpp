@@ -2,6 +2,7 @@
 #pragma once
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <telefab/base/result.hpp>
 
 namespace telefab {
@@ -11,5 +12,10 @@ namespace telefab {
 [[nodiscard]] Result<std::string> read_secret(const std::filesystem::path& path);
 /// The same judgement alone, for what a library reads itself.
 [[nodiscard]] Result<void> check_is_secret(const std::filesystem::path& path);
+
+/// Writes a secret in the place of the one before: the file holds all of the old or all of the new, and nobody but its
+/// owner can read either. Root's belong to the owner of the folder, whose daemon is to read them. One writer at a time.
+/// Fails with NotPermitted, StorageFailed.
+[[nodiscard]] Result<void> write_secret(const std::filesystem::path& path, std::string_view text);
 
 }  // namespace telefab

@@ -11,6 +11,8 @@ namespace telefab::net {
 class Loop {
  public:
   Loop();
+  /// Its timers, and with them those of its connections, go by that clock, which must outlive it.
+  explicit Loop(const Clock& clock);
   ~Loop();
   Loop(const Loop&) = delete;
   Loop& operator=(const Loop&) = delete;
@@ -19,6 +21,9 @@ class Loop {
   void run();
   /// Runs until stop() or until `duration` has passed; true when stopped.
   bool run_for(Nanoseconds duration);
+  /// Lets that time pass on the loop's own clock, from one timer to the next, with everything the sockets bring between
+  /// them; returns in as long as the work takes. True when stopped.
+  bool pass(VirtualClock& clock, Nanoseconds duration);
   /// Ends run() soon. Any thread.
   void stop();
   /// Calls `work` on the loop's thread. Any thread.

@@ -9,6 +9,9 @@
 #include <telefab/base/result.hpp>
 #include <vector>
 
+struct ssl_ctx_st;  // of OpenSSL: SSL_CTX and SSL
+struct ssl_st;
+
 namespace telefab::net {
 
 /// What a certificate's holder may be; it stands in the subject's organizational unit.
@@ -39,7 +42,7 @@ struct TlsFiles {
 [[nodiscard]] TlsFiles tls_files_in(const std::filesystem::path& folder, const std::string& name);
 
 /// One side's certificate and whom it believes: TLS 1.3 only, both sides show certificates of one private authority.
-/// Threads: the loop's only.
+/// Threads: those of one, the loop's or the page's.
 class Trust {
  public:
   /// Fails with NotFound, InvalidInput or NotTrusted (key of another certificate, one that others can read); names the
@@ -53,6 +56,9 @@ class Trust {
   /// Whether a peer's certificate would be believed at that time, by the files as they are now. NotTrusted: why not.
   [[nodiscard]] Result<void> judge(const std::string& certificate_pem, Nanoseconds wall);
 
+  /// For who accepts connections by OpenSSL without Asio's context; in force until refresh().
+  [[nodiscard]] ssl_ctx_st* context();
+
   struct Impl;
   [[nodiscard]] Impl& impl() { return *impl_; }
 
@@ -60,5 +66,9 @@ class Trust {
   explicit Trust(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
+
+/// Name and role of the certificate the other side showed; NotTrusted where it showed none, or one without a role of
+/// ours.
+[[nodiscard]] Result<Peer> peer_of(const ssl_st* stream, std::string address);
 
 }  // namespace telefab::net

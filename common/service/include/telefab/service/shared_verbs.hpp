@@ -14,4 +14,7 @@ namespace telefab {
 /// `machines`: the machine profiles of a folder, or every key a profile may have.
 [[nodiscard]] VerbBody declare_machines(VerbOptions& options);
 
+/// `tokens ACTION [NAME] --data DIR`: the tokens that operators sign in with at the page.
+[[nodiscard]] VerbBody declare_tokens(VerbOptions& options);
+
 }  // namespace telefab

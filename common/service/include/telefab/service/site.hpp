@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <map>
+#include <optional>
 #include <stop_token>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/service/data_folder.hpp>
@@ -34,7 +35,7 @@ class Site {
 
   /// Goes on with the jobs that are not at their end, listens, shows the page, and serves until the stop is requested
   /// and the work has ended. The calling thread is the loop's. `work` must go before the site does. Fails, before
-  /// anything is served, as JobStore, open_listener, web_token and open_page do.
+  /// anything is served, as JobStore, open_listener, sign_in_of and open_page do.
   [[nodiscard]] Result<void> serve(SiteWork& work, std::stop_token stop);
 
   [[nodiscard]] const std::string& program() const { return program_; }
@@ -85,6 +86,7 @@ class Site {
   std::unique_ptr<DiskRoom> room_;
   std::unique_ptr<JobTracker> tracker_;  ///< outlives the loop, whose sessions may still note something
   std::unique_ptr<net::Loop> loop_;
+  std::optional<SignIn> sign_in_;                     ///< of the page, whose thread alone uses it
   std::map<std::string, std::uint64_t> ended_bytes_;  ///< of folders, by job; only where --keep-gib is set
   std::uint64_t backed_up_revision_ = 0;
   net::Listener* listener_ = nullptr;  ///< while it serves
@@ -105,8 +107,9 @@ class SiteWork : public JobService {
   [[nodiscard]] virtual Hello hello() = 0;
   /// Another site, not a client, has called and is past its handshake.
   virtual void on_site(const net::ConnectionPtr& connection) = 0;
-  /// What the page shows; it lives on until the work does. `post` gives commands from the page's thread.
-  [[nodiscard]] virtual WebSite& open_page(std::string token, CommandPost post) = 0;
+  /// What the page shows; it lives on until the work does, `sign_in` longer. `post` gives commands from the page's
+  /// thread.
+  [[nodiscard]] virtual WebSite& open_page(SignIn& sign_in, CommandPost post) = 0;
   /// The port is bound, and the loop is about to run.
   virtual void begin(std::uint16_t port) = 0;
   /// Whether threads beside the loop's go on, for the service manager.

@@ -3,18 +3,30 @@
 #include <functional>
 #include <telefab/service/data_folder.hpp>
 #include <telefab/service/serve_options.hpp>
+#include <telefab/web/sign_in.hpp>
 #include <telefab/web/web_server.hpp>
 #include <telefab/wire/message.hpp>
 
 namespace telefab {
 
-/// The token of DATA/web-token; made, readable by the daemon's user alone, where there is none.
+/// The token of DATA/web-token; made, readable by the daemon's user alone, where there is none. NotTrusted: others can
+/// read it.
 [[nodiscard]] Result<std::string> web_token(const DataFolder& folder);
 
-/// Opens a site's page on --web and tells its port in DATA/web-port. Null where --web is empty. Fails as
-/// WebServer::listen.
+/// The operators' own tokens, as the verb `tokens` keeps them.
+[[nodiscard]] std::filesystem::path operator_tokens_in(const std::filesystem::path& data);
+
+/// Who comes in at the page of --web. Everybody signs in where DATA has tokens of operators, and where the page is
+/// shown beyond this machine: off loopback, or by a proxy (--web-host). Fails as web_token, endpoint_from_text and
+/// read_operator_tokens.
+[[nodiscard]] Result<SignIn> sign_in_of(const ServeOptions& options, const DataFolder& folder, const Clock& clock,
+                                        SignInEvents events);
+
+/// Opens a site's page on --web and says its port in DATA/web-port: HTTP on loopback, elsewhere over TLS with the
+/// certificate of --tls. Fails as WebServer::listen and trust_of, and with NotTrusted off loopback without --tls.
 [[nodiscard]] Result<std::unique_ptr<WebServer>> open_page(const ServeOptions& options, const DataFolder& folder,
-                                                           WebSite& site, const std::string& product);
+                                                           WebSite& site, const std::string& product,
+                                                           const Clock& clock);
 
 /// Hands a command to the daemon's loop; the answer comes on the loop's thread.
 using CommandPost = std::function<void(const Command&, std::function<void(Result<Job>)>)>;

@@ -1,28 +1,38 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <telefab/base/result.hpp>
+#include <telefab/web/visitor.hpp>
 
 namespace telefab {
 
 /// A request as far as the routes care. `target` is as sent, percent-encoded, with its query.
 struct WebRequest {
-  std::string method;
-  std::string target;
-  std::string authorization;  ///< the Authorization header, or "Bearer KEY" made of X-Api-Key
-  std::string content_type;
-  std::string body;
+  std::string method = {};
+  std::string target = {};
+  std::string authorization = {};  ///< the Authorization header, or "Bearer KEY" made of X-Api-Key
+  std::string content_type = {};
+  std::string body = {};
+  std::string host = {};    ///< as sent, with its port
+  std::string origin = {};  ///< of the page that asks, as its browser says
+  std::string cookie = {};
+  std::string address = {};               ///< of the visitor, HOST:PORT
+  std::optional<Visitor> certified = {};  ///< by a client certificate that holds now
+  bool is_encrypted = false;              ///< came over TLS
+  bool is_whole = true;                   ///< false: its head alone has come
 };
 
 struct WebResponse {
   unsigned status = 200;
   std::string content_type = "application/json";
-  std::string body;
-  bool cacheable = false;  ///< true for what never changes under its address
-  std::string location;    ///< of what was made; empty: nothing was
+  std::string body = {};
+  bool cacheable = false;     ///< true for what never changes under its address
+  std::string location = {};  ///< of what was made; empty: nothing was
+  std::string cookie = {};    ///< Set-Cookie; empty: none
 };
 
 /// {"error":{"code":...,"what":...}}

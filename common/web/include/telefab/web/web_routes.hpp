@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <array>
 #include <span>
+#include <telefab/web/sign_in.hpp>
 #include <telefab/web/web_message.hpp>
 #include <tl/expected.hpp>
 
@@ -11,10 +13,16 @@ struct WebRoute {
   std::string_view method;
   std::string_view path;  ///< {id} and {layer} stand for one segment
   std::string_view summary;
-  bool changes_state = false;   ///< a POST that needs the operator's token
-  bool needs_token = false;     ///< does not change anything and still is for the operator only
+  Access needs = Access::Readers;
   std::uint64_t most_body = 0;  ///< bytes; 0: WebServer's small limit
 };
+
+/// What every page has for signing in: SignIn answers them, in this order by session, sign_in and sign_out.
+inline constexpr std::array<WebRoute, 3> kSignInRoutes{{
+    {"GET", "/v1/session", "who is signed in here, and whether somebody has to be", Access::Anybody},
+    {"POST", "/v1/sign-in", "begin a session with a token", Access::Anybody},
+    {"POST", "/v1/sign-out", "end the session", Access::Anybody},
+}};
 
 /// What stood for {id} and {layer} in a path.
 struct PathArguments {
@@ -26,11 +34,12 @@ struct PathArguments {
 struct Routed {
   std::size_t row = 0;
   PathArguments arguments;
+  Visitor visitor;  ///< empty where the row needs nobody
 };
 
 /// The row for a request, or the answer that refuses it: 404 for an unknown path, 405 for a known one with another
-/// method, 401 without the token where one is needed. HEAD counts as GET. An empty `token` lets nobody change anything.
+/// method, 401 and 403 as SignIn has it. HEAD counts as GET.
 [[nodiscard]] tl::expected<Routed, WebResponse> find_route(std::span<const WebRoute> routes, const WebRequest& request,
-                                                           std::string_view token);
+                                                           SignIn& sign_in);
 
 }  // namespace telefab

@@ -40,7 +40,8 @@ class RecordingBackend : public PageBackend {
     return R"({"layer":)" + std::to_string(layer) +
            R"(,"z_mm":0.1,"thickness_mm":0.2,"bounds":[0,0,1,1],"part":[],"supports":[],"certificate":"certified"})";
   }
-  [[nodiscard]] Result<void> act(std::string_view id, JobCommand action, std::string_view) override {
+  [[nodiscard]] Result<void> act(std::string_view id, JobCommand action, std::string_view who) override {
+    names.emplace_back(who);
     actions.emplace_back(std::string{id}, action);
     return {};
   }
@@ -53,7 +54,8 @@ class RecordingBackend : public PageBackend {
     cleared.emplace_back(machine);
     return {};
   }
-  [[nodiscard]] Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start) override {
+  [[nodiscard]] Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start,
+                                              std::string_view) override {
     if (tfc.empty()) return fail(ErrorCode::InvalidInput, "this is not a .tfc file");
     files.push_back({std::string{name}, std::string{tfc}, start});
     return std::string{"u1"};
@@ -69,6 +71,7 @@ class RecordingBackend : public PageBackend {
     bool start;
   };
   std::vector<std::pair<std::string, JobCommand>> actions;
+  std::vector<std::string> names;                              ///< who gave each of them
   std::vector<std::pair<std::string, std::string>> approvals;  ///< job, although
   std::vector<std::string> cleared;                            ///< machines
   std::vector<File> files;

@@ -9,32 +9,35 @@
 namespace telefab::fab {
 
 struct WebOptions {
-  std::string token;     ///< what a caller must show to change anything; empty: nothing can be changed over the web
-  std::string version;   ///< of the program
-  std::string three_js;  ///< the text of three.min.js (Debian libjs-three) for the 3-D view; empty: no 3-D view
+  std::string version = {};   ///< of the program
+  std::string three_js = {};  ///< the text of three.min.js (Debian libjs-three) for the 3-D view; empty: no 3-D view
 };
 
 /// The API, row by row.
 [[nodiscard]] const std::vector<WebRoute>& web_routes();
 
 /// Answers one request. Never throws, touches no socket. GET and HEAD never change state; whatever changes state is a
-/// POST with the token. Unknown paths are 404, known paths with another method 405.
-[[nodiscard]] WebResponse answer(const WebRequest& request, PageBackend& backend, const WebOptions& options);
+/// POST of an operator whom `sign_in` knows. Unknown paths are 404, known paths with another method 405.
+[[nodiscard]] WebResponse answer(const WebRequest& request, PageBackend& backend, SignIn& sign_in,
+                                 const WebOptions& options);
 
 /// The body of one event of the stream: the job list as JSON on one line.
 [[nodiscard]] std::string event_data(PageBackend& backend);
 
-/// The page and the API of a backend, which must outlive it.
+/// The page and the API of a backend, which must outlive it, as `sign_in` must.
 class FabWeb final : public WebSite {
  public:
-  FabWeb(PageBackend& backend, WebOptions options) : backend_{backend}, options_{std::move(options)} {}
-  WebResponse answer(const WebRequest& request) override { return fab::answer(request, backend_, options_); }
+  FabWeb(PageBackend& backend, SignIn& sign_in, WebOptions options)
+      : backend_{backend}, sign_in_{sign_in}, options_{std::move(options)} {}
+  tl::expected<Visitor, WebResponse> admit(const WebRequest& head) override;
+  WebResponse answer(const WebRequest& request) override { return fab::answer(request, backend_, sign_in_, options_); }
   std::uint64_t most_body(const WebRequest& head) override;
   std::string event_data() override { return fab::event_data(backend_); }
   std::uint64_t revision() override { return backend_.revision(); }
 
  private:
   PageBackend& backend_;
+  SignIn& sign_in_;
   WebOptions options_;
 };
 

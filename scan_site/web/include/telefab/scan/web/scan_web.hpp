@@ -44,12 +44,13 @@ class PageBackend {
 /// The API, row by row.
 [[nodiscard]] const std::vector<WebRoute>& web_routes();
 
-/// The page and the API of a backend, which must outlive it. GET and HEAD never change state; whatever does is a POST
-/// with the token; with an empty token nothing can be changed.
+/// The page and the API of a backend, which must outlive it, as `sign_in` must. GET and HEAD never change state;
+/// whatever does is a POST of an operator whom `sign_in` knows.
 class ScanWeb final : public WebSite {
  public:
-  ScanWeb(PageBackend& backend, std::string token, std::string version)
-      : backend_{backend}, token_{std::move(token)}, version_{std::move(version)} {}
+  ScanWeb(PageBackend& backend, SignIn& sign_in, std::string version)
+      : backend_{backend}, sign_in_{sign_in}, version_{std::move(version)} {}
+  tl::expected<Visitor, WebResponse> admit(const WebRequest& head) override;
   WebResponse answer(const WebRequest& request) override;
   std::uint64_t most_body(const WebRequest&) override { return 0; }
   std::string event_data() override;
@@ -57,7 +58,7 @@ class ScanWeb final : public WebSite {
 
  private:
   PageBackend& backend_;
-  std::string token_;
+  SignIn& sign_in_;
   std::string version_;
 };
 

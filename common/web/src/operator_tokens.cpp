@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <openssl/crypto.h>
+#include <sys/file.h>
+#include <sys/random.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <optional>
+#include <telefab/base/secret.hpp>
+#include <telefab/web/operator_tokens.hpp>
+
+namespace telefab {
+namespace {
+
+constexpr std::size_t kLongestName = 64;
+constexpr std::size_t kFields = 5;
+
+bool is_name(std::string_view text) {
+  return !text.empty() && text.size() <= kLongestName && std::ranges::all_of(text, [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
+           c == '.';
+  });
+}
+
+Digest digest_of_token(std::string_view salt, std::string_view token) {
+  Hasher hasher;
+  hasher.feed(salt);
+  hasher.feed(token);
+  return hasher.digest();
+}
+
+/// NAME ROLE SALT DIGEST MADE
+std::string line_of(const OperatorToken& token) {
+  return fmt::format("{} {} {} {} {}\n", token.name, name_of(token.may), token.salt, to_hex(token.digest),
+                     token.made_unix_s);
+}
+
+std::optional<OperatorToken> token_from(std::string_view line) {
+  std::array<std::string_view, kFields> fields;
+  for (std::size_t i = 0; i < kFields; ++i) {
+    const auto space = line.find(' ');
+    if ((space == std::string_view::npos) != (i + 1 == kFields)) return std::nullopt;
+    fields[i] = line.substr(0, space);
+    line.remove_prefix(std::min(fields[i].size() + 1, line.size()));
+  }
+  const auto digest = digest_from_hex(fields[3]);
+  OperatorToken token{std::string{fields[0]}, Access::Operators, std::string{fields[2]}, digest.value_or(Digest{}), 0};
+  if (fields[1] == name_of(Access::Readers))
+    token.may = Access::Readers;
+  else if (fields[1] != name_of(Access::Operators))
+    return std::nullopt;
+  const char* end = fields[4].data() + fields[4].size();
+  const auto number = std::from_chars(fields[4].data(), end, token.made_unix_s);
+  if (!digest || !is_name(token.name) || number.ec != std::errc{} || number.ptr != end) return std::nullopt;
+  return token;
+}
+
+/// Changes what the file holds, one change after another. Taken: the folder of the file.
+class Changing {
+ public:
+  explicit Changing(const std::filesystem::path& file)
+      : folder_{
+            ::open((file.has_parent_path() ? file.parent_path() : ".").c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)} {
+    if (folder_ >= 0) ::flock(folder_, LOCK_EX);
+  }
+  ~Changing() {
+    if (folder_ >= 0) ::close(folder_);
+  }
+  Changing(const Changing&) = delete;
+  Changing& operator=(const Changing&) = delete;
+
+ private:
+  int folder_;
+};
+
+Result<void> write_tokens(const std::filesystem::path& file, std::span<const OperatorToken> tokens) {
+  std::string text;
+  for (const OperatorToken& token : tokens) text += line_of(token);
+  return write_secret(file, text);
+}
+
+}  // namespace
+
+Result<std::vector<OperatorToken>> read_operator_tokens(const std::filesystem::path& file) {
+  const auto text = read_secret(file);
+  if (!text) return tl::unexpected{text.error()};
+  std::vector<OperatorToken> tokens;
+  for (std::string_view rest = *text; !rest.empty();) {
+    const auto end = std::min(rest.find('\n'), rest.size());
+    auto token = token_from(rest.substr(0, end));
+    if (!token)
+      return fail(ErrorCode::InvalidInput, fmt::format("{} line {}: not NAME ROLE SALT DIGEST MADE; remove the line",
+                                                       file.string(), tokens.size() + 1));
+    tokens.push_back(std::move(*token));
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+  }
+  return tokens;
+}
+
+Result<std::string> add_operator_token(const std::filesystem::path& file, const std::string& name, Access may,
+                                       Nanoseconds wall) {
+  // Those the daemon itself uses of who has shown no name of his own.
+  if (!is_name(name) || name == "web" || name == "local")
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("\"{}\" is not a name for an operator: up to {} letters, digits, -, _ and ., and neither "
+                            "\"web\" nor \"local\"",
+                            name, kLongestName));
+  const Changing changing{file};
+  auto tokens = read_operator_tokens(file);
+  if (!tokens && tokens.error().code != ErrorCode::NotFound) return tl::unexpected{tokens.error()};
+  if (!tokens) tokens.emplace();
+  if (std::ranges::find(*tokens, name, &OperatorToken::name) != tokens->end())
+    return fail(ErrorCode::Conflict, fmt::format("{} has a token already: revoke it first", name));
+  const auto salt = random_token();
+  auto token = random_token();
+  if (!salt || !token) return tl::unexpected{salt ? token.error() : salt.error()};
+  tokens->push_back({name, may, *salt, digest_of_token(*salt, *token),
+                     std::chrono::duration_cast<std::chrono::seconds>(wall).count()});
+  if (auto written = write_tokens(file, *tokens); !written) return tl::unexpected{written.error()};
+  return token;
+}
+
+Result<void> revoke_operator_token(const std::filesystem::path& file, const std::string& name) {
+  const Changing changing{file};
+  auto tokens = read_operator_tokens(file);
+  if (!tokens) return tl::unexpected{tokens.error()};
+  if (std::erase_if(*tokens, [&](const OperatorToken& each) { return each.name == name; }) == 0)
+    return fail(ErrorCode::NotFound, fmt::format("{} has no token in {}", name, file.string()));
+  return write_tokens(file, *tokens);
+}
+
+const OperatorToken* owner_of(std::span<const OperatorToken> tokens, std::string_view token) {
+  const OperatorToken* owner = nullptr;
+  for (const OperatorToken& each : tokens) {
+    const Digest shown = digest_of_token(each.salt, token);
+    if (CRYPTO_memcmp(shown.bytes.data(), each.digest.bytes.data(), shown.bytes.size()) == 0) owner = &each;
+  }
+  return owner;
+}
+
+Result<std::string> random_token() {
+  std::array<unsigned char, 16> random{};
+  if (::getrandom(random.data(), random.size(), 0) != static_cast<ssize_t>(random.size()))
+    return fail(ErrorCode::Internal, "no random numbers for a token");
+  std::string token;
+  for (const unsigned char byte : random) token += fmt::format("{:02x}", byte);
+  return token;
+}
+
+}  // namespace telefab

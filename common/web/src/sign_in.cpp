@@ -1,0 +1,230 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+#include <openssl/crypto.h>
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <cctype>
+#include <nlohmann/json.hpp>
+#include <telefab/web/sign_in.hpp>
+
+namespace telefab {
+namespace {
+
+constexpr std::size_t kMostSessions = 256;
+constexpr std::string_view kBearer = "Bearer ";
+
+std::string lower(std::string_view text) {
+  std::string out{text};
+  std::ranges::transform(out, out.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return out;
+}
+
+bool are_equal(std::string_view a, std::string_view b) {
+  return a.size() == b.size() && CRYPTO_memcmp(a.data(), b.data(), a.size()) == 0;
+}
+
+/// Cookies know no ports, so that two daemons of one machine would take each other's for their own.
+std::string cookie_name(const WebRequest& request) {
+  const auto colon = request.host.rfind(':');
+  const bool has_port = colon != std::string::npos && request.host.find(']', colon) == std::string::npos;
+  std::string name = "telefab";
+  if (has_port && std::all_of(request.host.begin() + static_cast<std::ptrdiff_t>(colon) + 1, request.host.end(),
+                              [](unsigned char c) { return std::isdigit(c); }))
+    name += "-" + request.host.substr(colon + 1);
+  return name;
+}
+
+/// The value of a cookie; empty where it was not sent.
+std::string_view cookie_of(const WebRequest& request) {
+  const std::string name = cookie_name(request) + "=";
+  for (std::string_view rest = request.cookie; !rest.empty();) {
+    while (rest.starts_with(' ')) rest.remove_prefix(1);
+    const auto end = std::min(rest.find(';'), rest.size());
+    if (rest.substr(0, end).starts_with(name)) return rest.substr(name.size(), end - name.size());
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+  }
+  return {};
+}
+
+std::string set_cookie(const WebRequest& request, std::string_view value, std::int64_t seconds) {
+  return fmt::format("{}={}; Max-Age={}; Path=/; HttpOnly; SameSite=Strict{}", cookie_name(request), value, seconds,
+                     request.is_encrypted ? "; Secure" : "");
+}
+
+std::string key_of(std::string_view cookie) {
+  Hasher hasher;
+  hasher.feed(cookie);
+  return to_hex(hasher.digest());
+}
+
+bool is_change(const WebRequest& request) { return request.method != "GET" && request.method != "HEAD"; }
+
+/// Whether a browser sent this from a page of ours. Ports count: a page of another server on this machine is foreign.
+bool is_from_here(const WebRequest& request) {
+  const std::string_view scheme = request.origin.starts_with("https://") ? "https://" : "http://";
+  return request.origin.starts_with(scheme) && (!request.is_encrypted || scheme == "https://") &&
+         lower(request.origin.substr(scheme.size())) == lower(request.host);
+}
+
+/// Changes whenever the file is another: a writer renames, so the inode is new.
+std::string stamp_of(const std::filesystem::path& file) {
+  struct stat status {};
+  if (::stat(file.c_str(), &status) != 0) return {};
+  return fmt::format("{} {} {} {} {:o} {}", status.st_ino, status.st_mtim.tv_sec, status.st_mtim.tv_nsec,
+                     status.st_size, status.st_mode, status.st_uid);
+}
+
+tl::unexpected<SignIn::Refusal> refuse(unsigned status, std::string what) {
+  return tl::unexpected{SignIn::Refusal{status, std::move(what)}};
+}
+
+WebResponse answer_of(const SignIn::Refusal& refusal) {
+  return web_problem(refusal.status, "not-permitted", refusal.what);
+}
+
+constexpr const char* kForeign = "this was sent by a page of somebody else, so it is not carried out";
+
+}  // namespace
+
+SignIn::SignIn(SignInOptions options, const Clock& clock, SignInEvents events)
+    : options_{std::move(options)}, clock_{clock}, events_{std::move(events)} {
+  if (!events_.noted) events_.noted = [](std::string_view, std::string_view) {};
+  if (!events_.refused) events_.refused = [](const std::string&, const Error&) {};
+  refresh();
+}
+
+void SignIn::refresh() {
+  if (options_.tokens.empty()) return;
+  const std::string stamp = stamp_of(options_.tokens);
+  if (stamp == stamp_) return;
+  stamp_ = stamp;
+  has_file_ = !stamp.empty();
+  tokens_.clear();
+  if (!has_file_) return;
+  if (auto read = read_operator_tokens(options_.tokens))
+    tokens_ = std::move(*read);
+  else
+    events_.refused("page", read.error());
+}
+
+bool SignIn::must_sign_in() {
+  refresh();
+  return options_.is_shown_beyond || has_file_;
+}
+
+std::optional<SignIn::Session> SignIn::by_token(std::string_view token) {
+  const bool is_required = must_sign_in();
+  const Nanoseconds ends = clock_.now() + kSessionLasts;
+  if (const OperatorToken* owner = owner_of(tokens_, token))
+    return Session{{owner->name, owner->may}, owner->digest, ends};
+  if (!is_required && !options_.shared_token.empty() && are_equal(token, options_.shared_token))
+    return Session{{"web", Access::Operators}, {}, ends};
+  return std::nullopt;
+}
+
+std::optional<Visitor> SignIn::by_cookie(const WebRequest& request) {
+  const std::string_view cookie = cookie_of(request);
+  if (cookie.empty()) return std::nullopt;
+  const auto found = sessions_.find(key_of(cookie));
+  if (found == sessions_.end()) return std::nullopt;
+  const Session& session = found->second;
+  const bool is_shared = session.token == Digest{};
+  const bool still_opens = is_shared ? !must_sign_in() : std::ranges::any_of(tokens_, [&](const OperatorToken& token) {
+    return token.name == session.visitor.name && token.digest == session.token;
+  });
+  if (still_opens && clock_.now() < session.ends) return session.visitor;
+  sessions_.erase(found);
+  return std::nullopt;
+}
+
+tl::expected<Visitor, SignIn::Refusal> SignIn::identify(const WebRequest& request) {
+  refresh();
+  // Another scheme is a proxy's own affair.
+  if (request.authorization.starts_with(kBearer)) {
+    if (const auto owner = by_token(std::string_view{request.authorization}.substr(kBearer.size())))
+      return owner->visitor;
+    if (request.is_whole)
+      events_.refused(request.address, {ErrorCode::NotTrusted, "the page: a token that is nobody's"});
+    return refuse(401, "this token is nobody's here, or no longer");
+  }
+  // A browser adds cookies and certificates by itself, whoever wrote the page that asks.
+  if (const auto visitor = by_cookie(request)) {
+    if (is_change(request) && !is_from_here(request)) return refuse(403, kForeign);
+    return *visitor;
+  }
+  if (request.certified) {
+    if (is_change(request) && !request.origin.empty() && !is_from_here(request)) return refuse(403, kForeign);
+    return *request.certified;
+  }
+  return Visitor{{}, must_sign_in() ? Access::Anybody : Access::Readers};
+}
+
+tl::expected<Visitor, SignIn::Refusal> SignIn::admit(const WebRequest& request, Access needed) {
+  if (needed == Access::Anybody) return Visitor{};
+  auto visitor = identify(request);
+  if (!visitor || visitor->may >= needed) return visitor;
+  if (!visitor->name.empty())
+    return refuse(403, fmt::format("{} may not do this: signed in for {}", visitor->name, name_of(visitor->may)));
+  return refuse(401, must_sign_in()
+                         ? "sign in first: on the page with a token of your own (the daemon's verb "
+                           "`tokens add NAME` makes one), by Authorization: Bearer TOKEN or X-Api-Key: TOKEN, "
+                           "or over TLS with a client certificate"
+                         : "this needs the operator's token: Authorization: Bearer TOKEN, or X-Api-Key: "
+                           "TOKEN (file web-token in the daemon's data folder)");
+}
+
+WebResponse SignIn::describe(const Visitor& visitor, const char* by) {
+  const auto name = visitor.name.empty() ? nlohmann::ordered_json{} : nlohmann::ordered_json(visitor.name);
+  const nlohmann::ordered_json value{{"name", name},
+                                     {"may", name_of(visitor.may)},
+                                     {"must_sign_in", must_sign_in()},
+                                     {"by", by != nullptr ? nlohmann::ordered_json(by) : nlohmann::ordered_json{}}};
+  return {200, "application/json", value.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace)};
+}
+
+WebResponse SignIn::session(const WebRequest& request) {
+  const auto visitor = identify(request);
+  if (!visitor) return answer_of(visitor.error());
+  if (visitor->name.empty()) return describe(*visitor, nullptr);
+  if (request.authorization.starts_with(kBearer)) return describe(*visitor, "token");
+  return describe(*visitor, by_cookie(request) ? "session" : "certificate");
+}
+
+WebResponse SignIn::sign_in(const WebRequest& request) {
+  if (!request.origin.empty() && !is_from_here(request)) return web_problem(403, "not-permitted", kForeign);
+  const auto body = nlohmann::json::parse(request.body, nullptr, false);
+  const auto token = body.is_object() ? body.find("token") : body.end();
+  if (!body.is_object() || token == body.end() || !token->is_string())
+    return web_problem(400, "invalid-input", R"(the body is {"token":"..."})");
+  auto session = by_token(token->get_ref<const std::string&>());
+  if (!session) {
+    events_.refused(request.address, {ErrorCode::NotTrusted, "the page: a sign-in with a token that is nobody's"});
+    return web_problem(401, "not-permitted", "this token is nobody's here, or no longer");
+  }
+  const auto cookie = random_token();
+  if (!cookie) return web_problem(cookie.error());
+  std::erase_if(sessions_, [&](const auto& each) { return each.second.ends <= clock_.now(); });
+  if (sessions_.size() >= kMostSessions)
+    sessions_.erase(std::ranges::min_element(sessions_, {}, [](const auto& each) { return each.second.ends; }));
+  const Visitor visitor = session->visitor;
+  sessions_.insert_or_assign(key_of(*cookie), std::move(*session));
+  events_.noted(visitor.name, "signed in at the page");
+  WebResponse response = describe(visitor, "session");
+  response.cookie =
+      set_cookie(request, *cookie, std::chrono::duration_cast<std::chrono::seconds>(kSessionLasts).count());
+  return response;
+}
+
+WebResponse SignIn::sign_out(const WebRequest& request) {
+  if (!request.origin.empty() && !is_from_here(request)) return web_problem(403, "not-permitted", kForeign);
+  if (const auto visitor = by_cookie(request)) {
+    events_.noted(visitor->name, "signed out at the page");
+    sessions_.erase(key_of(cookie_of(request)));
+  }
+  WebResponse response = describe({{}, must_sign_in() ? Access::Anybody : Access::Readers}, nullptr);
+  response.cookie = set_cookie(request, "", 0);
+  return response;
+}
+
+}  // namespace telefab
