@@ -322,9 +322,12 @@ Result<std::optional<Doubt>> LayerCutter::unsettled(const Choice& made, double z
     if (const auto edge = setting_.measured ? setting_.topology->rounded_near(z_mm, setting_.measured)
                                             : setting_.topology->rounded_near(z_mm))
       note({DoubtReason::EdgeTooSharp, place_of(*edge)}, 0);
-  for (const CutSetting::UnmeasuredHeight& h : setting_.unmeasured_heights)
-    if (std::abs(h.place_mm.z() - z_mm) <= h.error_mm)
-      note({.reason = DoubtReason::CriticalInGap, .place = place_of(h.place_mm), .size_mm = h.error_mm}, h.error_mm);
+  for (const CutSetting::UndecidedPlace& u : setting_.undecided)
+    if (u.low_mm.z() <= z_mm && z_mm <= u.high_mm.z()) {
+      const double rise = u.high_mm.z() - u.low_mm.z();
+      const Vec3 at = u.low_mm + (rise > 0 ? (z_mm - u.low_mm.z()) / rise : 0) * (u.high_mm - u.low_mm);
+      note({.reason = DoubtReason::CriticalInGap, .place = place_of(at), .size_mm = u.reach_mm}, u.reach_mm);
+    }
   if (doubt || !made.certified()) return doubt;
   return disagreement(made.chosen(), z_mm, seeds, stop, where);
 }

@@ -42,13 +42,14 @@ struct CutSetting {
   /// bears them out. Unset: there is nothing to ask.
   std::function<std::optional<Point2>(std::span<const Contour> contours, double z_mm, const SurfaceSamples& near)>
       contradiction = {};
-  /// Heights at which contours begin, end, part or join in a gap of the scan, each with its place and how well it is
-  /// known: no layer that near can be vouched for.
-  struct UnmeasuredHeight {
-    Vec3 place_mm;
-    double error_mm = 0;
+  /// A place in a gap of the scan where contours may begin, end, part or join: nothing tells at which height between
+  /// the two, so no layer between them can be vouched for. It concerns what runs within reach of the line from one to
+  /// the other.
+  struct UndecidedPlace {
+    Vec3 low_mm, high_mm;
+    double reach_mm = 0;
   };
-  std::vector<UnmeasuredHeight> unmeasured_heights = {};
+  std::vector<UndecidedPlace> undecided = {};
   std::optional<Doubt> known_doubt = {};  ///< of the scan as a whole: no layer of it can be vouched for
 };
 

@@ -54,9 +54,8 @@ constexpr double kSparseShare = 0.03;
 constexpr std::array kSparseKernelFactors{0.65, 1.5};
 
 /// A height at which contours begin, end, part or join in a gap is taken as known within this part of the error that
-/// the surface there may have: half of all such errors are smaller (the whole is what 19 of 20 do not exceed). A layer
-/// on either side is doubtful in any case.
-constexpr double kCriticalErrorShare = 0.15;
+/// the surface there may have (which 19 of 20 do not exceed). A layer on either side is doubtful in any case.
+constexpr double kCriticalErrorShare = 0.5;
 
 /// Spacing that varies by more than this leaves room for a feature, or a whole wall, that no sample shows.
 constexpr double kMostUneven = 5;
@@ -95,6 +94,22 @@ Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) 
     if (found && found->inconsistencies().empty() && found->plateaus().empty()) return found;
   }
   return from(kNearLevel);
+}
+
+/// Where the scan does not tell how contours go together: about critical points in gaps, and between pieces of
+/// completed surface that may be one.
+std::vector<CutSetting::UndecidedPlace> undecided_places(const CompletedScan& completed, const ScalarField& field,
+                                                         const HeightTopology* topology, double layer_mm) {
+  std::vector<CutSetting::UndecidedPlace> places;
+  if (topology)
+    for (const CriticalPoint& c : topology->critical_points())
+      if (const double error = completed.error_at(c.position_mm, field); error > 0) {
+        const double reach = std::max(kCriticalErrorShare * error, layer_mm);
+        places.push_back({c.position_mm - reach * Vec3::UnitZ(), c.position_mm + reach * Vec3::UnitZ(), reach});
+      }
+  for (const CompletedScan::Passage& p : completed.passages())
+    places.push_back({p.low_mm, p.high_mm, (p.high_mm - p.low_mm).norm()});
+  return places;
 }
 
 /// What was noticed while reading may be the reason, and is heard of nowhere else where nothing is sliced.
@@ -308,11 +323,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
             return narrow ? narrow : contradicted_side(completed, **field, contours, z_mm, near);
           },
       .known_doubt = doubt_of(kernel, prepared, placed->cloud.rounding)};
-  if (topology)
-    for (const CriticalPoint& c : topology->critical_points())
-      if (const double error = completed.error_at(c.position_mm, **field); error > 0)
-        setting.unmeasured_heights.push_back(
-            {c.position_mm, std::max(kCriticalErrorShare * error, header.layer_thickness_mm)});
+  setting.undecided = undecided_places(completed, **field, topology ? &*topology : nullptr, header.layer_thickness_mm);
   if (const auto warning = warning_of(kernel)) result.warnings.push_back(*warning);
   for (const auto& other : others) setting.other_kernels.push_back(other.get());
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
