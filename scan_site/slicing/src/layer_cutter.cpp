@@ -4,7 +4,6 @@
 #include <cmath>
 #include <functional>
 #include <telefab/scan/contour/layer_checks.hpp>
-#include <telefab/scan/contour/reeb_marcher.hpp>
 
 #include "coverage.hpp"
 
@@ -15,6 +14,8 @@ namespace {
 constexpr double kSteepNz = 0.8;
 /// Walls this near below and above a plane, in kernel widths, must be cut by it.
 constexpr double kWallKernels = 1.2;
+/// A march may ask the field so often, however few samples are near.
+constexpr std::uint64_t kLeastEvaluations = 20'000;
 /// Chord tolerance, in kernel widths, of contours that are only counted.
 constexpr double kCountingChordKernels = 0.02;
 
@@ -97,9 +98,15 @@ void LayerCutter::judge(Candidate& candidate, double z_mm) {
     }
 }
 
-Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::span<const Vec3> seeds, std::stop_token stop) {
+MarchOptions LayerCutter::march_options() const {
   MarchOptions options;
   options.chord_mm = setting_.chord_mm;
+  options.most_evaluations = kLeastEvaluations + setting_.evaluations_a_sample * near_.points.size();
+  return options;
+}
+
+Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::span<const Vec3> seeds, std::stop_token stop) {
+  const MarchOptions options = march_options();
   auto marched = march_contours(setting_.field, *cursor_, z_mm, seeds, {near_.points, near_.normals}, options, stop);
   if (!marched) return tl::unexpected{marched.error()};
   Candidate candidate;
@@ -108,7 +115,7 @@ Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::span<const
   candidate.trace.contours = std::move(marched->contours);
   candidate.trace.evaluations = marched->evaluations;
   for (const MarchProblem& problem : marched->problems)
-    if (problem.kind == MarchProblem::Kind::Open)
+    if (problem.kind == MarchProblem::Kind::Open || problem.kind == MarchProblem::Kind::TooLong)
       candidate.trace.faults.push_back({DoubtReason::ContourOpen, problem.place});
   finish_trace(candidate.trace);
   judge(candidate, z_mm);
@@ -120,7 +127,7 @@ Result<std::optional<Doubt>> LayerCutter::disagreement(const Candidate& candidat
                                                        DoubtfulPlaces& where) {
   for (std::size_t k = 0; k < other_cursors_.size(); ++k) {
     const ScalarField& field = *setting_.other_kernels[k];
-    MarchOptions options;
+    MarchOptions options = march_options();
     // Contours are counted only.
     const double width = near_.points.empty() ? 1 : field.kernel_width_mm(near_.points.front());
     options.chord_mm = std::max(setting_.chord_mm, kCountingChordKernels * width);

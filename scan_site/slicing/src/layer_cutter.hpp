@@ -5,6 +5,7 @@
 #include <optional>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/scan/contour/grid_tracer.hpp>
+#include <telefab/scan/contour/reeb_marcher.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 #include <telefab/scan/topology/height_topology.hpp>
 
@@ -31,6 +32,8 @@ struct CutSetting {
   /// methods that agree on the field then prove nothing, only the critical points do.
   bool sparse = false;
   double chord_mm = 0.014;
+  /// A march may ask the field so often for each sample near the plane; what asks more often goes in circles.
+  std::uint64_t evaluations_a_sample = 200;
   TraceMethod method = TraceMethod::Auto;
   /// The same samples seen with other kernels. Where they show other contours, the scan does not decide the layer.
   std::vector<const ScalarField*> other_kernels = {};
@@ -99,6 +102,7 @@ class LayerCutter {
                                                           DoubtfulPlaces& where);
   /// Tells what the contours rest on, and makes the verdict say so.
   [[nodiscard]] Result<void> classify(Layer& layer, const DoubtfulPlaces& where) const;
+  [[nodiscard]] MarchOptions march_options() const;
   [[nodiscard]] double width_at(Point2 place, double z_mm) const {
     return setting_.field.kernel_width_mm({place.x_mm, place.y_mm, z_mm});
   }

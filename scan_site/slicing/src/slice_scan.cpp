@@ -270,8 +270,11 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   const Box3 box = (*field)->bounds();
   header.bounds = {{box.min.x(), box.min.y()}, {box.max.x(), box.max.y()}};
   if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
+  // Where nothing can be vouched for, nobody need find the contours twice.
+  const std::optional<Doubt> known_doubt = doubt_of(result.kernel, prepared, placed->cloud.rounding);
+  const TraceMethod method = known_doubt && request.method == TraceMethod::Auto ? TraceMethod::Grid : request.method;
   std::optional<HeightTopology> topology;
-  if (request.method != TraceMethod::Grid) {
+  if (method != TraceMethod::Grid) {
     telefab::report(progress, WorkStage::FindingTopology, 0);
     auto found = topology_of(**field, stop);
     if (found) {
@@ -294,7 +297,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   const bool noisy = kernel.noise_mm > kCleanSpacings * kernel.spacing_mm;
   // A width given by hand may be far from what the noise asks for: it is tried as hard as a sparse scan's.
   const bool widely = sparse || request.mls.kernel_mm;
-  if (sparse || (request.mls.kernel_mm ? noisy : spacings > kCertainSpacings))
+  if (!known_doubt && (sparse || (request.mls.kernel_mm ? noisy : spacings > kCertainSpacings)))
     for (const double wanted : widely ? kSparseKernelFactors : kKernelFactors)
       // Narrower than 0.9 spacings a field has holes.
       if (const double factor = std::max(wanted, 0.9 / spacings); std::abs(factor - 1) > 0.05)
@@ -312,7 +315,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       .noise_mm = kernel.noise_mm,
       .sparse = sparse,
       .chord_mm = request.chord_mm.value_or(request.machine.chord_tolerance_mm()),
-      .method = request.method,
+      .method = method,
       .other_kernels = {},
       // An edge that nobody measured is completed, and said to be: it is as sharp as it was made.
       .measured = [&](const Vec3& place_mm) { return completed.is_measured(place_mm, **field); },
@@ -322,7 +325,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
             const auto narrow = narrow_passage(**field, contours, z_mm);
             return narrow ? narrow : contradicted_side(completed, **field, contours, z_mm, near);
           },
-      .known_doubt = doubt_of(kernel, prepared, placed->cloud.rounding)};
+      .known_doubt = known_doubt};
   setting.undecided = undecided_places(completed, **field, topology ? &*topology : nullptr, header.layer_thickness_mm);
   if (const auto warning = warning_of(kernel)) result.warnings.push_back(*warning);
   for (const auto& other : others) setting.other_kernels.push_back(other.get());
