@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <Eigen/Geometry>
+
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
@@ -15,10 +17,31 @@ namespace {
 /// Cosine between a normal and the way to the other sample from which on it looks there: 45 degrees.
 constexpr float kLooks = 0.7F;
 
+/// The air between is looked at beside the middle, these parts of the distance away, in eight directions;
+constexpr std::array kAside{0.55F, 0.8F};
+/// it is open where so many are air.
+constexpr int kMostOpen = 5;
+
 bool all_air(const WindingTree& all, const Eigen::Vector3f& from, const Eigen::Vector3f& way) {
   constexpr std::array kShares{0.5F, 0.25F, 0.75F};
   return std::all_of(kShares.begin(), kShares.end(),
                      [&](float share) { return all.winding(from + share * way) < 0.5F; });
+}
+
+/// Whether the air between two places lies open on most sides. In a hollow whose walls nobody scanned it does not:
+/// they face each other too, and may as little be one as the walls of any other hollow.
+bool is_open(const WindingTree& all, const Eigen::Vector3f& from, const Eigen::Vector3f& way) {
+  const Eigen::Vector3f u = way.unitOrthogonal(), v = way.normalized().cross(u);
+  int open = 0;
+  for (const float x : {-1.F, 0.F, 1.F})
+    for (const float y : {-1.F, 0.F, 1.F}) {
+      if (x == 0 && y == 0) continue;
+      const Eigen::Vector3f side = (x * u + y * v).normalized();
+      open += std::all_of(kAside.begin(), kAside.end(), [&](float aside) {
+        return all.winding(from + 0.5F * way + aside * way.norm() * side) < 0.5F;
+      });
+    }
+  return open >= kMostOpen;
 }
 
 std::optional<std::uint32_t> faced_by(std::span<const VirtualSample> samples, const KdTree& near,
@@ -34,7 +57,7 @@ std::optional<std::uint32_t> faced_by(std::span<const VirtualSample> samples, co
     if (n.index == i || gaps >= least || a.normal.dot(way) < kLooks * distance ||
         -b.normal.dot(way) < kLooks * distance)
       continue;
-    if (!all_air(all, a.point, way)) continue;
+    if (!all_air(all, a.point, way) || !is_open(all, a.point, way)) continue;
     least = gaps;
     found = n.index;
   }
