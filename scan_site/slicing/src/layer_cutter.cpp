@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "layer_cutter.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <telefab/scan/contour/layer_checks.hpp>
@@ -175,6 +176,29 @@ Result<LayerTrace> LayerCutter::closed(const LayerTrace& open, double z_mm, cons
     whole->gaps.push_back(gap);
   }
   return whole;
+}
+
+bool LayerCutter::lacks_all(const Candidate& candidate) {
+  const auto missing = [](const Doubt& d) { return d.reason == DoubtReason::ContourMissing; };
+  return candidate.trace.contours.empty() &&
+         std::any_of(candidate.trace.faults.begin(), candidate.trace.faults.end(), missing);
+}
+
+Result<std::optional<LayerCutter::Candidate>> LayerCutter::from_last_resort(double z_mm, std::stop_token stop) {
+  GridOptions options;
+  options.chord_mm = setting_.chord_mm;
+  const auto cursor = setting_.last_resort->cursor();
+  auto trace = trace_by_grid(*setting_.last_resort, *cursor, z_mm, {near_.points, near_.normals}, options, stop);
+  if (!trace) return tl::unexpected{trace.error()};
+  if (trace->contours.empty()) return std::nullopt;
+  Candidate candidate;
+  candidate.trace = std::move(*trace);
+  candidate.trace.faults.insert(candidate.trace.faults.begin(),
+                                {.reason = DoubtReason::GapBridged,
+                                 .place = candidate.trace.contours[0].vertices()[0],
+                                 .size_mm = width_at(candidate.trace.contours[0].vertices()[0], z_mm)});
+  candidate.where.add_all();
+  return candidate;
 }
 
 Result<void> LayerCutter::classify(Layer& layer, const DoubtfulPlaces& where) const {
@@ -378,6 +402,14 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
   const Prediction predicted = prediction_at(z_mm);
   auto made = choose(z_mm, predicted, stop);
   if (!made) return tl::unexpected{made.error()};
+  if (setting_.last_resort && lacks_all(made->chosen())) {
+    auto found = from_last_resort(z_mm, stop);
+    if (!found) return tl::unexpected{found.error()};
+    if (*found) {
+      made->grid = std::move(**found);
+      made->takes_grid = true;
+    }
+  }
   DoubtfulPlaces where;
   const auto open_question = unsettled(*made, z_mm, predicted.seeds, stop, where);
   if (!open_question) return tl::unexpected{open_question.error()};

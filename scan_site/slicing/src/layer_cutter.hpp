@@ -18,6 +18,8 @@ struct CutSetting {
   const ScalarField& field;
   /// The same field, answering everywhere: asked where contours of `field` do not close. None: they are left out.
   const ScalarField* closed = nullptr;
+  /// The side that all samples tell, without the field: asked where the field has no contour though there must be one.
+  const ScalarField* last_resort = nullptr;
   const HeightTopology* topology = nullptr;  ///< none: nothing is predicted
   /// Samples with low <= z <= high, rising in z.
   std::function<void(double low_mm, double high_mm, SurfaceSamples& found)> samples;
@@ -86,7 +88,11 @@ class LayerCutter {
   /// Closes what `open` leaves open; each gap stays a fault.
   [[nodiscard]] Result<LayerTrace> closed(const LayerTrace& open, double z_mm, const GridOptions& options,
                                           std::stop_token stop);
+  /// The contours of the last resort, doubtful as a whole; none where it has none either.
+  [[nodiscard]] Result<std::optional<Candidate>> from_last_resort(double z_mm, std::stop_token stop);
   void judge(Candidate& candidate, double z_mm);
+  /// Whether the contours are missing that must be cut.
+  [[nodiscard]] static bool lacks_all(const Candidate& candidate);
   [[nodiscard]] static bool better_founded(const Candidate& grid, const Candidate& march);
   /// A place where the surface passes from below the plane to above it, so that something must be cut; none where there
   /// is no such place.

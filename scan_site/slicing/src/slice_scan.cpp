@@ -303,9 +303,11 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       if (const double factor = std::max(wanted, 0.9 / spacings); std::abs(factor - 1) > 0.05)
         others.push_back((*field)->with_scaled_kernel(factor));
   const ClosedField closed{**field, completed};
+  const ClosedField last_resort{**field, completed, ClosedField::Asked::Everywhere};
   CutSetting setting{
       .field = **field,
       .closed = &closed,
+      .last_resort = &last_resort,
       .topology = topology ? &*topology : nullptr,
       .samples = [&](double low, double high, SurfaceSamples& found) { (*field)->samples_between(low, high, found); },
       .band_mm = kBandKernels * (*field)->widest_kernel_mm(),
