@@ -26,6 +26,8 @@ constexpr float kBesideRim = 1.5F;
 constexpr float kBeyondBox = 0.3F;
 /// About a gap all nodes are as far as the rim: their errors add up.
 constexpr float kOpening = 3;
+/// Share of the samples' planes, beside the winding number, in where the surface goes on between unlike normals.
+constexpr float kPlanes = 0.4F;
 /// Crossing cells of a random plane, a pitch squared.
 constexpr float kCellsAPitch = 1.5F;
 
@@ -201,10 +203,12 @@ class Follower {
     std::vector<Corner> found(missing.size());
     tbb::parallel_for(tbb::blocked_range<std::size_t>{0, missing.size(), 256}, [&](const auto& range) {
       for (std::size_t i = range.begin(); i < range.end(); ++i) {
-        // Where the samples disagree about the direction the winding number decides: it is bounded.
+        // Where the samples disagree about the direction, their own planes and the winding number decide. The planes
+        // go on with a limb that was cut through, without end; the winding number closes what is open, and is bounded.
         const float gap = std::sqrt(measured_.near.nearest(places[i]).squared_distance);
+        const float side = 2 * gap * (0.5F - fields[i].winding);
         const float m = fields[i].agreement;
-        found[i] = {m * fields[i].value + (1 - m) * 2 * gap * (0.5F - fields[i].winding), m};
+        found[i] = {m * fields[i].value + (1 - m) * (kPlanes * fields[i].planes + (1 - kPlanes) * side), m};
       }
     });
     for (std::size_t i = 0; i < missing.size(); ++i) corners_.emplace(key_of(missing[i]), found[i]);

@@ -27,6 +27,10 @@ struct LostMarch {
   std::vector<Point2> way;
 };
 
+bool is_spent(const PlaneCursor& plane, const MarchOptions& options) {
+  return options.most_evaluations && plane.evaluations() >= *options.most_evaluations;
+}
+
 /// The paper's steps: 2 sqrt(2 r ds - ds^2) from the radius of the turn before, and arc and chord agree within ds.
 class MarchRules {
  public:
@@ -43,7 +47,7 @@ class MarchRules {
         plane_{plane},
         options_{options} {}
 
-  [[nodiscard]] bool goes_on() const { return ring.size() < options_.max_vertices; }
+  [[nodiscard]] bool goes_on() const { return ring.size() < options_.max_vertices && !is_spent(plane_, options_); }
   [[nodiscard]] std::size_t places() const { return ring.size(); }
   double kernel_at(const Vec2& p) { return kernel = field_.kernel_width_mm({p.x(), p.y(), plane_.z_mm()}); }
   [[nodiscard]] std::optional<ArcPlace> project(const Vec2& guess, double h, double most_move_mm) {
@@ -163,7 +167,13 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
     return true;
   };
 
+  const auto spent_at = [&](const Vec2& place) {
+    if (!is_spent(plane, options)) return false;
+    layer.problems.push_back({MarchProblem::Kind::TooLong, {place.x(), place.y()}});
+    return true;
+  };
   for (const Vec3& seed : seeds) {
+    if (spent_at(seed.head<2>())) break;
     if (stop.stop_requested()) return cancelled("marching a layer");
     try_seed(seed.head<2>(), true);
   }
@@ -172,6 +182,7 @@ Result<MarchedLayer> march_contours(const ScalarField& field, FieldCursor& curso
     const auto p = moved_to_plane(near_plane.points[i], near_plane.normals[i], z_mm, h);
     if (!p || grid.runs_beside(*p, near_plane.normals[i].head<2>(), kCoverKernels * h)) continue;
     if (failed.runs_beside(*p, near_plane.normals[i].head<2>(), kCoverKernels * h)) continue;
+    if (spent_at(*p)) break;
     if (stop.stop_requested()) return cancelled("marching a layer");
     const std::size_t problems = layer.problems.size();
     if (try_seed(*p, false)) {

@@ -9,17 +9,26 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 
 namespace telefab::scan {
 namespace {
 
 constexpr std::size_t kNeighbours = 12;
+/// Square of the spacing over that of the distance of the twelfth neighbour.
+constexpr float kSpacing2 = 0.26179939F;  // pi / 12
 /// How far, in spacings, the next rows are looked for: farther where a direction shows no sample.
 constexpr std::array<float, 2> kGapReaches{6, 16};
 /// Nearer than this, in spacings, lies another view of the same place.
 constexpr float kSamePlace = 0.05F;
 /// Samples whose normals agree by less belong to another side of the part.
 constexpr float kSameSide = 0.3F;
+/// A sample is turned the wrong way where so many of its twelve neighbours look the other way,
+constexpr std::size_t kMostTurned = 8;
+/// and lie in its own plane within this many spacings: the other side of a wall does not.
+constexpr float kInPlane = 0.5F;
+/// It is looked for where the neighbours of its own side are farther than this many spacings of the scan.
+constexpr float kFarOwnSide = 2.5F;
 /// Over the spacing, gaps up to the first are those of samples without rows (a square grid: 1.41), and from the second
 /// on rows decide.
 constexpr float kNoRows = 1.5F;
@@ -30,7 +39,8 @@ constexpr double kRowyGap = 1.6;
 /// Asks about one sample after another; keeps its work space.
 class Surroundings {
  public:
-  explicit Surroundings(const SampleGrid& grid) : grid_{grid}, kernels_{fastest_kernels()} {}
+  /// `typical`: spacing of the scan, about.
+  Surroundings(const SampleGrid& grid, float typical) : grid_{grid}, typical_{typical}, kernels_{fastest_kernels()} {}
 
   /// local_spacing of the header.
   float spacing(std::uint32_t sample, float guess) {
@@ -43,7 +53,8 @@ class Surroundings {
       if (count <= kNeighbours) continue;
       const auto twelfth = distances_.begin() + kNeighbours;
       std::nth_element(distances_.begin(), twelfth, distances_.begin() + static_cast<std::ptrdiff_t>(count));
-      return std::sqrt(*twelfth * 0.26179939F);  // pi / 12
+      const float own = std::sqrt(*twelfth * kSpacing2);
+      return own > kFarOwnSide * typical_ ? spacing_if_turned(sample, own).value_or(own) : own;
     }
     return radius;
   }
@@ -83,6 +94,7 @@ class Surroundings {
       }
       if (all) break;
     }
+    if (widest > kNoRows * kNoRows * spacing * spacing && spacing_if_turned(sample, 3 * spacing)) return spacing;
     return std::sqrt(widest);
   }
 
@@ -102,6 +114,29 @@ class Surroundings {
     return above_falling ? 5 : above_rising ? 3 : 4;
   }
 
+  /// The spacing of all samples within `reach` of one that looks the wrong way; none for any other. A few turned
+  /// normals are nobody's side: their own neighbours are far, and with kernels as wide as that they would blur whole
+  /// faces.
+  std::optional<float> spacing_if_turned(std::uint32_t sample, float reach) const {
+    const Eigen::Vector3f place = grid_.place(sample);
+    const Eigen::Vector3f normal = grid_.normal(sample);
+    std::vector<std::pair<float, std::uint32_t>> near;
+    grid_.visit(place, reach, [&](std::uint32_t first, std::uint32_t last) {
+      for (std::uint32_t k = first; k < last; ++k)
+        if (k != sample) near.emplace_back((grid_.place(k) - place).squaredNorm(), k);
+    });
+    if (near.size() < kNeighbours) return std::nullopt;
+    const auto twelfth = near.begin() + (kNeighbours - 1);
+    std::nth_element(near.begin(), twelfth, near.end());
+    const float spacing = std::sqrt(twelfth->first * kSpacing2);
+    const auto turned = std::count_if(near.begin(), twelfth + 1, [&](const auto& n) {
+      return grid_.normal(n.second).dot(normal) < -kSameSide &&
+             std::abs((grid_.place(n.second) - place).dot(normal)) < kInPlane * spacing;
+    });
+    if (static_cast<std::size_t>(turned) < kMostTurned) return std::nullopt;
+    return spacing;
+  }
+
   NearInput about(std::uint32_t sample, float radius) {
     const Eigen::Vector3f place = grid_.place(sample);
     const Eigen::Vector3f normal = grid_.normal(sample);
@@ -117,6 +152,7 @@ class Surroundings {
   }
 
   const SampleGrid& grid_;
+  float typical_;
   KernelSet kernels_;
   std::vector<SampleRun> runs_;
   std::size_t samples_ = 0;
@@ -145,13 +181,13 @@ float spacing_from_box(std::span<const Eigen::Vector3f> points) {
 }
 
 float local_spacing(const SampleGrid& grid, std::uint32_t sample, float guess) {
-  return Surroundings{grid}.spacing(sample, guess);
+  return Surroundings{grid, guess}.spacing(sample, guess);
 }
 
 Evenness measure_evenness(const SampleGrid& grid, float guess) {
   const std::uint32_t n = grid.size();
   const std::uint32_t step = std::max<std::uint32_t>(1, n / 1000);
-  Surroundings surroundings{grid};
+  Surroundings surroundings{grid, guess};
   std::vector<float> spacing, across;
   std::vector<double> gaps;
   float last = guess;
@@ -191,7 +227,7 @@ Result<std::vector<float>> smooth_spacing(const SampleGrid& grid, float guess, b
   const auto each = [&](auto&& one) {
     tbb::parallel_for(tbb::blocked_range<std::size_t>{0, spacing.size(), 64}, [&](const auto& range) {
       if (stop.stop_requested()) return;
-      Surroundings surroundings{grid};
+      Surroundings surroundings{grid, guess};
       float last = guess;
       for (std::size_t block = range.begin(); block < range.end(); ++block)
         for (std::size_t i = 8 * block; i < std::min<std::size_t>(n, 8 * block + 8); ++i)

@@ -6,10 +6,11 @@ namespace {
 
 class ClosedCursor final : public FieldCursor {
  public:
+  /// `near` may be none: then all samples together are asked everywhere.
   ClosedCursor(std::unique_ptr<FieldCursor> near, const CompletedScan& scan) : near_{std::move(near)}, scan_{scan} {}
 
   [[nodiscard]] FieldSample at(const Vec3& point_mm) override {
-    FieldSample sample = near_->at(point_mm);
+    FieldSample sample = near_ ? near_->at(point_mm) : FieldSample{};
     if (sample.in_reach) return sample;
     const double step = 0.1 * std::max(scan_.side_of(point_mm).distance_mm, 1e-3);
     sample.value_mm = value(point_mm);
@@ -35,7 +36,7 @@ class ClosedCursor final : public FieldCursor {
 }  // namespace
 
 std::unique_ptr<FieldCursor> ClosedField::cursor() const {
-  return std::make_unique<ClosedCursor>(near_.cursor(), scan_);
+  return std::make_unique<ClosedCursor>(asked_ == Asked::OutOfReach ? near_.cursor() : nullptr, scan_);
 }
 
 }  // namespace telefab::scan

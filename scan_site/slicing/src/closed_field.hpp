@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <cstdint>
+
 #include "completed_scan.hpp"
 
 namespace telefab::scan {
@@ -8,8 +10,11 @@ namespace telefab::scan {
 /// (winding number above one half: solid). Its contours close.
 class ClosedField final : public ScalarField {
  public:
+  /// Where all samples together are asked.
+  enum class Asked : std::uint8_t { OutOfReach = 1, Everywhere = 2 };
   /// Both outlive it.
-  ClosedField(const ScalarField& near, const CompletedScan& scan) : near_{near}, scan_{scan} {}
+  ClosedField(const ScalarField& near, const CompletedScan& scan, Asked asked = Asked::OutOfReach)
+      : near_{near}, scan_{scan}, asked_{asked} {}
   [[nodiscard]] std::unique_ptr<FieldCursor> cursor() const override;
   [[nodiscard]] Box3 bounds() const override { return near_.bounds(); }
   [[nodiscard]] double kernel_width_mm(const Vec3& point_mm) const override { return near_.kernel_width_mm(point_mm); }
@@ -17,6 +22,7 @@ class ClosedField final : public ScalarField {
  private:
   const ScalarField& near_;
   const CompletedScan& scan_;
+  Asked asked_;
 };
 
 }  // namespace telefab::scan

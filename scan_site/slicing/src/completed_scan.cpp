@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <telefab/scan/completion/facing.hpp>
 #include <telefab/scan/completion/sheet.hpp>
 
 #include "openness.hpp"
@@ -26,6 +27,8 @@ constexpr std::array kProbeSpacings{1.F, 0.5F, 0.25F, 2.F};
 constexpr double kReachWidths = 2;
 /// Where no virtual sample says otherwise.
 constexpr double kErrorOfGap = 0.4;
+/// Pieces of completed surface that face each other nearer than so many times the sum of their gaps may be one.
+constexpr float kPassageGaps = 1.5F;
 /// A sheet is at least so many spacings thick: its sides would else be seen as one.
 constexpr double kLeastSheetSpacings = 2.5;
 
@@ -167,6 +170,16 @@ CompletedScan::Side CompletedScan::side_of(const Vec3& place_mm) const {
 
 double CompletedScan::winding_at(const Vec3& place_mm) const {
   return static_cast<double>(tree_->winding(local(place_mm)));
+}
+
+std::vector<CompletedScan::Passage> CompletedScan::passages() const {
+  std::vector<Passage> passages;
+  for (const FacingPair& pair : facing_pairs(completion_.samples, *tree_, kPassageGaps)) {
+    Passage p{origin_ + pair.from.cast<double>(), origin_ + pair.to.cast<double>()};
+    if (p.low_mm.z() > p.high_mm.z()) std::swap(p.low_mm, p.high_mm);
+    passages.push_back(p);
+  }
+  return passages;
 }
 
 bool CompletedScan::is_measured(const Vec3& place_mm, const ScalarField& field) const {

@@ -36,6 +36,12 @@ class CompletedScan {
   [[nodiscard]] Side side_of(const Vec3& place_mm) const;
   [[nodiscard]] double winding_at(const Vec3& place_mm) const;
 
+  /// Air between two pieces of completed surface that may be one: whether the object is joined there nobody measured.
+  struct Passage {
+    Vec3 low_mm, high_mm;  ///< on either piece; the lower first
+  };
+  [[nodiscard]] std::vector<Passage> passages() const;
+
   /// Whether a measured sample lies within a kernel width of `field`.
   [[nodiscard]] bool is_measured(const Vec3& place_mm, const ScalarField& field) const;
   /// How far the surface may lie from this place of it (19 cases of 20): 0 where it is measured.

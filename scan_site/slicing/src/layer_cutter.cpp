@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "layer_cutter.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <telefab/scan/contour/layer_checks.hpp>
-#include <telefab/scan/contour/reeb_marcher.hpp>
 
 #include "coverage.hpp"
 
@@ -15,6 +15,8 @@ namespace {
 constexpr double kSteepNz = 0.8;
 /// Walls this near below and above a plane, in kernel widths, must be cut by it.
 constexpr double kWallKernels = 1.2;
+/// A march may ask the field so often, however few samples are near.
+constexpr std::uint64_t kLeastEvaluations = 20'000;
 /// Chord tolerance, in kernel widths, of contours that are only counted.
 constexpr double kCountingChordKernels = 0.02;
 
@@ -97,9 +99,15 @@ void LayerCutter::judge(Candidate& candidate, double z_mm) {
     }
 }
 
-Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::span<const Vec3> seeds, std::stop_token stop) {
+MarchOptions LayerCutter::march_options() const {
   MarchOptions options;
   options.chord_mm = setting_.chord_mm;
+  options.most_evaluations = kLeastEvaluations + setting_.evaluations_a_sample * near_.points.size();
+  return options;
+}
+
+Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::span<const Vec3> seeds, std::stop_token stop) {
+  const MarchOptions options = march_options();
   auto marched = march_contours(setting_.field, *cursor_, z_mm, seeds, {near_.points, near_.normals}, options, stop);
   if (!marched) return tl::unexpected{marched.error()};
   Candidate candidate;
@@ -108,7 +116,7 @@ Result<LayerCutter::Candidate> LayerCutter::marched(double z_mm, std::span<const
   candidate.trace.contours = std::move(marched->contours);
   candidate.trace.evaluations = marched->evaluations;
   for (const MarchProblem& problem : marched->problems)
-    if (problem.kind == MarchProblem::Kind::Open)
+    if (problem.kind == MarchProblem::Kind::Open || problem.kind == MarchProblem::Kind::TooLong)
       candidate.trace.faults.push_back({DoubtReason::ContourOpen, problem.place});
   finish_trace(candidate.trace);
   judge(candidate, z_mm);
@@ -120,7 +128,7 @@ Result<std::optional<Doubt>> LayerCutter::disagreement(const Candidate& candidat
                                                        DoubtfulPlaces& where) {
   for (std::size_t k = 0; k < other_cursors_.size(); ++k) {
     const ScalarField& field = *setting_.other_kernels[k];
-    MarchOptions options;
+    MarchOptions options = march_options();
     // Contours are counted only.
     const double width = near_.points.empty() ? 1 : field.kernel_width_mm(near_.points.front());
     options.chord_mm = std::max(setting_.chord_mm, kCountingChordKernels * width);
@@ -168,6 +176,29 @@ Result<LayerTrace> LayerCutter::closed(const LayerTrace& open, double z_mm, cons
     whole->gaps.push_back(gap);
   }
   return whole;
+}
+
+bool LayerCutter::lacks_all(const Candidate& candidate) {
+  const auto missing = [](const Doubt& d) { return d.reason == DoubtReason::ContourMissing; };
+  return candidate.trace.contours.empty() &&
+         std::any_of(candidate.trace.faults.begin(), candidate.trace.faults.end(), missing);
+}
+
+Result<std::optional<LayerCutter::Candidate>> LayerCutter::from_last_resort(double z_mm, std::stop_token stop) {
+  GridOptions options;
+  options.chord_mm = setting_.chord_mm;
+  const auto cursor = setting_.last_resort->cursor();
+  auto trace = trace_by_grid(*setting_.last_resort, *cursor, z_mm, {near_.points, near_.normals}, options, stop);
+  if (!trace) return tl::unexpected{trace.error()};
+  if (trace->contours.empty()) return std::nullopt;
+  Candidate candidate;
+  candidate.trace = std::move(*trace);
+  candidate.trace.faults.insert(candidate.trace.faults.begin(),
+                                {.reason = DoubtReason::GapBridged,
+                                 .place = candidate.trace.contours[0].vertices()[0],
+                                 .size_mm = width_at(candidate.trace.contours[0].vertices()[0], z_mm)});
+  candidate.where.add_all();
+  return candidate;
 }
 
 Result<void> LayerCutter::classify(Layer& layer, const DoubtfulPlaces& where) const {
@@ -322,9 +353,12 @@ Result<std::optional<Doubt>> LayerCutter::unsettled(const Choice& made, double z
     if (const auto edge = setting_.measured ? setting_.topology->rounded_near(z_mm, setting_.measured)
                                             : setting_.topology->rounded_near(z_mm))
       note({DoubtReason::EdgeTooSharp, place_of(*edge)}, 0);
-  for (const CutSetting::UnmeasuredHeight& h : setting_.unmeasured_heights)
-    if (std::abs(h.place_mm.z() - z_mm) <= h.error_mm)
-      note({.reason = DoubtReason::CriticalInGap, .place = place_of(h.place_mm), .size_mm = h.error_mm}, h.error_mm);
+  for (const CutSetting::UndecidedPlace& u : setting_.undecided)
+    if (u.low_mm.z() <= z_mm && z_mm <= u.high_mm.z()) {
+      const double rise = u.high_mm.z() - u.low_mm.z();
+      const Vec3 at = u.low_mm + (rise > 0 ? (z_mm - u.low_mm.z()) / rise : 0) * (u.high_mm - u.low_mm);
+      note({.reason = DoubtReason::CriticalInGap, .place = place_of(at), .size_mm = u.reach_mm}, u.reach_mm);
+    }
   if (doubt || !made.certified()) return doubt;
   return disagreement(made.chosen(), z_mm, seeds, stop, where);
 }
@@ -368,6 +402,14 @@ Result<CutLayer> LayerCutter::cut(LayerIndex index, double z_mm, std::stop_token
   const Prediction predicted = prediction_at(z_mm);
   auto made = choose(z_mm, predicted, stop);
   if (!made) return tl::unexpected{made.error()};
+  if (setting_.last_resort && lacks_all(made->chosen())) {
+    auto found = from_last_resort(z_mm, stop);
+    if (!found) return tl::unexpected{found.error()};
+    if (*found) {
+      made->grid = std::move(**found);
+      made->takes_grid = true;
+    }
+  }
   DoubtfulPlaces where;
   const auto open_question = unsettled(*made, z_mm, predicted.seeds, stop, where);
   if (!open_question) return tl::unexpected{open_question.error()};

@@ -5,6 +5,7 @@
 #include <optional>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/scan/contour/grid_tracer.hpp>
+#include <telefab/scan/contour/reeb_marcher.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 #include <telefab/scan/topology/height_topology.hpp>
 
@@ -17,6 +18,8 @@ struct CutSetting {
   const ScalarField& field;
   /// The same field, answering everywhere: asked where contours of `field` do not close. None: they are left out.
   const ScalarField* closed = nullptr;
+  /// The side that all samples tell, without the field: asked where the field has no contour though there must be one.
+  const ScalarField* last_resort = nullptr;
   const HeightTopology* topology = nullptr;  ///< none: nothing is predicted
   /// Samples with low <= z <= high, rising in z.
   std::function<void(double low_mm, double high_mm, SurfaceSamples& found)> samples;
@@ -31,6 +34,8 @@ struct CutSetting {
   /// methods that agree on the field then prove nothing, only the critical points do.
   bool sparse = false;
   double chord_mm = 0.014;
+  /// A march may ask the field so often for each sample near the plane; what asks more often goes in circles.
+  std::uint64_t evaluations_a_sample = 200;
   TraceMethod method = TraceMethod::Auto;
   /// The same samples seen with other kernels. Where they show other contours, the scan does not decide the layer.
   std::vector<const ScalarField*> other_kernels = {};
@@ -42,13 +47,14 @@ struct CutSetting {
   /// bears them out. Unset: there is nothing to ask.
   std::function<std::optional<Point2>(std::span<const Contour> contours, double z_mm, const SurfaceSamples& near)>
       contradiction = {};
-  /// Heights at which contours begin, end, part or join in a gap of the scan, each with its place and how well it is
-  /// known: no layer that near can be vouched for.
-  struct UnmeasuredHeight {
-    Vec3 place_mm;
-    double error_mm = 0;
+  /// A place in a gap of the scan where contours may begin, end, part or join: nothing tells at which height between
+  /// the two, so no layer between them can be vouched for. It concerns what runs within reach of the line from one to
+  /// the other.
+  struct UndecidedPlace {
+    Vec3 low_mm, high_mm;
+    double reach_mm = 0;
   };
-  std::vector<UnmeasuredHeight> unmeasured_heights = {};
+  std::vector<UndecidedPlace> undecided = {};
   std::optional<Doubt> known_doubt = {};  ///< of the scan as a whole: no layer of it can be vouched for
 };
 
@@ -82,7 +88,11 @@ class LayerCutter {
   /// Closes what `open` leaves open; each gap stays a fault.
   [[nodiscard]] Result<LayerTrace> closed(const LayerTrace& open, double z_mm, const GridOptions& options,
                                           std::stop_token stop);
+  /// The contours of the last resort, doubtful as a whole; none where it has none either.
+  [[nodiscard]] Result<std::optional<Candidate>> from_last_resort(double z_mm, std::stop_token stop);
   void judge(Candidate& candidate, double z_mm);
+  /// Whether the contours are missing that must be cut.
+  [[nodiscard]] static bool lacks_all(const Candidate& candidate);
   [[nodiscard]] static bool better_founded(const Candidate& grid, const Candidate& march);
   /// A place where the surface passes from below the plane to above it, so that something must be cut; none where there
   /// is no such place.
@@ -98,6 +108,7 @@ class LayerCutter {
                                                           DoubtfulPlaces& where);
   /// Tells what the contours rest on, and makes the verdict say so.
   [[nodiscard]] Result<void> classify(Layer& layer, const DoubtfulPlaces& where) const;
+  [[nodiscard]] MarchOptions march_options() const;
   [[nodiscard]] double width_at(Point2 place, double z_mm) const {
     return setting_.field.kernel_width_mm({place.x_mm, place.y_mm, z_mm});
   }

@@ -54,9 +54,8 @@ constexpr double kSparseShare = 0.03;
 constexpr std::array kSparseKernelFactors{0.65, 1.5};
 
 /// A height at which contours begin, end, part or join in a gap is taken as known within this part of the error that
-/// the surface there may have: half of all such errors are smaller (the whole is what 19 of 20 do not exceed). A layer
-/// on either side is doubtful in any case.
-constexpr double kCriticalErrorShare = 0.15;
+/// the surface there may have (which 19 of 20 do not exceed). A layer on either side is doubtful in any case.
+constexpr double kCriticalErrorShare = 0.5;
 
 /// Spacing that varies by more than this leaves room for a feature, or a whole wall, that no sample shows.
 constexpr double kMostUneven = 5;
@@ -95,6 +94,22 @@ Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) 
     if (found && found->inconsistencies().empty() && found->plateaus().empty()) return found;
   }
   return from(kNearLevel);
+}
+
+/// Where the scan does not tell how contours go together: about critical points in gaps, and between pieces of
+/// completed surface that may be one.
+std::vector<CutSetting::UndecidedPlace> undecided_places(const CompletedScan& completed, const ScalarField& field,
+                                                         const HeightTopology* topology, double layer_mm) {
+  std::vector<CutSetting::UndecidedPlace> places;
+  if (topology)
+    for (const CriticalPoint& c : topology->critical_points())
+      if (const double error = completed.error_at(c.position_mm, field); error > 0) {
+        const double reach = std::max(kCriticalErrorShare * error, layer_mm);
+        places.push_back({c.position_mm - reach * Vec3::UnitZ(), c.position_mm + reach * Vec3::UnitZ(), reach});
+      }
+  for (const CompletedScan::Passage& p : completed.passages())
+    places.push_back({p.low_mm, p.high_mm, (p.high_mm - p.low_mm).norm()});
+  return places;
 }
 
 /// What was noticed while reading may be the reason, and is heard of nowhere else where nothing is sliced.
@@ -255,8 +270,11 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   const Box3 box = (*field)->bounds();
   header.bounds = {{box.min.x(), box.min.y()}, {box.max.x(), box.max.y()}};
   if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
+  // Where nothing can be vouched for, nobody need find the contours twice.
+  const std::optional<Doubt> known_doubt = doubt_of(result.kernel, prepared, placed->cloud.rounding);
+  const TraceMethod method = known_doubt && request.method == TraceMethod::Auto ? TraceMethod::Grid : request.method;
   std::optional<HeightTopology> topology;
-  if (request.method != TraceMethod::Grid) {
+  if (method != TraceMethod::Grid) {
     telefab::report(progress, WorkStage::FindingTopology, 0);
     auto found = topology_of(**field, stop);
     if (found) {
@@ -279,15 +297,17 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   const bool noisy = kernel.noise_mm > kCleanSpacings * kernel.spacing_mm;
   // A width given by hand may be far from what the noise asks for: it is tried as hard as a sparse scan's.
   const bool widely = sparse || request.mls.kernel_mm;
-  if (sparse || (request.mls.kernel_mm ? noisy : spacings > kCertainSpacings))
+  if (!known_doubt && (sparse || (request.mls.kernel_mm ? noisy : spacings > kCertainSpacings)))
     for (const double wanted : widely ? kSparseKernelFactors : kKernelFactors)
       // Narrower than 0.9 spacings a field has holes.
       if (const double factor = std::max(wanted, 0.9 / spacings); std::abs(factor - 1) > 0.05)
         others.push_back((*field)->with_scaled_kernel(factor));
   const ClosedField closed{**field, completed};
+  const ClosedField last_resort{**field, completed, ClosedField::Asked::Everywhere};
   CutSetting setting{
       .field = **field,
       .closed = &closed,
+      .last_resort = &last_resort,
       .topology = topology ? &*topology : nullptr,
       .samples = [&](double low, double high, SurfaceSamples& found) { (*field)->samples_between(low, high, found); },
       .band_mm = kBandKernels * (*field)->widest_kernel_mm(),
@@ -297,7 +317,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
       .noise_mm = kernel.noise_mm,
       .sparse = sparse,
       .chord_mm = request.chord_mm.value_or(request.machine.chord_tolerance_mm()),
-      .method = request.method,
+      .method = method,
       .other_kernels = {},
       // An edge that nobody measured is completed, and said to be: it is as sharp as it was made.
       .measured = [&](const Vec3& place_mm) { return completed.is_measured(place_mm, **field); },
@@ -307,12 +327,8 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
             const auto narrow = narrow_passage(**field, contours, z_mm);
             return narrow ? narrow : contradicted_side(completed, **field, contours, z_mm, near);
           },
-      .known_doubt = doubt_of(kernel, prepared, placed->cloud.rounding)};
-  if (topology)
-    for (const CriticalPoint& c : topology->critical_points())
-      if (const double error = completed.error_at(c.position_mm, **field); error > 0)
-        setting.unmeasured_heights.push_back(
-            {c.position_mm, std::max(kCriticalErrorShare * error, header.layer_thickness_mm)});
+      .known_doubt = known_doubt};
+  setting.undecided = undecided_places(completed, **field, topology ? &*topology : nullptr, header.layer_thickness_mm);
   if (const auto warning = warning_of(kernel)) result.warnings.push_back(*warning);
   for (const auto& other : others) setting.other_kernels.push_back(other.get());
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;

@@ -14,6 +14,7 @@
 #include <telefab/scan/slicing/slice_scan.hpp>
 
 #include "damage.hpp"
+#include "layer_picture.hpp"
 #include "mesh_truth.hpp"
 #include "section.hpp"
 
@@ -40,6 +41,8 @@ struct Setup {
   bool verdicts = false;
   std::string save;
   std::string against;
+  bool wrong = false;
+  std::string draw;
 };
 
 Result<MeshTruth> read_mesh(const fs::path& path, bool must_be_closed = true) {
@@ -61,6 +64,12 @@ double rank(std::vector<double>& values, double share) {
   const auto at = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), at, values.end());
   return *at;
+}
+
+RingCount count_of(const Layer& layer) {
+  RingCount count;
+  for (const Contour& ring : layer.contours) ++(ring.is_hole() ? count.holes : count.outers);
+  return count;
 }
 
 struct Judgement {
@@ -98,10 +107,8 @@ struct Judgement {
           error_shares.push_back(truth.distance({p.x_mm, p.y_mm, layer.z_mm}) / run.error_mm);
       }
     }
-    RingCount count;
-    for (const Contour& ring : layer.contours) ++(ring.is_hole() ? count.holes : count.outers);
     const int wrong_before = wrong;
-    const bool right = judge(segments_of(layer.contours), count, layer.z_mm, truth);
+    const bool right = judge(segments_of(layer.contours), count_of(layer), layer.z_mm, truth);
     if (layer.certificate.verdict == LayerCertificate::Verdict::Doubtful) {
       Flagged& verdict = flagged[std::string{name_of(layer.certificate.doubt->reason)}];
       ++(right ? verdict.right : verdict.wrong);
@@ -160,8 +167,13 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
   if (!report) return tl::unexpected{report.error()};
   const MeshTruth truth = mesh.moved(report->header.scan_to_build);
   Judgement found;
+  std::vector<const Layer*> wrong_certified;
   for (const Layer& layer : layers)
-    if (layer.index.count() % kJudged == kJudged / 2) found.judge(layer, truth);
+    if (layer.index.count() % kJudged == kJudged / 2) {
+      const int before = found.wrong_certified;
+      found.judge(layer, truth);
+      if (found.wrong_certified > before) wrong_certified.push_back(&layer);
+    }
   const double percent = 100 / kHeightMm;
   const auto seconds_of = [&](std::string_view stage) {
     double sum = 0;
@@ -176,6 +188,18 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
       report->contours, found.wrong, found.wrong_certified, found.critical, percent * found.mean_mm(),
       percent * rank(found.off_mm, 0.95), 100 * found.wrong_mm2 / found.truth_mm2, rank(found.error_shares, 0.95),
       seconds_of("gaps"), seconds_of("contours"), seconds);
+  for (const Layer* layer : wrong_certified) {
+    if (setup.wrong) {
+      const RingCount found_rings = count_of(*layer), exact = truth.rings(layer->z_mm);
+      fmt::print("    WRONG certified layer {} at {:.3f} mm: {}+{} rings, exact {}+{}\n", layer->index.count(),
+                 layer->z_mm, found_rings.outers, found_rings.holes, exact.outers, exact.holes);
+    }
+    if (setup.draw.empty()) continue;
+    const std::string picture = picture_of(*layer, truth.section(layer->z_mm));
+    const auto name =
+        fmt::format("{}/{}_{}_{}_{}.svg", setup.draw, path.stem().string(), damage_name, seed, layer->index.count());
+    if (auto ok = write_file_atomically(name, std::as_bytes(std::span{picture})); !ok) return ok;
+  }
   if (setup.reasons)
     for (const auto& f : report->flagged)
       fmt::print("    {} z {:.2f}: {}\n", f.layer.count(), f.z_mm, sentence_of(f.certificate));
@@ -226,6 +250,8 @@ int main(int argc, char** argv) {
   options.add_flag("--reasons", setup.reasons, "also list flagged layers");
   options.add_flag("--verdicts", setup.verdicts, "also count, by reason, flagged layers that are right and wrong");
   options.add_option("--save", setup.save, "folder for the damaged clouds");
+  options.add_flag("--wrong", setup.wrong, "also list layers that are certified and wrong");
+  options.add_option("--draw", setup.draw, "folder for pictures (SVG) of layers that are certified and wrong");
   options.add_option("--against", setup.against,
                      "folder of meshes that another program made of the clouds of --save, under the same names");
   CLI11_PARSE(options, argc, argv);

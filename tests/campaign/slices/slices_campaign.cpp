@@ -15,6 +15,7 @@
 #include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 
+#include "layer_picture.hpp"
 #include "mesh_truth.hpp"
 #include "shape_truth.hpp"
 
@@ -42,6 +43,7 @@ struct Setup {
   double chord_mm = 0.014;
   bool distances = true;
   bool reasons = false;
+  std::string draw;
 };
 
 /// Orientations: as it stands, on its side, on its face, and on no face at all.
@@ -81,6 +83,7 @@ struct Tally {
 /// What is known of the object in the build frame, without any scan.
 struct Truth {
   std::function<RingCount(double z, double least_width)> rings;
+  std::function<std::vector<std::array<Point2, 2>>(double z)> section;  ///< unset: not to be drawn
   std::function<double(const Vec3&)> distance;
   int euler = 0;
 };
@@ -145,6 +148,12 @@ Result<Tally> row(const std::string& name, int turn, const scan::PointCloud& clo
                            layer.z_mm, found.outers, found.holes, exact.outers, exact.holes,
                            sentence_of(layer.certificate), place.x_mm, place.y_mm);
     }
+    if (differs && certified && !setup.draw.empty() && truth.section) {
+      const std::string picture = picture_of(layer, truth.section(layer.z_mm));
+      const auto file = fmt::format("{}/{}_{}_{}.svg", setup.draw, name, turn, layer.index.count());
+      if (auto ok = write_file_atomically(file, std::as_bytes(std::span{picture})); !ok)
+        return tl::unexpected{ok.error()};
+    }
     if (!setup.distances) continue;
     for (const Contour& ring : layer.contours) {
       const auto v = ring.vertices();
@@ -196,7 +205,8 @@ Result<Tally> mesh_row(const fs::path& path, int turn, const Setup& setup) {
   const auto truth_at = [&](const Transform4& placed) {
     const auto truth = std::make_shared<MeshTruth>(mesh.moved(placed));
     return Truth{[truth](double z, double least_width) { return truth->rings(z, least_width); },
-                 [truth](const Vec3& p) { return truth->distance(p); }, truth->euler()};
+                 [truth](double z) { return truth->section(z); }, [truth](const Vec3& p) { return truth->distance(p); },
+                 truth->euler()};
   };
   return row(path.stem().string(), turn, cloud, spacing, truth_at, setup);
 }
@@ -214,7 +224,9 @@ Result<Tally> shape_row(const std::string& name, int turn, const Setup& setup) {
     const auto truth = std::make_shared<ShapeTruth>(*shape);
     truth->place(placed);
     return Truth{[truth](double z, double) { return truth->rings(z); },
-                 [truth](const Vec3& p) { return truth->distance(p); }, truth->euler()};
+                 {},
+                 [truth](const Vec3& p) { return truth->distance(p); },
+                 truth->euler()};
   };
   return row(name, turn, cloud, spacing, truth_at, setup);
 }
@@ -283,6 +295,8 @@ int main(int argc, char** argv) {
   options.add_option("--seed", setup.seed);
   options.add_option("--chord-mm", setup.chord_mm);
   options.add_flag("!--no-distances", setup.distances);
+  options.add_option("--draw", setup.draw,
+                     "folder for pictures (SVG) of layers of meshes that are certified and wrong");
   options.add_flag("--reasons", setup.reasons, "also list flagged layers and inconsistencies");
   CLI11_PARSE(options, argc, argv);
   return telefab::campaign::run(setup);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <telefab/scan/completion/complete_cloud.hpp>
+#include <telefab/scan/completion/facing.hpp>
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
@@ -207,6 +208,50 @@ TEST(Completion, RefusesWhatItCannotUse) {
   EXPECT_EQ(code_of(bare, options), ErrorCode::InvalidInput);
   bare.normals.clear();
   EXPECT_EQ(code_of(bare, {}), ErrorCode::InvalidInput);
+}
+
+/// Cosine of the half angle that a gap in a torus of radius `ring` takes, of so many tube radii in length.
+float gap_in_torus(float ring, float length) { return std::cos(length / ring / 2); }
+
+// Its ends are far apart, but their walls run towards each other.
+TEST(Completion, GoesOnWithALimbThatWasCutThrough) {
+  const float cut = gap_in_torus(20, 1.8F * 6);
+  const Sampled limb =
+      sampled_torus(20, 6, 0.5F, [&](const Vector3f& p) { return p.x() < cut * std::hypot(p.x(), p.y()); });
+  const Completion found = completed(limb);
+  EXPECT_GT(found.samples.size(), 200u);
+  for (const VirtualSample& s : found.samples) EXPECT_LT(std::abs(off_torus(s.point, 20, 6)), 2) << s.point.transpose();
+}
+
+WindingTree tree_of(const Sampled& measured, const Completion& completion) {
+  std::vector<Vector3f> points = measured.points, normals = measured.normals;
+  std::vector<float> areas = completion.areas;
+  for (const VirtualSample& s : completion.samples) {
+    points.push_back(s.point);
+    normals.push_back(s.normal);
+    areas.push_back(s.spacing * s.spacing);
+  }
+  return {points, normals, areas};
+}
+
+TEST(FacingPairs, AreTheEndsOfALimbThatMayBeOne) {
+  const float cut = gap_in_torus(20, 3.5F * 6);
+  const Sampled limb =
+      sampled_torus(20, 6, 0.5F, [&](const Vector3f& p) { return p.x() < cut * std::hypot(p.x(), p.y()); });
+  const Completion found = completed(limb);
+  const auto pairs = facing_pairs(found.samples, tree_of(limb, found), 1.5F);
+  EXPECT_GT(pairs.size(), 20u);
+  for (const FacingPair& pair : pairs) {
+    EXPECT_LT(pair.from.y() * pair.to.y(), 0);
+    EXPECT_GT(pair.from.x(), 0);
+  }
+}
+
+TEST(FacingPairs, AreNoneInAHoleOfOneFace) {
+  const Sampled torn = open_ball(0.9F);
+  const Completion found = completed(torn);
+  ASSERT_GT(found.samples.size(), 20u);
+  EXPECT_TRUE(facing_pairs(found.samples, tree_of(torn, found), 1.5F).empty());
 }
 
 }  // namespace

@@ -142,6 +142,17 @@ TEST(ReebMarcher, AnOpenContourIsFollowedFewTimesHoweverManySamplesLieBesideIt) 
   EXPECT_LT(layer.evaluations, 20 * whole.evaluations);
 }
 
+TEST(ReebMarcher, EndsWithinItsEvaluationsAndSaysSo) {
+  const Shape ball = sphere(20, 1);
+  const auto whole = marched(*ball, 0, {{20, 0, 0}});
+  const auto half = marched(*ball, 0, {{20, 0, 0}}, {.most_evaluations = whole.evaluations / 2});
+  EXPECT_TRUE(half.contours.empty());
+  ASSERT_FALSE(half.problems.empty());
+  EXPECT_LT(half.evaluations, whole.evaluations / 2 + 50);
+  const auto two = marched(*ball, 0, {{20, 0, 0}, {-20, 0, 0}}, {.most_evaluations = 1});
+  EXPECT_EQ(two.problems.back().kind, scan::MarchProblem::Kind::TooLong);
+}
+
 TEST(ReebMarcher, RefusesOptionsWithoutMeaning) {
   const Shape ball = sphere(20, 1);
   const auto cursor = ball->cursor();

@@ -136,6 +136,17 @@ TEST(MlsField, WidensTheKernelForNoise) {
   EXPECT_LT(worst_radius_error(*field, 10), 0.15);
 }
 
+// Neighbours of their own side are far away; kernels as wide as that blur what lies between.
+TEST(MlsField, AFewTurnedNormalsWidenNoKernel) {
+  auto samples = test::sample_surface(*test::flat_box({10, 10, 10}, 0.5, 1), {.spacing_mm = 0.4, .seed = 8});
+  const auto right = field_of(cloud_of(samples));
+  for (std::size_t i = 0; i < samples.points.size(); i += 20) samples.normals[i] *= -1;
+  const auto turned = field_of(cloud_of(samples));
+  EXPECT_LT(turned->widest_kernel_mm(), 2 * right->widest_kernel_mm());
+  EXPECT_LT(turned->kernel().noise_mm, 2 * right->kernel().noise_mm + 0.02);
+  EXPECT_NEAR(turned->kernel().kernel_mm, right->kernel().kernel_mm, 0.2 * right->kernel().kernel_mm);
+}
+
 TEST(MlsField, LeavesOutliersOut) {
   auto samples = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .outlier_share = 0.01, .seed = 7});
   const auto field = field_of(cloud_of(samples));

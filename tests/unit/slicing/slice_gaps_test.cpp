@@ -40,6 +40,19 @@ TEST(SliceScan, CarriesTheSurfaceAcrossAGapAndSaysWhere) {
   }
 }
 
+// Whether the limb goes on between its two ends nobody measured: both ways of closing the gap are whole bodies.
+TEST(SliceScan, DoubtsTheLayersBetweenTheEndsOfALimbThatWasCutThrough) {
+  const auto torn =
+      test::sample_surface(*test::torus(12, 4, 90, 1), {.spacing_mm = 0.7, .holes = {{{0, 12, 0}, 9}}, .seed = 12});
+  const Outcome outcome = slice(text_of(torn), request_for());
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  const Layer& middle = outcome.layers[outcome.layers.size() / 2];
+  EXPECT_EQ(middle.contours.size(), 1U);
+  EXPECT_EQ(middle.certificate.verdict, LayerCertificate::Verdict::Doubtful);
+  ASSERT_TRUE(middle.certificate.doubt);
+  EXPECT_EQ(middle.certificate.doubt->reason, DoubtReason::CriticalInGap);
+}
+
 TEST(SliceScan, CompletesNothingWhereNothingIsMissing) {
   SliceRequest request = request_for();
   const Outcome asked = slice(torus_text(), request);

@@ -23,14 +23,18 @@ class Parts {
 }  // namespace
 
 SliceCount count_slice(const AnalyticField& shape, double z_mm, double pitch_mm) {
-  const scan::Box3 box = shape.bounds();
+  return count_slice(
+      shape.bounds(), [&](const Vec3& p) { return shape.inside(p); }, z_mm, pitch_mm);
+}
+
+SliceCount count_slice(const scan::Box3& box, const std::function<bool(const Vec3& place_mm)>& inside, double z_mm,
+                       double pitch_mm) {
   const auto nx = static_cast<std::uint32_t>(std::ceil((box.max.x() - box.min.x()) / pitch_mm)) + 3;
   const auto ny = static_cast<std::uint32_t>(std::ceil((box.max.y() - box.min.y()) / pitch_mm)) + 3;
   std::vector<char> solid(static_cast<std::size_t>(nx) * ny, 0);
   for (std::uint32_t j = 1; j + 1 < ny; ++j)
     for (std::uint32_t i = 1; i + 1 < nx; ++i)
-      solid[j * nx + i] =
-          shape.inside({box.min.x() + (i - 0.613) * pitch_mm, box.min.y() + (j - 0.387) * pitch_mm, z_mm});
+      solid[j * nx + i] = inside({box.min.x() + (i - 0.613) * pitch_mm, box.min.y() + (j - 0.387) * pitch_mm, z_mm});
 
   // Solid joins over edges, air over edges and corners: the parts of the air but one are the holes.
   Parts parts{solid.size()};

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <optional>
 #include <span>
 #include <stop_token>
 #include <telefab/base/result.hpp>
@@ -15,12 +16,13 @@ struct MarchOptions {
   double pick_kernels = 0.5;             ///< > 0; a ring whose mean |closeness| is larger lies on a false sheet (3.3)
   double seed_reach_kernels = 1.0;       ///< > 0; how far a seed may lie from its contour
   std::size_t max_vertices = 4'000'000;  ///< a ring with more is reported open
+  std::optional<std::uint64_t> most_evaluations = std::nullopt;  ///< of the field; then the march ends where it is
   [[nodiscard]] Result<void> validate() const;
 };
 
 /// Why a seed gave no contour.
 struct MarchProblem {
-  enum class Kind : std::uint8_t { SeedOffSurface = 1, Open = 2, FalseBranch = 3, NoArea = 4 };
+  enum class Kind : std::uint8_t { SeedOffSurface = 1, Open = 2, FalseBranch = 3, NoArea = 4, TooLong = 5 };
   Kind kind = Kind::Open;
   Point2 place;
 };

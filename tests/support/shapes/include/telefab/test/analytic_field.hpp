@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <Eigen/Geometry>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -85,5 +86,8 @@ struct SliceCount {
   friend bool operator==(const SliceCount&, const SliceCount&) = default;
 };
 [[nodiscard]] SliceCount count_slice(const AnalyticField& shape, double z_mm, double pitch_mm);
+/// The same of whatever `inside` says within the box.
+[[nodiscard]] SliceCount count_slice(const scan::Box3& box, const std::function<bool(const Vec3& place_mm)>& inside,
+                                     double z_mm, double pitch_mm);
 
 }  // namespace telefab::test
