@@ -1,26 +1,24 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "disk_trial.hpp"
 
-#include <arpa/inet.h>
 #include <fmt/format.h>
-#include <netinet/in.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include <atomic>
 #include <chrono>
-#include <cmath>
 #include <fstream>
 #include <functional>
 #include <future>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <telefab/fab/daemon/serve_fab_site.hpp>
 #include <telefab/scan/daemon/serve_scan_site.hpp>
 #include <telefab/service/log.hpp>
+#include <telefab/test/loopback.hpp>
+#include <telefab/test/process.hpp>
+#include <telefab/test/toy.hpp>
 #include <thread>
 
-#include "../../integration/fax/process.hpp"
 #include "disk_faults.hpp"
 
 namespace telefab::test {
@@ -48,37 +46,13 @@ bool await(const Condition& condition, Clock::duration patience = kPatience) {
 void write_inputs(const fs::path& folder) {
   fs::remove_all(folder);
   fs::create_directories(folder / "machines");
-  std::ofstream{folder / "machines" / "toy.toml"} << R"(name = "toy"
-description = "A small machine for campaigns"
-[platform]
-width_mm = 20.0
-depth_mm = 20.0
-z_travel_mm = 30.0
-[projection]
-pixel_pitch_mm = 0.1
-irradiance_mw_per_cm2 = 3.0
-[layers]
-thickness_mm = 0.2
-exposure_s = 4.0
-bottom_count = 2
-bottom_exposure_s = 8.0
-[resin]
+  std::ofstream{folder / "machines" / "toy.toml"} << kToyProfile << R"([resin]
 critical_dose_mj_per_cm2 = 4.0
 penetration_mm = 0.3
 [devices]
 speed_up = 5000.0
 )";
-  std::ofstream cloud{folder / "torus.xyz"};
-  for (int i = 0; i < 60; ++i)
-    for (int k = 0; k < 24; ++k) {
-      const double u = 2 * std::numbers::pi * i / 60;
-      const double v = 2 * std::numbers::pi * k / 24;
-      const double nx = std::cos(v) * std::cos(u);
-      const double ny = std::cos(v) * std::sin(u);
-      const double nz = std::sin(v);
-      cloud << fmt::format("{:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}\n", 5 * std::cos(u) + 2 * nx,
-                           5 * std::sin(u) + 2 * ny, 2 * nz, nx, ny, nz);
-    }
+  write_torus(folder / "torus.xyz", 60, 24);
 }
 
 /// 200, 503, or 0 where nobody answers.
@@ -86,10 +60,7 @@ int health_of(const fs::path& data) {
   const std::string port = text_of(data / "web-port");
   if (port.empty()) return 0;
   const int line = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(static_cast<std::uint16_t>(std::atoi(port.c_str())));
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  const sockaddr_in address = loopback(static_cast<std::uint16_t>(std::atoi(port.c_str())));
   int status = 0;
   const std::string_view question = "GET /v1/health HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
   std::array<char, 64> answer{};

@@ -4,9 +4,8 @@
 
 #include <telefab/net/listener.hpp>
 #include <telefab/service/client_session.hpp>
+#include <telefab/test/two_sites.hpp>
 #include <telefab/wire/message.hpp>
-
-#include "two_sites.hpp"
 
 // What a scan site does with the answer "later".
 

@@ -8,8 +8,7 @@
 #include <telefab/service/retention.hpp>
 #include <telefab/store/audit_log.hpp>
 #include <telefab/store/job_store.hpp>
-
-#include "two_sites.hpp"
+#include <telefab/test/two_sites.hpp>
 
 // What leaves a site, by an operator's word or by age and size: never a job that has not ended, never a record.
 

@@ -5,9 +5,8 @@
 #include <atomic>
 #include <telefab/fab/daemon/serve_fab_site.hpp>
 #include <telefab/service/disk_room.hpp>
+#include <telefab/test/two_sites.hpp>
 #include <thread>
-
-#include "two_sites.hpp"
 
 // What a fab without room does: it waits, says so, and goes on by itself. A disk that is full loses no job.
 
