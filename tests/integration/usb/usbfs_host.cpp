@@ -2,6 +2,7 @@
 #include "usbfs_host.hpp"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <linux/usbdevice_fs.h>
 #include <poll.h>
 #include <sys/ioctl.h>
@@ -76,12 +77,12 @@ struct UsbfsHost::State {
   static usbdevfs_urb& urb_of(UMockdevIoctlData* data) { return *reinterpret_cast<usbdevfs_urb*>(data->data); }
 
   void add_device() {
-    const std::string description =
-        std::string{"P: "} + (kSysPath + 4) + "\nN: " + (kNode + 5) + "\nE: DEVNAME=" + kNode +
-        "\nE: DEVTYPE=usb_device\nE: SUBSYSTEM=usb\nE: BUSNUM=001\nE: DEVNUM=002\nE: MAJOR=189\n"
+    const std::string description = fmt::format(
+        "P: {}\nN: {}\nE: DEVNAME={}\n"
+        "E: DEVTYPE=usb_device\nE: SUBSYSTEM=usb\nE: BUSNUM=001\nE: DEVNUM=002\nE: MAJOR=189\n"
         "E: MINOR=1\nA: busnum=1\\n\nA: devnum=2\\n\nA: speed=12\\n\nA: bConfigurationValue=1\\n\n"
-        "A: idVendor=0451\\n\nA: idProduct=c900\\n\nH: descriptors=" +
-        without_spaces(kDescriptors) + "\n";
+        "A: idVendor=0451\\n\nA: idProduct=c900\\n\nH: descriptors={}\n",
+        kSysPath + 4, kNode + 5, kNode, without_spaces(kDescriptors));
     GError* error = nullptr;
     if (umockdev_testbed_add_from_string(testbed, description.c_str(), &error) == FALSE) {
       std::fprintf(stderr, "umockdev: %s\n", error->message);
