@@ -8,6 +8,7 @@
 #include <telefab/base/version.hpp>
 
 #include "parser.hpp"
+#include "usage_error.hpp"
 
 namespace telefab {
 namespace {
@@ -77,13 +78,18 @@ const Option& Option::above_zero() const {
   return *this;
 }
 
-const Option& Option::one_of(std::vector<std::string> words) const {
-  option_->check(CLI::IsMember(std::move(words)));
+const Option& Option::such_that(const std::string& rule, std::function<bool(double)> holds) const {
+  option_->check([rule, holds = std::move(holds)](const std::string& given) {
+    double value = 0;
+    // What is no number at all is said so when it is read.
+    const bool is_wrong = CLI::detail::lexical_cast(given, value) && !holds(value);
+    return is_wrong ? fmt::format("{} is not {}", given, rule) : std::string{};
+  });
   return *this;
 }
 
-const Option& Option::shows_words(const std::vector<std::string>& words) const {
-  option_->type_name(fmt::format("TEXT:{{{}}}", fmt::join(words, ",")));
+const Option& Option::one_of(std::vector<std::string> words) const {
+  option_->check(CLI::IsMember(std::move(words)));
   return *this;
 }
 
@@ -116,6 +122,9 @@ struct Parser::Impl {
   const ProgramText& text;
   CLI::App app;
   VerbBody chosen;
+
+  /// For people; `words`: the command line behind the program's name.
+  [[nodiscard]] std::string what_is_wrong(const CLI::ParseError& error, const std::vector<std::string>& words) const;
 };
 
 Parser::Parser(const ProgramText& text)
@@ -141,9 +150,34 @@ Parser::Parsed Parser::parse(int argc, char** argv) {
     return {impl_->chosen, {}, {}};
   } catch (const CLI::ParseError& error) {
     std::ostringstream output, notes;
-    const int code = impl_->app.exit(error, output, notes);
-    return {{}, output.str(), notes.str(), code != 0};
+    const bool is_wrong = impl_->app.exit(error, output, notes) != 0;
+    if (!is_wrong) return {{}, output.str(), notes.str(), false};
+    return {{}, {}, impl_->what_is_wrong(error, {argv + std::min(argc, 1), argv + argc}), true};
   }
+}
+
+std::string Parser::Impl::what_is_wrong(const CLI::ParseError& error, const std::vector<std::string>& words) const {
+  const auto chosen_verbs = app.get_subcommands();
+  const CLI::App& at = chosen_verbs.empty() ? app : *chosen_verbs.front();
+  const std::string program =
+      chosen_verbs.empty() ? std::string{text.name} : fmt::format("{} {}", text.name, at.get_name());
+  std::string what = error.what();
+  if (chosen_verbs.empty() && !words.empty() && !words.front().starts_with('-')) {
+    std::vector<std::string> verbs;
+    for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
+    what = unknown_verb(text.name, words.front(), verbs);
+  } else if (dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr) {
+    std::vector<std::string> options;
+    for (const CLI::Option* option : at.get_options())
+      for (const std::string& name : option->get_lnames()) options.push_back("--" + name);
+    // An option that is not known leaves its value over too, so that options are named first.
+    std::vector<std::string> left = at.remaining(true);
+    const auto first = std::ranges::find_if(left, [](const std::string& word) { return word.starts_with('-'); });
+    if (!left.empty()) what = unexpected_word(first != left.end() ? *first : left.front(), options);
+  } else if (dynamic_cast<const CLI::ConversionError*>(&error) != nullptr) {
+    if (const auto comma = decimal_comma(words)) what += "; " + *comma;
+  }
+  return fmt::format("{}: {}\nRun `{} --help` for what there is.\n", program, what, program);
 }
 
 ProgramManual Parser::manual() const {

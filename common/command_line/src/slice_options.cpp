@@ -10,9 +10,11 @@ Option declare(VerbOptions& options, SliceParameters& into, const SliceParameter
   const std::string name = option_name(row), help{row.help};
   if (const auto* flag = std::get_if<SliceParameter::Flag>(&row.field)) return options.flag(name, into.**flag, help);
   if (const auto* number = std::get_if<SliceParameter::Number>(&row.field))
-    return options.add(name, into.**number, help);
+    return options.add(name, into.**number, help).such_that(text_of(row.range), [range = row.range](double value) {
+      return contains(range, value);
+    });
   const Option choice = options.add(name, into.*std::get<SliceParameter::Choice>(row.field), help);
-  if (!row.choices.empty()) choice.shows_words({row.choices.begin(), row.choices.end()});
+  if (!row.choices.empty()) choice.one_of({row.choices.begin(), row.choices.end()});
   return row.fallback.empty() ? choice : choice.shows_default(std::string{row.fallback});
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 #include <concepts>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <variant>
@@ -34,9 +35,9 @@ class Option {
   }
   const Option& within(double least, double most) const;
   const Option& above_zero() const;
+  /// Only numbers for which this holds; `rule` says it in words: "above 0".
+  const Option& such_that(const std::string& rule, std::function<bool(double)> holds) const;
   const Option& one_of(std::vector<std::string> words) const;
-  /// Help and completion show these words; the verb judges what was given.
-  const Option& shows_words(const std::vector<std::string>& words) const;
   /// A variable of the environment that stands in for the option.
   const Option& environment(const std::string& variable) const;
   /// Not both of them.
