@@ -12,6 +12,8 @@ Result<Endpoint> endpoint_from_text(std::string_view text) {
   const auto refuse = [&](std::string_view why) {
     return fail(ErrorCode::InvalidInput, fmt::format("\"{}\" is not a HOST:PORT: {}", text, why));
   };
+  if (text.find("://") != std::string_view::npos)
+    return refuse("it is the address of a page; leave out all but host and port");
   const std::size_t colon = text.rfind(':');
   if (colon == std::string_view::npos) return refuse("the port is missing");
   std::string_view host = text.substr(0, colon);

@@ -305,6 +305,12 @@ class Attempt : public std::enable_shared_from_this<Attempt> {
     return fail(ErrorCode::Unreachable, fmt::format("cannot reach {}: {}", to_text(options_.endpoint), why));
   }
 
+  tl::unexpected<Error> unreachable(const Code& error) const {
+    return unreachable(error == asio::error::connection_refused
+                           ? "nobody listens there; is the site running, and is this its port?"
+                           : error.message());
+  }
+
   void connect(const tcp::resolver::results_type& found) {
     // Looked at before a byte leaves: without TLS nothing goes to another machine, whatever its name is.
     const bool stays_here = std::all_of(found.begin(), found.end(),
@@ -312,7 +318,7 @@ class Attempt : public std::enable_shared_from_this<Attempt> {
     if (!options_.trust && !stays_here) return finish(fail(ErrorCode::NotTrusted, plain_is_refused(options_.endpoint)));
     asio::async_connect(socket_, found, [self = shared_from_this()](const Code& error, const tcp::endpoint&) {
       if (!self->done_) return;
-      if (error) return self->finish(self->unreachable(error.message()));
+      if (error) return self->finish(self->unreachable(error));
       self->connected();
     });
   }
