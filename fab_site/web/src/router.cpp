@@ -203,11 +203,7 @@ const std::vector<Row>& rows() {
 }  // namespace
 
 const std::vector<WebRoute>& web_routes() {
-  static const std::vector<WebRoute> routes = [] {
-    std::vector<WebRoute> list;
-    for (const Row& row : rows()) list.push_back(row.route);
-    return list;
-  }();
+  static const std::vector<WebRoute> routes = routes_of(rows());
   return routes;
 }
 

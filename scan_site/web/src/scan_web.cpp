@@ -156,11 +156,7 @@ WebResponse described(WebResponse page) {
 }  // namespace
 
 const std::vector<WebRoute>& web_routes() {
-  static const std::vector<WebRoute> routes = [] {
-    std::vector<WebRoute> list;
-    for (const Row& row : rows()) list.push_back(row.route);
-    return list;
-  }();
+  static const std::vector<WebRoute> routes = routes_of(rows());
   return routes;
 }
 

@@ -5,6 +5,7 @@
 #include <telefab/web/sign_in.hpp>
 #include <telefab/web/web_message.hpp>
 #include <tl/expected.hpp>
+#include <vector>
 
 namespace telefab {
 
@@ -23,6 +24,14 @@ inline constexpr std::array<WebRoute, 3> kSignInRoutes{{
     {"POST", "/v1/sign-in", "begin a session with a token", Access::Anybody},
     {"POST", "/v1/sign-out", "end the session", Access::Anybody},
 }};
+
+/// The routes of a table whose rows carry one each, in its order.
+template <class Rows>
+[[nodiscard]] std::vector<WebRoute> routes_of(const Rows& rows) {
+  std::vector<WebRoute> routes;
+  for (const auto& row : rows) routes.push_back(row.route);
+  return routes;
+}
 
 /// What stood for {id} and {layer} in a path.
 struct PathArguments {
