@@ -118,7 +118,12 @@ function(telefab_test kind name)
   if(arg_LONG)
     set(cost 0)   # ctest starts costly tests first; ours says: longest last
   endif()
-  set_tests_properties(${kind}.${name} PROPERTIES LABELS ${kind} TIMEOUT ${arg_TIMEOUT} COST ${cost}
+  # What plays with real time and real processes has the machine to itself; everything else may run side by side.
+  set(alone OFF)
+  if(kind STREQUAL "integration")
+    set(alone ON)
+  endif()
+  set_tests_properties(${kind}.${name} PROPERTIES LABELS ${kind} TIMEOUT ${arg_TIMEOUT} COST ${cost} RUN_SERIAL ${alone}
     ENVIRONMENT "TELEFAB_BIN=${CMAKE_BINARY_DIR}/bin;TELEFAB_SOURCE=${CMAKE_SOURCE_DIR};${arg_ENVIRONMENT}")
 endfunction()
 
