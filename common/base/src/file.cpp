@@ -115,7 +115,6 @@ Result<std::filesystem::path> make_temporary_beside(const std::filesystem::path&
 }
 
 Result<void> put_in_place(const std::filesystem::path& temporary, const std::filesystem::path& path) {
-  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path{"."};
   const auto give_up = [&](int error) {
     ::unlink(temporary.c_str());
     return fail_errno("write", path, error);
@@ -125,9 +124,7 @@ Result<void> put_in_place(const std::filesystem::path& temporary, const std::fil
   if (::fsync(file.get()) != 0) return give_up(errno);
   if (!file.close()) return give_up(errno);
   if (::rename(temporary.c_str(), path.c_str()) != 0) return give_up(errno);
-  Descriptor parent{::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)};
-  if (parent.get() < 0 || ::fsync(parent.get()) != 0) return fail_errno("write", path, errno);
-  return {};
+  return sync_folder_of(path);
 }
 
 Result<void> write_new_secret(const std::filesystem::path& path, std::string_view text) {
@@ -143,10 +140,7 @@ Result<void> write_new_secret(const std::filesystem::path& path, std::string_vie
   if (error == 0 && ::link(temporary.c_str(), path.c_str()) != 0) error = errno;
   ::unlink(temporary.c_str());
   if (error != 0) return give_up(error);
-  const Descriptor folder{
-      ::open(path.has_parent_path() ? path.parent_path().c_str() : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC)};
-  if (folder.get() < 0 || ::fsync(folder.get()) != 0) return give_up(errno);
-  return {};
+  return sync_folder_of(path);
 }
 
 Result<void> write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes) {
@@ -171,6 +165,13 @@ Result<void> write_new_file(const std::filesystem::path& path, std::span<const s
   if (file.get() < 0) return fail_errno("write", path, errno);
   if (const int error = write_all(file.get(), bytes)) return fail_errno("write", path, error);
   if (!file.close()) return fail_errno("write", path, errno);
+  return {};
+}
+
+Result<void> sync_folder_of(const std::filesystem::path& file) {
+  const Descriptor folder{
+      ::open(file.has_parent_path() ? file.parent_path().c_str() : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC)};
+  if (folder.get() < 0 || ::fsync(folder.get()) != 0) return fail_errno("sync the folder of", file, errno);
   return {};
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -39,6 +39,15 @@ Result<std::string> read_secret(const std::filesystem::path& path) {
   return std::string{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
 }
 
+Result<std::string> random_hex(std::size_t bytes) {
+  std::vector<unsigned char> random(bytes);
+  if (::getrandom(random.data(), random.size(), 0) != static_cast<ssize_t>(random.size()))
+    return fail(ErrorCode::Internal, "the system has no random numbers");
+  std::string text;
+  for (const unsigned char byte : random) text += fmt::format("{:02x}", byte);
+  return text;
+}
+
 Result<void> write_secret(const std::filesystem::path& path, std::string_view text) {
   const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path{"."};
   std::filesystem::path temporary = path;
@@ -56,12 +65,7 @@ Result<void> write_secret(const std::filesystem::path& path, std::string_view te
       (::stat(folder.c_str(), &status) != 0 || ::chown(temporary.c_str(), status.st_uid, status.st_gid) != 0))
     return give_up("give away");
   if (::rename(temporary.c_str(), path.c_str()) != 0) return give_up("write");
-  const int opened = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  const bool is_synced = opened >= 0 && ::fsync(opened) == 0;
-  if (opened >= 0) ::close(opened);
-  if (!is_synced)
-    return fail(ErrorCode::StorageFailed, fmt::format("cannot sync {}: {}", folder.string(), std::strerror(errno)));
-  return {};
+  return sync_folder_of(path);
 }
 
 }  // namespace telefab

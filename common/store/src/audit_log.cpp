@@ -160,11 +160,7 @@ struct AuditLog::Impl {
     ++parts;
     if (file >= 0) ::close(std::exchange(file, -1));
     bytes = 0;
-    const int folder =
-        ::open(path.has_parent_path() ? path.parent_path().c_str() : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (folder < 0) return;
-    (void)::fsync(folder);  // a loss of power before it takes effect leaves one long part, and no line is lost
-    ::close(folder);
+    (void)sync_folder_of(path);  // a loss of power before it takes effect leaves one long part, and no line is lost
   }
 };
 

@@ -9,6 +9,7 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <telefab/base/file.hpp>
 #include <telefab/transfer/chunk_spool.hpp>
 
 namespace telefab {
@@ -237,11 +238,7 @@ Result<ChunkSpool> ChunkSpool::open(const std::filesystem::path& path) {
   if (impl->file < 0) return impl->storage_failed("open");
   if (auto loaded = impl->load(); !loaded) return tl::unexpected{loaded.error()};
   // The entry in the folder must survive a loss of power too.
-  const int folder = ::open(path.parent_path().c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (folder >= 0) {
-    (void)::fsync(folder);  // some file systems cannot; the next fdatasync of the file reports real trouble
-    ::close(folder);
-  }
+  (void)sync_folder_of(path);  // some file systems cannot; the next fdatasync of the file reports real trouble
   return ChunkSpool{std::move(impl)};
 }
 

@@ -3,17 +3,13 @@
 #include <cctype>
 #include <telefab/web/form_data.hpp>
 
+#include "lower_case.hpp"
+
 namespace telefab {
 namespace {
 
 constexpr std::size_t kMaxFields = 32;
 constexpr std::size_t kLongestBoundary = 70;  // RFC 2046, 5.1.1
-
-std::string lower(std::string_view text) {
-  std::string out{text};
-  std::transform(out.begin(), out.end(), out.begin(), [](unsigned char c) { return std::tolower(c); });
-  return out;
-}
 
 /// The value of `key` in "...; key=value; other=\"quoted\"", quoted or not; empty where it is missing.
 std::string parameter(std::string_view header, std::string_view key) {

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <openssl/crypto.h>
 #include <sys/file.h>
-#include <sys/random.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -142,13 +141,6 @@ const OperatorToken* owner_of(std::span<const OperatorToken> tokens, std::string
   return owner;
 }
 
-Result<std::string> random_token() {
-  std::array<unsigned char, 16> random{};
-  if (::getrandom(random.data(), random.size(), 0) != static_cast<ssize_t>(random.size()))
-    return fail(ErrorCode::Internal, "no random numbers for a token");
-  std::string token;
-  for (const unsigned char byte : random) token += fmt::format("{:02x}", byte);
-  return token;
-}
+Result<std::string> random_token() { return random_hex(16); }
 
 }  // namespace telefab

@@ -8,17 +8,13 @@
 #include <nlohmann/json.hpp>
 #include <telefab/web/sign_in.hpp>
 
+#include "lower_case.hpp"
+
 namespace telefab {
 namespace {
 
 constexpr std::size_t kMostSessions = 256;
 constexpr std::string_view kBearer = "Bearer ";
-
-std::string lower(std::string_view text) {
-  std::string out{text};
-  std::ranges::transform(out, out.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return out;
-}
 
 bool are_equal(std::string_view a, std::string_view b) {
   return a.size() == b.size() && CRYPTO_memcmp(a.data(), b.data(), a.size()) == 0;
@@ -52,11 +48,7 @@ std::string set_cookie(const WebRequest& request, std::string_view value, std::i
                      request.is_encrypted ? "; Secure" : "");
 }
 
-std::string key_of(std::string_view cookie) {
-  Hasher hasher;
-  hasher.feed(cookie);
-  return to_hex(hasher.digest());
-}
+std::string key_of(std::string_view cookie) { return to_hex(digest_of(std::as_bytes(std::span{cookie}))); }
 
 bool is_change(const WebRequest& request) { return request.method != "GET" && request.method != "HEAD"; }
 

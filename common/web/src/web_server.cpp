@@ -18,6 +18,8 @@
 #include <telefab/web/web_server.hpp>
 #include <thread>
 
+#include "lower_case.hpp"
+
 namespace telefab {
 namespace {
 
@@ -41,11 +43,6 @@ constexpr auto kKeepAliveEvery = std::chrono::seconds{15};
 constexpr auto kBreath = std::chrono::milliseconds{100};
 
 std::string text_of(beast::string_view text) { return {text.data(), text.size()}; }
-
-std::string lower(std::string text) {
-  std::ranges::transform(text, text.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return text;
-}
 
 /// One client, whatever it speaks.
 class Session {

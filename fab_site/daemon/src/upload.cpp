@@ -2,11 +2,11 @@
 #include "upload.hpp"
 
 #include <fmt/format.h>
-#include <sys/random.h>
 
 #include <array>
 #include <cmath>
 #include <telefab/base/file.hpp>
+#include <telefab/base/secret.hpp>
 #include <telefab/codec/tfc_file.hpp>
 
 #include "intake.hpp"
@@ -19,12 +19,7 @@ constexpr std::size_t kLongestName = 255;
 
 /// "u" and twelve hexadecimal digits: no scan site's ids look like that.
 Result<std::string> fresh_id() {
-  std::array<unsigned char, 6> random{};
-  if (::getrandom(random.data(), random.size(), 0) != static_cast<ssize_t>(random.size()))
-    return fail(ErrorCode::Internal, "no random numbers for a job's id");
-  std::string id = "u";
-  for (const unsigned char byte : random) id += fmt::format("{:02x}", byte);
-  return id;
+  return random_hex(6).map([](const std::string& digits) { return "u" + digits; });
 }
 
 Result<void> check_fits(const StackHeader& header, const MachineProfile& machine) {

@@ -220,12 +220,7 @@ Result<std::unique_ptr<JournalFile>> open_journal_file(const std::filesystem::pa
   const int fd = ::open(path.c_str(), kJournalFlags, 0640);
   if (fd < 0) return io_failed("opening", path);
   auto file = std::make_unique<DiskJournalFile>(fd, path);
-  const auto parent = path.has_parent_path() ? path.parent_path() : std::filesystem::path{"."};
-  const int folder = ::open(parent.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (folder < 0) return io_failed("opening the folder of", path);
-  const int synced = ::fsync(folder);
-  ::close(folder);
-  if (synced != 0) return io_failed("syncing the folder of", path);
+  if (auto synced = sync_folder_of(path); !synced) return fail_in("the print journal", synced.error());
   return file;
 }
 

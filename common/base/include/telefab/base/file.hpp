@@ -33,6 +33,9 @@ namespace telefab {
 /// Writes a file whose name nobody looks at yet; not synced. For folders that are renamed into place after
 /// sync_file_system. Fails as write_file_atomically; leaves a part behind.
 [[nodiscard]] Result<void> write_new_file(const std::filesystem::path& path, std::span<const std::byte> bytes);
+/// The name of a file that was made or renamed outlives a loss of power: fsync of the folder it lies in. Fails as
+/// write_file_atomically.
+[[nodiscard]] Result<void> sync_folder_of(const std::filesystem::path& file);
 /// Everything written to the file system of `path` is on disk when this returns.
 [[nodiscard]] Result<void> sync_file_system(const std::filesystem::path& path);
 
