@@ -61,6 +61,11 @@ struct FinalizeStatement {
   void operator()(sqlite3_stmt* statement) const { sqlite3_finalize(statement); }
 };
 
+/// 1 is the newest; 0 is one that is being made.
+std::filesystem::path backup_of(const std::filesystem::path& store, int number) {
+  return fmt::format("{}.backup-{}", store.string(), number);
+}
+
 /// A file that is read, and is not what was written.
 ErrorCode code_of(int sqlite_code) {
   return (sqlite_code & 0xff) == SQLITE_CORRUPT || (sqlite_code & 0xff) == SQLITE_NOTADB ? ErrorCode::NotTrusted
@@ -502,11 +507,9 @@ Result<std::optional<JobState>> JobStore::forgotten(std::string_view id) const {
 
 Result<void> JobStore::back_up() {
   const std::lock_guard lock{impl_->mutex};
-  const auto backup = [&](int number) {
-    return std::filesystem::path{fmt::format("{}.backup-{}", impl_->path.string(), number)};
-  };
+  const auto backup = [&](int number) { return backup_of(impl_->path, number); };
   // The new one first: where it cannot be written, the old ones stay as they are.
-  const std::filesystem::path made = impl_->path.string() + ".backup-0";
+  const std::filesystem::path made = backup(0);
   if (auto copied = impl_->copy_to(made); !copied) return copied;
   std::error_code error;  // one that is not there is not moved
   for (int number = kStoreBackups; number > 1; --number)
@@ -548,9 +551,7 @@ Result<std::filesystem::path> set_aside(const std::filesystem::path& path) {
 
 Result<RestoredStore> open_or_restore(const std::filesystem::path& path, const Clock& clock) {
   std::error_code error;
-  const auto backup = [&](int number) {
-    return std::filesystem::path{fmt::format("{}.backup-{}", path.string(), number)};
-  };
+  const auto backup = [&](int number) { return backup_of(path, number); };
   std::string notice;
   // A start that ended while it restored leaves no file, and backups.
   if (!std::filesystem::exists(path, error) && std::filesystem::exists(backup(1), error)) {
