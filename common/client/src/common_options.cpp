@@ -58,6 +58,11 @@ void declare_common(VerbOptions& options, CommonOptions& common) {
   options.flag("--json", common.json, "print JSON, one value");
 }
 
+Result<void> check_job_id(const std::string& job) {
+  if (is_job_id(job)) return {};
+  return fail(ErrorCode::NotFound, fmt::format("no job \"{}\": `telefab jobs` lists them", job));
+}
+
 Result<std::unique_ptr<SiteClient>> connect(const CommonOptions& given, std::stop_token stop) {
   const auto found = looked_up(given);
   if (!found) return tl::unexpected{found.error()};

@@ -53,8 +53,7 @@ VerbBody declare_command(VerbOptions& options, JobCommand command) {
     if (o->as == "expose-again") asked = JobCommand::ExposeAgain;
     if (is_of_machine && !is_job_id(o->job))
       return fail(ErrorCode::NotFound, fmt::format("no machine \"{}\": `telefab machines` lists them", o->job));
-    if (!is_job_id(o->job))
-      return fail(ErrorCode::NotFound, fmt::format("no job \"{}\": `telefab jobs` lists them", o->job));
+    if (auto named = check_job_id(o->job); !named) return tl::unexpected{named.error()};
     auto client = connect(o->common, std::move(stop));
     if (!client) return tl::unexpected{client.error()};
     const std::string although = fmt::format("{}", fmt::join(o->although, ",")).substr(0, kMaxNameBytes);
@@ -81,8 +80,7 @@ VerbBody declare_forget(VerbOptions& options) {
       .environment("USER");
   return [o](std::stop_token stop) -> Result<ExitCode> {
     for (const std::string& job : o->jobs)
-      if (!is_job_id(job))
-        return fail(ErrorCode::NotFound, fmt::format("no job \"{}\": `telefab jobs` lists them", job));
+      if (auto named = check_job_id(job); !named) return tl::unexpected{named.error()};
     auto client = connect(o->common, std::move(stop));
     if (!client) return tl::unexpected{client.error()};
     const std::string who = o->who.substr(0, kMaxNameBytes);

@@ -28,12 +28,6 @@ std::shared_ptr<JobOptions> declare_one(VerbOptions& options) {
   return o;
 }
 
-/// A text that is no id cannot name a job; said here, not by a site that takes it for a broken message.
-Result<void> check_id(const std::string& job) {
-  if (is_job_id(job)) return {};
-  return fail(ErrorCode::NotFound, fmt::format("no job \"{}\": `telefab jobs` lists them", job));
-}
-
 }  // namespace
 
 VerbBody declare_jobs(VerbOptions& options) {
@@ -59,7 +53,7 @@ VerbBody declare_jobs(VerbOptions& options) {
 VerbBody declare_status(VerbOptions& options) {
   auto o = declare_one(options);
   return [o](std::stop_token stop) -> Result<ExitCode> {
-    if (auto good = check_id(o->job); !good) return tl::unexpected{good.error()};
+    if (auto good = check_job_id(o->job); !good) return tl::unexpected{good.error()};
     auto client = connect(o->common, std::move(stop));
     if (!client) return tl::unexpected{client.error()};
     auto jobs = (*client)->ask<Jobs>(AskJobs{(*client)->next_request(), o->job, 1, false});
@@ -79,7 +73,7 @@ VerbBody declare_watch(VerbOptions& options) {
   options.flag("--plain", o->plain, "lines instead of the full screen, as where there is no terminal");
   declare_patience(options, o->patience_min);
   return [o](std::stop_token stop) -> Result<ExitCode> {
-    if (auto good = check_id(o->job); !good) return tl::unexpected{good.error()};
+    if (auto good = check_job_id(o->job); !good) return tl::unexpected{good.error()};
     auto client = connect(o->common, stop);
     if (!client) return tl::unexpected{client.error()};
     const WatchLine line{[&] { return connect(o->common, stop); }, o->patience_min, stop};

@@ -44,8 +44,7 @@ VerbBody declare_report(VerbOptions& options) {
   options.add("JOB", o->job, "id of the job").required();
   options.add("--out", o->out, "folder for the files; made where there is none").required();
   return [o](std::stop_token stop) -> Result<ExitCode> {
-    if (!is_job_id(o->job))
-      return fail(ErrorCode::NotFound, fmt::format("no job \"{}\": `telefab jobs` lists them", o->job));
+    if (auto named = check_job_id(o->job); !named) return tl::unexpected{named.error()};
     auto client = connect(o->common, std::move(stop));
     if (!client) return tl::unexpected{client.error()};
     auto jobs = (*client)->ask<Jobs>(AskJobs{(*client)->next_request(), o->job, 1, false});
