@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "damage.hpp"
 
-#include <arpa/inet.h>
 #include <fmt/format.h>
 #include <netinet/tcp.h>
 #include <sys/socket.h>
@@ -13,6 +12,7 @@
 #include <map>
 #include <random>
 #include <stdexcept>
+#include <telefab/test/loopback.hpp>
 #include <telefab/transfer/chunk_spool.hpp>
 #include <telefab/wire/message.hpp>
 
@@ -73,11 +73,8 @@ Answer converse(std::uint16_t port, std::span<const Bytes> messages) {
   const int on = 1;
   ::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
   ::setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(port);
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  if (::connect(fd, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0)
+  const sockaddr_in address = loopback(port);
+  if (::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
     throw std::runtime_error{"the fab is gone"};
   Bytes all = bytes_of(Hello{kProtocolVersion, Side::ScanSite, "campaign", {}, {}});
   for (const Bytes& each : messages) all.insert(all.end(), each.begin(), each.end());

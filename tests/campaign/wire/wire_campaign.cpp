@@ -8,6 +8,7 @@
 
 #include <chrono>
 #include <nlohmann/json.hpp>
+#include <telefab/test/campaign_main.hpp>
 #include <thread>
 
 #include "damage.hpp"
@@ -159,11 +160,4 @@ int run(const std::vector<std::string>& words) {
 }  // namespace
 }  // namespace telefab::test
 
-int main(int count, char** words) {
-  try {
-    return telefab::test::run({words + 1, words + count});
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "{}\n", error.what());
-    return 70;
-  }
-}
+int main(int count, char** words) { return telefab::test::campaign_main(count, words, telefab::test::run); }

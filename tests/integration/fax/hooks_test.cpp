@@ -9,6 +9,7 @@
 #include <atomic>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <telefab/test/loopback.hpp>
 #include <telefab/test/two_sites.hpp>
 #include <thread>
 
@@ -23,9 +24,7 @@ class Listener {
  public:
   Listener() {
     socket_ = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    sockaddr_in address = loopback(0);
     socklen_t size = sizeof address;
     if (::bind(socket_, reinterpret_cast<sockaddr*>(&address), size) != 0 || ::listen(socket_, 8) != 0) return;
     ::getsockname(socket_, reinterpret_cast<sockaddr*>(&address), &size);

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
@@ -8,6 +7,7 @@
 #include <array>
 #include <random>
 #include <telefab/codec/stack_codec.hpp>
+#include <telefab/test/loopback.hpp>
 #include <telefab/test/two_sites.hpp>
 #include <telefab/wire/message.hpp>
 
@@ -22,11 +22,8 @@ class RawPeer {
   explicit RawPeer(const std::string& port) : fd_{::socket(AF_INET, SOCK_STREAM, 0)} {
     const timeval limit{20, 0};
     ::setsockopt(fd_, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(static_cast<std::uint16_t>(std::stoi(port)));
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    connected_ = ::connect(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0;
+    const sockaddr_in address = loopback(static_cast<std::uint16_t>(std::stoi(port)));
+    connected_ = ::connect(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
   }
   ~RawPeer() { ::close(fd_); }
   RawPeer(const RawPeer&) = delete;

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
@@ -13,6 +12,7 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <telefab/test/loopback.hpp>
 
 // `telefab-fab simulate-usb` as a process of its own.
 
@@ -50,10 +50,7 @@ struct Simulator {
   }
   [[nodiscard]] int connect_to() const {
     const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    sockaddr_in where{};
-    where.sin_family = AF_INET;
-    where.sin_port = htons(port);
-    where.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    const sockaddr_in where = telefab::test::loopback(port);
     return ::connect(fd, reinterpret_cast<const sockaddr*>(&where), sizeof where) == 0 ? fd : -1;
   }
   pid_t child = -1;

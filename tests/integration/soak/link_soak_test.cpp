@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <telefab/service/client_session.hpp>
+#include <telefab/test/loopback.hpp>
 
 #include "fab_link.hpp"
 #include "virtual_line.hpp"
@@ -169,9 +170,7 @@ TEST_F(LinkSoak, AFabThatIsAwayForHoursIsFoundAgainWithinSecondsAndGoesOnBehindI
 class HangingFab {
  public:
   HangingFab() : fd_{::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)} {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    sockaddr_in address = test::loopback(0);
     socklen_t size = sizeof address;
     EXPECT_EQ(::bind(fd_, reinterpret_cast<sockaddr*>(&address), size), 0);
     EXPECT_EQ(::listen(fd_, 8), 0);

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/net/authority.hpp>
+#include <telefab/test/http_client.hpp>
 #include <telefab/test/https_client.hpp>
 #include <telefab/test/recording_backend.hpp>
 

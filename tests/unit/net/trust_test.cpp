@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <stdlib.h>
@@ -11,6 +10,7 @@
 #include <telefab/net/authority.hpp>
 #include <telefab/net/listener.hpp>
 #include <telefab/net/trust.hpp>
+#include <telefab/test/loopback.hpp>
 #include <utility>
 
 namespace telefab::net {
@@ -26,11 +26,8 @@ namespace fs = std::filesystem;
 class SilentSocket {
  public:
   explicit SilentSocket(std::uint16_t port) : fd_{::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)} {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(port);
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    ::connect(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address);
+    const sockaddr_in address = test::loopback(port);
+    ::connect(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address);
   }
   ~SilentSocket() {
     if (fd_ >= 0) ::close(fd_);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
-#include <arpa/inet.h>
 #include <sys/socket.h>
 #include <sys/time.h>
 #include <unistd.h>
@@ -8,6 +7,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <telefab/test/loopback.hpp>
 
 namespace telefab::test {
 
@@ -17,11 +17,8 @@ class HttpClient {
   explicit HttpClient(std::uint16_t port, int patience_s = 10) : fd_{::socket(AF_INET, SOCK_STREAM, 0)} {
     const timeval limit{patience_s, 0};
     ::setsockopt(fd_, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(port);
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    connected_ = ::connect(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0;
+    const sockaddr_in address = loopback(port);
+    connected_ = ::connect(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
   }
   ~HttpClient() { ::close(fd_); }
   HttpClient(const HttpClient&) = delete;
@@ -52,12 +49,18 @@ class HttpClient {
   bool connected_ = false;
 };
 
-/// The whole answer to one request on a connection of its own. `head` holds further header lines, each with its CRLF.
+/// A request on a connection that ends with it. `head` holds further header lines, each with its CRLF.
+[[nodiscard]] inline std::string http_request(const std::string& method, const std::string& target,
+                                              const std::string& head, const std::string& body) {
+  return method + " " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n" + head +
+         (body.empty() ? "" : "Content-Length: " + std::to_string(body.size()) + "\r\n") + "\r\n" + body;
+}
+
+/// The whole answer to one request on a connection of its own.
 [[nodiscard]] inline std::string http_ask(std::uint16_t port, const std::string& method, const std::string& target,
                                           const std::string& head = {}, const std::string& body = {}) {
   const HttpClient client{port};
-  client.send(method + " " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n" + head +
-              (body.empty() ? "" : "Content-Length: " + std::to_string(body.size()) + "\r\n") + "\r\n" + body);
+  client.send(http_request(method, target, head, body));
   return client.read_until("");
 }
 
