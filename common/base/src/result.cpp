@@ -1,8 +1,18 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+
 #include <telefab/base/exit_code.hpp>
 #include <telefab/base/result.hpp>
 
 namespace telefab {
+
+tl::unexpected<Error> cancelled(std::string_view while_doing) {
+  return fail(ErrorCode::Cancelled, fmt::format("cancelled while {}", while_doing));
+}
+
+tl::unexpected<Error> fail_in(std::string_view where, const Error& cause) {
+  return fail(cause.code, fmt::format("{}: {}", where, cause.what));
+}
 
 std::string_view name_of(ErrorCode code) {
   switch (code) {

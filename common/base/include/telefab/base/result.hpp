@@ -44,13 +44,9 @@ using Result = tl::expected<T, Error>;
 }
 
 /// Somebody asked to stop: `return cancelled("reading points")`.
-[[nodiscard]] inline tl::unexpected<Error> cancelled(std::string_view while_doing) {
-  return fail(ErrorCode::Cancelled, "cancelled while " + std::string{while_doing});
-}
+[[nodiscard]] tl::unexpected<Error> cancelled(std::string_view while_doing);
 
 /// Hands an error on, with a word about where: `return fail_in("reading x.ply", result.error())`.
-[[nodiscard]] inline tl::unexpected<Error> fail_in(std::string_view where, const Error& cause) {
-  return tl::unexpected<Error>{Error{cause.code, std::string{where} + ": " + cause.what}};
-}
+[[nodiscard]] tl::unexpected<Error> fail_in(std::string_view where, const Error& cause);
 
 }  // namespace telefab
