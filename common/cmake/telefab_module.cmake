@@ -39,6 +39,24 @@ function(_telefab_may_link owner)
   endforeach()
 endfunction()
 
+# What most rooms include is compiled once, in the first room, with the definitions of fmt (decision 0005). It is for speed
+# only: every file still includes what it uses.
+function(_telefab_precompiled target)
+  target_compile_definitions(${target} PRIVATE $<TARGET_PROPERTY:fmt::fmt,INTERFACE_COMPILE_DEFINITIONS>)
+  if(target STREQUAL "telefab_base")
+    target_precompile_headers(${target} PRIVATE <fmt/format.h> <tl/expected.hpp> <algorithm> <array> <cmath> <filesystem>
+      <functional> <map> <memory> <optional> <span> <stop_token> <string> <vector>)
+  else()
+    target_precompile_headers(${target} REUSE_FROM telefab_base)
+  endif()
+endfunction()
+
+# Options of their own for SOURCES, such as an instruction set: the precompiled headers know nothing of them.
+function(telefab_source_options)
+  cmake_parse_arguments(PARSE_ARGV 0 arg "" "" "SOURCES;OPTIONS")
+  set_source_files_properties(${arg_SOURCES} PROPERTIES COMPILE_OPTIONS "${arg_OPTIONS}" SKIP_PRECOMPILE_HEADERS ON)
+endfunction()
+
 # telefab_module(NAME SOURCES .. HEADERS .. USES .. HIDES ..)
 #   USES   what our public headers mention    HIDES   what only our .cpp files mention
 # Sources are relative to the module's folder; public headers lie below include/.
@@ -56,6 +74,7 @@ function(telefab_module name)
     target_sources(telefab_${name} PUBLIC FILE_SET HEADERS BASE_DIRS include FILES ${arg_HEADERS})
     set_target_properties(telefab_${name} PROPERTIES VERIFY_INTERFACE_HEADER_SETS ON)
     target_include_directories(telefab_${name} PRIVATE src)
+    _telefab_precompiled(telefab_${name})
   else()
     add_library(telefab_${name} INTERFACE)
     target_link_libraries(telefab_${name} INTERFACE ${arg_USES})
@@ -74,6 +93,7 @@ function(telefab_program name)
   add_executable(${target} ${arg_SOURCES})
   set_target_properties(${target} PROPERTIES OUTPUT_NAME ${name})
   target_link_libraries(${target} PRIVATE telefab_flags ${arg_HIDES})
+  _telefab_precompiled(${target})
   install(TARGETS ${target} RUNTIME DESTINATION bin COMPONENT ${arg_COMPONENT})
   if(TELEFAB_HARDEN)
     add_custom_command(TARGET ${target} POST_BUILD VERBATIM

@@ -7,7 +7,7 @@ namespace telefab {
 namespace {
 
 /// Single-quoted for a shell.
-std::string quoted(std::string_view text) {
+std::string shell_quoted(std::string_view text) {
   std::string out = "'";
   for (const char c : text) {
     if (c == '\'')
@@ -41,17 +41,17 @@ std::string bash_script(const ProgramManual& program) {
     for (const OptionManual& option : verb.options)
       if (!option.positional && !option.choices.empty())
         script += fmt::format("    {},{}) mapfile -t COMPREPLY < <(compgen -W {} -- \"$word\"); return ;;\n", verb.name,
-                              option.name, quoted(fmt::format("{}", fmt::join(option.choices, " "))));
+                              option.name, shell_quoted(fmt::format("{}", fmt::join(option.choices, " "))));
   script +=
       fmt::format("  esac\n  case $verb in\n    '') mapfile -t COMPREPLY < <(compgen -W {} -- \"$word\"); return ;;\n",
-                  quoted(verb_names(program) + " --help --version"));
+                  shell_quoted(verb_names(program) + " --help --version"));
   for (const VerbManual& verb : program.verbs) {
     std::string names = "--help";
     for (const OptionManual& option : verb.options)
       if (!option.positional) names += " " + option.name;
     script += fmt::format(
         "    {}) [[ $word == -* ]] && {{ mapfile -t COMPREPLY < <(compgen -W {} -- \"$word\"); return; }} ;;\n",
-        verb.name, quoted(names));
+        verb.name, shell_quoted(names));
   }
   script += fmt::format(
       "  esac\n  compopt -o filenames\n  mapfile -t COMPREPLY < <(compgen -f -- \"$word\")\n}}\n"
@@ -66,7 +66,7 @@ std::string zsh_script(const ProgramManual& program) {
   const auto entry = [](std::string_view name, std::string_view description) {
     std::string escaped;
     for (const char c : name) escaped += c == ':' ? std::string{"\\:"} : std::string{c};
-    return quoted(fmt::format("{}:{}", escaped, description));
+    return shell_quoted(fmt::format("{}:{}", escaped, description));
   };
   for (const VerbManual& verb : program.verbs) script += fmt::format("      {}\n", entry(verb.name, verb.summary));
   script +=
@@ -94,16 +94,16 @@ std::string fish_script(const ProgramManual& program) {
   std::string script = fmt::format("# fish completion for {}\n", program.name);
   for (const VerbManual& verb : program.verbs) {
     script += fmt::format("complete -c {} -n __fish_use_subcommand -f -a {} -d {}\n", program.name, verb.name,
-                          quoted(verb.summary));
+                          shell_quoted(verb.summary));
     for (const OptionManual& option : verb.options) {
       if (option.positional) continue;
       script += fmt::format("complete -c {} -n '__fish_seen_subcommand_from {}' -l {}", program.name, verb.name,
                             option.name.substr(option.name.find_first_not_of('-')));
       if (!option.choices.empty())
-        script += fmt::format(" -x -a {}", quoted(fmt::format("{}", fmt::join(option.choices, " "))));
+        script += fmt::format(" -x -a {}", shell_quoted(fmt::format("{}", fmt::join(option.choices, " "))));
       else if (!option.value.empty())
         script += " -r";
-      script += fmt::format(" -d {}\n", quoted(option.description));
+      script += fmt::format(" -d {}\n", shell_quoted(option.description));
     }
   }
   return script;
