@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/machine/machine_profile.hpp>
 
@@ -117,7 +118,7 @@ VerbBody declare_machines(VerbOptions& options) {
                       {"exposure_s", machine->layers.exposure_s},
                       {"origin", machines->origin}});
     }
-    if (o->common.json) write_output(fmt::format("{}\n", list.dump(2)));
+    if (o->common.json) write_output(fmt::format("{}\n", json_text(list, 2)));
     return ExitCode::Ok;
   };
 }

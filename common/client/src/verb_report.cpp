@@ -3,6 +3,7 @@
 
 #include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/command_line/output.hpp>
 
 #include "common_options.hpp"
@@ -72,7 +73,7 @@ VerbBody declare_report(VerbOptions& options) {
       if (!content) return tl::unexpected{content.error()};
       if (auto done = keep(file.name, std::span<const std::byte>{*content}); !done) return tl::unexpected{done.error()};
     }
-    if (o->common.json) write_output(fmt::format("{}\n", written.dump(2)));
+    if (o->common.json) write_output(fmt::format("{}\n", json_text(written, 2)));
     return ExitCode::Ok;
   };
 }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/command_line/output.hpp>
 
 #include "common_options.hpp"
@@ -29,7 +30,7 @@ Result<ExitCode> list(const SiteBook& book, const std::filesystem::path& path, b
                        {"tls_name", site.tls_name},
                        {"certificate", site.certificate},
                        {"default", site.name == book.default_site}});
-    write_output(fmt::format("{}\n", nlohmann::ordered_json{{"file", path.string()}, {"sites", sites}}.dump()));
+    write_output(fmt::format("{}\n", json_text({{"file", path.string()}, {"sites", sites}})));
     return ExitCode::Ok;
   }
   if (book.sites.empty())

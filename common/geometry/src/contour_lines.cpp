@@ -4,6 +4,7 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_number.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/geometry/contour_lines.hpp>
 #include <telefab/geometry/limits.hpp>
 
@@ -25,9 +26,9 @@ std::string to_json_line(const Layer& layer) {
 }
 
 Result<Layer> layer_from_json_line(std::string_view line) {
-  using nlohmann::json;
+  using Json = nlohmann::ordered_json;
   const auto bad = [](std::string what) { return fail(ErrorCode::InvalidInput, "contour line: " + std::move(what)); };
-  const json value = json::parse(line, nullptr, /*allow_exceptions=*/false);
+  const Json value = json_or_discarded(line);
   if (value.is_discarded() || !value.is_object()) return bad("not a JSON object");
   const auto index = value.find("layer");
   const auto z = value.find("z_mm");
@@ -41,11 +42,11 @@ Result<Layer> layer_from_json_line(std::string_view line) {
   Layer layer;
   layer.index = LayerIndex{whole_number<std::uint32_t>(*index)};
   layer.z_mm = z->get<double>();
-  for (const json& ring : *rings) {
+  for (const Json& ring : *rings) {
     if (!ring.is_array() || ring.size() > kMaxVerticesPerLayer) return bad("a contour is not a list of vertices");
     std::vector<Point2> vertices;
     vertices.reserve(ring.size());
-    for (const json& vertex : ring) {
+    for (const Json& vertex : ring) {
       if (!vertex.is_array() || vertex.size() != 2 || !vertex[0].is_number() || !vertex[1].is_number())
         return bad("a vertex is not [x, y]");
       vertices.push_back({vertex[0].get<double>(), vertex[1].get<double>()});

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/job/job.hpp>
 
 namespace telefab {
@@ -102,7 +103,7 @@ bool may_follow(JobState from, JobState to) {
 std::string to_json(const Job& job) {
   nlohmann::ordered_json stages = nlohmann::ordered_json::object();
   for (const StageSeconds& stage : job.stages) stages[name_of(stage.stage)] = stage.seconds;
-  auto parameters = nlohmann::ordered_json::parse(job.parameters, nullptr, false);
+  auto parameters = json_or_discarded(job.parameters);
   if (parameters.is_discarded()) parameters = nullptr;
   const JobCounters& c = job.counters;
   const nlohmann::ordered_json object{
@@ -125,7 +126,7 @@ std::string to_json(const Job& job) {
       {"created_unix_ms", job.created_unix_ms},
       {"changed_unix_ms", job.changed_unix_ms},
   };
-  return object.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+  return json_text(object);
 }
 
 }  // namespace telefab

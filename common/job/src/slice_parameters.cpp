@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/geometry/limits.hpp>
 #include <telefab/job/slice_parameters.hpp>
 
@@ -149,7 +150,7 @@ Result<void> validate_value(const SliceParameters& parameters, const SliceParame
   return {};
 }
 
-Result<void> read_value(const nlohmann::json& value, const SliceParameter& row, SliceParameters& into) {
+Result<void> read_value(const nlohmann::ordered_json& value, const SliceParameter& row, SliceParameters& into) {
   return std::visit(Overloaded{[&](SliceParameter::Number field) -> Result<void> {
                                  if (!value.is_number()) return bad(row.key, "must be a number");
                                  into.*field = value.get<double>();
@@ -217,11 +218,11 @@ std::string to_json(const SliceParameters& parameters) {
       std::visit(Overloaded{[&](SliceParameter::Flag field) { object[row.key] = parameters.*field; },
                             [&](auto field) { object[row.key] = *(parameters.*field); }},
                  row.field);
-  return object.dump();
+  return json_text(object);
 }
 
 Result<SliceParameters> slice_parameters_from_json(std::string_view text) {
-  const auto object = nlohmann::json::parse(text, nullptr, false);
+  const auto object = json_or_discarded(text);
   if (!object.is_object()) return fail(ErrorCode::InvalidInput, "the parameters of the job are not a JSON object");
   SliceParameters parameters;
   for (const auto& [key, value] : object.items()) {
@@ -244,7 +245,7 @@ std::string slice_parameter_list_json() {
     if (!row.fallback.empty()) entry["default"] = row.fallback;
     list.push_back(std::move(entry));
   }
-  return list.dump();
+  return json_text(list);
 }
 
 std::string slice_parameter_schema_json() {
@@ -260,7 +261,7 @@ std::string slice_parameter_schema_json() {
     if (!row.example.empty()) schema["example"] = row.example;
     if (!row.fallback.empty()) schema["default"] = row.fallback;
   }
-  return Json{{"type", "object"}, {"additionalProperties", false}, {"properties", properties}}.dump();
+  return json_text({{"type", "object"}, {"additionalProperties", false}, {"properties", properties}});
 }
 
 }  // namespace telefab

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
 #include <telefab/base/json_number.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/service/shared_verbs.hpp>
 #include <telefab/store/audit_log.hpp>
@@ -34,7 +35,7 @@ struct LogEntry {
 void print(const LogEntry& entry, bool json) {
   if (json) {
     const nlohmann::ordered_json object{{"unix_ms", entry.unix_ms}, {"who", entry.who}, {"text", entry.text}};
-    write_output(fmt::format("{}\n", object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)));
+    write_output(fmt::format("{}\n", json_text(object)));
   } else {
     const std::chrono::sys_time<std::chrono::milliseconds> time{std::chrono::milliseconds{entry.unix_ms}};
     write_output(fmt::format("{:%Y-%m-%d %H:%M:%S}.{:03} {}{}{}\n",
@@ -55,11 +56,11 @@ Result<void> take_audit_lines(const std::filesystem::path& path, const std::stri
     std::string who, what;
     std::int64_t unix_ms = 0;
     try {
-      const auto entry = nlohmann::json::parse(line);
+      const auto entry = parsed_json(line);
       who = entry.at("who").get<std::string>();
       what = entry.at("what").get<std::string>();
       unix_ms = whole_number<std::int64_t>(entry.at("unix_ms"));
-    } catch (const nlohmann::json::exception&) {
+    } catch (const nlohmann::ordered_json::exception&) {
       continue;  // `audit` complains of it
     }
     // A longer id may begin with this one.

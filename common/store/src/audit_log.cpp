@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
 #include <telefab/base/json_number.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/store/audit_log.hpp>
 
 namespace telefab {
@@ -75,7 +76,7 @@ struct Chain {
       const std::size_t end = text.find('\n', at);
       if (end == std::string_view::npos) return at;
       const std::string_view line = text.substr(at, end - at);
-      const auto entry = nlohmann::json::parse(line, nullptr, false);
+      const auto entry = json_or_discarded(line);
       const auto before = entry.is_object() ? entry.find("before") : entry.end();
       const bool has_sum = entry.is_object() && entry.contains("sum");
       if (!entry.is_object() || !entry.contains("n") || entry["n"] != next || before == entry.end() ||
@@ -118,10 +119,10 @@ Result<AuditHead> head_of(const std::filesystem::path& path) {
   Hasher hasher;
   hasher.feed(line);
   try {
-    const auto entry = nlohmann::json::parse(line);
+    const auto entry = parsed_json(line);
     if (!entry.contains("sum") || is_sound(line))
       return AuditHead{whole_number<std::uint64_t>(entry.at("n")), hasher.digest()};
-  } catch (const nlohmann::json::exception&) {  // said below
+  } catch (const nlohmann::ordered_json::exception&) {  // said below
   }
   return fail(ErrorCode::NotTrusted, fmt::format("the last line of {} is not an entry of an audit log", path.string()));
 }
@@ -203,7 +204,7 @@ Result<void> AuditLog::add(std::string_view who, std::string_view what) {
         fmt::format("the audit log {} could not be written before; start the site again", impl_->path.string()));
   impl_->close_full_part();
   if (auto opened = impl_->open_file(); !opened) return opened;
-  const std::string line = with_sum(entry.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  const std::string line = with_sum(json_text(entry));
   const std::string text = line + '\n';
   errno = ENOSPC;  // what a short write means, which sets none
   const ssize_t written = ::write(impl_->file, text.data(), text.size());

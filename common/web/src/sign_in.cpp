@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cctype>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/web/sign_in.hpp>
 
 #include "lower_case.hpp"
@@ -172,7 +173,7 @@ WebResponse SignIn::describe(const Visitor& visitor, const char* by) {
                                      {"may", name_of(visitor.may)},
                                      {"must_sign_in", must_sign_in()},
                                      {"by", by != nullptr ? nlohmann::ordered_json(by) : nlohmann::ordered_json{}}};
-  return {200, "application/json", value.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace)};
+  return {200, "application/json", json_text(value)};
 }
 
 WebResponse SignIn::session(const WebRequest& request) {
@@ -185,7 +186,7 @@ WebResponse SignIn::session(const WebRequest& request) {
 
 WebResponse SignIn::sign_in(const WebRequest& request) {
   if (!request.origin.empty() && !is_from_here(request)) return web_problem(403, "not-permitted", kForeign);
-  const auto body = nlohmann::json::parse(request.body, nullptr, false);
+  const auto body = json_or_discarded(request.body);
   const auto token = body.is_object() ? body.find("token") : body.end();
   if (!body.is_object() || token == body.end() || !token->is_string())
     return web_problem(400, "invalid-input", R"(the body is {"token":"..."})");

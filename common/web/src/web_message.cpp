@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/web/web_message.hpp>
 
 namespace telefab {
 
 WebResponse web_problem(unsigned status, std::string_view code, std::string_view what) {
   const nlohmann::ordered_json value{{"error", {{"code", code}, {"what", what}}}};
-  return {status, "application/json", value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
+  return {status, "application/json", json_text(value)};
 }
 
 WebResponse web_problem(const Error& error) {

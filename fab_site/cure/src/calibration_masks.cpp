@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/cure/calibration.hpp>
 
 namespace telefab::fab {
@@ -134,7 +135,7 @@ std::string exposures_json(const TestMasks& tests, const MachineProfile& machine
   const PixelSize size = machine.mask_size();
   const ordered_json value{
       {"machine", machine.name}, {"mask_px", {size.width_px, size.height_px}}, {"exposures", exposures}};
-  return value.dump(1) + "\n";
+  return json_text(value, 1) + "\n";
 }
 
 }  // namespace telefab::fab

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <numeric>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/cure/feature_watch.hpp>
 
 namespace telefab::fab {
@@ -184,12 +185,11 @@ std::string to_json(const ThinReport& report) {
     value["kind"] = report.weak[i].place.kind == NarrowPlace::Kind::Wall ? "wall" : "gap";
     weak.push_back(std::move(value));
   }
-  return ordered_json{{"dose_known", report.dose_known},
-                      {"dose_tolerance", kDoseTolerance},
-                      {"walls", json_of(report.walls)},
-                      {"gaps", json_of(report.gaps)},
-                      {"weak", std::move(weak)}}
-      .dump();
+  return json_text({{"dose_known", report.dose_known},
+                    {"dose_tolerance", kDoseTolerance},
+                    {"walls", json_of(report.walls)},
+                    {"gaps", json_of(report.gaps)},
+                    {"weak", std::move(weak)}});
 }
 
 }  // namespace telefab::fab

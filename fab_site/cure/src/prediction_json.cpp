@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/cure/prediction.hpp>
 
 namespace telefab::fab {
@@ -63,7 +64,7 @@ std::string to_json(const Prediction& p, const CureModel& model) {
                            {"underside_layers", tally(p.undersides)},
                            {"underside_bias_mm", rounded(p.undersides.bias_px() * model.layer_mm)},
                            {"layers", layers}};
-  return value.dump(1) + "\n";
+  return json_text(value, 1) + "\n";
 }
 
 }  // namespace telefab::fab

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <telefab/base/file.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/print/print_record.hpp>
 #include <telefab/geometry/contour_lines.hpp>
@@ -57,7 +58,7 @@ std::string certificate_text(const LayerCertificate& c) {
 ordered_json report_part(const std::filesystem::path& path) {
   const auto text = text_of(path);
   if (!text) return {};
-  ordered_json value = ordered_json::parse(*text, nullptr, false);
+  ordered_json value = json_or_discarded(*text);
   return value.is_discarded() ? ordered_json{} : value;
 }
 
@@ -176,7 +177,7 @@ Result<std::string> SitePageBackend::report(std::string_view id) {
                            {"preflight", report_part(path->parent_path() / "preflight.json")},
                            {"print", print}};
   if (value["plan"].is_null()) return fail(ErrorCode::NotFound, "there is no report before the job is planned");
-  return value.dump();
+  return json_text(value);
 }
 
 Result<std::string> SitePageBackend::preflight(std::string_view id) {
@@ -197,11 +198,10 @@ Result<std::string> SitePageBackend::exposures(std::string_view id) {
     for (const auto& value : values) array.push_back(value ? ordered_json(*value) : ordered_json{});
     return array;
   };
-  return ordered_json{{"irradiance_mw_per_cm2", light->irradiance_mw_per_cm2},
-                      {"planned_s", light->planned_s},
-                      {"measured_s", list(light->measured_s)},
-                      {"resin_celsius", list(light->resin_celsius)}}
-      .dump();
+  return json_text({{"irradiance_mw_per_cm2", light->irradiance_mw_per_cm2},
+                    {"planned_s", light->planned_s},
+                    {"measured_s", list(light->measured_s)},
+                    {"resin_celsius", list(light->resin_celsius)}});
 }
 
 Result<std::vector<std::byte>> SitePageBackend::mask_png(std::string_view id, std::uint32_t layer) {
@@ -258,14 +258,13 @@ Result<std::string> SitePageBackend::layer_json(std::string_view id, std::uint32
   const std::size_t elevation = s.supports.size() - s.part.layers().size();
   const Layer* part = layer >= elevation ? &s.part.layers()[layer - elevation] : nullptr;
   const double thickness_mm = s.part.header().layer_thickness_mm;
-  return ordered_json{{"layer", layer},
-                      {"z_mm", cut_height_mm(LayerIndex{layer}, thickness_mm)},
-                      {"thickness_mm", thickness_mm},
-                      {"bounds", {s.bounds.min.x_mm, s.bounds.min.y_mm, s.bounds.max.x_mm, s.bounds.max.y_mm}},
-                      {"part", part ? rings_json(part->contours) : ordered_json::array()},
-                      {"supports", rings_json(s.supports[layer].contours)},
-                      {"certificate", part ? certificate_text(part->certificate) : "below the part"}}
-      .dump();
+  return json_text({{"layer", layer},
+                    {"z_mm", cut_height_mm(LayerIndex{layer}, thickness_mm)},
+                    {"thickness_mm", thickness_mm},
+                    {"bounds", {s.bounds.min.x_mm, s.bounds.min.y_mm, s.bounds.max.x_mm, s.bounds.max.y_mm}},
+                    {"part", part ? rings_json(part->contours) : ordered_json::array()},
+                    {"supports", rings_json(s.supports[layer].contours)},
+                    {"certificate", part ? certificate_text(part->certificate) : "below the part"}});
 }
 
 Result<void> SitePageBackend::act(std::string_view id, JobCommand action, std::string_view who) {
@@ -310,7 +309,7 @@ std::string SitePageBackend::devices_json() {
         fmt::format("projector {}, stage {}, {} x {} pixels, layers of {} mm", name_of(machine.devices.projector),
                     name_of(machine.devices.stage), machine.mask_size().width_px, machine.mask_size().height_px,
                     machine.layers.thickness_mm);
-  return value.dump();
+  return json_text(value);
 }
 
 }  // namespace telefab::fab

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 
 #include "mask_archives.hpp"
 
@@ -42,54 +43,59 @@ Json boundary(const ArchiveFacts& f, const std::vector<LayerSurvey>& layers) {
 }  // namespace
 
 std::string nanodlp_meta() {
-  return Json{{"FormatVersion", 2}, {"Distro", "generic"}, {"Program", "Telefab"}, {"Version", "1"},
-              {"OS", "linux"},      {"Arch", "any"},       {"Profile", true}}
-      .dump(1);
+  return json_text({{"FormatVersion", 2},
+                    {"Distro", "generic"},
+                    {"Program", "Telefab"},
+                    {"Version", "1"},
+                    {"OS", "linux"},
+                    {"Arch", "any"},
+                    {"Profile", true}},
+                   1);
 }
 
 std::string nanodlp_profile(const ArchiveFacts& f) {
   const MachineProfile& m = *f.machine;
-  return Json{{"ResinID", 0},
-              {"ProfileID", 1},
-              {"Title", m.name},
-              {"Desc", m.resin.name},
-              {"Depth", micrometres(m.layers.thickness_mm)},
-              {"SupportDepth", micrometres(m.layers.thickness_mm)},
-              {"CureTime", f.exposure_s},
-              {"SupportCureTime", f.bottom_exposure_s},
-              {"SupportLayerNumber", f.bottom_layers},
-              {"TransitionalLayer", 0},
-              {"WaitHeight", m.motion.lift_mm},
-              {"SupportWaitHeight", m.motion.lift_mm},
-              {"WaitBeforePrint", m.motion.settle_s},
-              {"SupportWaitBeforePrint", m.motion.settle_s},
-              {"WaitAfterPrint", 0.0},
-              {"SupportWaitAfterPrint", 0.0},
-              {"TopWait", 0.0},
-              {"SupportTopWait", 0.0}}
-      .dump(1);
+  return json_text({{"ResinID", 0},
+                    {"ProfileID", 1},
+                    {"Title", m.name},
+                    {"Desc", m.resin.name},
+                    {"Depth", micrometres(m.layers.thickness_mm)},
+                    {"SupportDepth", micrometres(m.layers.thickness_mm)},
+                    {"CureTime", f.exposure_s},
+                    {"SupportCureTime", f.bottom_exposure_s},
+                    {"SupportLayerNumber", f.bottom_layers},
+                    {"TransitionalLayer", 0},
+                    {"WaitHeight", m.motion.lift_mm},
+                    {"SupportWaitHeight", m.motion.lift_mm},
+                    {"WaitBeforePrint", m.motion.settle_s},
+                    {"SupportWaitBeforePrint", m.motion.settle_s},
+                    {"WaitAfterPrint", 0.0},
+                    {"SupportWaitAfterPrint", 0.0},
+                    {"TopWait", 0.0},
+                    {"SupportTopWait", 0.0}},
+                   1);
 }
 
 std::string nanodlp_slicer(const ArchiveFacts& f) {
   const MachineProfile& m = *f.machine;
-  return Json{{"Type", "png"},
-              {"PWidth", f.size.width_px},
-              {"PHeight", f.size.height_px},
-              {"XPixelSize", m.projection.pixel_pitch_mm},
-              {"YPixelSize", m.projection.pixel_pitch_mm},
-              {"XOffset", f.size.width_px / 2},
-              {"YOffset", f.size.height_px / 2},
-              {"StartLayer", 0},
-              {"LayerCount", f.layers},
-              {"Thickness", micrometres(m.layers.thickness_mm)},
-              {"SupportDepth", micrometres(m.layers.thickness_mm)},
-              {"SupportLayerNumber", f.bottom_layers},
-              {"FillColor", "#ffffff"},
-              {"BlankColor", "#000000"},
-              {"ImageRotate", 0},
-              {"ImageMirror", mirror_code(f.optics)},
-              {"DisplayController", 1}}
-      .dump(1);
+  return json_text({{"Type", "png"},
+                    {"PWidth", f.size.width_px},
+                    {"PHeight", f.size.height_px},
+                    {"XPixelSize", m.projection.pixel_pitch_mm},
+                    {"YPixelSize", m.projection.pixel_pitch_mm},
+                    {"XOffset", f.size.width_px / 2},
+                    {"YOffset", f.size.height_px / 2},
+                    {"StartLayer", 0},
+                    {"LayerCount", f.layers},
+                    {"Thickness", micrometres(m.layers.thickness_mm)},
+                    {"SupportDepth", micrometres(m.layers.thickness_mm)},
+                    {"SupportLayerNumber", f.bottom_layers},
+                    {"FillColor", "#ffffff"},
+                    {"BlankColor", "#000000"},
+                    {"ImageRotate", 0},
+                    {"ImageMirror", mirror_code(f.optics)},
+                    {"DisplayController", 1}},
+                   1);
 }
 
 std::string nanodlp_plate(const ArchiveFacts& f, const std::vector<LayerSurvey>& layers) {
@@ -112,7 +118,7 @@ std::string nanodlp_plate(const ArchiveFacts& f, const std::vector<LayerSurvey>&
              {"ReSliceNeeded", false},
              {"MultiMaterial", false}};
   plate.update(boundary(f, layers));
-  return plate.dump(1);
+  return json_text(plate, 1);
 }
 
 std::string nanodlp_info(const ArchiveFacts& f, const std::vector<LayerSurvey>& layers) {
@@ -127,7 +133,7 @@ std::string nanodlp_info(const ArchiveFacts& f, const std::vector<LayerSurvey>& 
                     {"MaxX", s.right},
                     {"MaxY", s.bottom},
                     {"AreaCount", s.pieces}});
-  return info.dump(1);
+  return json_text(info, 1);
 }
 
 }  // namespace telefab::fab

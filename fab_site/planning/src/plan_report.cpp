@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
 
 namespace telefab::fab {
@@ -33,11 +34,11 @@ std::string to_json(const PlanSummary& s) {
                              {"tiles_solved", s.mask_figures.tiles},
                              {"tiles_left_as_cover", s.mask_figures.unsolved},
                              {"deadline_reached", s.mask_figures.unsolved > 0}}},
-                           {"thin", ordered_json::parse(to_json(s.thin))},
+                           {"thin", parsed_json(to_json(s.thin))},
                            {"plan_digest", to_hex(plan_digest(s.plan))},
-                           {"check", ordered_json::parse(to_json(s.check))},
+                           {"check", parsed_json(to_json(s.check))},
                            {"seconds", {{"supports", s.support_seconds}, {"masks", s.mask_seconds}}}};
-  return value.dump(1) + "\n";
+  return json_text(value, 1) + "\n";
 }
 
 }  // namespace telefab::fab

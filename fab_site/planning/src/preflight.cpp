@@ -6,6 +6,7 @@
 #include <set>
 #include <telefab/base/file.hpp>
 #include <telefab/base/json_number.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/planning/preflight.hpp>
 
 #include "preflight_contours.hpp"
@@ -289,9 +290,7 @@ std::string to_json(const Preflight& preflight) {
     if (item.place) value["place"] = {item.place->x_mm, item.place->y_mm};
     items.push_back(std::move(value));
   }
-  return ordered_json{{"verdict", preflight.holds() ? "held" : "passed"}, {"items", items}}.dump(
-             1, ' ', false, ordered_json::error_handler_t::replace) +
-         "\n";
+  return json_text({{"verdict", preflight.holds() ? "held" : "passed"}, {"items", items}}, 1) + "\n";
 }
 
 std::string to_text(const Preflight& preflight) {
@@ -304,7 +303,7 @@ std::string to_text(const Preflight& preflight) {
 Result<Preflight> preflight_from_json(std::string_view text) {
   try {
     Preflight preflight;
-    const auto all = nlohmann::json::parse(text);
+    const auto all = parsed_json(text);
     for (const auto& value : all.at("items")) {
       PreflightItem item;
       item.name = value.at("name").get<std::string>();
@@ -324,7 +323,7 @@ Result<Preflight> preflight_from_json(std::string_view text) {
     if (all.at("verdict") != "passed" && !preflight.holds())
       return fail(ErrorCode::InvalidInput, "preflight: it is held, but no item of it is");
     return preflight;
-  } catch (const nlohmann::json::exception& e) {
+  } catch (const nlohmann::ordered_json::exception& e) {
     return fail(ErrorCode::InvalidInput, std::string{"preflight: not as expected: "} + e.what());
   }
 }

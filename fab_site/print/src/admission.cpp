@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/print/admission.hpp>
 
 namespace telefab::fab {
@@ -60,13 +61,13 @@ Result<void> admit(const Admission& a, double allowed_slowdown) {
 std::string to_json(const Admission& a) {
   nlohmann::ordered_json layers = nlohmann::ordered_json::array();
   for (const LayerIndex k : a.too_slow) layers.push_back(k.count());
-  return nlohmann::ordered_json{{"planned_s", seconds(a.planned)},
-                                {"expected_s", seconds(a.expected)},
-                                {"slowdown", a.slowdown()},
-                                {"longest_upload_s", seconds(a.longest_upload)},
-                                {"longest_upload_layer", a.longest_upload_layer.count()},
-                                {"layers_waiting_for_upload", std::move(layers)}}
-             .dump(1) +
+  return json_text({{"planned_s", seconds(a.planned)},
+                    {"expected_s", seconds(a.expected)},
+                    {"slowdown", a.slowdown()},
+                    {"longest_upload_s", seconds(a.longest_upload)},
+                    {"longest_upload_layer", a.longest_upload_layer.count()},
+                    {"layers_waiting_for_upload", std::move(layers)}},
+                   1) +
          "\n";
 }
 

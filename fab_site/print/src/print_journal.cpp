@@ -11,6 +11,7 @@
 #include <map>
 #include <telefab/base/file.hpp>
 #include <telefab/base/json_number.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/print/print_journal.hpp>
 #include <utility>
 
@@ -148,7 +149,7 @@ std::string body_of(const JournalEntry& e) {
   if (!e.by.empty()) j["by"] = e.by;
   if (!e.why.empty()) j["why"] = e.why;
   if (carries_record(e.step)) j["made"] = layer_to_json(e.made);
-  return j.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return json_text(j);
 }
 
 /// A line of version 0.1: half of the checksum's digits, a space, the same JSON.
@@ -168,7 +169,7 @@ std::optional<JournalStep> step_of(std::string_view name) {
 
 std::optional<JournalEntry> entry_of(std::string_view body) {
   try {
-    const auto j = nlohmann::json::parse(body);
+    const auto j = parsed_json(body);
     JournalEntry e;
     const auto step = step_of(j.at("step").get<std::string>());
     if (!step) return std::nullopt;
@@ -184,7 +185,7 @@ std::optional<JournalEntry> entry_of(std::string_view body) {
     e.why = j.value("why", "");
     if (carries_record(e.step)) e.made = layer_from_json(j.at("made"));
     return e;
-  } catch (const nlohmann::json::exception&) {
+  } catch (const nlohmann::ordered_json::exception&) {
     return std::nullopt;
   }
 }

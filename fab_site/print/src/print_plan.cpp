@@ -4,6 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_number.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/print/print_plan.hpp>
 #include <telefab/machine/profile_digest.hpp>
 
@@ -81,12 +82,12 @@ std::string to_json(const PrintPlan& plan) {
             {"settle_s", plan.motion.settle_s},
             {"layers", std::move(layers)}});
   if (plan.profile != Digest{}) j["profile_sha256"] = to_hex(plan.profile);  // plans of 0.1 keep their bytes
-  return j.dump(1) + "\n";
+  return json_text(j, 1) + "\n";
 }
 
 Result<PrintPlan> print_plan_from_json(std::string_view text) {
   try {
-    const auto j = nlohmann::json::parse(text);
+    const auto j = parsed_json(text);
     if (j.at("format") != "telefab-print-plan-1")
       return fail(ErrorCode::InvalidInput, "the print plan's format is not telefab-print-plan-1");
     PrintPlan plan;
@@ -115,7 +116,7 @@ Result<PrintPlan> print_plan_from_json(std::string_view text) {
     }
     if (const auto ok = plan.validate(); !ok) return tl::unexpected{ok.error()};
     return plan;
-  } catch (const nlohmann::json::exception& e) {
+  } catch (const nlohmann::ordered_json::exception& e) {
     return fail(ErrorCode::InvalidInput, std::string{"the print plan is not as expected: "} + e.what());
   }
 }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <telefab/base/json_number.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/base/signature.hpp>
 
 #include "print_record_json.hpp"
@@ -49,21 +50,21 @@ Json record_json(const PrintRecord& r) {
   return json;
 }
 
-Digest digest_from_json(const nlohmann::json& j) {
+Digest digest_from_json(const nlohmann::ordered_json& j) {
   const auto digest = digest_from_hex(j.get<std::string>());
-  if (!digest) throw nlohmann::json::other_error::create(501, digest.error().what, nullptr);
+  if (!digest) throw nlohmann::ordered_json::other_error::create(501, digest.error().what, nullptr);
   return *digest;
 }
 
-JournalStep note_from(const nlohmann::json& j) {
+JournalStep note_from(const nlohmann::ordered_json& j) {
   const auto text = j.get<std::string>();
   for (const JournalStep step : {JournalStep::Exposed, JournalStep::Passed, JournalStep::DecidedTreatAsExposed})
     if (name_of(step) == text) return step;
-  throw nlohmann::json::other_error::create(501, "unknown note " + text, nullptr);
+  throw nlohmann::ordered_json::other_error::create(501, "unknown note " + text, nullptr);
 }
 
-PrintRecord record_from(const nlohmann::json& j) {
-  if (j.at("format") != kFormat) throw nlohmann::json::other_error::create(501, "unknown format", nullptr);
+PrintRecord record_from(const nlohmann::ordered_json& j) {
+  if (j.at("format") != kFormat) throw nlohmann::ordered_json::other_error::create(501, "unknown format", nullptr);
   PrintRecord r;
   r.job = j.at("job").get<std::string>();
   r.machine = j.at("machine").get<std::string>();
@@ -71,7 +72,7 @@ PrintRecord record_from(const nlohmann::json& j) {
   const auto outcome = j.at("outcome").get<std::string>();
   const auto known = {PrintOutcome::Done, PrintOutcome::Cancelled, PrintOutcome::Faulted};
   const auto found = std::find_if(known.begin(), known.end(), [&](PrintOutcome o) { return name_of(o) == outcome; });
-  if (found == known.end()) throw nlohmann::json::other_error::create(501, "unknown outcome", nullptr);
+  if (found == known.end()) throw nlohmann::ordered_json::other_error::create(501, "unknown outcome", nullptr);
   r.outcome = *found;
   r.next = LayerIndex{whole_number<std::uint32_t>(j.at("next_layer"))};
   r.maybe_exposed = j.at("maybe_exposed").get<bool>();
@@ -115,7 +116,7 @@ Json layer_to_json(const LayerRecord& l) {
   return j;
 }
 
-LayerRecord layer_from_json(const nlohmann::json& j) {
+LayerRecord layer_from_json(const nlohmann::ordered_json& j) {
   LayerRecord l;
   l.index = LayerIndex{whole_number<std::uint32_t>(j.at("layer"))};
   l.z_mm = j.at("z_mm").get<double>();
@@ -131,12 +132,12 @@ LayerRecord layer_from_json(const nlohmann::json& j) {
   return l;
 }
 
-std::string to_json(const PrintRecord& record) { return record_json(record).dump(1) + "\n"; }
+std::string to_json(const PrintRecord& record) { return json_text(record_json(record), 1) + "\n"; }
 
 Result<PrintRecord> print_record_from_json(std::string_view text) {
   try {
-    return record_from(nlohmann::json::parse(text));
-  } catch (const nlohmann::json::exception& e) {
+    return record_from(parsed_json(text));
+  } catch (const nlohmann::ordered_json::exception& e) {
     return no_record(e);
   }
 }
@@ -172,7 +173,7 @@ std::vector<std::string> compare(const PrintRecord& record, const PrintPlan& pla
 
 Result<std::string> seal(const PrintRecord& record, std::string_view private_key_pem) {
   const Json body = record_json(record);
-  const std::string text = body.dump();
+  const std::string text = json_text(body);
   Json sealed{{"record", body}, {"sha256", to_hex(digest_of(std::as_bytes(std::span{text})))}};
   if (!private_key_pem.empty()) {
     const auto signature = sign_ed25519(private_key_pem, text);
@@ -180,13 +181,13 @@ Result<std::string> seal(const PrintRecord& record, std::string_view private_key
     sealed["ed25519"] = signature->signature_hex;
     sealed["public_key"] = signature->public_key_hex;
   }
-  return sealed.dump(1) + "\n";
+  return json_text(sealed, 1) + "\n";
 }
 
 Result<Unsealed> unseal(std::string_view sealed, std::string_view public_key_pem) {
   try {
-    const Json j = Json::parse(sealed);
-    const std::string text = j.at("record").dump();
+    const Json j = parsed_json(sealed);
+    const std::string text = json_text(j.at("record"));
     if (to_hex(digest_of(std::as_bytes(std::span{text}))) != j.at("sha256").get<std::string>())
       return fail(ErrorCode::NotTrusted, "the as-built record was changed after it was sealed: its hash does not hold");
     std::string signed_by;
@@ -201,7 +202,7 @@ Result<Unsealed> unseal(std::string_view sealed, std::string_view public_key_pem
     auto record = print_record_from_json(text);
     if (!record) return tl::unexpected{record.error()};
     return Unsealed{std::move(*record), std::move(signed_by)};
-  } catch (const nlohmann::json::exception& e) {
+  } catch (const nlohmann::ordered_json::exception& e) {
     return no_record(e);
   }
 }

@@ -7,7 +7,7 @@ namespace telefab::fab {
 
 /// One layer as the record and the journal write it.
 [[nodiscard]] nlohmann::ordered_json layer_to_json(const LayerRecord& layer);
-/// Throws nlohmann::json::exception; callers catch it.
-[[nodiscard]] LayerRecord layer_from_json(const nlohmann::json& j);
+/// Throws nlohmann::ordered_json::exception; callers catch it.
+[[nodiscard]] LayerRecord layer_from_json(const nlohmann::ordered_json& j);
 
 }  // namespace telefab::fab

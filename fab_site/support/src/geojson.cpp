@@ -3,13 +3,14 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/support/pictures.hpp>
 #include <telefab/geometry/limits.hpp>
 
 namespace telefab::fab {
 namespace {
 
-using Json = nlohmann::json;
+using Json = nlohmann::ordered_json;
 
 tl::unexpected<Error> refuse(std::string what) { return fail(ErrorCode::InvalidInput, "GeoJSON: " + std::move(what)); }
 
@@ -79,7 +80,7 @@ Result<void> gather(const Json& node, std::vector<Region>& found, int depth) {
 }  // namespace
 
 Result<Region> region_from_geojson(std::string_view text) {
-  const Json root = Json::parse(text, nullptr, false);
+  const Json root = json_or_discarded(text);
   if (root.is_discarded()) return refuse("not JSON");
   std::vector<Region> found;
   if (auto ok = gather(root, found, 0); !ok) return tl::unexpected{ok.error()};

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/support/support_plan.hpp>
 
 namespace telefab::fab {
@@ -13,14 +14,14 @@ using Json = nlohmann::ordered_json;
 double rounded(double mm) { return std::round(mm * 1e6) / 1e6 + 0.0; }
 Json point(const Point3& p) { return Json::array({rounded(p.x_mm), rounded(p.y_mm), rounded(p.z_mm)}); }
 
-Result<double> number(const nlohmann::json& entry, const char* key) {
+Result<double> number(const nlohmann::ordered_json& entry, const char* key) {
   const auto found = entry.find(key);
   if (found == entry.end() || !found->is_number())
     return fail(ErrorCode::InvalidInput, fmt::format("hand list: every entry needs a number \"{}\"", key));
   return found->get<double>();
 }
 
-Result<std::vector<std::vector<double>>> entries(const nlohmann::json& root, const char* list,
+Result<std::vector<std::vector<double>>> entries(const nlohmann::ordered_json& root, const char* list,
                                                  std::initializer_list<const char*> keys) {
   std::vector<std::vector<double>> rows;
   const auto found = root.find(list);
@@ -45,7 +46,7 @@ Result<std::vector<std::vector<double>>> entries(const nlohmann::json& root, con
 }  // namespace
 
 Result<HandList> hand_list_from_json(std::string_view text) {
-  const auto root = nlohmann::json::parse(text, nullptr, false);
+  const auto root = json_or_discarded(text);
   if (root.is_discarded() || !root.is_object())
     return fail(ErrorCode::InvalidInput, "hand list: not a JSON object with \"extra\" and \"forbidden\"");
   for (const auto& [key, value] : root.items())
@@ -104,7 +105,7 @@ std::string to_json(const SupportPlan& plan) {
                       {"radius_mm", rounded(p.radius_mm)},
                       {"height_mm", rounded(p.height_mm)}});
   root["plates"] = std::move(plates);
-  return root.dump(1) + "\n";
+  return json_text(root, 1) + "\n";
 }
 
 }  // namespace telefab::fab

@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <telefab/base/json_number.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/verify/print_files.hpp>
 
 namespace telefab::fab {
@@ -28,13 +29,15 @@ std::optional<Contour> around(Point2 a, Point2 b, double radius) {
 Result<WrittenSupports> WrittenSupports::from_json(std::string_view text) {
   WrittenSupports out;
   try {
-    const auto root = nlohmann::json::parse(text);
-    const auto finite = [](const nlohmann::json& value) {
+    const auto root = parsed_json(text);
+    const auto finite = [](const nlohmann::ordered_json& value) {
       const double v = value.get<double>();
       if (!(std::abs(v) <= 1e5)) throw std::out_of_range{"a number beyond 100 m"};
       return v;
     };
-    const auto layer = [](const nlohmann::json& value) { return whole_number<std::uint32_t>(value, 0, 10'000'000); };
+    const auto layer = [](const nlohmann::ordered_json& value) {
+      return whole_number<std::uint32_t>(value, 0, 10'000'000);
+    };
     out.elevation_layers_ = layer(root.at("lift_layers"));
     for (const auto& a : root.at("anchors"))
       out.anchors_.emplace_back(Point2{finite(a.at("x_mm")), finite(a.at("y_mm"))},

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/verify/support_check.hpp>
 
 namespace telefab::fab {
@@ -26,7 +27,7 @@ std::string to_json(const SupportReport& report) {
                                 {"y_mm", rounded(f.place.y_mm)},
                                 {"size_mm2", rounded(f.size_mm2)}});
   }
-  return root.dump(1) + "\n";
+  return json_text(root, 1) + "\n";
 }
 
 }  // namespace telefab::fab

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/base/text.hpp>
 #include <telefab/web/form_data.hpp>
 
@@ -14,9 +15,7 @@ namespace {
 
 using nlohmann::ordered_json;
 
-WebResponse with(unsigned status, const ordered_json& value) {
-  return {status, "application/json", value.dump(-1, ' ', false, ordered_json::error_handler_t::replace)};
-}
+WebResponse with(unsigned status, const ordered_json& value) { return {status, "application/json", json_text(value)}; }
 
 /// OctoPrint says what went wrong as {"error": "text"}.
 WebResponse octoprint_problem(unsigned status, std::string_view what) { return with(status, {{"error", what}}); }
@@ -141,7 +140,7 @@ WebResponse octoprint_printer(PageBackend& backend) {
 }
 
 WebResponse octoprint_command(const WebRequest& request, PageBackend& backend, const std::string& who) {
-  const auto asked = ordered_json::parse(request.body, nullptr, false);
+  const auto asked = json_or_discarded(request.body);
   const auto text = [&](const char* key) {
     const auto found = asked.is_object() ? asked.find(key) : asked.end();
     return asked.is_object() && found != asked.end() && found->is_string() ? found->get<std::string>() : std::string{};

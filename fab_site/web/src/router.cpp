@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/web/gauges.hpp>
 
@@ -14,7 +15,7 @@ std::span<const WebAsset> page_assets();  // made by embed.cmake
 
 namespace {
 
-using nlohmann::json;
+using json = nlohmann::ordered_json;
 
 json to_json(const JobView& job) {
   json value{{"id", job.id},
@@ -33,8 +34,6 @@ json to_json(const JobView& job) {
   value["seconds_left"] = job.seconds_left < 0 ? json{} : json(job.seconds_left);
   return value;
 }
-
-std::string text_of(const json& value) { return value.dump(-1, ' ', false, json::error_handler_t::replace); }
 
 WebResponse as_png(const Result<std::vector<std::byte>>& image) {
   if (!image) return web_problem(image.error());
@@ -57,13 +56,13 @@ WebResponse list_jobs(PageBackend& backend) {
   if (!jobs) return web_problem(jobs.error());
   json list = json::array();
   for (const JobView& job : *jobs) list.push_back(to_json(job));
-  return {200, "application/json", text_of(json{{"jobs", list}})};
+  return {200, "application/json", json_text({{"jobs", list}})};
 }
 
 WebResponse show_job(const Call& call) {
   const auto job = call.backend.job(call.id());
   if (!job) return web_problem(job.error());
-  return {200, "application/json", text_of(to_json(*job))};
+  return {200, "application/json", json_text(to_json(*job))};
 }
 
 WebResponse show_events(const Call& call) {
@@ -71,7 +70,7 @@ WebResponse show_events(const Call& call) {
   if (!events) return web_problem(events.error());
   json list = json::array();
   for (const JobEventView& event : *events) list.push_back({{"unix_ms", event.unix_ms}, {"text", event.text}});
-  return {200, "application/json", text_of(json{{"events", list}})};
+  return {200, "application/json", json_text({{"events", list}})};
 }
 
 template <JobCommand action>
@@ -89,7 +88,7 @@ WebResponse clear_platform(const Call& call) {
 WebResponse approve(const Call& call) {
   std::string although;
   if (!call.request.body.empty()) {
-    const json body = json::parse(call.request.body, nullptr, false);
+    const json body = json_or_discarded(call.request.body);
     const auto names = body.is_object() ? body.find("although") : body.end();
     const bool is_right =
         body.is_object() && (body.empty() || (body.size() == 1 && names != body.end() && names->is_array()));
@@ -108,7 +107,7 @@ WebResponse approve(const Call& call) {
 /// An empty body resumes; {"as":"treat-as-exposed"} and {"as":"expose-again"} also say whether a layer was exposed.
 WebResponse resume(const Call& call) {
   if (call.request.body.empty()) return act<JobCommand::Resume>(call);
-  const json body = json::parse(call.request.body, nullptr, false);
+  const json body = json_or_discarded(call.request.body);
   if (body.is_object() && body.empty()) return act<JobCommand::Resume>(call);
   if (body.is_object() && body.size() == 1 && body.contains("as")) {
     if (body["as"] == "treat-as-exposed") return act<JobCommand::TreatAsExposed>(call);
@@ -136,7 +135,7 @@ const std::vector<Row>& rows() {
       {{"GET", "/v1/version", "name and version of the program", Access::Anybody},
        [](const Call& c) -> WebResponse {
          return {200, "application/json",
-                 text_of(json{{"program", "telefab-fab"}, {"version", c.options.version}, {"api", "v1"}})};
+                 json_text({{"program", "telefab-fab"}, {"version", c.options.version}, {"api", "v1"}})};
        }},
       {{"GET", "/v1/devices", "projector and stage"},
        [](const Call& c) -> WebResponse {
@@ -178,7 +177,7 @@ const std::vector<Row>& rows() {
          if (!jobs) return web_problem(jobs.error());
          if (const auto good = c.backend.healthy(); !good)
            return web_problem(503, name_of(good.error().code), good.error().what);
-         return {200, "application/json", text_of(json{{"status", "ok"}, {"jobs", jobs->size()}})};
+         return {200, "application/json", json_text({{"status", "ok"}, {"jobs", jobs->size()}})};
        }},
       {{"GET", "/v1/stream", "server-sent events: the job list whenever it changes"},
        [](const Call& c) -> WebResponse {

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/geometry/limits.hpp>
 #include <telefab/scan/inspect/inspect_scan.hpp>
 #include <telefab/scan/slicing/placed_surface.hpp>
@@ -70,9 +71,9 @@ std::string to_json(const Inspection& inspection) {
   const KernelChoice& k = inspection.kernel;
   json["kernel"] = {{"kernel_mm", k.kernel_mm}, {"adaptive", k.adaptive},     {"spacing_mm", k.spacing_mm},
                     {"noise_mm", k.noise_mm},   {"unevenness", k.unevenness}, {"dropped_samples", k.dropped_samples}};
-  json["pick"] = Json::parse(to_json(inspection.pick), nullptr, false);
+  json["pick"] = json_or_discarded(to_json(inspection.pick));
   json["warnings"] = inspection.warnings;
-  json["normals"] = Json::parse(inspection.normals_json, nullptr, false);
+  json["normals"] = json_or_discarded(inspection.normals_json);
   json["euler"] = t.euler();
   json["euler_is_certain"] = t.euler_is_certain();
   json["components"] = Json::array();
@@ -109,7 +110,7 @@ std::string to_json(const Inspection& inspection) {
   json["inconsistencies"] = t.inconsistencies();
   json["times_s"] = Json::object();
   for (const StageTime& time : inspection.times) json["times_s"][time.stage] = time.seconds;
-  return json.dump();
+  return json_text(json);
 }
 
 }  // namespace telefab::scan

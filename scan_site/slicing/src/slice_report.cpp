@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 
 namespace telefab::scan {
@@ -32,7 +33,7 @@ std::string to_json(const SliceReport& report) {
   ordered_json times = ordered_json::object();
   for (const StageTime& t : report.times) times[t.stage] = t.seconds;
   const auto parsed = [](const std::string& text) {
-    ordered_json value = ordered_json::parse(text, nullptr, /*allow_exceptions=*/false);
+    ordered_json value = json_or_discarded(text);
     return value.is_discarded() ? ordered_json(nullptr) : value;
   };
   const ordered_json root{
@@ -84,7 +85,7 @@ std::string to_json(const SliceReport& report) {
       {"surface_euler", report.surface_euler ? ordered_json(*report.surface_euler) : ordered_json(nullptr)},
       {"inconsistencies", report.inconsistencies},
       {"seconds", times}};
-  return root.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
+  return json_text(root);
 }
 
 }  // namespace telefab::scan

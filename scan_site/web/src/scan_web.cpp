@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <map>
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/job/slice_parameters.hpp>
 #include <telefab/scan/web/scan_web.hpp>
 #include <telefab/web/gauges.hpp>
@@ -23,9 +24,7 @@ struct Call {
   [[nodiscard]] const std::string& id() const { return routed.arguments.id; }
 };
 
-WebResponse as_text(const ordered_json& value) {
-  return {200, "application/json", value.dump(-1, ' ', false, ordered_json::error_handler_t::replace)};
-}
+WebResponse as_text(const ordered_json& value) { return {200, "application/json", json_text(value)}; }
 
 ordered_json link_json(const LinkView& link) {
   return {{"fab", link.fab}, {"up", link.is_up}, {"why_down", link.why_down}};
@@ -35,7 +34,7 @@ ordered_json link_json(const LinkView& link) {
 std::string list_of(const std::vector<Job>& jobs, const LinkView& link) {
   std::string list;
   for (const Job& job : jobs) list += (list.empty() ? "" : ",") + to_json(job);
-  return R"({"jobs":[)" + list + R"(],"link":)" + link_json(link).dump() + "}";
+  return R"({"jobs":[)" + list + R"(],"link":)" + json_text(link_json(link)) + "}";
 }
 
 WebResponse list_jobs(PageBackend& backend) {
@@ -146,10 +145,10 @@ const std::vector<Row>& rows() {
 
 /// The description of the API with the parameters as the one table of them has them.
 WebResponse described(WebResponse page) {
-  auto api = ordered_json::parse(page.body, nullptr, false);
+  auto api = json_or_discarded(page.body);
   if (!api.is_object()) return page;
-  api["components"]["schemas"]["SliceParameters"] = ordered_json::parse(slice_parameter_schema_json());
-  page.body = api.dump(1);
+  api["components"]["schemas"]["SliceParameters"] = parsed_json(slice_parameter_schema_json());
+  page.body = json_text(api, 1);
   return page;
 }
 
