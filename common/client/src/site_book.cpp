@@ -5,7 +5,7 @@
 
 #include <toml++/toml.h>
 #include <algorithm>
-#include <cstdlib>
+#include <telefab/base/environment.hpp>
 #include <telefab/base/file.hpp>
 #include <telefab/net/endpoint.hpp>
 
@@ -17,11 +17,6 @@ constexpr std::uint64_t kMaxBookBytes = 1U << 20U;
 bool is_name(std::string_view text) {
   return !text.empty() && text.size() <= 64 &&
          std::ranges::all_of(text, [](char c) { return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-'; });
-}
-
-std::string variable(const char* name) {
-  const char* value = std::getenv(name);
-  return value ? value : "";
 }
 
 std::string toml_string(std::string_view text) {
@@ -67,10 +62,9 @@ const SiteEntry* SiteBook::find(std::string_view name) const {
 }
 
 std::filesystem::path site_book_path() {
-  if (const std::string path = variable("TELEFAB_SITES"); !path.empty()) return path;
-  if (const std::string folder = variable("XDG_CONFIG_HOME"); !folder.empty())
-    return std::filesystem::path{folder} / "telefab/sites.toml";
-  return std::filesystem::path{variable("HOME")} / ".config/telefab/sites.toml";
+  if (const std::string path = environment_variable("TELEFAB_SITES"); !path.empty()) return path;
+  const std::filesystem::path own = config_folder();
+  return (own.empty() ? "/etc" : own) / "telefab/sites.toml";
 }
 
 Result<SiteBook> site_book_from_toml(std::string_view text, std::string_view origin) {

@@ -26,7 +26,7 @@ struct SiteBook {
   friend bool operator==(const SiteBook&, const SiteBook&) = default;
 };
 
-/// $TELEFAB_SITES, else $XDG_CONFIG_HOME/telefab/sites.toml, else ~/.config/telefab/sites.toml.
+/// $TELEFAB_SITES, else telefab/sites.toml in config_folder(), else in /etc.
 [[nodiscard]] std::filesystem::path site_book_path();
 
 /// An absent file is an empty book. InvalidInput names file, line and key; unknown keys are errors.

@@ -1,20 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <cstdlib>
+#include <telefab/base/environment.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 
 namespace telefab {
-namespace {
 
 namespace fs = std::filesystem;
-
-std::string variable(const char* name) {
-  const char* value = std::getenv(name);
-  return value ? value : "";
-}
-
-}  // namespace
 
 void declare_machine_folder(VerbOptions& options, std::string& folder) {
   options.add("--machines", folder,
@@ -30,15 +22,12 @@ void declare_machine_choice(VerbOptions& options, MachineChoice& choice, std::st
 
 Surroundings surroundings() {
   std::error_code unknown;  // where the program lies is not always told; the other places are looked at all the same
-  return {variable("XDG_CONFIG_HOME"), variable("HOME"), fs::read_symlink("/proc/self/exe", unknown)};
+  return {config_folder(), fs::read_symlink("/proc/self/exe", unknown)};
 }
 
 std::vector<fs::path> machine_folders(const Surroundings& where) {
   std::vector<fs::path> folders;
-  if (!where.config_home.empty())
-    folders.push_back(fs::path{where.config_home} / "telefab/machines");
-  else if (!where.home.empty())
-    folders.push_back(fs::path{where.home} / ".config/telefab/machines");
+  if (!where.config.empty()) folders.push_back(where.config / "telefab/machines");
   folders.push_back(where.etc / "telefab/machines");
   if (!where.program.empty()) {
     const fs::path beside = where.program.parent_path();

@@ -14,12 +14,10 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 
 TEST(MachineFolders, AreLookedAtFromTheUsersOwnToTheCheckout) {
-  EXPECT_THAT(machine_folders({"/cfg", "/home/ada", "/usr/bin/telefab-scan", "/etc"}),
+  EXPECT_THAT(machine_folders({"/cfg", "/usr/bin/telefab-scan", "/etc"}),
               ElementsAre("/cfg/telefab/machines", "/etc/telefab/machines", "/usr/share/telefab/machines",
                           "/usr/bin/machines", "deploy/config/machines"));
-  EXPECT_THAT(machine_folders({"", "/home/ada", "", "/etc"}),
-              ElementsAre("/home/ada/.config/telefab/machines", "/etc/telefab/machines", "deploy/config/machines"));
-  EXPECT_THAT(machine_folders({"", "", "", "/etc"}), ElementsAre("/etc/telefab/machines", "deploy/config/machines"));
+  EXPECT_THAT(machine_folders({"", "", "/etc"}), ElementsAre("/etc/telefab/machines", "deploy/config/machines"));
 }
 
 class MachineChoiceTest : public testing::Test {

@@ -35,8 +35,7 @@ struct MachineProfiles {
 
 /// Where this process stands: what the search depends on.
 struct Surroundings {
-  std::string config_home;        ///< $XDG_CONFIG_HOME; empty: not set
-  std::string home;               ///< $HOME; empty: not set
+  std::filesystem::path config;   ///< config_folder(); empty: none is known
   std::filesystem::path program;  ///< the executable
   std::filesystem::path etc = "/etc";
 };
