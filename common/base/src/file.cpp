@@ -32,7 +32,21 @@ class Descriptor {
   int fd_;
 };
 
-tl::unexpected<Error> fail_errno(std::string_view action, const std::filesystem::path& path, int error) {
+/// 0, or the errno that stopped it.
+int write_all(int fd, std::span<const std::byte> bytes) {
+  std::size_t done = 0;
+  while (done < bytes.size()) {
+    const ssize_t put = ::write(fd, bytes.data() + done, bytes.size() - done);
+    if (put < 0 && errno == EINTR) continue;
+    if (put < 0) return errno;
+    done += static_cast<std::size_t>(put);
+  }
+  return 0;
+}
+
+}  // namespace
+
+tl::unexpected<Error> fail_system(std::string_view action, const std::filesystem::path& path, int error) {
   switch (error) {
     case ENOENT:
     case ENOTDIR:
@@ -54,25 +68,11 @@ tl::unexpected<Error> fail_errno(std::string_view action, const std::filesystem:
   }
 }
 
-/// 0, or the errno that stopped it.
-int write_all(int fd, std::span<const std::byte> bytes) {
-  std::size_t done = 0;
-  while (done < bytes.size()) {
-    const ssize_t put = ::write(fd, bytes.data() + done, bytes.size() - done);
-    if (put < 0 && errno == EINTR) continue;
-    if (put < 0) return errno;
-    done += static_cast<std::size_t>(put);
-  }
-  return 0;
-}
-
-}  // namespace
-
 Result<std::vector<std::byte>> read_file(const std::filesystem::path& path, std::uint64_t limit_bytes) {
   Descriptor file{::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
-  if (file.get() < 0) return fail_errno("read", path, errno);
+  if (file.get() < 0) return fail_system("read", path, errno);
   struct stat status {};
-  if (::fstat(file.get(), &status) != 0) return fail_errno("read", path, errno);
+  if (::fstat(file.get(), &status) != 0) return fail_system("read", path, errno);
   if (S_ISDIR(status.st_mode))
     return fail(ErrorCode::InvalidInput,
                 fmt::format("cannot read {}: it is a folder; name a file in it", path.string()));
@@ -86,7 +86,7 @@ Result<std::vector<std::byte>> read_file(const std::filesystem::path& path, std:
   while (done < bytes.size()) {
     const ssize_t got = ::read(file.get(), bytes.data() + done, bytes.size() - done);
     if (got < 0 && errno == EINTR) continue;
-    if (got < 0) return fail_errno("read", path, errno);
+    if (got < 0) return fail_system("read", path, errno);
     if (got == 0)
       return fail(ErrorCode::StorageFailed,
                   fmt::format("{} became shorter while it was read; try again", path.string()));
@@ -103,21 +103,21 @@ Result<std::filesystem::path> make_temporary_beside(const std::filesystem::path&
                 fmt::format("cannot write {}: it is not a regular file; name another", path.string()));
   for (int tries = 0; tries < kMostTries; ++tries) {
     std::uint64_t random = 0;
-    if (::getrandom(&random, sizeof random, 0) != sizeof random) return fail_errno("write", path, errno);
+    if (::getrandom(&random, sizeof random, 0) != sizeof random) return fail_system("write", path, errno);
     // Hidden, so that nobody who lists the folder takes it for a file that is there to stay. Its mode is what the umask
     // leaves, as of any file that a program writes.
     const auto temporary = path.parent_path() / fmt::format(".{}.{:016x}", path.filename().string(), random);
     const Descriptor file{::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, kAnyMode)};
     if (file.get() >= 0) return temporary;
-    if (errno != EEXIST) return fail_errno("write", path, errno);
+    if (errno != EEXIST) return fail_system("write", path, errno);
   }
-  return fail_errno("write", path, EEXIST);
+  return fail_system("write", path, EEXIST);
 }
 
 Result<void> put_in_place(const std::filesystem::path& temporary, const std::filesystem::path& path) {
   const auto give_up = [&](int error) {
     ::unlink(temporary.c_str());
-    return fail_errno("write", path, error);
+    return fail_system("write", path, error);
   };
   Descriptor file{::open(temporary.c_str(), O_RDWR | O_CLOEXEC)};
   if (file.get() < 0) return give_up(errno);
@@ -151,7 +151,7 @@ Result<void> write_file_atomically(const std::filesystem::path& path, std::span<
   if (error == 0 && !file.close()) error = errno;
   if (error != 0) {
     ::unlink(temporary->c_str());
-    return fail_errno("write", path, error);
+    return fail_system("write", path, error);
   }
   return put_in_place(*temporary, path);
 }
@@ -162,22 +162,22 @@ Result<void> write_file_atomically(const std::filesystem::path& path, std::strin
 
 Result<void> write_new_file(const std::filesystem::path& path, std::span<const std::byte> bytes) {
   Descriptor file{::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, kAnyMode)};
-  if (file.get() < 0) return fail_errno("write", path, errno);
-  if (const int error = write_all(file.get(), bytes)) return fail_errno("write", path, error);
-  if (!file.close()) return fail_errno("write", path, errno);
+  if (file.get() < 0) return fail_system("write", path, errno);
+  if (const int error = write_all(file.get(), bytes)) return fail_system("write", path, error);
+  if (!file.close()) return fail_system("write", path, errno);
   return {};
 }
 
 Result<void> sync_folder_of(const std::filesystem::path& file) {
   const Descriptor folder{
       ::open(file.has_parent_path() ? file.parent_path().c_str() : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC)};
-  if (folder.get() < 0 || ::fsync(folder.get()) != 0) return fail_errno("sync the folder of", file, errno);
+  if (folder.get() < 0 || ::fsync(folder.get()) != 0) return fail_system("sync the folder of", file, errno);
   return {};
 }
 
 Result<void> sync_file_system(const std::filesystem::path& path) {
   Descriptor file{::open(path.c_str(), O_RDONLY | O_CLOEXEC)};
-  if (file.get() < 0 || ::syncfs(file.get()) != 0) return fail_errno("sync", path, errno);
+  if (file.get() < 0 || ::syncfs(file.get()) != 0) return fail_system("sync", path, errno);
   return {};
 }
 

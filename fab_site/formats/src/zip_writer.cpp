@@ -93,9 +93,12 @@ struct ZipWriter::Archive {
     std::error_code ignored;  // an empty file beside the place; there is nobody left to tell
     if (!temporary.empty()) std::filesystem::remove(temporary, ignored);
   }
-  [[nodiscard]] tl::unexpected<Error> broken(std::string_view what) const {
-    return fail(ErrorCode::StorageFailed, fmt::format("cannot write {}: {}", path.string(), what));
+  [[nodiscard]] tl::unexpected<Error> broken(zip_error_t& error) const {
+    if (zip_error_system_type(&error) == ZIP_ET_SYS) return fail_system("write", path, zip_error_code_system(&error));
+    return fail(ErrorCode::StorageFailed,
+                fmt::format("cannot write {}: {}", path.string(), zip_error_strerror(&error)));
   }
+  [[nodiscard]] tl::unexpected<Error> broken() const { return broken(*zip_get_error(zip)); }
 };
 
 ZipWriter::ZipWriter(std::unique_ptr<Archive> archive) : archive_{std::move(archive)} {}
@@ -114,9 +117,9 @@ Result<ZipWriter> ZipWriter::create(std::filesystem::path path) {
   if (archive->zip == nullptr) {
     zip_error_t error;
     zip_error_init_with_code(&error, code);
-    const std::string text = zip_error_strerror(&error);
+    auto failed = archive->broken(error);
     zip_error_fini(&error);
-    return archive->broken(text);
+    return failed;
   }
   return ZipWriter{std::move(archive)};
 }
@@ -134,17 +137,17 @@ Result<void> ZipWriter::add(const std::string& name, EntryMaker maker, Packing p
   entry.maker = std::move(maker);
   entry.failure = &archive_->failure;
   zip_source_t* source = zip_source_function(archive_->zip, &serve_entry, &entry);
-  if (source == nullptr) return archive_->broken(zip_strerror(archive_->zip));
+  if (source == nullptr) return archive_->broken();
   const zip_int64_t index = zip_file_add(archive_->zip, name.c_str(), source, ZIP_FL_ENC_UTF_8);
   if (index < 0) {
     zip_source_free(source);
-    return archive_->broken(zip_strerror(archive_->zip));
+    return archive_->broken();
   }
   const auto at = static_cast<zip_uint64_t>(index);
   const zip_int32_t method = packing == Packing::Stored ? ZIP_CM_STORE : ZIP_CM_DEFLATE;
   if (zip_set_file_compression(archive_->zip, at, method, packing == Packing::Stored ? 0 : kDeflateLevel) != 0 ||
       zip_file_set_dostime(archive_->zip, at, 0, kFirstDay, 0) != 0)
-    return archive_->broken(zip_strerror(archive_->zip));
+    return archive_->broken();
   return {};
 }
 
@@ -169,7 +172,7 @@ Result<void> ZipWriter::finish(WorkStage stage, const ProgressSink& progress, st
     if (watch.stop.stop_requested())
       return fail(ErrorCode::Cancelled,
                   fmt::format("writing {} was cancelled; nothing was written", archive_->path.string()));
-    return archive_->broken(zip_strerror(archive_->zip));
+    return archive_->broken();
   }
   archive_->zip = nullptr;
   const std::filesystem::path temporary = std::exchange(archive_->temporary, {});

@@ -20,12 +20,6 @@ constexpr const char* kSupportsFile = "supports.jsonl";
 
 std::string mask_name(LayerIndex layer) { return fmt::format("{:05}.png", layer.count()); }
 
-tl::unexpected<Error> fail_system(std::string_view action, const fs::path& path, const std::error_code& error) {
-  const bool forbidden = error == std::errc::permission_denied || error == std::errc::read_only_file_system;
-  return fail(forbidden ? ErrorCode::NotPermitted : ErrorCode::StorageFailed,
-              fmt::format("cannot {} {}: {}", action, path.string(), error.message()));
-}
-
 /// A folder beside the wanted one, removed unless it took its place.
 class FolderUnderWay {
  public:
@@ -43,7 +37,7 @@ class FolderUnderWay {
     std::error_code error;
     fs::remove_all(path_, error);
     if (!error) fs::create_directories(path_ / "masks", error);
-    if (error) return fail_system("make the folder", path_, error);
+    if (error) return fail_system("make the folder", path_, error.value());
     return {};
   }
 
@@ -55,9 +49,9 @@ class FolderUnderWay {
     fs::remove_all(old, error);
     if (fs::exists(wanted_)) fs::rename(wanted_, old, error);
     if (!error) fs::rename(path_, wanted_, error);
-    if (error) return fail_system("replace the folder", wanted_, error);
+    if (error) return fail_system("replace the folder", wanted_, error.value());
     fs::remove_all(old, error);
-    if (error) return fail_system("remove the older plan", old, error);
+    if (error) return fail_system("remove the older plan", old, error.value());
     return {};
   }
 

@@ -10,6 +10,10 @@
 
 namespace telefab {
 
+/// The failure of a call of the system, by its errno: "cannot ACTION PATH: ...", with what to do. NotFound,
+/// NotPermitted, StorageFailed.
+[[nodiscard]] tl::unexpected<Error> fail_system(std::string_view action, const std::filesystem::path& path, int error);
+
 /// Reads a whole regular file. The messages name the path and say what to do.
 /// Fails: NotFound, NotPermitted, InvalidInput (a directory, a device), TooLarge (above limit), StorageFailed.
 [[nodiscard]] Result<std::vector<std::byte>> read_file(const std::filesystem::path& path, std::uint64_t limit_bytes);
