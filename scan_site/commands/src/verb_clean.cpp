@@ -4,6 +4,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/scan/cloud/clean.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/measure/point_picture.hpp>
 
@@ -67,7 +68,7 @@ Result<ExitCode> clean(const Options& o, std::stop_token stop) {
 
 VerbBody declare_clean(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text").required();
+  options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadable)).required();
   options.add("--out", o->out, "the cleaned cloud, PLY").required();
   options.add("--preset", o->preset, "careful: only what is surely wrong, nothing moves; strong: more, and smoothing")
       .shows_default();

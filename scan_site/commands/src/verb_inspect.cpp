@@ -8,6 +8,7 @@
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/command_line/slice_options.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/inspect/inspect_scan.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
 
@@ -116,7 +117,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 VerbBody declare_inspect(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text").required();
+  options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadable)).required();
   declare_machine_choice(options, o->machine, "place it as it would be sliced for this machine", MachineIs::Optional);
   declare_slice_parameters(options, o->asked, kPlacing);
   options.add("--out-prefix", o->out_prefix, "write a picture PREFIX.png and PREFIX.ply, PREFIX.vtp for a viewer");

@@ -13,6 +13,7 @@
 #include <telefab/command_line/output.hpp>
 #include <telefab/command_line/slice_options.hpp>
 #include <telefab/geometry/contour_lines.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
 #include <telefab/scan/slicing/preview.hpp>
@@ -259,7 +260,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 VerbBody declare_slice(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add("CLOUD", o->cloud, "scan: PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text").required();
+  options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadable)).required();
   declare_machine_choice(options, o->machine, "machine profile to slice for", MachineIs::Required);
   options.add("--out", o->out, "write the stack here (.tfc)");
   options.add("--preview", o->preview, "write a picture here (PNG)");

@@ -10,6 +10,7 @@
 #include <telefab/base/text.hpp>
 #include <telefab/scan/formats/face_samples.hpp>
 
+#include "foreign_file.hpp"
 #include "readers.hpp"
 #include "text_cursor.hpp"
 
@@ -166,6 +167,9 @@ Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_vi
   if (bytes.empty()) return within(Error{ErrorCode::InvalidInput, "the file is empty"});
   constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
   if (as_text(bytes).starts_with(kByteOrderMark)) bytes = bytes.subspan(kByteOrderMark.size());
+  if (const auto foreign = foreign_file(bytes))
+    return within(Error{ErrorCode::InvalidInput,
+                        fmt::format("is {}, and no scan ({}); {}", foreign->name, kReadable, foreign->instead)});
   const FormatRow& row = row_of(format_of(bytes, file_name));
   auto file = row.read(bytes, options, stop);
   if (!file) return within(file.error());

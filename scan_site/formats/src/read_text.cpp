@@ -260,8 +260,7 @@ class TextReader {
 Result<ScanFile> read_text(std::span<const std::byte> bytes, const ReadOptions& options, const std::stop_token& stop) {
   const std::string_view text = as_text(bytes);
   if (text.substr(0, 4096).find('\0') != std::string_view::npos)
-    return fail(ErrorCode::InvalidInput,
-                "the format is not known: neither PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ nor text");
+    return fail(ErrorCode::InvalidInput, fmt::format("the format is not known: no {}", kReadable));
   return TextReader{options, stop}.read(text);
 }
 

@@ -11,6 +11,7 @@
 namespace telefab::scan {
 namespace {
 
+using testing::AllOf;
 using testing::HasSubstr;
 
 std::span<const std::byte> bytes_of(const std::string& text) { return std::as_bytes(std::span{text}); }
@@ -251,6 +252,27 @@ TEST(ReadText, SaysWhatIsWrongAndInWhichLine) {
     const auto file = read(content);
     ASSERT_FALSE(file) << content;
     EXPECT_THAT(file.error().what, HasSubstr(message)) << content;
+  }
+}
+
+TEST(ReadCloud, NamesWhatPeopleTakeForAScanAndSaysWhatToDo) {
+  const std::tuple<std::string, std::string, std::string> cases[] = {
+      {"\x89PNG\r\n\x1a\n12345678", "a PNG picture", "export the scan"},
+      {"\xFF\xD8\xFF\xE0 1 2 3", "a JPEG picture", "export the scan"},
+      {"PK\x03\x04 1 2 3\n", "a ZIP archive", "unpack it"},
+      {"\x1F\x8B\x08 1 2 3\n", "gzip", "unpack it"},
+      {"ISO-10303-21;\nHEADER;\n", "a STEP model", "--sample-faces"},
+      {"glTF\x02", "glTF scene", "PLY"},
+      {"\xEF\xBB\xBF \n<?xml version=\"1.0\"?><svg/>", "XML", "PLY"},
+      {"{\"asset\": {\"version\": \"2.0\"}}", "JSON", "PLY"},
+      {"TFC1\r\n\x1a\n", "sliced already", "telefab-fab plan"},
+  };
+  for (const auto& [content, name, instead] : cases) {
+    for (const char* file : {"a.ply", "a.xyz", "scan"}) {
+      const auto refused = read(content, file);
+      ASSERT_FALSE(refused) << content;
+      EXPECT_THAT(refused.error().what, AllOf(HasSubstr(name), HasSubstr(instead), HasSubstr("E57"))) << content;
+    }
   }
 }
 

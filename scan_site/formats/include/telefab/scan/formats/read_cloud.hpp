@@ -18,6 +18,9 @@ enum class ScanFormat { Ply, Pcd, Text, Off, Stl, Obj, Ptx, E57, Las };
 /// "PLY", "PCD", ...: for messages and reports.
 [[nodiscard]] std::string_view name_of(ScanFormat format);
 
+/// What can be read, in one line for help and errors.
+inline constexpr std::string_view kReadable = "PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text";
+
 struct ReadOptions {
   std::size_t max_points = 400'000'000;  ///< >= 1; a file that claims more is refused (TooLarge)
   bool keep_faces = false;  ///< for the virtual digitizer, for points on faces and for judges: no mesh is ever sliced
