@@ -23,7 +23,7 @@ Result<CommonOptions> looked_up(CommonOptions common) {
   const SiteEntry* site = book->find(name);
   if (!site)
     return fail(
-        ErrorCode::NotFound,
+        ErrorCode::InvalidInput,
         fmt::format("no site {} is known: use HOST:PORT, or `telefab sites add {} --address HOST:PORT`", name, name));
   common.site = site->address;
   if (common.tls_folder.empty()) {
@@ -60,7 +60,7 @@ void declare_common(VerbOptions& options, CommonOptions& common) {
 
 Result<void> check_job_id(const std::string& job) {
   if (is_job_id(job)) return {};
-  return fail(ErrorCode::NotFound, fmt::format("no job \"{}\": `telefab jobs` lists them", job));
+  return fail(ErrorCode::InvalidInput, fmt::format("no job \"{}\": `telefab jobs` lists them", job));
 }
 
 Result<std::unique_ptr<SiteClient>> connect(const CommonOptions& given, std::stop_token stop) {

@@ -16,7 +16,7 @@ struct CommonOptions {
 };
 void declare_common(VerbOptions& options, CommonOptions& common);
 
-/// A text that is no id cannot name a job; said here, not by a site that takes it for a broken message. NotFound.
+/// A text that is no id cannot name a job; said here, not by a site that takes it for a broken message. InvalidInput.
 [[nodiscard]] Result<void> check_job_id(const std::string& job);
 
 [[nodiscard]] Result<std::unique_ptr<SiteClient>> connect(const CommonOptions& common, std::stop_token stop);

@@ -105,7 +105,10 @@ Result<std::optional<Message>> SiteClient::receive_within(Nanoseconds within) {
   received_.pop_front();
   auto message = from_frame(frame);
   if (!message) return tl::unexpected{message.error()};
-  if (const auto* fault = std::get_if<Fault>(&*message)) return tl::unexpected{fault->error};
+  if (const auto* fault = std::get_if<Fault>(&*message)) {
+    const ErrorCode code = fault->error.code;
+    return fail(code == ErrorCode::NotFound ? ErrorCode::InvalidInput : code, fault->error.what);
+  }
   return std::optional{std::move(*message)};
 }
 

@@ -52,7 +52,7 @@ VerbBody declare_command(VerbOptions& options, JobCommand command) {
     if (o->as == "treat-as-exposed") asked = JobCommand::TreatAsExposed;
     if (o->as == "expose-again") asked = JobCommand::ExposeAgain;
     if (is_of_machine && !is_job_id(o->job))
-      return fail(ErrorCode::NotFound, fmt::format("no machine \"{}\": `telefab machines` lists them", o->job));
+      return fail(ErrorCode::InvalidInput, fmt::format("no machine \"{}\": `telefab machines` lists them", o->job));
     if (auto named = check_job_id(o->job); !named) return tl::unexpected{named.error()};
     auto client = connect(o->common, std::move(stop));
     if (!client) return tl::unexpected{client.error()};

@@ -79,7 +79,7 @@ Result<void> change(SiteBook& book, const SitesOptions& o) {
     return {};
   }
   if (named == book.sites.end())
-    return fail(ErrorCode::NotFound, fmt::format("no site {} is known; `telefab sites` lists them", o.site.name));
+    return fail(ErrorCode::InvalidInput, fmt::format("no site {} is known; `telefab sites` lists them", o.site.name));
   if (o.action == "default") {
     book.default_site = o.site.name;
     return {};
@@ -98,7 +98,7 @@ Result<ExitCode> run(const SitesOptions& o, std::stop_token stop) {
     if (o.site.name.empty())
       return fail(ErrorCode::InvalidInput, fmt::format("telefab sites {} needs the NAME of a site", o.action));
     if (o.action == "check" && !book->find(o.site.name))
-      return fail(ErrorCode::NotFound, fmt::format("no site {} is known; `telefab sites` lists them", o.site.name));
+      return fail(ErrorCode::InvalidInput, fmt::format("no site {} is known; `telefab sites` lists them", o.site.name));
   }
   if (o.action == "check") return check(*book, o, std::move(stop));
   if (auto changed = change(*book, o); !changed) return tl::unexpected{changed.error()};

@@ -435,7 +435,7 @@ Result<MachineProfile> find_machine(const std::vector<MachineProfile>& machines,
   if (found != machines.end()) return *found;
   std::vector<std::string_view> names;
   for (const auto& machine : machines) names.push_back(machine.name);
-  return fail(ErrorCode::NotFound, fmt::format("no machine named {}; there are: {}", name, fmt::join(names, ", ")));
+  return fail(ErrorCode::InvalidInput, fmt::format("no machine named {}; there are: {}", name, fmt::join(names, ", ")));
 }
 
 }  // namespace telefab

@@ -18,7 +18,7 @@ class StackReceiver {
   /// Where the layers of an offered job go, null where all are here; or why the job is put off.
   using OfferAnswer = std::variant<std::shared_ptr<Intake>, OfferDeferred>;
 
-  /// A job that is offered, new or again; its intake lives until the job is planned. Refused for good: NotFound
+  /// A job that is offered, new or again; its intake lives until the job is planned. Refused for good: InvalidInput
   /// (machine), NotTrusted (signature), Conflict (another profile, another job of that id, another owner's job),
   /// TooLarge (for this fab's disk). A disk that is full or cannot be written puts it off.
   [[nodiscard]] virtual Result<OfferAnswer> take_offer(const Offer& offer, const net::Peer& peer) = 0;

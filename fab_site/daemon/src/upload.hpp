@@ -11,8 +11,8 @@ namespace telefab::fab {
 
 /// Writes the layers of a .tfc file into the folder of a new job, as if a scan site had sent them; what is still to be
 /// done is to make the job, which is `who`'s. Where not `start`, the job waits for approval once it is planned.
-/// InvalidInput: not a .tfc file, damaged, or cut for another pitch or thickness; NotFound: for a machine this fab has
-/// not; StorageFailed.
+/// InvalidInput: not a .tfc file, damaged, for a machine this fab has not, or for another pitch or thickness of it;
+/// StorageFailed.
 [[nodiscard]] Result<NewJob> write_upload(const DataFolder& data, const std::vector<MachineProfile>& machines,
                                           std::string_view name, std::span<const std::byte> tfc, bool start,
                                           std::string_view who);

@@ -87,7 +87,7 @@ Machines ScanSite::machines() {
 
 Result<void> ScanSite::may_submit(const Submit& submit) {
   const auto machine = find_machine(known_machines(), submit.machine);
-  if (!machine) return tl::unexpected{Error{ErrorCode::InvalidInput, machine.error().what}};
+  if (!machine) return tl::unexpected{machine.error()};
   if (auto parameters = job_parameters_from(submit.parameters, *machine); !parameters)
     return tl::unexpected{parameters.error()};
   // The scan itself, and at most as much again for its layers.

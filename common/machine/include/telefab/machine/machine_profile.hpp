@@ -147,7 +147,7 @@ struct MachineProfile {
 /// The profiles of deploy/config/machines, as they were when the program was built, sorted by file name.
 [[nodiscard]] Result<std::vector<MachineProfile>> builtin_machine_profiles();
 
-/// The profile of that name; NotFound lists the names there are.
+/// The profile of that name; InvalidInput lists the names there are.
 [[nodiscard]] Result<MachineProfile> find_machine(const std::vector<MachineProfile>& machines, std::string_view name);
 
 }  // namespace telefab

@@ -74,7 +74,7 @@ class PageBackend {
   /// The platform of the machine was emptied. Conflict: it is empty already, or its part is still being made.
   [[nodiscard]] virtual Result<void> clear_platform(std::string_view machine, std::string_view who) = 0;
   /// Makes a job of the bytes of a .tfc file; its id. Printed as soon as it is planned where `start`, else it waits for
-  /// approval. `who` owns it. InvalidInput: not a .tfc file, or damaged; NotFound: for a machine this fab has not.
+  /// approval. `who` owns it. InvalidInput: not a .tfc file, damaged, or for a machine this fab has not.
   [[nodiscard]] virtual Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start,
                                                       std::string_view who) = 0;
   /// JSON of projector and stage: names, light, Z, temperature if there is one.
