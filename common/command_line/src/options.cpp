@@ -162,7 +162,9 @@ std::string Parser::Impl::what_is_wrong(const CLI::ParseError& error, const std:
   const std::string program =
       chosen_verbs.empty() ? std::string{text.name} : fmt::format("{} {}", text.name, at.get_name());
   std::string what = error.what();
-  if (chosen_verbs.empty() && !words.empty() && !words.front().starts_with('-')) {
+  if (!words.empty() && words.front().starts_with('-')) {
+    what = option_before_verb(text.name, words.front());
+  } else if (chosen_verbs.empty() && !words.empty()) {
     std::vector<std::string> verbs;
     for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
     what = unknown_verb(text.name, words.front(), verbs);

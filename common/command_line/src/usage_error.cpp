@@ -61,6 +61,10 @@ std::string unexpected_word(std::string_view word, std::span<const std::string> 
   return fmt::format("there is no option {}", name);
 }
 
+std::string option_before_verb(std::string_view program, std::string_view option) {
+  return fmt::format("options stand behind the verb: {} VERB {}", program, option);
+}
+
 std::optional<std::string> decimal_comma(std::span<const std::string> words) {
   static const std::regex comma{R"((?:.*=)?([+-]?\d+),(\d+))"};
   std::smatch found;

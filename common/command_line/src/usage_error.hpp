@@ -17,6 +17,8 @@ namespace telefab {
                                        std::span<const std::string> verbs);
 /// `options` and `word` with their dashes; a word without is one that the verb has no place for.
 [[nodiscard]] std::string unexpected_word(std::string_view word, std::span<const std::string> options);
+/// For an option that stands where the verb belongs.
+[[nodiscard]] std::string option_before_verb(std::string_view program, std::string_view option);
 /// A number with a decimal comma among the words, with what to write instead.
 [[nodiscard]] std::optional<std::string> decimal_comma(std::span<const std::string> words);
 

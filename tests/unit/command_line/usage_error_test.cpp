@@ -39,6 +39,10 @@ TEST(UsageError, SaysWhichWordIsWrongAndWhatWasMeant) {
   EXPECT_THAT(unexpected_word("scan.ply", kOptions), HasSubstr("one word too many"));
 }
 
+TEST(UsageError, SendsAnOptionBehindTheVerb) {
+  EXPECT_EQ(option_before_verb("telefab", "--site"), "options stand behind the verb: telefab VERB --site");
+}
+
 TEST(UsageError, NamesTheNumberThatADecimalCommaStandsFor) {
   EXPECT_THAT(decimal_comma(Words{"a.ply", "--height-mm", "7,5"}).value_or(""), HasSubstr("7.5"));
   EXPECT_THAT(decimal_comma(Words{"--height-mm=-7,25"}).value_or(""), HasSubstr("-7.25"));
