@@ -40,13 +40,13 @@ Result<PlanOptions> plan_options(const Options& o) {
   return options;
 }
 
-void print_summary(const PlanSummary& s, const Preflight& preflight, const std::string& folder) {
+void print_summary(const PlanSummary& s, const Preflight& preflight, const std::string& folder, bool replaced) {
   write_output(fmt::format("{} layers on {} ({} of the part, {} below it), {} anchors\n", s.plan.layers.size(),
                            s.plan.machine, s.part_layers, s.elevation_layers, s.anchors));
   write_output(fmt::format("part {:.1f} mm3, supports {:.1f} mm3; {:.0f} min of print, of that {:.0f} min of light\n",
                            s.figures.part_mm3, s.figures.support_mm3, s.print_s / 60, s.exposure_s / 60));
-  write_output(
-      fmt::format("supports {:.2f} s, masks {:.2f} s; written to {}\n", s.support_seconds, s.mask_seconds, folder));
+  write_output(fmt::format("supports {:.2f} s, masks {:.2f} s; written to {}{}\n", s.support_seconds, s.mask_seconds,
+                           folder, replaced ? ", in place of the plan that lay there" : ""));
   write_output(
       fmt::format("before printing:{}\n{}", preflight.holds() ? " the job would be held" : "", to_text(preflight)));
 }
@@ -59,6 +59,8 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const auto machine = chosen_machine(o.machine, file->stack.header().machine);
   if (!machine) return tl::unexpected{machine.error()};
   const SystemClock clock;
+  std::error_code unknown;  // a folder that cannot be looked at is refused below
+  const bool replaced = std::filesystem::exists(std::filesystem::path{o.out} / "plan.json", unknown);
   const auto summary =
       write_plan_folder(o.out, file->stack, *machine, *options, clock, progress_line(), stop, file->bytes);
   clear_progress();
@@ -67,7 +69,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (o.json)
     write_output(to_json(*summary));
   else
-    print_summary(*summary, preflight, o.out);
+    print_summary(*summary, preflight, o.out, replaced);
   return preflight.holds() ? ExitCode::NotCertified : ExitCode::Ok;
 }
 
