@@ -96,8 +96,8 @@ void E57File::add_scan(const std::vector<E57Column>& columns, std::uint64_t reco
     put_at(packet, 2, static_cast<std::uint16_t>(packet.size() - 1));
     body_ += packet;
     if (from > 0) continue;
-    body_ += std::string{"\x00\x00\x0F\x00", 4} + std::string(12, '\0');  // an index packet without entries
-    body_ += std::string{"\x02\x00\x07\x00", 4} + "left";                 // an ignored packet
+    body_.append("\x00\x00\x0F\x00", 4).append(12, '\0');  // an index packet without entries
+    body_ += std::string{"\x02\x00\x07\x00", 4} + "left";  // an ignored packet
   }
   body_[section] = 1;
   put_at(body_, section + 8, std::uint64_t{body_.size() - section});
