@@ -291,6 +291,12 @@ void ScanSite::command(const Command& command, std::function<void(Result<Job>)> 
   });
 }
 
+Result<Job> ScanSite::forget(const std::string& job) {
+  if (const auto now = store().find(job); now && is_final(now->state) && slicer_->cancel(job))
+    return fail(ErrorCode::Conflict, fmt::format("job {} is still worked on; forget it in a moment", job));
+  return site().forget(job);
+}
+
 void ScanSite::send_cancelled() {
   if (!link_->is_up()) return;
   std::error_code error;

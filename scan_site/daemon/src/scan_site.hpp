@@ -22,6 +22,7 @@ class ScanSite final : public SiteWork {
   Result<void> may_submit(const Submit& submit) override;
   Result<Job> submit(const Submit& submit, const std::filesystem::path& upload, std::string_view owner) override;
   void command(const Command& command, std::function<void(Result<Job>)> done) override;
+  Result<Job> forget(const std::string& job) override;
   void files(const std::string& job, std::function<void(Result<std::vector<FileEntry>>)> done) override;
   void file(const std::string& job, const std::string& name,
             std::function<void(Result<std::filesystem::path>)> done) override;

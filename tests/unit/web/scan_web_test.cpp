@@ -71,6 +71,14 @@ TEST_F(ScanWebTest, PassesACancelOnWithTheToken) {
   EXPECT_EQ(backend.commands[0].second, JobCommand::Cancel);
 }
 
+TEST_F(ScanWebTest, ForgetsAJobWithTheTokenAndAnswersItsName) {
+  const WebResponse gone = ask("POST", "/v1/jobs/job-1/forget", "Bearer secret");
+  EXPECT_EQ(gone.status, 200U);
+  EXPECT_EQ(json::parse(gone.body), json({{"forgotten", "job-1"}}));
+  ASSERT_EQ(backend.commands.size(), 1U);
+  EXPECT_EQ(backend.commands[0].second, JobCommand::Forget);
+}
+
 TEST_F(ScanWebTest, TellsHowFarEachStageIsAndWhetherTheFabIsReached) {
   const json list = json::parse(ask("GET", "/v1/jobs").body);
   EXPECT_EQ(list["jobs"][0]["name"], "a \"statue\" <b>.ply");
