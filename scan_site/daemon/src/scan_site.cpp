@@ -180,8 +180,7 @@ SlicerEvents ScanSite::slicer_events() {
 }
 
 void ScanSite::wait_for_disk(const std::string& job, const Error& why) {
-  site().room().note_trouble(why);
-  if (const auto now = store().find(job)) tracker().move(job, now->state, "waits: " + why.what);
+  if (const auto now = store().find(job)) tracker().wait_for_disk(job, now->state, why);
   site().loop().after(site().options().retry_every, [this, job] {
     if (const auto now = store().find(job); now && !is_final(now->state)) resume(*now);
   });
