@@ -2,6 +2,8 @@
 #include <nlohmann/json.hpp>
 #include <telefab/web/web_message.hpp>
 
+#include "lower_case.hpp"
+
 namespace telefab {
 
 WebResponse web_problem(unsigned status, std::string_view code, std::string_view what) {
@@ -40,6 +42,13 @@ WebResponse web_problem(const Error& error) {
 WebResponse web_json(const Result<std::string>& body) {
   if (!body) return web_problem(body.error());
   return {200, "application/json", *body};
+}
+
+std::string host_name_of(std::string_view host) {
+  std::string name = lower(host);
+  const auto colon = name.rfind(':');
+  if (colon != std::string::npos && name.find(']', colon) == std::string::npos) name.resize(colon);
+  return name;
 }
 
 WebResponse web_asset(std::span<const WebAsset> assets, std::string_view target) {

@@ -42,6 +42,9 @@ struct WebResponse {
 /// JSON as it is, or the problem.
 [[nodiscard]] WebResponse web_json(const Result<std::string>& body);
 
+/// The name that a Host header asks for: in lower case, without the port.
+[[nodiscard]] std::string host_name_of(std::string_view host);
+
 /// A file of a page, compiled in, so that an installed daemon serves it from anywhere. "/" is the page itself.
 struct WebAsset {
   std::string_view path;
