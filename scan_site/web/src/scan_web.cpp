@@ -101,9 +101,8 @@ WebResponse metrics(const Call& call) {
 
 WebResponse health(const Call& call) {
   const auto jobs = call.backend.jobs();
-  if (!jobs) return web_problem(jobs.error());
-  if (const auto good = call.backend.healthy(); !good)
-    return web_problem(503, name_of(good.error().code), good.error().what);
+  if (!jobs) return web_sick(jobs.error());
+  if (const auto good = call.backend.healthy(); !good) return web_sick(good.error());
   return as_text({{"status", "ok"}, {"jobs", jobs->size()}, {"link", link_json(call.backend.link())}});
 }
 

@@ -37,6 +37,7 @@ class PuttingOffFab {
 
   int connections = 0;
   int offers = 0;  ///< on the present connection
+  int cancels = 0;
   std::string job;
 
  private:
@@ -56,6 +57,7 @@ class PuttingOffFab {
   void on_frame(const Frame& frame) {
     const auto message = from_frame(frame);
     ASSERT_TRUE(message) << message.error().what;
+    if (const auto* command = std::get_if<Command>(&*message)) cancels += command->command == JobCommand::Cancel;
     const auto* offer = std::get_if<Offer>(&*message);
     if (!offer) return;
     ++offers;
@@ -118,6 +120,23 @@ TEST_F(Deferral, IsNotARefusal) {
   EXPECT_THAT(listed("failed"), HasSubstr("the fab refused it: the disk of 2 MiB is too small"));
   fab->run_for(milliseconds{300});
   EXPECT_EQ(fab->offers, 1) << "never is not later";
+}
+
+// It was called a refusal of the fab's, and the fab waited for its chunks for good.
+TEST_F(Deferral, LayersThatWereChangedOnDiskEndTheJobAtBothSites) {
+  const auto chunks = folder() / "scan" / "jobs" / job / "chunks";
+  std::error_code none_yet;
+  ASSERT_TRUE(fab->await([&] { return std::filesystem::file_size(chunks, none_yet) > 200 && !none_yet; }));
+  std::fstream file{chunks, std::ios::in | std::ios::out | std::ios::binary};
+  file.seekp(100);
+  file.put('\xff');
+  file.close();
+  fab->send(OfferAccepted{job, 0, false});
+  const std::string jobs = listed("failed");
+  EXPECT_THAT(jobs, HasSubstr("chunk 0 of"));
+  EXPECT_THAT(jobs, HasSubstr("submit the scan again"));
+  EXPECT_THAT(jobs, testing::Not(HasSubstr("the fab refused it")));
+  EXPECT_TRUE(fab->await([&] { return fab->cancels == 1; }));
 }
 
 /// A fab of the release before, which knows no OfferDeferred.
