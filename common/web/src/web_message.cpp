@@ -39,6 +39,8 @@ WebResponse web_problem(const Error& error) {
   return web_problem(status, name_of(error.code), error.what);
 }
 
+WebResponse web_sick(const Error& error) { return web_problem(503, name_of(error.code), error.what); }
+
 WebResponse web_json(const Result<std::string>& body) {
   if (!body) return web_problem(body.error());
   return {200, "application/json", *body};

@@ -185,9 +185,8 @@ const std::vector<Row>& rows() {
       {{"GET", "/v1/health", "whether the daemon answers and its store can be read and written", Access::Anybody},
        [](const Call& c) -> WebResponse {
          const auto jobs = c.backend.jobs();
-         if (!jobs) return web_problem(jobs.error());
-         if (const auto good = c.backend.healthy(); !good)
-           return web_problem(503, name_of(good.error().code), good.error().what);
+         if (!jobs) return web_sick(jobs.error());
+         if (const auto good = c.backend.healthy(); !good) return web_sick(good.error());
          return {200, "application/json", text_of(json{{"status", "ok"}, {"jobs", jobs->size()}})};
        }},
       {{"GET", "/v1/stream", "server-sent events: the job list whenever it changes"},

@@ -59,6 +59,21 @@ TEST(WebRouter, SaysOfItsHealthWhetherChangesCanBeKept) {
   EXPECT_THAT(sick.body, HasSubstr("disk full"));
 }
 
+/// A list of jobs that cannot be read any more.
+class UnreadableBackend final : public RecordingBackend {
+ public:
+  [[nodiscard]] Result<std::vector<JobView>> jobs() override {
+    return fail(ErrorCode::NotTrusted, "job store: database disk image is malformed");
+  }
+};
+
+TEST(WebRouter, IsSickRatherThanForbiddenWhereItsListIsDamaged) {
+  UnreadableBackend backend;
+  const WebResponse sick = answer(ask("GET", "/v1/health", ""), backend);
+  EXPECT_EQ(sick.status, 503U);
+  EXPECT_THAT(sick.body, HasSubstr("malformed"));
+}
+
 TEST(WebRouter, NeverChangesStateOnGetOrHead) {
   RecordingBackend backend;
   for (const WebRoute& route : web_routes())

@@ -50,6 +50,18 @@ TEST_F(ScanWebTest, DescribesEveryParameterOfTheTable) {
   }
 }
 
+/// A list of jobs that cannot be read any more.
+class UnreadableScanBackend final : public RecordingScanBackend {
+ public:
+  Result<std::vector<Job>> jobs() override { return fail(ErrorCode::NotTrusted, "job store: malformed"); }
+};
+
+TEST_F(ScanWebTest, IsSickRatherThanForbiddenWhereItsListIsDamaged) {
+  UnreadableScanBackend unreadable;
+  ScanWeb sick{unreadable, sign_in, "0.1.0"};
+  EXPECT_EQ(sick.answer({"GET", "/v1/health", {}, {}, {}}).status, 503U);
+}
+
 TEST_F(ScanWebTest, NeverChangesStateOnGetOrHead) {
   for (const WebRoute& route : web_routes())
     for (const char* method : {"GET", "HEAD"}) (void)ask(method, concrete(route.path), "Bearer secret");
