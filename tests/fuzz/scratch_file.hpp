@@ -10,14 +10,15 @@
 
 namespace telefab::test {
 
-/// A folder of this process in memory where there is such a place, with one file of the given bytes in it.
+/// A folder of this process in memory where there is such a place, with one file of the given bytes in it. Two at once
+/// have names of their own.
 class ScratchFile {
  public:
-  ScratchFile(const std::uint8_t* data, std::size_t size) {
+  ScratchFile(const std::uint8_t* data, std::size_t size, const std::string& name = "fuzz") {
     std::error_code error;
     const std::filesystem::path memory{"/dev/shm"};
     folder_ = (std::filesystem::is_directory(memory, error) ? memory : std::filesystem::temp_directory_path()) /
-              ("telefab-fuzz-" + std::to_string(::getpid()));
+              ("telefab-" + name + "-" + std::to_string(::getpid()));
     std::filesystem::create_directories(folder_);
     std::ofstream{path(), std::ios::binary}.write(reinterpret_cast<const char*>(data),
                                                   static_cast<std::streamsize>(size));

@@ -91,10 +91,23 @@ void DiskRoom::note_trouble(const Error& error) {
   trouble_ = error;
 }
 
+void DiskRoom::wait(const std::string& job, const Error& why) {
+  const std::lock_guard lock{mutex_};
+  waiting_.insert_or_assign(job, why);
+}
+
+void DiskRoom::go_on(const std::string& job) {
+  const std::lock_guard lock{mutex_};
+  waiting_.erase(job);
+}
+
 Result<void> DiskRoom::health() const {
   const std::lock_guard lock{mutex_};
   if (trouble_) return tl::unexpected{*trouble_};
-  return {};
+  if (waiting_.empty()) return {};
+  const auto& [job, why] = *waiting_.begin();
+  const std::string others = waiting_.size() > 1 ? fmt::format("; {} more wait", waiting_.size() - 1) : "";
+  return fail(why.code, fmt::format("job {} waits: {}{}", job, why.what, others));
 }
 
 }  // namespace telefab

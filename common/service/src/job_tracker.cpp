@@ -80,6 +80,7 @@ void JobTracker::note(std::string_view who, std::string_view what) {
 }
 
 void JobTracker::record(const std::string& job, JobState state, std::string_view message) {
+  if (room_ != nullptr) room_->go_on(job);
   save_in_order(job, [this, job, state, message = std::string{message}] { return save_move(job, state, message); });
 }
 
@@ -150,6 +151,11 @@ void JobTracker::move(const std::string& job, JobState state, std::string_view m
       return !kept && kept.error().code == ErrorCode::StorageFailed ? kept : Result<void>{};
     });
   record(job, state, message);
+}
+
+void JobTracker::wait_for_disk(const std::string& job, JobState state, const Error& why) {
+  move(job, state, "waits: " + why.what);
+  if (room_ != nullptr) room_->wait(job, why);
 }
 
 void JobTracker::end(const std::string& job, JobState state, std::string_view message) {

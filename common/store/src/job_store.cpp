@@ -5,6 +5,7 @@
 #include <atomic>
 #include <iterator>
 #include <mutex>
+#include <telefab/base/damaged_file.hpp>
 #include <telefab/base/file.hpp>
 #include <telefab/store/job_store.hpp>
 
@@ -12,7 +13,6 @@ namespace telefab {
 namespace {
 
 constexpr int kSchemaVersion = 3;
-constexpr int kMostSetAside = 100;
 constexpr int kApplicationId = 0x54464142;  // "TFAB"
 
 constexpr const char* kSchema = R"sql(
@@ -532,19 +532,16 @@ namespace {
 
 /// Gives the damaged file and what belongs to it other names; the first of them.
 Result<std::filesystem::path> set_aside(const std::filesystem::path& path) {
+  auto aside = name_for_damaged(path);
+  if (!aside) return aside;
   std::error_code error;
-  for (int number = 1; number <= kMostSetAside; ++number) {
-    const std::filesystem::path aside = fmt::format("{}.damaged-{}", path.string(), number);
-    if (std::filesystem::exists(aside, error)) continue;
-    for (const char* part : {"-wal", "-shm"})
-      if (std::filesystem::exists(path.string() + part, error))
-        std::filesystem::rename(path.string() + part, aside.string() + part, error);
-    if (!error) std::filesystem::rename(path, aside, error);
-    if (!error) return aside;
-    break;
-  }
-  return fail(ErrorCode::StorageFailed, fmt::format("{} is damaged and cannot be set aside: {}", path.string(),
-                                                    error ? error.message() : "too many are"));
+  for (const char* part : {"-wal", "-shm"})
+    if (!error && std::filesystem::exists(path.string() + part, error))
+      std::filesystem::rename(path.string() + part, aside->string() + part, error);
+  if (!error) std::filesystem::rename(path, *aside, error);
+  if (!error) return aside;
+  return fail(ErrorCode::StorageFailed,
+              fmt::format("{} is damaged and cannot be set aside: {}", path.string(), error.message()));
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <telefab/base/damaged_file.hpp>
 #include <telefab/base/file.hpp>
 #include <telefab/transfer/chunk_spool.hpp>
 
@@ -22,7 +23,6 @@ constexpr std::uint32_t kChunkMark = 0x63734654;  // "TFsc"
 constexpr std::uint32_t kEndMark = 0x65734654;    // "TFse"
 constexpr std::size_t kHeadBytes = 56;
 constexpr std::uint32_t kMaxPayloadBytes = 4U << 20U;
-constexpr int kMostSetAside = 100;
 
 struct Head {
   std::uint32_t mark = 0;
@@ -176,20 +176,6 @@ struct ChunkSpool::Impl {
     return whole > size || (whole == size && head->size > 0 && is_zero(bytes->back()));
   }
 
-  /// Keeps the file as it is under a name of its own, as a copy.
-  [[nodiscard]] Result<void> set_aside() {
-    std::error_code error;
-    for (int n = 1; n <= kMostSetAside; ++n) {
-      std::filesystem::path aside = fmt::format("{}.damaged-{}", path.string(), n);
-      if (std::filesystem::exists(aside, error)) continue;
-      if (!std::filesystem::copy_file(path, aside, error)) break;
-      damaged = std::move(aside);
-      return {};
-    }
-    return fail(ErrorCode::StorageFailed, fmt::format("{} is damaged and cannot be kept aside: {}", path.string(),
-                                                      error ? error.message() : "too many are"));
-  }
-
   /// Reads every record; cuts off a torn tail, and keeps a damaged file aside before it goes on behind what is sound.
   [[nodiscard]] Result<void> load() {
     struct stat status {};
@@ -219,8 +205,11 @@ struct ChunkSpool::Impl {
     if (end == size) return {};
     const auto torn = is_tail_torn(size);
     if (!torn) return tl::unexpected{torn.error()};
-    if (!*torn)
-      if (auto aside = set_aside(); !aside) return aside;
+    if (!*torn) {
+      auto aside = copy_damaged(path);
+      if (!aside) return tl::unexpected{aside.error()};
+      damaged = std::move(*aside);
+    }
     if (::ftruncate(file, static_cast<off_t>(end)) != 0) return storage_failed("shorten");
     return {};
   }

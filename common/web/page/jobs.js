@@ -10,12 +10,14 @@ const state = { jobs: [], chosen: null, visitor: { name: null, may: "nothing", m
 // news(data) for every event and begun() once somebody may see the page, where there is one.
 const site = {};
 
+const hasEnded = (s) => ["done", "failed", "cancelled"].includes(s);
 const allowed = {
   approve: (s) => s === "awaiting-approval",
   pause: (s) => s === "printing",
   resume: (s) => s === "paused",
   cleared: () => true,
-  cancel: (s) => !["done", "failed", "cancelled"].includes(s),
+  cancel: (s) => !hasEnded(s),
+  forget: hasEnded,
 };
 
 function duration(seconds) {
@@ -64,6 +66,7 @@ function showJob() {
   for (const button of document.querySelectorAll("[data-action]")) {
     button.disabled = !allowed[button.dataset.action](job.state);
     // A layer that was perhaps exposed is a question: its two answers stand in the place of the plain button.
+    if (button.dataset.action === "forget") button.title = button.disabled ? "Only a job that has ended can be forgotten." : "";
     if (button.dataset.action === "cleared") button.hidden = button.disabled = !job.waits_for_platform;
     if (button.dataset.action === "resume") button.hidden = Boolean(job.exposure_unknown) !== Boolean(button.dataset.as);
   }
@@ -115,6 +118,7 @@ async function act(action, as) {
     return askToSignIn(state.visitor.name ? `${state.visitor.name} may look and change nothing.` : "");
   }
   if (action === "cancel" && !confirm("Cancel this job? The print cannot be resumed.")) return;
+  if (action === "forget" && !confirm("Forget this job? Its files leave this site; the record of a print stays.")) return;
   const said = action === "approve" ? await approval() : as ? { as } : {};
   if (!said) return;
   const machine = state.jobs.find((j) => j.id === state.chosen)?.machine;
@@ -174,6 +178,8 @@ function follow() {
     const news = JSON.parse(event.data);
     state.jobs = news.jobs;
     if (site.news) site.news(news);
+    // What was chosen may have been forgotten, here or by somebody else.
+    if (!state.jobs.some((job) => job.id === state.chosen)) state.chosen = null;
     if (!state.chosen && state.jobs.length) return choose(state.jobs[0].id);
     showJobs();
     showJob();

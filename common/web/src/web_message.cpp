@@ -3,6 +3,8 @@
 #include <telefab/base/json_text.hpp>
 #include <telefab/web/web_message.hpp>
 
+#include "lower_case.hpp"
+
 namespace telefab {
 
 WebResponse web_problem(unsigned status, std::string_view code, std::string_view what) {
@@ -38,9 +40,18 @@ WebResponse web_problem(const Error& error) {
   return web_problem(status, name_of(error.code), error.what);
 }
 
+WebResponse web_sick(const Error& error) { return web_problem(503, name_of(error.code), error.what); }
+
 WebResponse web_json(const Result<std::string>& body) {
   if (!body) return web_problem(body.error());
   return {200, "application/json", *body};
+}
+
+std::string host_name_of(std::string_view host) {
+  std::string name = lower(host);
+  const auto colon = name.rfind(':');
+  if (colon != std::string::npos && name.find(']', colon) == std::string::npos) name.resize(colon);
+  return name;
 }
 
 WebResponse web_asset(std::span<const WebAsset> assets, std::string_view target) {

@@ -251,16 +251,8 @@ class StreamSession final : public Session, public std::enable_shared_from_this<
       send(web_problem(400, "invalid-input", "this is not an HTTP request"), false);
   }
 
-  /// The Host of the request in lower case, without its port.
-  [[nodiscard]] std::string asked_host() const {
-    std::string text = lower(head_.host);
-    const auto colon = text.rfind(':');
-    if (colon != std::string::npos && text.find(']', colon) == std::string::npos) text.resize(colon);
-    return text;
-  }
-
   void serve() {
-    if (!shared_.hosts.contains(asked_host()))
+    if (!shared_.hosts.contains(host_name_of(head_.host)))
       return send(web_problem(421, "not-permitted",
                               "this page is not known under that name; --web-host NAME of the daemon adds one"),
                   false);

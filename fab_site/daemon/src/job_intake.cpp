@@ -13,6 +13,12 @@
 #include "upload.hpp"
 
 namespace telefab::fab {
+namespace {
+
+constexpr auto kOfferedAgainWithin = std::chrono::seconds{5};
+constexpr std::size_t kMostPutOff = 1000;  ///< beyond them health() has enough to say
+
+}  // namespace
 
 JobIntake::JobIntake(Site& site, SiteKeys keys, StartPolicy policy, JobPlanner& planner)
     : site_{site}, keys_{std::move(keys)}, policy_{policy}, planner_{planner} {
@@ -60,12 +66,34 @@ Result<StackReceiver::OfferAnswer> JobIntake::take_offer(const Offer& offer, con
 OfferDeferred JobIntake::put_off(const std::string& job, DeferReason reason, const std::string& why) {
   // What the intake holds in memory may be ahead of what is stored.
   if (reason != DeferReason::Busy) live_.erase(job);
-  if (reason == DeferReason::StorageFault) site_.room().note_trouble({ErrorCode::StorageFailed, why});
   const std::string what =
       fmt::format("the fab is {}: {}", reason == DeferReason::StorageFault ? "in trouble" : name_of(reason), why);
-  if (const auto now = site_.store().find(job); now && now->state == JobState::Sending)
-    tracker().move(job, JobState::Sending, "waits: " + what);
-  return {job, reason, std::min(site_.options().retry_every, kLongestDeferral), what};
+  const auto retry_after = std::min(site_.options().retry_every, kLongestDeferral);
+  const auto now = site_.store().find(job);
+  const bool is_listed = now && now->state == JobState::Sending;
+  if (reason == DeferReason::Busy) {
+    if (is_listed) tracker().move(job, JobState::Sending, "waits: " + what);
+    return {job, reason, retry_after, what};
+  }
+  const Error waits{ErrorCode::StorageFailed, what};
+  if (is_listed)
+    tracker().wait_for_disk(job, JobState::Sending, waits);
+  else if (put_off_.contains(job) || put_off_.size() < kMostPutOff)
+    site_.room().wait(job, waits);
+  else
+    return {job, reason, retry_after, what};
+  expect_again(job, 2 * retry_after + kOfferedAgainWithin);
+  return {job, reason, retry_after, what};
+}
+
+void JobIntake::expect_again(const std::string& job, Nanoseconds within) {
+  const std::uint64_t times = ++put_off_[job];
+  site_.loop().after(within, [this, job, times] {
+    const auto last = put_off_.find(job);
+    if (last == put_off_.end() || last->second != times) return;
+    put_off_.erase(last);
+    site_.room().go_on(job);
+  });
 }
 
 Result<std::shared_ptr<Intake>> JobIntake::open_intake(const Offer& offer, const MachineProfile& machine,

@@ -37,12 +37,16 @@ class JobIntake final : public StackReceiver {
   /// The intake of an offer that nothing speaks against; what fails now is the disk, or the job's own folder.
   [[nodiscard]] Result<std::shared_ptr<Intake>> open_intake(const Offer& offer, const MachineProfile& machine,
                                                             const std::string& site, const std::string& signer);
+  /// A job that is put off once more within this time waits for the disk; later it waits for its scan site.
+  void expect_again(const std::string& job, Nanoseconds within);
 
   Site& site_;
   SiteKeys keys_;
   StartPolicy policy_;
   JobPlanner& planner_;
   std::map<std::string, Live> live_;
+  std::map<std::string, std::uint64_t>
+      put_off_;  ///< how often for the disk's sake, by job; until it is offered no more
 };
 
 }  // namespace telefab::fab

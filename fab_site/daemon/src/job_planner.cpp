@@ -72,8 +72,7 @@ void JobPlanner::plan(const std::string& job, std::stop_token stop) {
 
 void JobPlanner::wait(const std::string& job, const Error& why) {
   if (const auto now = site_.store().find(job); now && is_final(now->state)) return;
-  site_.room().note_trouble(why);
-  site_.tracker().move(job, JobState::Planning, waits_because(why));
+  site_.tracker().wait_for_disk(job, JobState::Planning, why);
   site_.loop().after(site_.options().retry_every, [this, job] { queue_.add(job); });
 }
 

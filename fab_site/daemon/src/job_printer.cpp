@@ -56,8 +56,7 @@ void JobPrinter::planned(const std::string& job, const Preflight& preflight) {
   if (!is_storage_trouble(put.error()))
     return tracker().move(job, JobState::AwaitingApproval,
                           fmt::format("waits for `telefab approve`: {}", put.error().what));
-  site_.room().note_trouble(put.error());
-  tracker().move(job, JobState::Ready, waits_because(put.error()));
+  tracker().wait_for_disk(job, JobState::Ready, put.error());
   site_.loop().after(site_.options().retry_every, [this, job, preflight] { planned(job, preflight); });
 }
 
@@ -173,7 +172,7 @@ void JobPrinter::on_ended(const std::string& job, const Result<PrintRecord>& rec
     if (ruling && *ruling == StartRuling::End)
       return tracker().end(job, JobState::Cancelled, "its record is not kept: " + record.error().what);
     if (!ruling && is_storage_trouble(ruling.error())) {
-      if (const auto now = store().find(job)) tracker().move(job, now->state, waits_because(record.error()));
+      if (const auto now = store().find(job)) tracker().wait_for_disk(job, now->state, record.error());
       return site_.loop().after(site_.options().retry_every, [this, job, record] { on_ended(job, record); });
     }
   }
@@ -302,8 +301,7 @@ bool JobPrinter::has_room(const Job& job) {
 void JobPrinter::wait_for_disk(const std::string& job, const Error& why) {
   const auto now = store().find(job);
   if (now && is_final(now->state)) return;
-  site_.room().note_trouble(why);
-  if (now) tracker().move(job, now->state, waits_because(why));
+  if (now) tracker().wait_for_disk(job, now->state, why);
   site_.loop().after(site_.options().retry_every, [this, job] { queue_.add(job); });
 }
 

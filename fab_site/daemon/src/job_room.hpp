@@ -9,7 +9,4 @@ namespace telefab::fab {
   return error.code == ErrorCode::StorageFailed || error.code == ErrorCode::NotPermitted;
 }
 
-/// What a job says while the disk keeps it waiting.
-[[nodiscard]] inline std::string waits_because(const Error& error) { return "waits: " + error.what; }
-
 }  // namespace telefab::fab

@@ -227,9 +227,9 @@ Result<std::vector<std::byte>> SitePageBackend::accuracy_png(std::string_view id
 }
 
 Result<const SitePageBackend::LayerImages*> SitePageBackend::layer_images_of(std::string_view id) {
-  if (layer_images_ && layer_images_->job == id) return &*layer_images_;
   const auto path = plan_file(id, "supports.jsonl");
-  if (!path) return tl::unexpected{path.error()};
+  if (!path) return tl::unexpected{path.error()};  // forgotten, perhaps
+  if (layer_images_ && layer_images_->job == id) return &*layer_images_;
   const auto lines = text_of(*path);
   if (!lines) return fail(ErrorCode::NotFound, "the layers can be looked at once the job is planned");
   auto part = received_stack(path->parent_path().parent_path());

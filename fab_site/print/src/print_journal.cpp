@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <cstring>
 #include <map>
+#include <telefab/base/damaged_file.hpp>
 #include <telefab/base/file.hpp>
 #include <telefab/base/json_number.hpp>
 #include <telefab/base/json_text.hpp>
@@ -81,15 +82,13 @@ class DiskJournalFile final : public JournalFile {
   }
 
   Result<void> set_aside(std::string_view text) override {
+    const auto aside = name_for_damaged(path_);
+    if (!aside) return tl::unexpected{aside.error()};
     std::error_code error;
-    for (int n = 1; n <= kMostSetAside; ++n) {
-      const std::filesystem::path aside = fmt::format("{}.damaged-{}", path_.string(), n);
-      std::filesystem::create_hard_link(path_, aside, error);
-      if (!error) break;
-      if (error != std::errc::file_exists || n == kMostSetAside)
-        return fail(ErrorCode::StorageFailed,
-                    fmt::format("setting the print journal {} aside: {}", path_.string(), error.message()));
-    }
+    std::filesystem::create_hard_link(path_, *aside, error);
+    if (error)
+      return fail(ErrorCode::StorageFailed,
+                  fmt::format("setting the print journal {} aside: {}", path_.string(), error.message()));
     if (auto written = write_file_atomically(path_, text); !written) return written;
     const int fd = ::open(path_.c_str(), kJournalFlags, 0640);
     if (fd < 0) return io_failed("opening", path_);
@@ -106,7 +105,6 @@ class DiskJournalFile final : public JournalFile {
   }
 
  private:
-  static constexpr int kMostSetAside = 1000;
   int fd_;
   std::filesystem::path path_;
 };

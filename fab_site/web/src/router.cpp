@@ -79,6 +79,13 @@ WebResponse act(const Call& call) {
   return show_job(call);
 }
 
+/// There is no job to show afterwards.
+WebResponse forget(const Call& call) {
+  if (const auto done = call.backend.act(call.id(), JobCommand::Forget, call.who()); !done)
+    return web_problem(done.error());
+  return {200, "application/json", text_of(json{{"forgotten", call.id()}})};
+}
+
 WebResponse clear_platform(const Call& call) {
   if (const auto done = call.backend.clear_platform(call.id(), call.who()); !done) return web_problem(done.error());
   return {200, "application/json", call.backend.devices_json()};
@@ -163,6 +170,9 @@ const std::vector<Row>& rows() {
        act<JobCommand::Pause>},
       {{"POST", "/v1/jobs/{id}/resume", "go on with the next layer", Access::Operators}, resume},
       {{"POST", "/v1/jobs/{id}/cancel", "end the job", Access::Operators}, act<JobCommand::Cancel>},
+      {{"POST", "/v1/jobs/{id}/forget", "take a job that has ended off this site, with its files; its record stays",
+        Access::Operators},
+       forget},
       {{"POST", "/v1/machines/{id}/cleared", "say that the part is off the platform of a machine", Access::Operators},
        clear_platform},
       {{"GET", "/metrics", "gauges for Prometheus"},
@@ -174,9 +184,8 @@ const std::vector<Row>& rows() {
       {{"GET", "/v1/health", "whether the daemon answers and its store can be read and written", Access::Anybody},
        [](const Call& c) -> WebResponse {
          const auto jobs = c.backend.jobs();
-         if (!jobs) return web_problem(jobs.error());
-         if (const auto good = c.backend.healthy(); !good)
-           return web_problem(503, name_of(good.error().code), good.error().what);
+         if (!jobs) return web_sick(jobs.error());
+         if (const auto good = c.backend.healthy(); !good) return web_sick(good.error());
          return {200, "application/json", json_text({{"status", "ok"}, {"jobs", jobs->size()}})};
        }},
       {{"GET", "/v1/stream", "server-sent events: the job list whenever it changes"},

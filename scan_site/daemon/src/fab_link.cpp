@@ -154,7 +154,7 @@ void FabLink::pump(Sending& sending) {
     if (!chunk) {
       // Told later: the event may forget the job while a caller walks over all of them.
       loop_.post([this, alive = alive_, job = sending.offer.job, why = chunk.error()] {
-        if (*alive) events_.refused(job, why);
+        if (*alive) events_.unreadable(job, why);
       });
       return;
     }

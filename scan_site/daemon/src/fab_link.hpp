@@ -15,7 +15,9 @@ struct FabLinkEvents {
   std::function<void(const std::string& job, std::uint32_t layers, std::uint64_t bytes)> acknowledged;
   std::function<void(const std::string& job)> kept;  ///< the whole stack is at the fab, checked
   std::function<void(const Job& theirs)> job_changed;
-  std::function<void(const std::string& job, const Error& why)> refused;
+  std::function<void(const std::string& job, const Error& why)> refused;  ///< by the fab, for good
+  /// The job's spool could not be read; nothing more of it is sent before pump().
+  std::function<void(const std::string& job, const Error& why)> unreadable;
   /// The fab puts the job off, and it is offered again; empty: it is taken now.
   std::function<void(const std::string& job, const std::string& why)> deferred;
 };

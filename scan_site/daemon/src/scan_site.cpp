@@ -180,8 +180,7 @@ SlicerEvents ScanSite::slicer_events() {
 }
 
 void ScanSite::wait_for_disk(const std::string& job, const Error& why) {
-  site().room().note_trouble(why);
-  if (const auto now = store().find(job)) tracker().move(job, now->state, "waits: " + why.what);
+  if (const auto now = store().find(job)) tracker().wait_for_disk(job, now->state, why);
   site().loop().after(site().options().retry_every, [this, job] {
     if (const auto now = store().find(job); now && !is_final(now->state)) resume(*now);
   });
@@ -208,6 +207,7 @@ FabLinkEvents ScanSite::link_events() {
             slicer_->cancel(job);
             tracker().end(job, JobState::Failed, "the fab refused it: " + why.what);
           },
+          [this](const std::string& job, const Error& why) { on_unreadable(job, why); },
           [this](const std::string& job, const std::string&) {
             const auto now = store().find(job);
             if (now && (now->state == JobState::Slicing || now->state == JobState::Sending))
@@ -220,6 +220,32 @@ void ScanSite::on_kept(const std::string& job) {
   if (!counters().contains(job) || !now || is_before(JobState::Sending, now->state)) return;
   tracker().end_stage(job, JobStage::Send);
   tracker().move(job, JobState::Planning, "");
+}
+
+void ScanSite::on_unreadable(const std::string& job, const Error& why) {
+  const auto now = store().find(job);
+  if (!now || is_final(now->state)) return;
+  if (why.code == ErrorCode::NotTrusted) {
+    if (auto marked = mark_cancelled(job, "scan-site"); !marked) log_warning(marked.error().what, {job});
+    slicer_->cancel(job);
+    tracker().end(job, JobState::Failed, why.what + "; submit the scan again");
+    return send_cancelled();
+  }
+  if (!unreadable_.insert(job).second) return;
+  tracker().wait_for_disk(job, now->state, why);
+  site().loop().after(site().options().retry_every, [this, job] {
+    unreadable_.erase(job);
+    const auto still = store().find(job);
+    if (!still || is_final(still->state)) return;
+    tracker().move(job, still->state, link_->why_waiting(job));
+    link_->pump(job);
+  });
+}
+
+Result<void> ScanSite::mark_cancelled(const std::string& job, const std::string& who) const {
+  const auto folder = site().folder().job(job);
+  if (!folder) return tl::unexpected{folder.error()};
+  return write_file_atomically(*folder / kCancelMark, who + "\n");
 }
 
 void ScanSite::on_job_changed(const Job& theirs) {
@@ -261,12 +287,8 @@ void ScanSite::command(const Command& command, std::function<void(Result<Job>)> 
     // What could not be kept is not answered as done: a restart would go on with the job, here or at the fab.
     if (auto kept = store().add_event(job->id, fmt::format("cancel asked by {}", command.who)); !kept)
       return done(tl::unexpected{kept.error()});
-    if (is_known_there) {
-      const auto folder = site().folder().job(job->id);
-      if (!folder) return done(tl::unexpected{folder.error()});
-      if (auto kept = write_file_atomically(*folder / kCancelMark, command.who + "\n"); !kept)
-        return done(tl::unexpected{kept.error()});
-    }
+    if (is_known_there)
+      if (auto kept = mark_cancelled(job->id, command.who); !kept) return done(tl::unexpected{kept.error()});
     slicer_->cancel(job->id);
     const bool waits = is_known_there && !link_->is_up();
     tracker().end(job->id, JobState::Cancelled,
@@ -289,6 +311,12 @@ void ScanSite::command(const Command& command, std::function<void(Result<Job>)> 
     }
     return true;
   });
+}
+
+Result<Job> ScanSite::forget(const std::string& job) {
+  if (const auto now = store().find(job); now && is_final(now->state) && slicer_->cancel(job))
+    return fail(ErrorCode::Conflict, fmt::format("job {} is still worked on; forget it in a moment", job));
+  return site().forget(job);
 }
 
 void ScanSite::send_cancelled() {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <set>
 #include <telefab/scan/daemon/serve_scan_site.hpp>
 #include <telefab/service/log.hpp>
 #include <telefab/service/site.hpp>
@@ -22,6 +23,7 @@ class ScanSite final : public SiteWork {
   Result<void> may_submit(const Submit& submit) override;
   Result<Job> submit(const Submit& submit, const std::filesystem::path& upload, std::string_view owner) override;
   void command(const Command& command, std::function<void(Result<Job>)> done) override;
+  Result<Job> forget(const std::string& job) override;
   void files(const std::string& job, std::function<void(Result<std::vector<FileEntry>>)> done) override;
   void file(const std::string& job, const std::string& name,
             std::function<void(Result<std::filesystem::path>)> done) override;
@@ -43,6 +45,10 @@ class ScanSite final : public SiteWork {
   void wait_for_disk(const std::string& job, const Error& why);
   void on_job_changed(const Job& theirs);
   void on_kept(const std::string& job);
+  /// Layers that the disk does not give now are asked for again; those that are not what was cut end the job.
+  void on_unreadable(const std::string& job, const Error& why);
+  /// The mark by which the fab is told, at once or later. Fails as write_file_atomically.
+  [[nodiscard]] Result<void> mark_cancelled(const std::string& job, const std::string& who) const;
   /// Brings the fab's reports and pictures of an ended job here, so that they can be had without the fab.
   void keep_reports(const std::string& job);
   void send_cancelled();
@@ -51,6 +57,7 @@ class ScanSite final : public SiteWork {
 
   std::string fab_;
   SpoolRegistry spools_;
+  std::set<std::string> unreadable_;  ///< jobs whose spool is read again after a while
   std::unique_ptr<Slicer> slicer_;
   std::unique_ptr<FabLink> link_;
   std::unique_ptr<SitePageBackend> page_backend_;

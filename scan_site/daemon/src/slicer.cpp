@@ -161,10 +161,11 @@ void Slicer::add(SliceTask task) {
   queue_.add(job);
 }
 
-void Slicer::cancel(const std::string& job) {
-  if (queue_.drop(job)) return;
+bool Slicer::cancel(const std::string& job) {
+  if (queue_.drop(job)) return true;
   const std::lock_guard lock{mutex_};
   waiting_.erase(job);
+  return false;
 }
 
 void Slicer::run(const std::string& job, const std::stop_token& stop) {

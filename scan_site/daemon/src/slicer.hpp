@@ -38,7 +38,8 @@ class Slicer {
   Slicer(SpoolRegistry& registry, const Clock& clock, std::string site_key, SlicerEvents events);
   void add(SliceTask task);
   /// Ends the job's slicing, or takes it out of the queue; no event comes for it any more but `ended` with Cancelled.
-  void cancel(const std::string& job);
+  /// True where it was under way: its files are in use until then.
+  bool cancel(const std::string& job);
 
  private:
   void run(const std::string& job, const std::stop_token& stop);

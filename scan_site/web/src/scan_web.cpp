@@ -64,6 +64,13 @@ WebResponse act(const Call& call) {
   return show_job(call);
 }
 
+/// There is no job to show afterwards.
+WebResponse forget(const Call& call) {
+  if (const auto done = call.backend.act(call.id(), JobCommand::Forget, call.routed.visitor.name); !done)
+    return web_problem(done.error());
+  return as_text({{"forgotten", call.id()}});
+}
+
 WebResponse metrics(const Call& call) {
   const auto jobs = call.backend.jobs();
   if (!jobs) return web_problem(jobs.error());
@@ -93,9 +100,8 @@ WebResponse metrics(const Call& call) {
 
 WebResponse health(const Call& call) {
   const auto jobs = call.backend.jobs();
-  if (!jobs) return web_problem(jobs.error());
-  if (const auto good = call.backend.healthy(); !good)
-    return web_problem(503, name_of(good.error().code), good.error().what);
+  if (!jobs) return web_sick(jobs.error());
+  if (const auto good = call.backend.healthy(); !good) return web_sick(good.error());
   return as_text({{"status", "ok"}, {"jobs", jobs->size()}, {"link", link_json(call.backend.link())}});
 }
 
@@ -133,6 +139,9 @@ const std::vector<Row>& rows() {
       {{"POST", "/v1/jobs/{id}/resume", "have the fab go on with the next layer", Access::Operators},
        act<JobCommand::Resume>},
       {{"POST", "/v1/jobs/{id}/cancel", "end the job here and at the fab", Access::Operators}, act<JobCommand::Cancel>},
+      {{"POST", "/v1/jobs/{id}/forget",
+        "take a job that has ended off this site, with its files; the fab keeps its own", Access::Operators},
+       forget},
       {{"GET", "/metrics", "gauges for Prometheus"}, metrics},
       // The server keeps a GET open; this is what a HEAD is told.
       {{"GET", "/v1/stream", "server-sent events: jobs and line whenever they change"},

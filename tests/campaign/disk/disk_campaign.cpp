@@ -17,8 +17,9 @@
 
 #include "disk_trial.hpp"
 
-// Every write of both daemons fails once: with EIO, and with ENOSPC from there on until somebody makes room. Each fax
-// must end recovered, refused or held with its reason; a trial is a process of its own.
+// Every write, read and remove of both daemons fails once, and from there on until somebody mends the disk: with EIO, a
+// write that goes on failing with ENOSPC. Each fax must end recovered, refused or held with its reason; a trial is a
+// process of its own.
 
 namespace telefab::test {
 namespace {
@@ -28,10 +29,7 @@ namespace fs = std::filesystem;
 
 constexpr auto kLongestTrial = 150s;
 
-struct Row {
-  DiskTrial trial;
-  nlohmann::json verdict;
-};
+constexpr std::array<const char*, 3> kNames{"writes", "reads", "removes"};  // by DiskCalls
 
 /// The verdict that the trial's process printed.
 nlohmann::json verdict_of(const DiskTrial& trial) {
@@ -44,7 +42,8 @@ nlohmann::json verdict_of(const DiskTrial& trial) {
     for (const int stream : {1, 2}) ::dup2(file, stream);
     const std::string at = std::to_string(trial.at), error = std::to_string(trial.error);
     ::execl("/proc/self/exe", "campaign_disk", trial.bin.c_str(), trial.folder.c_str(), "trial", trial.site.c_str(),
-            at.c_str(), error.c_str(), trial.stays ? "stays" : "once", nullptr);
+            at.c_str(), error.c_str(), trial.stays ? "stays" : "once", kNames.at(static_cast<std::size_t>(trial.calls)),
+            trial.ending.c_str(), nullptr);
     ::_exit(127);
   }
   int status = 0;
@@ -79,59 +78,101 @@ int print_trial(const DiskTrial& trial) {
   return 0;
 }
 
-/// `most`: trials of each site, spread over its operations.
-int campaign(const fs::path& bin, const fs::path& folder, std::uint64_t most) {
+/// One kind of call on the disk of one site, and how it fails.
+struct Sweep {
+  fs::path bin, folder;
+  std::string site;
+  DiskCalls calls;
+  bool stays;
+
+  /// Every `step`-th of the calls fails in turn, beginning with the `first`. How many faxes were wrong.
+  [[nodiscard]] int run(std::uint64_t operations, std::uint64_t first, std::uint64_t step, bool is_talkative) const {
+    const int error = calls == DiskCalls::Writes && stays ? ENOSPC : EIO;
+    const std::string name = fmt::format("{} {} {}{}", site, kNames.at(static_cast<std::size_t>(calls)),
+                                         error == EIO ? "EIO" : "ENOSPC", stays ? ", stays" : ", once");
+    std::map<std::string, std::uint64_t> counts;
+    std::uint64_t trials = 0;
+    for (std::uint64_t at = first; at <= operations; at += step) {
+      const auto verdict = verdict_of({bin, folder / "trial", site, at, error, stays, calls});
+      const std::string outcome = verdict["outcome"];
+      ++counts[outcome];
+      ++trials;
+      if (verdict.value("unhealthy", false)) ++counts["unhealthy"];
+      if (outcome != "recovered" || is_talkative)
+        fmt::print(stderr, "{} {}: {} {}: {}\n", name, at, outcome, verdict.value("fault", ""),
+                   verdict.value("what", ""));
+      if (outcome == "wrong") keep(at);
+    }
+    fmt::print("| {} | {} | {} | {} | {} | {} | {} | {} |\n", name, operations, trials, counts["recovered"],
+               counts["refused"], counts["held"], counts["wrong"], counts["unhealthy"]);
+    std::fflush(stdout);
+    return static_cast<int>(counts["wrong"]);
+  }
+  /// What a wrong trial left behind, for whoever looks for the reason.
+  void keep(std::uint64_t at) const {
+    const auto kept = fmt::format("wrong-{}-{}-{}-{}", site, kNames.at(static_cast<std::size_t>(calls)),
+                                  stays ? "stays" : "once", at);
+    std::error_code ignored;  // a folder of the same trial before
+    fs::remove_all(folder / kept, ignored);
+    fs::rename(folder / "trial", folder / kept, ignored);
+    fs::rename(folder / "trial.out", folder / (kept + ".out"), ignored);
+  }
+};
+
+/// Faults that once ended wrong, each under the name of its file.
+int once_wrong(const fs::path& bin, const fs::path& folder) {
+  // The scan site gave up a job whose layers it could not read once.
+  const DiskTrial chunks{bin, folder / "trial", "scan", 1, EIO, false, DiskCalls::Reads, "/chunks"};
+  DiskTrial chunks_for_a_while = chunks;
+  chunks_for_a_while.stays = true;
   int wrong = 0;
+  for (const DiskTrial& trial : {chunks, chunks_for_a_while}) {
+    const auto verdict = verdict_of(trial);
+    if (verdict["outcome"] == "recovered" && verdict["fault"] != "") continue;
+    fmt::print(stderr, "{} {}: {}\n", trial.site, trial.ending, verdict.dump());
+    ++wrong;
+  }
+  return wrong;
+}
+
+/// `most`: trials of each kind of call at each site, spread over its operations.
+int campaign(const fs::path& bin, const fs::path& folder, std::uint64_t most) {
+  int wrong = once_wrong(bin, folder);
   fmt::print(
-      "| disk of | fails | operations | trials | recovered | refused | held | wrong | health said so |\n"
-      "|---|---|---|---|---|---|---|---|---|\n");
+      "| disk of, calls, fails | operations | trials | recovered | refused | held | wrong | health said so |\n"
+      "|---|---|---|---|---|---|---|---|\n");
   for (const std::string site : {"fab", "scan"}) {
     const auto sound = verdict_of({bin, folder / "sound", site, 0, 0, false});
     if (sound["outcome"] != "recovered") {
       fmt::print(stderr, "a fax over a sound disk: {}\n", sound.dump());
       return 5;
     }
-    const auto operations = sound["operations"].get<std::uint64_t>();
-    const std::uint64_t step = std::max<std::uint64_t>(1, operations * 2 / std::max<std::uint64_t>(most, 1));
-    for (const bool stays : {false, true}) {
-      std::map<std::string, std::uint64_t> counts;
-      std::uint64_t trials = 0;
-      // The two kinds of fault take turns where not every operation is tried.
-      for (std::uint64_t at = 1 + (stays ? step / 2 : 0); at <= operations; at += step) {
-        const DiskTrial trial{bin, folder / "trial", site, at, stays ? ENOSPC : EIO, stays};
-        const auto verdict = verdict_of(trial);
-        const std::string outcome = verdict["outcome"];
-        ++counts[outcome];
-        ++trials;
-        if (verdict.value("unhealthy", false)) ++counts["unhealthy"];
-        if (outcome != "recovered" || most >= 1000)
-          fmt::print(stderr, "{} {} {}: {} {}: {}\n", site, stays ? "ENOSPC" : "EIO", at, outcome,
-                     verdict.value("fault", ""), verdict.value("what", ""));
-        if (outcome == "wrong") {
-          ++wrong;
-          std::error_code ignored;  // a folder of the same trial before
-          fs::remove_all(folder / fmt::format("wrong-{}-{}-{}", site, stays, at), ignored);
-          fs::rename(folder / "trial", folder / fmt::format("wrong-{}-{}-{}", site, stays, at), ignored);
-          fs::rename(folder / "trial.out", folder / fmt::format("wrong-{}-{}-{}.out", site, stays, at), ignored);
-        }
-      }
-      fmt::print("| {} | {} | {} | {} | {} | {} | {} | {} | {} |\n", site, stays ? "ENOSPC, stays" : "EIO, once",
-                 operations, trials, counts["recovered"], counts["refused"], counts["held"], counts["wrong"],
-                 counts["unhealthy"]);
-      std::fflush(stdout);
+    for (const DiskCalls calls : {DiskCalls::Writes, DiskCalls::Reads, DiskCalls::Removes}) {
+      const auto operations = sound["operations"][static_cast<std::size_t>(calls)].get<std::uint64_t>();
+      const std::uint64_t step = std::max<std::uint64_t>(1, operations * 2 / std::max<std::uint64_t>(most, 1));
+      // The two ways to fail take turns where not every operation is tried.
+      for (const bool stays : {false, true})
+        wrong += Sweep{bin, folder, site, calls, stays}.run(operations, 1 + (stays ? 0 : step / 2), step, most >= 1000);
     }
   }
   return wrong == 0 ? 0 : 5;
 }
 
+DiskCalls calls_from(const std::string& word) {
+  return word == "reads" ? DiskCalls::Reads : word == "removes" ? DiskCalls::Removes : DiskCalls::Writes;
+}
+
 int run(const std::vector<std::string>& words) {
   // The fab computes its accuracy pictures by running its own program again, which is this one.
   if (!words.empty() && words[0] == "predict") return 1;
-  if (words.size() == 7 && words[2] == "trial")
-    return print_trial({words[0], words[1], words[3], std::stoull(words[4]), std::stoi(words[5]), words[6] == "stays"});
+  if (words.size() == 9 && words[2] == "trial")
+    return print_trial({words[0], words[1], words[3], std::stoull(words[4]), std::stoi(words[5]), words[6] == "stays",
+                        calls_from(words[7]), words[8]});
   if (words.size() == 4 && words[2] == "some") return campaign(words[0], words[1], std::stoull(words[3]));
   if (words.size() == 3 && words[2] == "all") return campaign(words[0], words[1], 1U << 30U);
-  fmt::print(stderr, "campaign_disk BIN FOLDER all | some TRIALS | trial fab|scan AT ERRNO once|stays\n");
+  fmt::print(stderr,
+             "campaign_disk BIN FOLDER all | some TRIALS | trial fab|scan AT ERRNO once|stays "
+             "writes|reads|removes ENDING-OF-PATH\n");
   return 1;
 }
 

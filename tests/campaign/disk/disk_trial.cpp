@@ -19,8 +19,6 @@
 #include <telefab/test/toy.hpp>
 #include <thread>
 
-#include "disk_faults.hpp"
-
 namespace telefab::test {
 namespace {
 
@@ -32,6 +30,7 @@ constexpr auto kRoomIsMadeAfter = 300ms;
 constexpr auto kPatience = 40s;
 
 std::string text_of(const fs::path& file) {
+  const SoundDisk for_the_trial;
   std::ifstream in{file, std::ios::binary};
   return {std::istreambuf_iterator<char>{in}, {}};
 }
@@ -83,8 +82,11 @@ class Daemon {
 
   /// Until it listens; why not, where it does not.
   [[nodiscard]] Result<void> start() {
-    std::error_code error;
-    fs::remove(data_ / "port", error);
+    {
+      const SoundDisk for_the_trial;
+      std::error_code error;
+      fs::remove(data_ / "port", error);
+    }
     std::promise<Result<void>> ended;
     outcome_ = ended.get_future();
     thread_ = std::jthread{
@@ -138,11 +140,12 @@ class Trial {
   DiskVerdict run() {
     (void)set_log_level("warning");
     write_inputs(trial_.folder);
-    begin_disk_faults({(trial_.folder / trial_.site).string(), trial_.at, trial_.error, trial_.stays});
+    begin_disk_faults(
+        {(trial_.folder / trial_.site).string(), trial_.calls, trial_.at, trial_.error, trial_.stays, trial_.ending});
     watcher_ = std::jthread{[this](const std::stop_token& stop) { watch(stop); }};
     const Result<void> went = go();
     watcher_ = {};
-    verdict_.operations = disk_operations();
+    for (std::size_t i = 0; i < kDiskCalls; ++i) verdict_.operations[i] = disk_operations(static_cast<DiskCalls>(i));
     verdict_.fault = first_disk_fault();
     if (!went) {
       verdict_.outcome = DiskOutcome::Wrong;

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <string>
+
+#include "disk_faults.hpp"
 
 namespace telefab::test {
 
@@ -14,6 +17,8 @@ struct DiskTrial {
   std::uint64_t at = 0;          ///< operation that fails; 0: none
   int error = 0;
   bool stays = false;
+  DiskCalls calls = DiskCalls::Writes;
+  std::string ending;  ///< of paths; only those are counted
 };
 
 /// What became of it. The worst word counts.
@@ -27,10 +32,10 @@ enum class DiskOutcome : std::uint8_t {
 
 struct DiskVerdict {
   DiskOutcome outcome = DiskOutcome::Wrong;
-  std::string what;              ///< why it was refused or held, or what was wrong
-  std::string fault;             ///< the operation that failed first
-  std::uint64_t operations = 0;  ///< of the whole fax
-  bool was_unhealthy = false;    ///< /v1/health said so meanwhile
+  std::string what;                                    ///< why it was refused or held, or what was wrong
+  std::string fault;                                   ///< the operation that failed first
+  std::array<std::uint64_t, kDiskCalls> operations{};  ///< of the whole fax, by DiskCalls
+  bool was_unhealthy = false;                          ///< /v1/health said so meanwhile
 };
 
 /// Both daemons in this process; the failing disk is its own too, so one trial a process.

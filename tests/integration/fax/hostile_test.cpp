@@ -88,6 +88,7 @@ TEST_F(Hostile, ConversationsEndWithANamedReason) {
   const Rudeness to_both[]{
       {"handshake", {AskJobs{RequestId{1}, {}, 10, false}}},
       {"protocol-version", {Hello{99, Side::Client, "rude", {}, {}}}},
+      {"protocol-version", {Hello{kProtocolVersion - 1, Side::ScanSite, "the release before", {}, {}}}},
       {"handshake", {Hello{kProtocolVersion, Side::FabSite, "rude", {}, {}}}},
       {"message-order", {client, StackStored{"j1"}}},
       {"message-field", {client, AskFile{RequestId{1}, "j1", "../../jobs.sqlite"}}},

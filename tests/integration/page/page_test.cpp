@@ -25,7 +25,7 @@ class LivingBackend final : public RecordingBackend {
     failed.name = "lion.ply";
     failed.state = JobState::Failed;
     failed.message = "layer 12 has an unsupported island at (12.1, 40.2) mm";
-    return std::vector<JobView>{job_, failed};
+    return is_forgotten_ ? std::vector<JobView>{failed} : std::vector<JobView>{job_, failed};
   }
   [[nodiscard]] Result<JobView> job(std::string_view) override {
     const std::lock_guard lock{mutex_};
@@ -38,12 +38,18 @@ class LivingBackend final : public RecordingBackend {
   }
   [[nodiscard]] Result<void> act(std::string_view id, JobCommand action, std::string_view who) override {
     const std::lock_guard lock{mutex_};
+    if (action == JobCommand::Forget && is_worked_on)
+      return fail(ErrorCode::Conflict, "job job-1 is still worked on; forget it in a moment");
     (void)RecordingBackend::act(id, action, who);
+    ++revision_;
+    if (action == JobCommand::Forget) {
+      is_forgotten_ = true;
+      return {};
+    }
     job_.state = action == JobCommand::Pause    ? JobState::Paused
                  : action == JobCommand::Cancel ? JobState::Cancelled
                                                 : JobState::Printing;
     job_.exposure_unknown = false;
-    ++revision_;
     return {};
   }
   [[nodiscard]] std::uint64_t revision() override { return revision_; }
@@ -54,6 +60,7 @@ class LivingBackend final : public RecordingBackend {
     job_.exposure_unknown = true;
     ++revision_;
   }
+  std::atomic<bool> is_worked_on{false};
 
  private:
   static JobView printing() {
@@ -70,6 +77,7 @@ class LivingBackend final : public RecordingBackend {
   }
   std::mutex mutex_;
   JobView job_ = printing();
+  bool is_forgotten_ = false;
   std::atomic<std::uint64_t> revision_{1};
 };
 
@@ -115,9 +123,31 @@ TEST_F(PageTest, PausesResumesAndCancelsWithTheOperatorsToken) {
   browser->click("[data-action=cancel]");
   browser->accept_dialog();
   ASSERT_TRUE(says("#job-line", "cancelled"));
-  EXPECT_TRUE(
-      browser->becomes_true("return [...document.querySelectorAll('[data-action]')].every((b) => b.disabled);"));
+  EXPECT_TRUE(browser->becomes_true(
+      "return [...document.querySelectorAll('[data-action]:not([data-action=forget])')].every((b) => b.disabled);"));
   EXPECT_EQ(backend.actions.size(), 3U);
+}
+
+TEST_F(PageTest, ForgetsAJobThatHasEndedAndSaysWhyAnotherStays) {
+  EXPECT_TRUE(browser->becomes_true(
+      "const b = document.querySelector('[data-action=forget]'); return b.disabled && b.title.includes('has ended');"));
+  browser->click("[data-action=cancel]");
+  ASSERT_TRUE(browser->becomes_true("return !document.querySelector('#token-form').hidden;"));
+  browser->type("#token", "secret\n");
+  browser->accept_dialog();
+  ASSERT_TRUE(says("#job-line", "cancelled"));
+  backend.is_worked_on = true;
+  browser->click("[data-action=forget]");
+  browser->accept_dialog();
+  ASSERT_TRUE(says("#answer", "forget it in a moment"));
+  EXPECT_TRUE(says("#job-name", "statue.ply"));
+  backend.is_worked_on = false;
+  browser->click("[data-action=forget]");
+  browser->accept_dialog();
+  ASSERT_TRUE(says("#job-name", "lion.ply")) << "the page shows what is left";
+  EXPECT_TRUE(browser->becomes_true("return !document.querySelector('[data-job=job-1]');"));
+  ASSERT_EQ(backend.actions.size(), 2U);
+  EXPECT_EQ(backend.actions[1].second, JobCommand::Forget);
 }
 
 TEST_F(PageTest, AsksWhatBecameOfALayerPerhapsExposedAndPassesTheAnswerOn) {

@@ -18,7 +18,8 @@ using testing::HasSubstr;
 /// A fab that takes no job: it answers offers as it is told to.
 class PuttingOffFab {
  public:
-  explicit PuttingOffFab(std::string machine_toml) : machine_toml_{std::move(machine_toml)} {
+  explicit PuttingOffFab(std::string machine_toml, std::uint32_t protocol = kProtocolVersion)
+      : machine_toml_{std::move(machine_toml)}, protocol_{protocol} {
     listener_ = net::Listener::open(loop_, {net::endpoint_from_text("127.0.0.1:0").value(), nullptr, {}},
                                     {[this](const net::ConnectionPtr& connection) { on_connection(connection); },
                                      [](const std::string&, const Error&) {}})
@@ -36,13 +37,14 @@ class PuttingOffFab {
 
   int connections = 0;
   int offers = 0;  ///< on the present connection
+  int cancels = 0;
   std::string job;
 
  private:
   void on_connection(const net::ConnectionPtr& connection) {
     const std::weak_ptr<net::Connection> weak = connection;
     handshake(
-        loop_, connection, {kProtocolVersion, Side::FabSite, "putting off", {machine_toml_}, "automatic"},
+        loop_, connection, {protocol_, Side::FabSite, "putting off", {machine_toml_}, "automatic"},
         [this, weak](const Hello& theirs) {
           if (theirs.side != Side::ScanSite) return;
           connection_ = weak.lock();
@@ -55,12 +57,14 @@ class PuttingOffFab {
   void on_frame(const Frame& frame) {
     const auto message = from_frame(frame);
     ASSERT_TRUE(message) << message.error().what;
+    if (const auto* command = std::get_if<Command>(&*message)) cancels += command->command == JobCommand::Cancel;
     const auto* offer = std::get_if<Offer>(&*message);
     if (!offer) return;
     ++offers;
     job = offer->job;
   }
   std::string machine_toml_;
+  std::uint32_t protocol_;
   net::Loop loop_;
   std::unique_ptr<net::Listener> listener_;
   net::ConnectionPtr connection_;
@@ -116,6 +120,38 @@ TEST_F(Deferral, IsNotARefusal) {
   EXPECT_THAT(listed("failed"), HasSubstr("the fab refused it: the disk of 2 MiB is too small"));
   fab->run_for(milliseconds{300});
   EXPECT_EQ(fab->offers, 1) << "never is not later";
+}
+
+// It was called a refusal of the fab's, and the fab waited for its chunks for good.
+TEST_F(Deferral, LayersThatWereChangedOnDiskEndTheJobAtBothSites) {
+  const auto chunks = folder() / "scan" / "jobs" / job / "chunks";
+  std::error_code none_yet;
+  ASSERT_TRUE(fab->await([&] { return std::filesystem::file_size(chunks, none_yet) > 200 && !none_yet; }));
+  std::fstream file{chunks, std::ios::in | std::ios::out | std::ios::binary};
+  file.seekp(100);
+  file.put('\xff');
+  file.close();
+  fab->send(OfferAccepted{job, 0, false});
+  const std::string jobs = listed("failed");
+  EXPECT_THAT(jobs, HasSubstr("chunk 0 of"));
+  EXPECT_THAT(jobs, HasSubstr("submit the scan again"));
+  EXPECT_THAT(jobs, testing::Not(HasSubstr("the fab refused it")));
+  EXPECT_TRUE(fab->await([&] { return fab->cancels == 1; }));
+}
+
+/// A fab of the release before, which knows no OfferDeferred.
+class OlderFab : public TwoSites {};
+
+TEST_F(OlderFab, IsRefusedByNameBeforeAJobIsOfferedToIt) {
+  PuttingOffFab fab{text_of(folder() / "machines" / "toy.toml"), kProtocolVersion - 1};
+  set_way_to_fab(fab.address());
+  start_scan();
+  const std::string job = submit_torus();
+  fab.run_for(milliseconds{300});
+  EXPECT_THAT(
+      scan().wait_for_error_line("protocol-version"),
+      HasSubstr(fmt::format("this side speaks version {}, the fab {}", kProtocolVersion, kProtocolVersion - 1)));
+  EXPECT_EQ(fab.offers, 0);
 }
 
 }  // namespace

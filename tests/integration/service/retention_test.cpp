@@ -8,6 +8,7 @@
 #include <telefab/service/retention.hpp>
 #include <telefab/store/audit_log.hpp>
 #include <telefab/store/job_store.hpp>
+#include <telefab/test/http_client.hpp>
 #include <telefab/test/two_sites.hpp>
 
 // What leaves a site, by an operator's word or by age and size: never a job that has not ended, never a record.
@@ -100,6 +101,52 @@ TEST_F(Forget, RefusesAJobThatHasNotEnded) {
   EXPECT_NE(refused.code, 0);
   EXPECT_THAT(refused.errors, HasSubstr("only a job that has ended"));
   EXPECT_TRUE(fs::exists(data("fab") / "jobs" / job / "plan"));
+}
+
+// What the page and other programs ask, by the rules of signing in, at both sites.
+TEST_F(Forget, OverThePageTakesAnOperatorWhomTheAuditLogNames) {
+  const auto token_at = [&](const std::string& program, const std::string& site) {
+    const Outcome made = run({std::string{std::getenv("TELEFAB_BIN")} + "/" + program, "tokens", "add", "ana", "--data",
+                              data(site).string()});
+    EXPECT_EQ(made.code, 0) << made.errors;
+    return made.output.substr(0, made.output.find('\n'));
+  };
+  start_fab({"--web", "127.0.0.1:0", "--start", "on-approval"});
+  start_scan({"--web", "127.0.0.1:0"});
+  const std::string job = submit_torus();
+  for (int tries = 0; tries < 400 && at_fab({"jobs"}).output.find("awaiting-approval") == std::string::npos; ++tries)
+    ::usleep(25'000);
+  const std::pair<std::string, std::string> sites[] = {{"telefab-fab", "fab"}, {"telefab-scan", "scan"}};
+  const auto forget = [&](const std::string& site, const std::string& token) {
+    const auto port = static_cast<std::uint16_t>(std::stoi(text_of(data(site) / "web-port")));
+    return http_ask(port, "POST", "/v1/jobs/" + job + "/forget",
+                    token.empty() ? "" : "Authorization: Bearer " + token + "\r\n");
+  };
+  std::map<std::string, std::string> tokens;
+  for (const auto& [program, site] : sites) {
+    tokens[site] = token_at(program, site);
+    EXPECT_THAT(forget(site, ""), HasSubstr(" 401 ")) << site;
+    std::string shared = text_of(data(site) / "web-token");
+    shared.pop_back();
+    EXPECT_THAT(forget(site, shared), HasSubstr(" 401 ")) << site;
+    const std::string stays = forget(site, tokens[site]);
+    EXPECT_THAT(stays, HasSubstr(" 409 ")) << site;
+    EXPECT_THAT(stays, HasSubstr("only a job that has ended")) << site;
+  }
+  ASSERT_EQ(telefab({"cancel", job}).code, 0);
+  for (const auto& [program, site] : sites) {
+    std::string gone;
+    for (int tries = 0; tries < 100 && gone.find(" 200 ") == std::string::npos; ++tries) {
+      ::usleep(50'000);  // its accuracy picture may still be under way
+      gone = forget(site, tokens[site]);
+    }
+    EXPECT_THAT(gone, HasSubstr(" 200 ")) << site;
+    EXPECT_THAT(gone, HasSubstr(R"({"forgotten":")" + job)) << site;
+    EXPECT_FALSE(fs::exists(data(site) / "jobs" / job)) << site;
+    EXPECT_THAT(text_of(data(site) / "audit.log"), HasSubstr("forget " + job)) << site;
+    EXPECT_THAT(text_of(data(site) / "audit.log"), HasSubstr("ana")) << site;
+    EXPECT_THAT(forget(site, tokens[site]), HasSubstr(" 404 ")) << site;
+  }
 }
 
 // A list that was lost begins again by what the scan site offers; a print that had begun does not go on by itself.

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <telefab/fab/daemon/serve_fab_site.hpp>
 #include <telefab/service/disk_room.hpp>
+#include <telefab/test/http_client.hpp>
 #include <telefab/test/two_sites.hpp>
 #include <thread>
 
@@ -22,14 +23,15 @@ constexpr std::uint64_t kPlenty_bytes = 1ULL << 40U;
 /// The fab of this process, whose disk is as large and as full as the test says; the scan site a process of its own.
 class Room : public TwoSites {
  protected:
-  void start_fab_here() {
+  void start_fab_here(std::chrono::milliseconds retry_every = 50ms) {
     fab::FabSiteConfig config;
     config.serve.listen = "127.0.0.1:0";
     config.serve.data = (folder() / "fab").string();
     config.serve.machines = (folder() / "machines").string();
     config.serve.log_level = "warning";
     config.serve.reserve_mib = 1;
-    config.serve.retry_every = 50ms;
+    config.serve.retry_every = retry_every;
+    config.serve.web = "127.0.0.1:0";
     config.serve.ask_space = [this](const fs::path&) -> Result<fs::space_info> {
       const std::uint64_t free = is_full() ? 0 : kPlenty_bytes;
       return fs::space_info{capacity, free, free};
@@ -39,7 +41,7 @@ class Room : public TwoSites {
       const auto served = fab::serve_fab_site(config, clock, stop);
       EXPECT_TRUE(served) << served.error().what;
     }};
-    ASSERT_TRUE(await([&] { return fs::exists(folder() / "fab" / "port"); }));
+    ASSERT_TRUE(await([&] { return text_of(folder() / "fab" / "port").ends_with('\n'); }));
     std::string port = text_of(folder() / "fab" / "port");
     port.pop_back();
     set_way_to_fab("127.0.0.1:" + port);
@@ -51,6 +53,10 @@ class Room : public TwoSites {
     return condition();
   }
   [[nodiscard]] std::string jobs() const { return telefab({"jobs"}).output; }
+  /// The whole answer.
+  [[nodiscard]] std::string health() const {
+    return http_ask(static_cast<std::uint16_t>(std::stoi(text_of(folder() / "fab" / "web-port"))), "GET", "/v1/health");
+  }
   void TearDown() override { fab_thread_ = {}; }
 
   std::atomic<std::uint64_t> capacity{kPlenty_bytes};
@@ -103,6 +109,36 @@ TEST_F(Room, AJobWaitsBeforeItsPlanAndBeforeItsPrintAndGoesOnByItself) {
   EXPECT_TRUE(fs::exists(folder() / "fab" / "jobs" / job / "report" / "as-built.json"));
 }
 
+// What another job finds of the disk, or the look after the reserve, says nothing of the job that waits.
+TEST_F(Room, HealthNamesAJobThatWaitsUntilItGoesOnThoughOthersFindRoom) {
+  is_full_for_plans = true;
+  start_fab_here(60s);
+  start_scan();
+  EXPECT_THAT(health(), HasSubstr(" 200 "));
+  const std::string large = submit_torus();
+  ASSERT_TRUE(await([&] { return jobs().find("waits: the fab is full") != std::string::npos; })) << jobs();
+  EXPECT_THAT(health(), HasSubstr(" 503 "));
+  is_full_for_plans = false;
+  const std::string small = submit_torus();
+  EXPECT_EQ(telefab({"watch", small}).code, 0) << "there is room again, and the first has not looked yet";
+  EXPECT_THAT(health(), HasSubstr(" 503 "));
+  EXPECT_THAT(health(), HasSubstr("job " + large + " waits: the fab is full"));
+  EXPECT_EQ(telefab({"cancel", large}).code, 0);
+  EXPECT_TRUE(await([&] { return health().find(" 200 ") != std::string::npos; })) << health();
+}
+
+TEST_F(Room, HealthNamesAnOfferThatIsPutOffUntilItIsTaken) {
+  is_full_for_offers = true;
+  start_fab_here();
+  start_scan();
+  const std::string job = submit_torus();
+  ASSERT_TRUE(await([&] { return jobs().find("waits: the fab is full") != std::string::npos; })) << jobs();
+  EXPECT_THAT(health(), HasSubstr(" 503 "));
+  is_full_for_offers = false;
+  EXPECT_EQ(telefab({"watch", job}).code, 0);
+  EXPECT_THAT(health(), HasSubstr(" 200 "));
+}
+
 TEST_F(Room, AJobThatWaitsForRoomCanBeCancelled) {
   is_full_for_plans = true;
   start_fab_here();
@@ -149,6 +185,20 @@ TEST_F(Reserve, LiesOnTheDiskUntilItIsGivenUpAndIsTakenBackOnceThereIsRoom) {
   EXPECT_FALSE(room.check(1));
   EXPECT_TRUE(room.check(0));
   EXPECT_EQ(fs::file_size(folder() / "reserve"), 1U << 20U);
+  EXPECT_TRUE(room.health());
+}
+
+TEST_F(Reserve, IsNotAllThatHealthLooksAt) {
+  DiskRoom room{folder(), 0, [&](const fs::path&) -> Result<fs::space_info> {
+                  return fs::space_info{kPlenty_bytes, kPlenty_bytes, kPlenty_bytes};
+                }};
+  room.wait("j1", {ErrorCode::StorageFailed, "9 MiB of disk are free, 10 are needed"});
+  room.wait("j2", {ErrorCode::StorageFailed, "another reason"});
+  EXPECT_TRUE(room.check(0));
+  EXPECT_EQ(room.health().error().what, "job j1 waits: 9 MiB of disk are free, 10 are needed; 1 more wait");
+  room.go_on("j1");
+  EXPECT_EQ(room.health().error().what, "job j2 waits: another reason");
+  room.go_on("j2");
   EXPECT_TRUE(room.health());
 }
 

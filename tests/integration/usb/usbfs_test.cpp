@@ -82,6 +82,19 @@ TEST_F(Usbfs, ShowsAMaskThroughUnmodifiedLibusb) {
   EXPECT_EQ(model.refusals(), 0u);
 }
 
+TEST_F(Usbfs, TakesOnlyTheLightEngineOfTheStatedSerialNumber) {
+  UsbIdentity wanted = kProjector;
+  wanted.serial = "T6501";
+  const auto other = open_libusb(wanted);
+  ASSERT_FALSE(other);
+  EXPECT_EQ(other.error().code, ErrorCode::DeviceLost);
+  EXPECT_THAT(other.error().what, testing::HasSubstr("with serial T6501"));
+  wanted.serial = "T6500";
+  const auto own = open_libusb(wanted);
+  ASSERT_TRUE(own) << own.error().what;
+  EXPECT_THAT((*own)->describe(), testing::HasSubstr("serial T6500"));
+}
+
 TEST_F(Usbfs, TellsTimeoutStallAndUnplugApart) {
   auto usb = open_libusb(kProjector);
   ASSERT_TRUE(usb) << usb.error().what;

@@ -5,7 +5,9 @@
 #include <random>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/test/http_client.hpp>
+#include <telefab/test/no_descriptors.hpp>
 #include <telefab/test/recording_backend.hpp>
+#include <thread>
 
 namespace telefab::fab {
 namespace {
@@ -53,6 +55,18 @@ TEST_F(WebServerTest, AnswersOnlyUnderNamesOfItsOwn) {
                   StartsWith("HTTP/1.1 421"))
           << host << target;
   EXPECT_THAT(ask("GET /v1/version HTTP/1.0\r\n\r\n"), StartsWith("HTTP/1.1 421")) << "no name at all";
+}
+
+TEST_F(WebServerTest, WithoutDescriptorsItWaitsForThemWithoutUsingTheProcessor) {
+  const std::uint16_t port = server->port();  // where no pipe can be opened, a sanitizer knows no object's type
+  std::optional<test::NoDescriptors> none{1};
+  const Client client{port};
+  client.send("GET /v1/version HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+  const double before = test::processor_seconds();
+  std::this_thread::sleep_for(std::chrono::milliseconds{400});
+  EXPECT_LT(test::processor_seconds() - before, 0.1);
+  none.reset();
+  EXPECT_THAT(client.read_until(""), StartsWith("HTTP/1.1 200")) << "who waited meanwhile is answered";
 }
 
 TEST_F(WebServerTest, KeepsTheConnectionForTheNextRequest) {

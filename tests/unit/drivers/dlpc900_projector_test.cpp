@@ -324,6 +324,65 @@ TEST(LedBoards, BetrayAWrongProfile) {
   EXPECT_EQ(wrong_off.stray, 10u) << "only a current of zero would darken it";
 }
 
+/// A layer on a board that only a current of zero darkens, with a fault at a transfer of it; then dark, as a print asks
+/// for it after whatever was refused. Whether it was lit at any rest that the projector called one.
+struct FaultyLayer {
+  FaultyLayer(ProjectorFault fault, std::uint64_t at) : bench{{.enable_reaches_leds = false}} {
+    bench.bench.options.off_needs_zero_current = true;
+    auto made = Dlpc900Projector::open(std::make_unique<Borrowed>(bench.usb), bench.bench.options, bench.bench.clock);
+    if (!made) return;
+    Dlpc900Projector& projector = **made;
+    const std::uint64_t before = bench.model.transfers();
+    bench.model.plan_fault(fault, at);
+    layer(projector, fault == ProjectorFault::Reset);
+    transfers = bench.model.transfers() - before;
+    for (int tries = 0; tries < 3 && !is_dark; ++tries) is_dark = projector.dark().has_value();
+    glow_when_dark = bench.model.glow();
+    if (is_dark) return;
+    // What cannot be reached darkens itself by its cutoff, and is dark once it is opened again.
+    bench.model.power_cycle();
+    bench.model.reopened();
+    is_dark = projector.dark().has_value();
+    glow_when_dark = bench.model.glow();
+  }
+  void layer(Dlpc900Projector& projector, bool restarts_by_itself) {
+    const Mask mask = *bench.bench.masks.mask(LayerIndex{0});
+    if (!projector.load(mask.view(), 100ms)) return;
+    for (int i = 0; i < 1000; ++i) {
+      const auto status = projector.poll();
+      if (!status) return;
+      if (status->state != LightState::Exposing && !restarts_by_itself)
+        glow_at_rest = std::max<unsigned>(glow_at_rest, bench.model.glow());
+      if (status->state == LightState::Loaded && !projector.expose()) return;
+      if (status->state == LightState::Exposed) return;
+      bench.bench.clock.sleep_for(10ms);
+    }
+  }
+  LedBench bench;
+  std::uint64_t transfers = 0;
+  bool is_dark = false;
+  unsigned glow_at_rest = 0, glow_when_dark = 0;
+};
+
+TEST(LedBoards, ThatACurrentLightsAreDarkAfterEveryFaultOfALayer) {
+  std::size_t trials = 0;
+  for (std::size_t f = 0; f < kProjectorFaults; ++f) {
+    const auto fault = static_cast<ProjectorFault>(f);
+    const std::uint64_t in_all = FaultyLayer{fault, 1'000'000}.transfers;
+    ASSERT_GT(in_all, 30u);
+    // Every third, and each of them by some fault.
+    for (std::uint64_t at = f % 3; at < in_all; at += 3, ++trials) {
+      const FaultyLayer each{fault, at};
+      SCOPED_TRACE(::testing::Message() << name_of(fault) << " at transfer " << at << " of " << in_all);
+      EXPECT_TRUE(each.is_dark);
+      EXPECT_EQ(each.glow_when_dark, 0u) << "dark() was answered, and it glows";
+      EXPECT_EQ(each.glow_at_rest, 0u);
+      if (HasFailure()) return;
+    }
+  }
+  EXPECT_GT(trials, 150u);
+}
+
 TEST(LedBoards, ThatKeepAnotherCurrentThanTheyWereToldAreRefused) {
   LedBench b{{.forgets_current = true}};
   const auto shown = b.show_and_watch();

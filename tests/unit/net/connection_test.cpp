@@ -7,8 +7,10 @@
 
 #include <array>
 #include <functional>
+#include <optional>
 #include <telefab/net/listener.hpp>
 #include <telefab/test/loopback.hpp>
+#include <telefab/test/no_descriptors.hpp>
 #include <thread>
 
 namespace telefab::net {
@@ -123,6 +125,19 @@ TEST_F(ConnectionTimes, AnIdlePeerBeforeItsHandshakeGivesWayToANewerOne) {
   std::vector<std::unique_ptr<Socket>> silent;
   for (int i = 0; i < 33; ++i) silent.push_back(std::make_unique<Socket>(listener_->port()));
   EXPECT_THAT(ended(), HasSubstr("handshake-place"));
+}
+
+TEST_F(ConnectionTimes, AListenerWithoutDescriptorsWaitsForThemWithoutUsingTheProcessor) {
+  listen(patient(), false);
+  std::optional<test::NoDescriptors> none{1};
+  const Socket peer{listener_->port()};
+  const double before = test::processor_seconds();
+  (void)loop_.run_for(milliseconds{400});
+  EXPECT_LT(test::processor_seconds() - before, 0.1);
+  EXPECT_FALSE(connection_);
+  none.reset();
+  for (int tries = 0; tries < 100 && !connection_; ++tries) (void)loop_.run_for(milliseconds{20});
+  EXPECT_TRUE(connection_) << "who waited meanwhile comes in";
 }
 
 TEST_F(ConnectionTimes, AFrameThatNeverEndsIsDroppedThoughBytesKeepComing) {

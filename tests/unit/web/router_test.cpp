@@ -59,6 +59,21 @@ TEST(WebRouter, SaysOfItsHealthWhetherChangesCanBeKept) {
   EXPECT_THAT(sick.body, HasSubstr("disk full"));
 }
 
+/// A list of jobs that cannot be read any more.
+class UnreadableBackend final : public RecordingBackend {
+ public:
+  [[nodiscard]] Result<std::vector<JobView>> jobs() override {
+    return fail(ErrorCode::NotTrusted, "job store: database disk image is malformed");
+  }
+};
+
+TEST(WebRouter, IsSickRatherThanForbiddenWhereItsListIsDamaged) {
+  UnreadableBackend backend;
+  const WebResponse sick = answer(ask("GET", "/v1/health", ""), backend);
+  EXPECT_EQ(sick.status, 503U);
+  EXPECT_THAT(sick.body, HasSubstr("malformed"));
+}
+
 TEST(WebRouter, NeverChangesStateOnGetOrHead) {
   RecordingBackend backend;
   for (const WebRoute& route : web_routes())
@@ -92,6 +107,27 @@ TEST(WebRouter, PausesWithTheToken) {
   EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/pause", "Bearer secret"), backend).status, 200U);
   ASSERT_THAT(backend.actions, SizeIs(1));
   EXPECT_EQ(backend.actions[0].second, JobCommand::Pause);
+}
+
+/// A job that has not ended.
+class UnfinishedBackend final : public RecordingBackend {
+ public:
+  [[nodiscard]] Result<void> act(std::string_view, JobCommand, std::string_view) override {
+    return fail(ErrorCode::Conflict, "job job-1 is printing: only a job that has ended can be forgotten");
+  }
+};
+
+TEST(WebRouter, ForgetsAJobAndAnswersItsNameOrWhyItStays) {
+  RecordingBackend backend;
+  const WebResponse gone = answer(ask("POST", "/v1/jobs/job-1/forget", "Bearer secret"), backend);
+  EXPECT_EQ(gone.status, 200U);
+  EXPECT_EQ(json::parse(gone.body), json({{"forgotten", "job-1"}})) << "there is no job to show any more";
+  ASSERT_THAT(backend.actions, SizeIs(1));
+  EXPECT_EQ(backend.actions[0].second, JobCommand::Forget);
+  UnfinishedBackend unfinished;
+  const WebResponse stays = answer(ask("POST", "/v1/jobs/job-1/forget", "Bearer secret"), unfinished);
+  EXPECT_EQ(stays.status, 409U);
+  EXPECT_THAT(stays.body, HasSubstr("only a job that has ended"));
 }
 
 TEST(WebRouter, ResumesWithOrWithoutAWordAboutTheLayerPerhapsExposed) {

@@ -50,6 +50,18 @@ TEST_F(ScanWebTest, DescribesEveryParameterOfTheTable) {
   }
 }
 
+/// A list of jobs that cannot be read any more.
+class UnreadableScanBackend final : public RecordingScanBackend {
+ public:
+  Result<std::vector<Job>> jobs() override { return fail(ErrorCode::NotTrusted, "job store: malformed"); }
+};
+
+TEST_F(ScanWebTest, IsSickRatherThanForbiddenWhereItsListIsDamaged) {
+  UnreadableScanBackend unreadable;
+  ScanWeb sick{unreadable, sign_in, "0.1.0"};
+  EXPECT_EQ(sick.answer({"GET", "/v1/health", {}, {}, {}}).status, 503U);
+}
+
 TEST_F(ScanWebTest, NeverChangesStateOnGetOrHead) {
   for (const WebRoute& route : web_routes())
     for (const char* method : {"GET", "HEAD"}) (void)ask(method, concrete(route.path), "Bearer secret");
@@ -69,6 +81,14 @@ TEST_F(ScanWebTest, PassesACancelOnWithTheToken) {
   EXPECT_EQ(ask("POST", "/v1/jobs/job-1/cancel", "Bearer secret").status, 200U);
   ASSERT_EQ(backend.commands.size(), 1U);
   EXPECT_EQ(backend.commands[0].second, JobCommand::Cancel);
+}
+
+TEST_F(ScanWebTest, ForgetsAJobWithTheTokenAndAnswersItsName) {
+  const WebResponse gone = ask("POST", "/v1/jobs/job-1/forget", "Bearer secret");
+  EXPECT_EQ(gone.status, 200U);
+  EXPECT_EQ(json::parse(gone.body), json({{"forgotten", "job-1"}}));
+  ASSERT_EQ(backend.commands.size(), 1U);
+  EXPECT_EQ(backend.commands[0].second, JobCommand::Forget);
 }
 
 TEST_F(ScanWebTest, TellsHowFarEachStageIsAndWhetherTheFabIsReached) {

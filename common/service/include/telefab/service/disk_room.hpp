@@ -3,8 +3,10 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <mutex>
 #include <optional>
+#include <string>
 #include <telefab/base/result.hpp>
 
 namespace telefab {
@@ -26,7 +28,11 @@ class DiskRoom {
   bool give_up_reserve();
   /// Something could not be written or read: health() says so until a check passes.
   void note_trouble(const Error& error);
-  /// Why the last check failed or the reserve is not whole; nothing is wrong once a check passes.
+  /// The job waits for the disk: health() says so, whatever checks of others find, until it goes on.
+  void wait(const std::string& job, const Error& why);
+  /// Nothing where it did not wait.
+  void go_on(const std::string& job);
+  /// Why the last check failed or the reserve is not whole, until a check passes; then which job waits for the disk.
   [[nodiscard]] Result<void> health() const;
 
  private:
@@ -39,6 +45,7 @@ class DiskRoom {
   mutable std::mutex mutex_;
   bool is_held_ = false;
   std::optional<Error> trouble_;
+  std::map<std::string, Error> waiting_;  ///< by job
 };
 
 }  // namespace telefab

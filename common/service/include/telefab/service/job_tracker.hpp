@@ -19,7 +19,7 @@ class JobTracker {
  public:
   /// jobs.sqlite, which is checked, restored where it is damaged and backed up, and audit.log in `folder`. Fails as
   /// JobStore, AuditLog and StateHooks do. Clock, loop and room must outlive it. `room`: its reserve is given up for
-  /// what cannot be written otherwise; may be null.
+  /// what cannot be written otherwise, and it hears which jobs wait; may be null.
   [[nodiscard]] static Result<std::unique_ptr<JobTracker>> open(const std::filesystem::path& folder,
                                                                 const HookOptions& hooks, const Clock& clock,
                                                                 net::Loop& loop, DiskRoom* room = nullptr);
@@ -42,6 +42,8 @@ class JobTracker {
   [[nodiscard]] LiveCounters& counters() { return counters_; }
   /// Stores the counters as they are, then records the move.
   void move(const std::string& job, JobState state, std::string_view message);
+  /// The job waits for the disk: it says why, and the site's health does until the job's next move.
+  void wait_for_disk(const std::string& job, JobState state, const Error& why);
   /// Moves a job to a state that is final; whoever works on it forgets it, and then its counters are forgotten.
   void end(const std::string& job, JobState state, std::string_view message);
   /// Called with every job that end() ends, in the order of these calls.

@@ -39,8 +39,13 @@ struct WebResponse {
 [[nodiscard]] WebResponse web_problem(unsigned status, std::string_view code, std::string_view what);
 /// The same with the status that fits the error: 400, 403, 404, 409, 413, else 500.
 [[nodiscard]] WebResponse web_problem(const Error& error);
+/// 503, whatever kind of error it is: what health says of a site that cannot do its work.
+[[nodiscard]] WebResponse web_sick(const Error& error);
 /// JSON as it is, or the problem.
 [[nodiscard]] WebResponse web_json(const Result<std::string>& body);
+
+/// The name that a Host header asks for: in lower case, without the port.
+[[nodiscard]] std::string host_name_of(std::string_view host);
 
 /// A file of a page, compiled in, so that an installed daemon serves it from anywhere. "/" is the page itself.
 struct WebAsset {

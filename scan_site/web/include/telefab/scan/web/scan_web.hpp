@@ -29,8 +29,9 @@ class PageBackend {
   /// JSON of what slicing found (report/slice.json); NotFound until all layers are cut.
   [[nodiscard]] virtual Result<std::string> report(std::string_view id) = 0;
   [[nodiscard]] virtual LinkView link() = 0;
-  /// Cancel ends the job here and at the fab; the others are passed on to the fab. Conflict where the state does not
-  /// allow it, Unreachable where the fab is needed and away. `who` goes into the audit log.
+  /// Cancel ends the job here and at the fab, Forget takes it off this site; the others are passed on to the fab.
+  /// Conflict where the state does not allow it, Unreachable where the fab is needed and away. `who` goes into the
+  /// audit log.
   [[nodiscard]] virtual Result<void> act(std::string_view id, JobCommand command, std::string_view who) = 0;
   /// Why changes of jobs cannot be kept now; nothing is wrong where they can.
   [[nodiscard]] virtual Result<void> healthy() = 0;
