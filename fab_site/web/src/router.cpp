@@ -83,7 +83,7 @@ WebResponse act(const Call& call) {
 WebResponse forget(const Call& call) {
   if (const auto done = call.backend.act(call.id(), JobCommand::Forget, call.who()); !done)
     return web_problem(done.error());
-  return {200, "application/json", text_of(json{{"forgotten", call.id()}})};
+  return {200, "application/json", json_text({{"forgotten", call.id()}})};
 }
 
 WebResponse clear_platform(const Call& call) {

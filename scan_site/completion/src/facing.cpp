@@ -54,7 +54,8 @@ std::optional<std::uint32_t> faced_by(std::span<const VirtualSample> samples, co
     const Eigen::Vector3f way = b.point - a.point;
     const float distance = way.norm();
     const float gaps = distance / (a.gap + b.gap);
-    if (n.index == i || gaps >= least || a.normal.dot(way) < kLooks * distance ||
+    // The smoothest function knew of both and parted them.
+    if (n.index == i || (a.smooth && b.smooth) || gaps >= least || a.normal.dot(way) < kLooks * distance ||
         -b.normal.dot(way) < kLooks * distance)
       continue;
     if (!all_air(all, a.point, way) || !is_open(all, a.point, way)) continue;

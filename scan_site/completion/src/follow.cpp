@@ -10,6 +10,8 @@
 #include <unordered_map>
 #include <unordered_set>
 
+#include "gap_fields.hpp"
+
 namespace telefab::scan {
 namespace {
 
@@ -26,10 +28,15 @@ constexpr float kBesideRim = 1.5F;
 constexpr float kBeyondBox = 0.3F;
 /// About a gap all nodes are as far as the rim: their errors add up.
 constexpr float kOpening = 3;
-/// Share of the samples' planes, beside the winding number, in where the surface goes on between unlike normals.
-constexpr float kPlanes = 0.4F;
 /// Crossing cells of a random plane, a pitch squared.
 constexpr float kCellsAPitch = 1.5F;
+/// How far off the object's surface samples lie, in parts of their gap (95 of 100 do not): between normals that agree
+/// to within kAgreed and others,
+constexpr float kAgreed = 0.95F, kErrorAgreed = 0.25F, kErrorDisagreed = 0.4F;
+/// and on smooth functions, by how far two opinions are apart.
+constexpr float kLeastErrorShare = 0.08F, kOpinions = 2, kMostErrorShare = 0.4F;
+/// Steps onto the zero set of a smooth function.
+constexpr int kNewton = 3;
 
 /// A cell or corner: its level, and how many pitches of that level it lies from the low corner of the region.
 struct Place {
@@ -63,8 +70,17 @@ struct Corner {
 
 class Follower {
  public:
-  Follower(const MeasuredSide& measured, const RimReach& reach, float most_gap, Completion& completion)
-      : measured_{measured}, reach_{reach}, most_gap_{most_gap}, completion_{completion} {
+  Follower(const MeasuredSide& measured, const RimReach& reach, float most_gap, const GapFields* smooth,
+           Completion& completion)
+      : measured_{measured},
+        smooth_{smooth},
+        reach_{reach},
+        most_gap_{most_gap},
+        completion_{completion},
+        runs_away_(smooth ? smooth->count() : 0, false) {
+    std::vector<Vector3f> before;
+    for (const VirtualSample& s : completion.samples) before.push_back(s.point);
+    if (!before.empty()) before_ = std::make_unique<KdTree>(before);
     low_ = high_ = measured.points[0];
     for (const Vector3f& p : measured.points) {
       low_ = low_.cwiseMin(p);
@@ -95,6 +111,15 @@ class Follower {
       if (points.empty() || near.nearest(rim.probe).squared_distance > reach * reach) left.push_back(rim);
     }
     return left;
+  }
+
+  /// Gaps whose function does not close them; their samples are taken back.
+  std::vector<bool> take_back() {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < completion_.samples.size(); ++i)
+      if (!runs_away_[gap_of_sample_[i]]) completion_.samples[kept++] = completion_.samples[i];
+    completion_.samples.resize(kept);
+    return runs_away_;
   }
 
   /// One wave: every cell of the frontier is looked at, and hands on to its neighbours. False: nothing is left.
@@ -179,7 +204,7 @@ class Follower {
     std::vector<Place> resized;
     for (std::size_t i = 0; i < frontier_.size(); ++i) {
       const Place& cell = frontier_[i];
-      if (fates[i] == Fate::TooWide) completion_.too_wide = true;
+      if (fates[i] == Fate::TooWide) give_up_at(position(cell, 0.5F));
       if (fates[i] == Fate::Kept) cells.push_back(cell);
       if (fates[i] == Fate::Joined) resized.push_back(parent_of(cell));
       if (fates[i] != Fate::Parted) continue;
@@ -199,19 +224,33 @@ class Follower {
     std::vector<Vector3f> places;
     places.reserve(missing.size());
     for (const Place& corner : missing) places.push_back(position(corner));
+    const std::vector<Corner> found = smooth_ ? smooth_values(places) : common_values(places);
+    for (std::size_t i = 0; i < missing.size(); ++i) corners_.emplace(key_of(missing[i]), found[i]);
+  }
+
+  [[nodiscard]] std::vector<Corner> smooth_values(std::span<const Vector3f> places) const {
+    std::vector<Corner> found(places.size());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>{0, places.size(), 64}, [&](const auto& range) {
+      for (std::size_t i = range.begin(); i < range.end(); ++i)
+        found[i] = {smooth_->value(smooth_->gap_at(places[i]), places[i]).value, 1};
+    });
+    return found;
+  }
+
+  [[nodiscard]] std::vector<Corner> common_values(std::span<const Vector3f> places) const {
     const std::vector<WideField> fields = measured_.tree.wides(places, kOpening);
-    std::vector<Corner> found(missing.size());
-    tbb::parallel_for(tbb::blocked_range<std::size_t>{0, missing.size(), 256}, [&](const auto& range) {
+    std::vector<Corner> found(places.size());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>{0, places.size(), 256}, [&](const auto& range) {
       for (std::size_t i = range.begin(); i < range.end(); ++i) {
-        // Where the samples disagree about the direction, their own planes and the winding number decide. The planes
-        // go on with a limb that was cut through, without end; the winding number closes what is open, and is bounded.
+        // Where the samples disagree about the direction, the winding number decides: it closes what is open, and is
+        // bounded.
         const float gap = std::sqrt(measured_.near.nearest(places[i]).squared_distance);
         const float side = 2 * gap * (0.5F - fields[i].winding);
         const float m = fields[i].agreement;
-        found[i] = {m * fields[i].value + (1 - m) * (kPlanes * fields[i].planes + (1 - kPlanes) * side), m};
+        found[i] = {m * fields[i].value + (1 - m) * side, m};
       }
     });
-    for (std::size_t i = 0; i < missing.size(); ++i) corners_.emplace(key_of(missing[i]), found[i]);
+    return found;
   }
 
   void look_at(const Place& cell) {
@@ -232,19 +271,49 @@ class Follower {
     }
     if (count == 0) return;
     const Vector3f inside = sum / count;
-    const Vector3f point = position(cell) + pitch(cell.level) * inside;
-    const Vector3f normal = gradient(corner, inside);
+    Vector3f point = position(cell) + pitch(cell.level) * inside;
+    Vector3f normal = gradient(corner, inside);
+    std::size_t own_gap = 0;
+    if (smooth_) {
+      own_gap = smooth_->gap_at(point);
+      for (int i = 0; i < kNewton; ++i) {
+        const HermiteField::Value at = smooth_->value(own_gap, point);
+        const float steep2 = at.gradient.squaredNorm();
+        if (!(steep2 > 0)) return;
+        normal = at.gradient;
+        const float limit = pitch(cell.level) / 2;
+        const Vector3f step = at.value / steep2 * at.gradient;
+        point -= step.norm() > limit ? Vector3f{limit / step.norm() * step} : step;
+      }
+    } else if (before_ && before_->nearest(point).squared_distance < pitch(cell.level) * pitch(cell.level)) {
+      return;
+    }
     const Neighbour nearest = measured_.near.nearest(point);
     const float gap = std::sqrt(nearest.squared_distance);
     if (gap <= reach_.covered * measured_.spacings[nearest.index] || !(normal.norm() > 0)) return;
+    if (smooth_ && gap > smooth_->farthest(own_gap)) return give_up_at(point);
     VirtualSample sample;
     sample.point = point;
     sample.normal = normal.normalized();
     sample.gap = gap;
     sample.spacing = pitch(cell.level) / std::sqrt(kCellsAPitch);
-    sample.agreement = agreement;
+    sample.smooth = smooth_ != nullptr;
+    if (smooth_)
+      sample.error_share =
+          std::min(kMostErrorShare, kLeastErrorShare + kOpinions * smooth_->opinions(own_gap, point) / gap);
+    else
+      sample.error_share = agreement > kAgreed ? kErrorAgreed : kErrorDisagreed;
+    gap_of_sample_.push_back(own_gap);
     completion_.samples.push_back(sample);
     hand_on(cell, corner);
+  }
+
+  /// The surface goes on farther than a gap may be wide.
+  void give_up_at(const Vector3f& place) {
+    if (smooth_)
+      runs_away_[smooth_->gap_at(place)] = true;
+    else
+      completion_.too_wide = true;
   }
 
   void hand_on(const Place& cell, const std::array<Corner, 8>& corner) {
@@ -279,6 +348,7 @@ class Follower {
   }
 
   const MeasuredSide& measured_;
+  const GapFields* smooth_;  ///< none: what all samples tell together
   RimReach reach_;
   float most_gap_;
   Completion& completion_;
@@ -286,6 +356,9 @@ class Follower {
   std::vector<Place> frontier_;
   std::unordered_set<std::uint64_t> seen_;
   std::unordered_map<std::uint64_t, Corner> corners_;
+  std::unique_ptr<KdTree> before_;          ///< samples that were there before
+  std::vector<bool> runs_away_;             ///< gaps whose function does not close them
+  std::vector<std::size_t> gap_of_sample_;  ///< of those found
 };
 
 }  // namespace
@@ -293,12 +366,10 @@ class Follower {
 Result<void> follow_surface(const MeasuredSide& measured, std::span<const Rim> rims, const RimReach& reach,
                             float most_gap, std::size_t most_samples, Completion& completion,
                             const ProgressSink& progress, std::stop_token stop) {
-  Follower follower{measured, reach, most_gap, completion};
-  const auto follow = [&]() -> Result<void> {
+  const auto follow = [&](Follower& follower) -> Result<void> {
     while (follower.step()) {
       if (stop.stop_requested()) return cancelled("closing gaps of the scan");
       if (completion.samples.size() > most_samples) {
-        completion.samples.resize(most_samples);
         completion.too_many = true;
         break;
       }
@@ -307,10 +378,23 @@ Result<void> follow_surface(const MeasuredSide& measured, std::span<const Rim> r
     }
     return {};
   };
-  for (const Rim& rim : rims) follower.seed(rim);
-  if (auto ok = follow(); !ok || completion.too_many) return ok;
-  for (const Rim& rim : follower.rims_without_samples(rims)) follower.seed_widely(rim);
-  return follow();
+  const auto from = [&](Follower& follower, std::span<const Rim> seeds) -> Result<void> {
+    for (const Rim& rim : seeds) follower.seed(rim);
+    if (auto ok = follow(follower); !ok || completion.too_many) return ok;
+    for (const Rim& rim : follower.rims_without_samples(seeds)) follower.seed_widely(rim);
+    return follow(follower);
+  };
+  auto smooth = GapFields::about(measured, rims, stop);
+  if (!smooth) return tl::unexpected{smooth.error()};
+  if (const auto seeds = smooth->rims(true); !seeds.empty()) {
+    Follower follower{measured, reach, most_gap, &*smooth, completion};
+    if (auto ok = from(follower, seeds); !ok) return ok;
+    smooth->drop(follower.take_back());
+  }
+  Follower follower{measured, reach, most_gap, nullptr, completion};
+  if (auto ok = from(follower, follower.rims_without_samples(smooth->rims(false))); !ok) return ok;
+  if (completion.samples.size() > most_samples) completion.samples.resize(most_samples);
+  return {};
 }
 
 }  // namespace telefab::scan

@@ -72,6 +72,7 @@ Result<void> relax(const MeasuredSide& measured, std::vector<VirtualSample>& sam
     });
   };
   each([&](std::size_t i) {
+    if (samples[i].smooth) return;
     kernel[i] = std::max(kLeastSpacings * samples[i].spacing, kGapShare * samples[i].gap);
     for (const Neighbour& n : measured.near.within(places[i], kReach * kernel[i]))
       neighbours[i].measured.push_back(n.index);
@@ -81,6 +82,10 @@ Result<void> relax(const MeasuredSide& measured, std::vector<VirtualSample>& sam
   std::vector<VirtualSample> next(samples.size());
   for (int round = 0; round < rounds; ++round) {
     each([&](std::size_t i) {
+      if (samples[i].smooth) {
+        next[i] = samples[i];
+        return;
+      }
       Sums sums;
       for (const std::uint32_t k : neighbours[i].measured)
         sums.add(samples[i], measured.points[k], measured.normals[k], measured.areas[k], kernel[i]);

@@ -30,7 +30,7 @@ Result<std::vector<VirtualSample>> other_side_of_sheet(const PointCloud& front, 
   const auto depth = static_cast<float>(thickness);
   std::vector<VirtualSample> made;
   const auto add = [&](const Eigen::Vector3f& place, const Eigen::Vector3f& normal, std::size_t sample) {
-    made.push_back({.point = place, .normal = normal, .spacing = around->spacing[sample], .agreement = 1});
+    made.push_back({.point = place, .normal = normal, .spacing = around->spacing[sample]});
   };
   for (std::size_t i = 0; i < front.size(); ++i) {
     const Eigen::Vector3f place = front.points[i] - depth * front.normals[i];

@@ -229,7 +229,6 @@ WideField field_of(const TreeSums& s, std::size_t lane, float unit) {
   const float length = std::sqrt(s.nx[lane] * s.nx[lane] + s.ny[lane] * s.ny[lane] + s.nz[lane] * s.nz[lane]);
   field.agreement = length / weight;
   float along = s.plane[lane];
-  field.planes = unit * along / weight;
   // The mean offset against the mean normal: its own half of the unbiased distance.
   if (length > 1e-6F * weight)
     along = (along - (s.px[lane] * s.nx[lane] + s.py[lane] * s.ny[lane] + s.pz[lane] * s.nz[lane]) / length) / 2;

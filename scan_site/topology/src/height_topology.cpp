@@ -101,7 +101,16 @@ HeightTopology::HeightTopology(Parts parts) : parts_{std::move(parts)} {
     step_heights_mm_.push_back(events[e].z);
     euler_above_.push_back(value);
   }
-  for (const CriticalPoint& c : parts_.critical_points) critical_heights_mm_.push_back(c.position_mm.z());
+  // Apart from each other and rising.
+  std::vector<CriticalInterval>& near = parts_.near;
+  std::sort(near.begin(), near.end(), [](const auto& a, const auto& b) { return a.low_mm < b.low_mm; });
+  std::size_t last = 0;
+  for (std::size_t i = 1; i < near.size(); ++i)
+    if (near[i].low_mm <= near[last].high_mm)
+      near[last].high_mm = std::max(near[last].high_mm, near[i].high_mm);
+    else
+      near[++last] = near[i];
+  if (!near.empty()) near.resize(last + 1);
 }
 
 int HeightTopology::euler() const {
@@ -133,11 +142,9 @@ std::optional<ContourCount> HeightTopology::predicted_contours(double z_mm) cons
 }
 
 bool HeightTopology::is_near_critical(double z_mm) const {
-  const auto at = std::lower_bound(critical_heights_mm_.begin(), critical_heights_mm_.end(), z_mm - parts_.near_mm);
-  if (at != critical_heights_mm_.end() && *at <= z_mm + parts_.near_mm) return true;
-  return std::any_of(parts_.plateaus.begin(), parts_.plateaus.end(), [&](const Plateau& p) {
-    return p.low_mm - parts_.near_mm <= z_mm && z_mm <= p.high_mm + parts_.near_mm;
-  });
+  const auto after = std::upper_bound(parts_.near.begin(), parts_.near.end(), z_mm,
+                                      [](double z, const CriticalInterval& n) { return z < n.low_mm; });
+  return after != parts_.near.begin() && z_mm <= std::prev(after)->high_mm;
 }
 
 std::optional<Vec3> HeightTopology::rounded_near(double z_mm) const {
@@ -196,9 +203,17 @@ Result<HeightTopology> analyse_height(const ScalarField& field, const SampleView
     HeightTopology::Parts parts;
     parts.critical_points = *points;
     parts.plateaus = topology::gather_plateaus(field, starts, parts.critical_points, options.near_critical_kernels);
+    for (const Plateau& p : parts.plateaus) parts.near.push_back({p.low_mm, p.high_mm});
     for (const CriticalPoint& c : parts.critical_points) {
       const double h = field.kernel_width_mm(c.position_mm);
-      parts.near_mm = std::max(parts.near_mm, options.near_critical_kernels * h);
+      const double near = options.near_critical_kernels * h;
+      parts.near.push_back({c.position_mm.z() - near, c.position_mm.z() + near});
+      if (c.plateau) {
+        CriticalInterval& level = parts.near[*c.plateau];
+        const Plateau& p = parts.plateaus[*c.plateau];
+        level.low_mm = std::min(level.low_mm, p.low_mm - near);
+        level.high_mm = std::max(level.high_mm, p.high_mm + near);
+      }
       if (c.plateau || h * c.curvature_per_mm.cwiseAbs().maxCoeff() < options.sharp_bend) continue;
       const double off = options.sharp_reach_kernels * h;
       parts.rounded.push_back({c.position_mm.z() - off, c.position_mm.z() + off, c.position_mm});

@@ -23,8 +23,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Every so many-th layer is held against the mesh.
-constexpr std::uint32_t kJudged = 10;
 constexpr double kHeightMm = 75;
 constexpr double kLayerMm = 0.15;
 constexpr double kStepMm = 0.25;
@@ -37,6 +35,8 @@ struct Setup {
                                    "noise1", "noise2", "density10", "two",  "all"};
   std::vector<std::uint64_t> seeds{1};
   bool complete = true;
+  std::uint32_t judged = 10;  ///< every so many-th layer is held against the mesh
+  bool list = false;
   bool reasons = false;
   bool verdicts = false;
   std::string save;
@@ -124,14 +124,25 @@ struct Judgement {
 };
 
 /// Sections of a mesh that another program made of the same points, at the heights of the layers judged.
-void judge_other(const MeshTruth& other, std::span<const Layer> layers, const MeshTruth& truth) {
+void judge_other(const MeshTruth& other, std::span<const Layer> layers, const MeshTruth& truth, const Setup& setup) {
   Judgement found;
   for (const Layer& layer : layers)
-    if (layer.index.count() % kJudged == kJudged / 2)
+    if (layer.index.count() % setup.judged == setup.judged / 2)
       found.judge(other.section(layer.z_mm), other.rings(layer.z_mm), layer.z_mm, truth);
   const double percent = 100 / kHeightMm;
   fmt::print("{:74} {:4} {:4} {:3} {:6.4f} {:6.4f} {:6.3f}\n", "    the other", found.wrong, "", found.critical,
              percent * found.mean_mm(), percent * rank(found.off_mm, 0.95), 100 * found.wrong_mm2 / found.truth_mm2);
+}
+
+/// How a layer came out, and how it should have.
+std::string line_of(const Layer& layer, const MeshTruth& truth) {
+  const RingCount found = count_of(layer), exact = truth.rings(layer.z_mm);
+  const auto& doubt = layer.certificate.doubt;
+  const Point2 place = doubt && doubt->place ? *doubt->place : Point2{};
+  return fmt::format("    layer {:4} at {:7.3f} mm: {}+{} rings, exact {}+{}, {} {} ({:.1f}, {:.1f}) {:.3g}\n",
+                     layer.index.count(), layer.z_mm, found.outers, found.holes, exact.outers, exact.holes,
+                     found == exact ? "right" : "WRONG", doubt ? name_of(doubt->reason) : "certified", place.x_mm,
+                     place.y_mm, doubt ? doubt->size_mm : 0);
 }
 
 Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string& damage_name, std::uint64_t seed,
@@ -168,11 +179,13 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
   const MeshTruth truth = mesh.moved(report->header.scan_to_build);
   Judgement found;
   std::vector<const Layer*> wrong_certified;
+  std::string lines;
   for (const Layer& layer : layers)
-    if (layer.index.count() % kJudged == kJudged / 2) {
+    if (layer.index.count() % setup.judged == setup.judged / 2) {
       const int before = found.wrong_certified;
       found.judge(layer, truth);
       if (found.wrong_certified > before) wrong_certified.push_back(&layer);
+      if (setup.list) lines += line_of(layer, truth);
     }
   const double percent = 100 / kHeightMm;
   const auto seconds_of = [&](std::string_view stage) {
@@ -188,6 +201,7 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
       report->contours, found.wrong, found.wrong_certified, found.critical, percent * found.mean_mm(),
       percent * rank(found.off_mm, 0.95), 100 * found.wrong_mm2 / found.truth_mm2, rank(found.error_shares, 0.95),
       seconds_of("gaps"), seconds_of("contours"), seconds);
+  fmt::print("{}", lines);
   for (const Layer* layer : wrong_certified) {
     if (setup.wrong) {
       const RingCount found_rings = count_of(*layer), exact = truth.rings(layer->z_mm);
@@ -208,7 +222,7 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
     if (const auto other = read_mesh(name, false); !other)
       fmt::print("    {}: {}\n", name, other.error().what);
     else
-      judge_other(other->moved(report->header.scan_to_build), layers, truth);
+      judge_other(other->moved(report->header.scan_to_build), layers, truth, setup);
   }
   if (setup.verdicts)
     for (const auto& [reason, verdict] : found.flagged)
@@ -241,7 +255,7 @@ int run(const Setup& setup) {
 
 int main(int argc, char** argv) {
   telefab::campaign::Setup setup;
-  CLI::App options{"Slices closed meshes as damaged clouds and holds every tenth layer against the mesh."};
+  CLI::App options{"Slices closed meshes as damaged clouds and holds layers against the mesh."};
   options.add_option("MESH", setup.meshes, "closed meshes (PLY, OFF, STL)")->required();
   options.add_option("--damage", setup.damages, "whole,holes3,holes5,off3,off10,noise1,noise2,density10,two,all")
       ->delimiter(',');
@@ -250,6 +264,8 @@ int main(int argc, char** argv) {
   options.add_flag("--reasons", setup.reasons, "also list flagged layers");
   options.add_flag("--verdicts", setup.verdicts, "also count, by reason, flagged layers that are right and wrong");
   options.add_option("--save", setup.save, "folder for the damaged clouds");
+  options.add_option("--every", setup.judged, "every so many-th layer is held against the mesh");
+  options.add_flag("--list", setup.list, "also list every layer held against the mesh");
   options.add_flag("--wrong", setup.wrong, "also list layers that are certified and wrong");
   options.add_option("--draw", setup.draw, "folder for pictures (SVG) of layers that are certified and wrong");
   options.add_option("--against", setup.against,

@@ -7,7 +7,6 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <cstring>
 #include <random>
 
 #include "sampled_ball.hpp"
@@ -176,8 +175,7 @@ TEST(Completion, GivesTheSameSamplesOnAnyNumberOfThreads) {
     return arena.execute([&] { return completed(open).samples; });
   };
   const auto one = on(1), eight = on(8);
-  ASSERT_EQ(one.size(), eight.size());
-  EXPECT_EQ(std::memcmp(one.data(), eight.data(), one.size() * sizeof(VirtualSample)), 0);
+  EXPECT_TRUE(one == eight);
 }
 
 TEST(Completion, CanBeCancelled) {
@@ -223,6 +221,73 @@ TEST(Completion, GoesOnWithALimbThatWasCutThrough) {
   for (const VirtualSample& s : found.samples) EXPECT_LT(std::abs(off_torus(s.point, 20, 6)), 2) << s.point.transpose();
 }
 
+// More is missing than two radii: the winding number would cap both ends.
+TEST(Completion, JoinsTheEndsOfASmoothLimbThatLookAtEachOther) {
+  const float cut = gap_in_torus(20, 3.5F * 6);
+  const Completion found =
+      completed(sampled_torus(20, 6, 0.5F, [&](const Vector3f& p) { return p.x() < cut * std::hypot(p.x(), p.y()); }));
+  EXPECT_GT(found.samples.size(), 200u);
+  std::size_t within = 0;
+  for (const VirtualSample& s : found.samples) {
+    within += std::abs(off_torus(s.point, 20, 6)) <= s.error();
+    EXPECT_TRUE(s.smooth);
+    EXPECT_LT(std::abs(off_torus(s.point, 20, 6)), 1.5F) << s.point.transpose();
+  }
+  EXPECT_GE(static_cast<double>(within), 0.95 * static_cast<double>(found.samples.size()));
+}
+
+/// A tube of radius 6 about z, open at its upper end or at both.
+Sampled open_tube(bool below_too) {
+  Sampled s;
+  for (int row = 0; row < 60; ++row)
+    for (int column = 0; column < 75; ++column) {
+      const double angle = 2 * std::numbers::pi * (column + 0.5 * (row % 2)) / 75;
+      const Vector3f n = Eigen::Vector3d{std::cos(angle), std::sin(angle), 0}.cast<float>();
+      s.points.push_back(6 * n + 0.5F * static_cast<float>(row) * Vector3f::UnitZ());
+      s.normals.push_back(n);
+    }
+  if (below_too) return s;
+  for (int i = -12; i <= 12; ++i)
+    for (int k = -12; k <= 12; ++k)
+      if (const Vector3f p = 0.5F * Vector3f(static_cast<float>(i), static_cast<float>(k), -1);
+          p.head<2>().norm() < 6) {
+        s.points.push_back(p);
+        s.normals.push_back(-Vector3f::UnitZ());
+      }
+  return s;
+}
+
+// Nothing tells how far the tube goes on.
+TEST(Completion, ClosesAnOpenEndNearItsRim) {
+  for (const bool both : {false, true}) {
+    const Completion found = completed(open_tube(both));
+    EXPECT_GT(found.samples.size(), 50u);
+    for (const VirtualSample& s : found.samples) {
+      EXPECT_LT(s.point.z(), 29.5F + 9) << s.point.transpose();
+      EXPECT_GT(s.point.z(), -9) << s.point.transpose();
+    }
+  }
+}
+
+/// Its samples moved across the surface, by this much in the mean square.
+Sampled roughened(Sampled s, float by) {
+  std::mt19937 random{7};
+  std::normal_distribution<float> bell{0, by};
+  for (std::size_t i = 0; i < s.points.size(); ++i) s.points[i] += bell(random) * s.normals[i];
+  return s;
+}
+
+TEST(Completion, TakesASmoothFunctionOnlyWhereItForetellsWhatWasMeasured) {
+  const auto smooth_share = [](const Sampled& s) {
+    const auto samples = completed(s).samples;
+    EXPECT_GT(samples.size(), 100u);
+    const auto smooth = std::count_if(samples.begin(), samples.end(), [](const VirtualSample& v) { return v.smooth; });
+    return static_cast<double>(smooth) / static_cast<double>(samples.size());
+  };
+  EXPECT_GT(smooth_share(open_ball(0.8F)), 0.9);
+  EXPECT_EQ(smooth_share(roughened(open_ball(0.8F), 0.12F)), 0);
+}
+
 WindingTree tree_of(const Sampled& measured, const Completion& completion) {
   std::vector<Vector3f> points = measured.points, normals = measured.normals;
   std::vector<float> areas = completion.areas;
@@ -236,8 +301,9 @@ WindingTree tree_of(const Sampled& measured, const Completion& completion) {
 
 TEST(FacingPairs, AreTheEndsOfALimbThatMayBeOne) {
   const float cut = gap_in_torus(20, 3.5F * 6);
-  const Sampled limb =
-      sampled_torus(20, 6, 0.5F, [&](const Vector3f& p) { return p.x() < cut * std::hypot(p.x(), p.y()); });
+  // Too rough for a smooth function to join them.
+  const Sampled limb = roughened(
+      sampled_torus(20, 6, 0.5F, [&](const Vector3f& p) { return p.x() < cut * std::hypot(p.x(), p.y()); }), 0.1F);
   const Completion found = completed(limb);
   const auto pairs = facing_pairs(found.samples, tree_of(limb, found), 1.5F);
   EXPECT_GT(pairs.size(), 20u);

@@ -40,10 +40,22 @@ TEST(SliceScan, CarriesTheSurfaceAcrossAGapAndSaysWhere) {
   }
 }
 
-// Whether the limb goes on between its two ends nobody measured: both ways of closing the gap are whole bodies.
-TEST(SliceScan, DoubtsTheLayersBetweenTheEndsOfALimbThatWasCutThrough) {
+// The smoothest surface through both ends foretells what is measured of the limb: it goes on.
+TEST(SliceScan, JoinsTheEndsOfASmoothLimbThatWasCutThrough) {
   const auto torn =
       test::sample_surface(*test::torus(12, 4, 90, 1), {.spacing_mm = 0.7, .holes = {{{0, 12, 0}, 9}}, .seed = 12});
+  const Outcome outcome = slice(text_of(torn), request_for());
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  const Layer& middle = outcome.layers[outcome.layers.size() / 2];
+  EXPECT_EQ(middle.contours.size(), 2U);
+  EXPECT_EQ(middle.certificate.verdict, LayerCertificate::Verdict::Completed);
+}
+
+// Of a rough scan nothing foretells whether the limb goes on: both ways of closing the gap are whole bodies.
+TEST(SliceScan, DoubtsTheLayersBetweenTheEndsOfARoughLimbThatWasCutThrough) {
+  auto torn =
+      test::sample_surface(*test::torus(12, 4, 90, 1), {.spacing_mm = 0.7, .holes = {{{0, 12, 0}, 9}}, .seed = 12});
+  for (std::size_t i = 0; i < torn.points.size(); ++i) torn.points[i] += (i % 2 == 0 ? 0.15 : -0.15) * torn.normals[i];
   const Outcome outcome = slice(text_of(torn), request_for());
   ASSERT_TRUE(outcome.report) << outcome.report.error().what;
   const Layer& middle = outcome.layers[outcome.layers.size() / 2];

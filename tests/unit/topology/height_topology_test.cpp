@@ -154,6 +154,29 @@ INSTANTIATE_TEST_SUITE_P(Shapes, CriticalPointsOf, testing::ValuesIn(cases_with_
 INSTANTIATE_TEST_SUITE_P(Shapes, HeightTopologyOf, testing::ValuesIn(kCases),
                          [](const auto& named) { return std::string{named.param.name}; });
 
+/// A shape whose upper half is scanned four times as coarsely.
+class CoarseAbove final : public scan::ScalarField {
+ public:
+  explicit CoarseAbove(const AnalyticField& shape) : shape_{shape} {}
+  [[nodiscard]] std::unique_ptr<scan::FieldCursor> cursor() const override { return shape_.cursor(); }
+  [[nodiscard]] scan::Box3 bounds() const override { return shape_.bounds(); }
+  [[nodiscard]] double kernel_width_mm(const Vec3& point_mm) const override { return point_mm.z() < 0 ? 1 : 4; }
+
+ private:
+  const AnalyticField& shape_;
+};
+
+TEST(HeightTopology, IsNearACriticalHeightByTheKernelAtItsOwnPoint) {
+  const auto ball = sphere(20, 1);
+  const SurfaceSamples samples = sample_surface(*ball, {.spacing_mm = 0.85});
+  const auto topology = analyse_height(CoarseAbove{*ball}, {samples.points, samples.normals}, {}, {});
+  ASSERT_TRUE(topology) << topology.error().what;
+  EXPECT_TRUE(topology->is_near_critical(-19.95));
+  EXPECT_FALSE(topology->is_near_critical(-19.7));
+  EXPECT_TRUE(topology->is_near_critical(19.7));
+  EXPECT_FALSE(topology->is_near_critical(19.5));
+}
+
 TEST(HeightTopology, FlatTopsAreTwoPlateausAndNothingElse) {
   const HeightTopology topology = analysed(*flat_box({12, 14, 10}, 2, 1));
   ASSERT_EQ(topology.plateaus().size(), 2u);

@@ -27,10 +27,11 @@ struct VirtualSample {
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();  ///< unit, outward
   float gap = 0;                                     ///< distance to the nearest measured sample
   float spacing = 0;                                 ///< sqrt of the area it stands for
-  float agreement = 0;  ///< [0, 1]; how far the samples that surround the gap agree about its normal
+  float error_share = 0;  ///< of the gap: how far it may lie off the object's surface; 95 of 100 do not
+  bool smooth = false;    ///< on the smoothest surface through the rims of its gap, which foretells what is measured
 
-  /// How far it may lie off the object's surface: 95 of 100 do not.
-  [[nodiscard]] float error() const { return gap * (agreement > 0.95F ? 0.25F : 0.4F); }
+  [[nodiscard]] float error() const { return gap * error_share; }
+  friend bool operator==(const VirtualSample&, const VirtualSample&) = default;
 };
 
 /// The surface where the scan shows none.

@@ -11,7 +11,6 @@ namespace telefab::scan {
 struct WideField {
   float value = 0;      ///< distance to the surface, scale-free: weights fall with the sixth power; negative inside
   float agreement = 0;  ///< [0, 1]; |sum of weighted normals| over the sum of weights: 1 where all point the same way
-  float planes = 0;     ///< mean distance to the samples' own planes, of the same weights; negative inside
   float winding = 0;    ///< winding number: about 1 inside a closed surface, 0 outside, between them where it is open
 };
 

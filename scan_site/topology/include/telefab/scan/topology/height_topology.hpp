@@ -98,6 +98,12 @@ struct RoundedInterval {
   Vec3 place_mm = Vec3::Zero();
 };
 
+/// Heights too near to a critical point or plateau, by the kernel there, for a contour to be promised.
+struct CriticalInterval {
+  double low_mm = 0;
+  double high_mm = 0;
+};
+
 /// A point of one contour of the slice at its height.
 struct ContourSeed {
   Vec3 point_mm = Vec3::Zero();  ///< near the surface, z exactly the slice's; project in the plane before use
@@ -129,7 +135,7 @@ class HeightTopology {
     std::vector<BlindInterval> blind;
     std::vector<RoundedInterval> rounded;
     std::vector<std::string> inconsistencies;
-    double near_mm = 0;
+    std::vector<CriticalInterval> near;  ///< in any order
   };
   explicit HeightTopology(Parts parts);
 
@@ -155,7 +161,7 @@ class HeightTopology {
   [[nodiscard]] std::optional<int> predicted_euler(double z_mm) const;
   /// From the arcs; none where they contradict predicted_euler or that has none.
   [[nodiscard]] std::optional<ContourCount> predicted_contours(double z_mm) const;
-  /// True within near_critical_kernels * h of a critical height or inside a plateau.
+  /// True within near_critical_kernels of a critical height, by the kernel width at its point, or inside a plateau.
   [[nodiscard]] bool is_near_critical(double z_mm) const;
   /// Where the plane passes beside a rounded edge; none elsewhere.
   [[nodiscard]] std::optional<Vec3> rounded_near(double z_mm) const;
@@ -170,7 +176,6 @@ class HeightTopology {
   Parts parts_;
   std::vector<double> step_heights_mm_;  ///< rising; between two of them the prediction is constant
   std::vector<std::optional<int>> euler_above_;
-  std::vector<double> critical_heights_mm_;
 };
 
 /// Critical points, Morse-Smale complex, enhanced Reeb graph and prediction for every height (paper 3.2.1 to 3.2.3).
