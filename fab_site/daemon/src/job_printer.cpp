@@ -339,7 +339,8 @@ void JobPrinter::wait_for_platform(const Job& job, const std::string& occupant) 
 }
 
 Result<Job> JobPrinter::clear_platform(const std::string& machine) {
-  if (const auto known = find_machine(site_.machines(), machine); !known) return tl::unexpected{known.error()};
+  if (const auto known = find_machine(site_.machines(), machine); !known)
+    return fail(ErrorCode::NotFound, known.error().what);
   const auto there = platforms_.part_on(machine);
   if (!there) return tl::unexpected{there.error()};
   if (!*there) return fail(ErrorCode::Conflict, fmt::format("the platform of {} is empty already", machine));

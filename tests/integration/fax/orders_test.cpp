@@ -243,7 +243,7 @@ TEST_F(Orders, TheNextJobWaitsForAnEmptyPlatformOverRestarts) {
   start_fab(options);
   ASSERT_TRUE(await(waits)) << says();
   expect_dark();
-  EXPECT_EQ(at_fab({"cleared", "nobody"}).code, 7);
+  EXPECT_EQ(at_fab({"cleared", "nobody"}).code, 2);
   const Outcome cleared = at_fab({"cleared", "toy", "--who", "ana"});
   EXPECT_EQ(cleared.code, 0) << cleared.errors;
   EXPECT_EQ(at_fab({"watch", job}).code, 0) << says();

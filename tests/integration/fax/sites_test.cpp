@@ -87,7 +87,7 @@ TEST_F(Sites, ADamagedBookIsNamedWithLineAndKey) {
 
 TEST_F(Sites, AnUnknownNameSaysHowToKeepIt) {
   const Outcome jobs = ask({"jobs", "--site", "paris"});
-  EXPECT_EQ(jobs.code, 7);
+  EXPECT_EQ(jobs.code, 2);
   EXPECT_THAT(jobs.errors, HasSubstr("telefab sites add paris"));
 }
 
