@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <telefab/scan/cloud/box3.hpp>
 
 namespace telefab::scan {
 namespace {
@@ -79,6 +80,7 @@ class Sets {
 
 struct Loop {
   std::vector<std::uint32_t> rims;
+  Box3 box;
   float extent = 0;
 };
 
@@ -90,11 +92,11 @@ std::vector<Loop> loops_of(const MeasuredSide& measured, std::span<const Rim> ri
       sets.join(i, n.index);
   std::vector<Loop> loops;
   for (auto& members : sets.all()) {
-    Vector3f low = places[members[0]], high = low;
-    for (const std::uint32_t i : members) low = low.cwiseMin(places[i]), high = high.cwiseMax(places[i]);
-    const float extent = (high - low).norm();
+    Box3 box = Box3::nothing();
+    for (const std::uint32_t i : members) box.include(places[i].cast<double>());
+    const auto extent = static_cast<float>(box.size().norm());
     if (members.size() >= kLeastRims && extent >= kLeastExtent * measured.spacings[rims[members[0]].sample])
-      loops.push_back({std::move(members), extent});
+      loops.push_back({std::move(members), box, extent});
   }
   return loops;
 }
@@ -102,6 +104,8 @@ std::vector<Loop> loops_of(const MeasuredSide& measured, std::span<const Rim> ri
 /// How far apart two loops are that bound one gap; none where they do not.
 std::optional<float> across_gap(const MeasuredSide& measured, std::span<const Rim> rims, const Loop& a, const Loop& b) {
   const float smaller = std::min(a.extent, b.extent);
+  const Vec3 between = (a.box.min - b.box.max).cwiseMax(b.box.min - a.box.max).cwiseMax(0);
+  if (between.norm() > kAcross * smaller) return std::nullopt;
   std::optional<float> least;
   for (std::size_t i = 0; i < a.rims.size(); i += 1 + a.rims.size() / kCompared)
     for (std::size_t j = 0; j < b.rims.size(); j += 1 + b.rims.size() / kCompared) {
