@@ -93,7 +93,10 @@ function(telefab_program name)
   add_executable(${target} ${arg_SOURCES})
   set_target_properties(${target} PROPERTIES OUTPUT_NAME ${name})
   target_link_libraries(${target} PRIVATE telefab_flags ${arg_HIDES})
-  _telefab_precompiled(${target})
+  # A hardened library is compiled for any place, a program for any but its own (-fPIC, -fPIE): then they share nothing.
+  if(NOT CMAKE_POSITION_INDEPENDENT_CODE)
+    _telefab_precompiled(${target})
+  endif()
   install(TARGETS ${target} RUNTIME DESTINATION bin COMPONENT ${arg_COMPONENT})
   if(TELEFAB_HARDEN)
     add_custom_command(TARGET ${target} POST_BUILD VERBATIM
