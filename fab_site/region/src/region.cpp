@@ -2,10 +2,10 @@
 #include <fmt/format.h>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <numeric>
 #include <polyclipping/clipper.hpp>
+#include <telefab/base/disjoint_sets.hpp>
 #include <telefab/fab/region/region.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/geometry/limits.hpp>
@@ -66,29 +66,20 @@ Box box_of(const GridRing& ring) {
 /// A number for every box, the same for boxes that hang together by touching or overlapping ones; counted from 0 in
 /// the order of first appearance.
 std::vector<std::uint32_t> groups_of(const std::vector<Box>& boxes, std::uint32_t& count) {
-  std::vector<std::uint32_t> parent(boxes.size()), order(boxes.size()), active;
-  std::iota(parent.begin(), parent.end(), 0U);
+  DisjointSets sets{boxes.size()};
+  std::vector<std::uint32_t> order(boxes.size()), active;
   std::iota(order.begin(), order.end(), 0U);
-  const auto root = [&](std::uint32_t i) {
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
-    return i;
-  };
   std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
     return boxes[a].first.y != boxes[b].first.y ? boxes[a].first.y < boxes[b].first.y : a < b;
   });
   for (const std::uint32_t i : order) {
     std::erase_if(active, [&](std::uint32_t j) { return boxes[j].second.y < boxes[i].first.y; });
     for (const std::uint32_t j : active)
-      if (boxes[j].first.x <= boxes[i].second.x && boxes[j].second.x >= boxes[i].first.x) parent[root(i)] = root(j);
+      if (boxes[j].first.x <= boxes[i].second.x && boxes[j].second.x >= boxes[i].first.x) sets.join(i, j);
     active.push_back(i);
   }
-  count = 0;
-  std::vector<std::uint32_t> number(boxes.size(), std::numeric_limits<std::uint32_t>::max()), group(boxes.size());
-  for (std::uint32_t i = 0; i < boxes.size(); ++i) {
-    std::uint32_t& n = number[root(i)];
-    if (n == std::numeric_limits<std::uint32_t>::max()) n = count++;
-    group[i] = n;
-  }
+  const std::vector<std::uint32_t> group = sets.numbers();
+  count = group.empty() ? 0 : *std::max_element(group.begin(), group.end()) + 1;
   return group;
 }
 

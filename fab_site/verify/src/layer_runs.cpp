@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <telefab/base/disjoint_sets.hpp>
 #include <telefab/fab/verify/layer_runs.hpp>
 
 namespace telefab::fab {
@@ -132,43 +132,30 @@ std::span<const PixelRun> LayerRuns::row(std::uint32_t y) const {
 
 RunComponents components_of(const LayerRuns& layer, bool diagonal) {
   RunComponents out;
-  std::vector<std::uint32_t> parent(layer.count());
-  std::iota(parent.begin(), parent.end(), 0U);
-  const auto root = [&](std::uint32_t i) {
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
-    return i;
-  };
+  DisjointSets sets{layer.count()};
   const std::int32_t reach = diagonal ? 1 : 0;
   for (std::uint32_t y = 1; y < layer.size().height_px; ++y) {
     const auto below = layer.row(y - 1), here = layer.row(y);
     for (std::size_t i = 0, j = 0; i < below.size() && j < here.size();) {
-      if (below[i].first < here[j].behind + reach && here[j].first < below[i].behind + reach) {
-        const std::uint32_t a = root(layer.row_start(y - 1) + static_cast<std::uint32_t>(i));
-        const std::uint32_t b = root(layer.row_start(y) + static_cast<std::uint32_t>(j));
-        parent[std::max(a, b)] = std::min(a, b);
-      }
+      if (below[i].first < here[j].behind + reach && here[j].first < below[i].behind + reach)
+        sets.join(layer.row_start(y - 1) + static_cast<std::uint32_t>(i),
+                  layer.row_start(y) + static_cast<std::uint32_t>(j));
       if (below[i].behind < here[j].behind)
         ++i;
       else
         ++j;
     }
   }
-  out.of_run.resize(layer.count());
-  constexpr std::uint32_t kNone = ~0U;
-  std::vector<std::uint32_t> number(layer.count(), kNone);
+  out.of_run = sets.numbers();
   const auto width = static_cast<std::int32_t>(layer.size().width_px);
   for (std::uint32_t y = 0; y < layer.size().height_px; ++y) {
     std::uint32_t index = layer.row_start(y);
     for (const PixelRun& run : layer.row(y)) {
-      const std::uint32_t r = root(index);
-      if (number[r] == kNone) {
-        number[r] = static_cast<std::uint32_t>(out.components.size());
-        out.components.push_back({0, run.first, y, false});
-      }
-      auto& component = out.components[number[r]];
+      const std::uint32_t number = out.of_run[index++];
+      if (number == out.components.size()) out.components.push_back({0, run.first, y, false});
+      auto& component = out.components[number];
       component.pixels += static_cast<std::uint64_t>(run.width());
       component.touches_edge |= run.first == 0 || run.behind == width || y == 0 || y + 1 == layer.size().height_px;
-      out.of_run[index++] = number[r];
     }
   }
   return out;

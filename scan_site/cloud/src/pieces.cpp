@@ -6,7 +6,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <telefab/base/disjoint_sets.hpp>
 #include <telefab/scan/cloud/kd_tree.hpp>
 
 namespace telefab::scan {
@@ -58,34 +58,12 @@ float median_of(std::vector<float> values) {
   return *middle;
 }
 
-class Sets {
- public:
-  explicit Sets(std::size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0U); }
-  std::uint32_t find(std::uint32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void join(std::uint32_t a, std::uint32_t b) {
-    a = find(a), b = find(b);
-    if (a != b) parent_[std::max(a, b)] = std::min(a, b);
-  }
-
- private:
-  std::vector<std::uint32_t> parent_;
-};
-
-PieceMap numbered(Sets& sets, std::size_t count) {
+PieceMap numbered(DisjointSets& sets) {
   PieceMap map;
-  map.of.resize(count);
-  std::vector<std::uint32_t> number(count, UINT32_MAX);
-  for (std::uint32_t i = 0; i < count; ++i) {
-    const std::uint32_t root = sets.find(i);
-    if (number[root] == UINT32_MAX) {
-      number[root] = static_cast<std::uint32_t>(map.size.size());
-      map.size.push_back(0);
-    }
-    map.of[i] = number[root];
-    ++map.size[map.of[i]];
+  map.of = sets.numbers();
+  for (const std::uint32_t piece : map.of) {
+    if (piece == map.size.size()) map.size.push_back(0);
+    ++map.size[piece];
   }
   return map;
 }
@@ -107,8 +85,9 @@ double spacing_by_box(std::span<const Eigen::Vector3f> points) {
 }
 
 /// Joins pieces whose points lie near each other although they are not among each other's nearest.
-void join_near(std::span<const Eigen::Vector3f> points, const std::vector<bool>& apart, float radius, Sets& sets) {
-  const PieceMap map = numbered(sets, points.size());
+void join_near(std::span<const Eigen::Vector3f> points, const std::vector<bool>& apart, float radius,
+               DisjointSets& sets) {
+  const PieceMap map = numbered(sets);
   const std::size_t largest =
       static_cast<std::size_t>(std::max_element(map.size.begin(), map.size.end()) - map.size.begin());
   if (map.size[largest] == points.size()) return;
@@ -151,7 +130,7 @@ std::vector<bool> scattered_points(std::span<const Eigen::Vector3f> points, cons
 PieceMap find_pieces(std::span<const Eigen::Vector3f> points, const SurfaceGraph& graph,
                      const std::vector<bool>& apart) {
   const std::vector<float> local = local_reaches(graph, reaches_of(points, graph));
-  Sets sets{points.size()};
+  DisjointSets sets{points.size()};
   for (std::uint32_t i = 0; i < points.size(); ++i) {
     if (apart[i]) continue;
     for (const std::uint32_t j : graph.neighbours_of(i)) {
@@ -160,7 +139,7 @@ PieceMap find_pieces(std::span<const Eigen::Vector3f> points, const SurfaceGraph
     }
   }
   join_near(points, apart, static_cast<float>(kLinkSpacings * spacing_by_box(points)), sets);
-  return numbered(sets, points.size());
+  return numbered(sets);
 }
 
 }  // namespace telefab::scan

@@ -5,7 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <telefab/base/disjoint_sets.hpp>
 #include <telefab/scan/cloud/box3.hpp>
 
 namespace telefab::scan {
@@ -48,35 +48,16 @@ constexpr float kFarthest = 0.5F;
 /// A gradient below this is that of no distance.
 constexpr float kLeastSlope = 0.1F;
 
-class Sets {
- public:
-  explicit Sets(std::size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0U); }
-  [[nodiscard]] std::uint32_t of(std::uint32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
+/// Members of each set, sets and members in rising order.
+std::vector<std::vector<std::uint32_t>> members_of(DisjointSets& sets) {
+  std::vector<std::vector<std::uint32_t>> members;
+  const std::vector<std::uint32_t> numbers = sets.numbers();
+  for (std::uint32_t i = 0; i < numbers.size(); ++i) {
+    if (numbers[i] == members.size()) members.emplace_back();
+    members[numbers[i]].push_back(i);
   }
-  void join(std::uint32_t a, std::uint32_t b) {
-    a = of(a), b = of(b);
-    if (a != b) parent_[std::max(a, b)] = std::min(a, b);
-  }
-  /// Members of each set, sets and members in rising order.
-  [[nodiscard]] std::vector<std::vector<std::uint32_t>> all() {
-    std::vector<std::vector<std::uint32_t>> sets;
-    std::vector<std::size_t> at(parent_.size());
-    for (std::uint32_t i = 0; i < parent_.size(); ++i) {
-      const std::uint32_t root = of(i);
-      if (root == i) {
-        at[i] = sets.size();
-        sets.emplace_back();
-      }
-      sets[at[root]].push_back(i);
-    }
-    return sets;
-  }
-
- private:
-  std::vector<std::uint32_t> parent_;
-};
+  return members;
+}
 
 struct Loop {
   std::vector<std::uint32_t> rims;
@@ -86,12 +67,12 @@ struct Loop {
 
 std::vector<Loop> loops_of(const MeasuredSide& measured, std::span<const Rim> rims, std::span<const Vector3f> places) {
   const KdTree near{places};
-  Sets sets{rims.size()};
+  DisjointSets sets{rims.size()};
   for (std::uint32_t i = 0; i < rims.size(); ++i)
     for (const Neighbour& n : near.within(places[i], kLoopSpacings * measured.spacings[rims[i].sample]))
       sets.join(i, n.index);
   std::vector<Loop> loops;
-  for (auto& members : sets.all()) {
+  for (auto& members : members_of(sets)) {
     Box3 box = Box3::nothing();
     for (const std::uint32_t i : members) box.include(places[i].cast<double>());
     const auto extent = static_cast<float>(box.size().norm());
@@ -198,7 +179,7 @@ Result<GapFields> GapFields::about(const MeasuredSide& measured, std::span<const
   for (const Rim& rim : rims) fields.places_.push_back(measured.points[rim.sample]);
   fields.gap_of_rim_.assign(rims.size(), -1);
   const std::vector<Loop> loops = loops_of(measured, rims, fields.places_);
-  Sets joined{loops.size()};
+  DisjointSets joined{loops.size()};
   std::vector<float> across(loops.size(), 0);
   for (std::uint32_t a = 0; a < loops.size(); ++a)
     for (std::uint32_t b = a + 1; b < loops.size(); ++b) {
@@ -208,7 +189,7 @@ Result<GapFields> GapFields::about(const MeasuredSide& measured, std::span<const
         across[a] = std::max(across[a], *apart);
       }
     }
-  const auto groups = joined.all();
+  const auto groups = members_of(joined);
   fields.gaps_.resize(groups.size());
   tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
     if (stop.stop_requested()) return;

@@ -6,8 +6,8 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <map>
 #include <numeric>
+#include <telefab/base/disjoint_sets.hpp>
 
 #include "reeb_nodes.hpp"
 
@@ -106,23 +106,15 @@ void pair_by_elder_rule(HeightTopology::Parts& parts, bool upwards) {
 }
 
 void find_components(HeightTopology::Parts& parts, std::span<const NodeRings> built) {
-  std::vector<std::size_t> parent(parts.nodes.size());
-  std::iota(parent.begin(), parent.end(), std::size_t{0});
-  const auto root = [&](std::size_t a) {
-    while (parent[a] != a) a = parent[a] = parent[parent[a]];
-    return a;
-  };
-  for (const ReebArc& arc : parts.arcs) {
-    const std::size_t a = root(arc.lower);
-    const std::size_t b = root(arc.upper);
-    parent[std::max(a, b)] = std::min(a, b);
-  }
-  std::map<std::size_t, std::size_t> number;
+  DisjointSets sets{parts.nodes.size()};
+  for (const ReebArc& arc : parts.arcs)
+    sets.join(static_cast<std::uint32_t>(arc.lower), static_cast<std::uint32_t>(arc.upper));
+  const std::vector<std::uint32_t> numbers = sets.numbers();
   for (std::size_t n = 0; n < parts.nodes.size(); ++n) {
-    const auto [at, is_new] = number.try_emplace(root(n), parts.components.size());
-    if (is_new) parts.components.push_back({.low_mm = parts.nodes[n].low_mm, .high_mm = parts.nodes[n].high_mm});
-    SurfaceComponent& c = parts.components[at->second];
-    parts.nodes[n].component = at->second;
+    if (numbers[n] == parts.components.size())
+      parts.components.push_back({.low_mm = parts.nodes[n].low_mm, .high_mm = parts.nodes[n].high_mm});
+    SurfaceComponent& c = parts.components[numbers[n]];
+    parts.nodes[n].component = numbers[n];
     c.euler += built[n].euler;
     c.nodes += 1;
     c.low_mm = std::min(c.low_mm, parts.nodes[n].low_mm);

@@ -1,27 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <cmath>
 #include <cstdint>
-#include <numeric>
+#include <telefab/base/disjoint_sets.hpp>
 #include <telefab/test/analytic_field.hpp>
 
 namespace telefab::test {
-namespace {
-
-class Parts {
- public:
-  explicit Parts(std::size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0u); }
-  std::uint32_t root(std::uint32_t a) {
-    while (parent_[a] != a) a = parent_[a] = parent_[parent_[a]];
-    return a;
-  }
-  void join(std::uint32_t a, std::uint32_t b) { parent_[root(a)] = root(b); }
-
- private:
-  std::vector<std::uint32_t> parent_;
-};
-
-}  // namespace
-
 SliceCount count_slice(const AnalyticField& shape, double z_mm, double pitch_mm) {
   return count_slice(
       shape.bounds(), [&](const Vec3& p) { return shape.inside(p); }, z_mm, pitch_mm);
@@ -37,7 +20,7 @@ SliceCount count_slice(const scan::Box3& box, const std::function<bool(const Vec
       solid[j * nx + i] = inside({box.min.x() + (i - 0.613) * pitch_mm, box.min.y() + (j - 0.387) * pitch_mm, z_mm});
 
   // Solid joins over edges, air over edges and corners: the parts of the air but one are the holes.
-  Parts parts{solid.size()};
+  DisjointSets parts{solid.size()};
   for (std::uint32_t j = 0; j < ny; ++j)
     for (std::uint32_t i = 0; i < nx; ++i) {
       const std::uint32_t a = j * nx + i;
