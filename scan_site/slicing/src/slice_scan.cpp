@@ -57,6 +57,10 @@ constexpr std::array kSparseKernelFactors{0.65, 1.5};
 /// the surface there may have (which 19 of 20 do not exceed). A layer on either side is doubtful in any case.
 constexpr double kCriticalErrorShare = 0.5;
 
+/// So many layers that nothing predicts are worth a plane that is cut both ways, at one of these parts of their height.
+constexpr double kCountedLayers = 12;
+constexpr std::array kCountedAt{0.5, 0.25, 0.75};
+
 /// Spacing that varies by more than this leaves room for a feature, or a whole wall, that no sample shows.
 constexpr double kMostUneven = 5;
 
@@ -110,6 +114,47 @@ std::vector<CutSetting::UndecidedPlace> undecided_places(const CompletedScan& co
   for (const CompletedScan::Passage& p : completed.passages())
     places.push_back({p.low_mm, p.high_mm, (p.high_mm - p.low_mm).norm()});
   return places;
+}
+
+/// Where the graph misses something on both sides, a plane cut both ways tells the Euler number of all heights up to
+/// the next thing missed: their layers need be cut one way only.
+Result<void> count_hidden_heights(const CutSetting& setting, const StackHeader& header, HeightTopology& topology,
+                                  std::stop_token stop) {
+  CutSetting alone = setting;
+  alone.topology = nullptr;
+  LayerCutter cutter{alone};
+  const double least_mm = kCountedLayers * header.layer_thickness_mm;
+  const auto counted_in = [&](const HeightRange& range) -> Result<bool> {
+    for (const double share : kCountedAt) {
+      const double wanted_mm = range.low_mm + share * (range.high_mm - range.low_mm);
+      const LayerIndex index{static_cast<std::uint32_t>(std::max(0.0, wanted_mm / header.layer_thickness_mm))};
+      const double z_mm = cut_height_mm(index, header.layer_thickness_mm);
+      if (index.count() >= header.layer_count || topology.is_near_critical(z_mm)) continue;
+      const auto cut = cutter.cut(index, z_mm, stop);
+      if (!cut) return tl::unexpected{cut.error()};
+      if (!cut->layer.certificate.is_certified()) continue;
+      int euler = 0;
+      for (const Contour& c : cut->layer.contours) euler += c.is_hole() ? -1 : 1;
+      topology.count(z_mm, euler);
+      return true;
+    }
+    return false;
+  };
+  std::vector<double> given_up;  // where the ranges begin
+  for (bool goes_on = true; goes_on;) {
+    goes_on = false;
+    for (const HeightRange& range : topology.uncounted()) {
+      if (range.high_mm - range.low_mm < least_mm || std::count(given_up.begin(), given_up.end(), range.low_mm) > 0)
+        continue;
+      const auto done = counted_in(range);
+      if (!done) return tl::unexpected{done.error()};
+      if (*done)
+        goes_on = true;
+      else
+        given_up.push_back(range.low_mm);
+    }
+  }
+  return {};
 }
 
 /// What was noticed while reading may be the reason, and is heard of nowhere else where nothing is sliced.
@@ -332,6 +377,8 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   if (const auto warning = warning_of(kernel)) result.warnings.push_back(*warning);
   for (const auto& other : others) setting.other_kernels.push_back(other.get());
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
+  if (topology && method == TraceMethod::Auto)
+    if (auto ok = count_hidden_heights(setting, header, *topology, stop); !ok) return tl::unexpected{ok.error()};
   WrittenCheck check{placed->size_mm, kernel.spacing_mm};
   if (auto ok = cut_layers(setting, header, range, threads, sink, progress, stop, check, result); !ok)
     return tl::unexpected{ok.error()};

@@ -62,47 +62,19 @@ Result<void> TopologyOptions::validate() const {
 }
 
 HeightTopology::HeightTopology(Parts parts) : parts_{std::move(parts)} {
-  // Sum the steps from below, and from above for what lies behind an inconsistent place.
-  struct Event {
-    double z;
-    bool leaves;
-    std::optional<int> step;  ///< none: inconsistent
-  };
-  std::vector<Event> events;
   const auto add = [&](double low, double high, std::optional<int> step) {
-    events.push_back({low, false, step});
-    events.push_back({high, true, step});
+    events_.push_back({low, Event::Kind::Begins, step});
+    events_.push_back({high, Event::Kind::Ends, step});
   };
   for (const ReebNode& n : parts_.nodes)
     add(n.low_mm, n.high_mm, n.resolved ? std::optional{n.euler_step} : std::nullopt);
-  for (const BlindInterval& b : parts_.blind) add(b.low_mm, b.high_mm, std::nullopt);
-  std::stable_sort(events.begin(), events.end(), [](const Event& x, const Event& y) { return x.z < y.z; });
-  std::vector<std::optional<int>> from_below(events.size());
-  std::optional<int> sum = 0;
-  for (std::size_t e = 0; e < events.size(); ++e) {
-    if (events[e].leaves && sum) sum = events[e].step ? std::optional{*sum + *events[e].step} : std::nullopt;
-    from_below[e] = sum;
-  }
-  if (sum && *sum != 0)
+  for (const HeightRange& b : parts_.blind) add(b.low_mm, b.high_mm, std::nullopt);
+  std::stable_sort(events_.begin(), events_.end(), [](const Event& x, const Event& y) { return x.z_mm < y.z_mm; });
+  if (const auto left = sum_up(); left && *left != 0)
     parts_.inconsistencies.push_back(
-        fmt::format("the critical points leave {} contours open above the top; one was missed", *sum));
-  std::vector<std::optional<int>> from_above(events.size());
-  sum = 0;
-  for (std::size_t e = events.size(); e-- > 0;) {
-    from_above[e] = sum;
-    if (events[e].leaves && sum) sum = events[e].step ? std::optional{*sum - *events[e].step} : std::nullopt;
-  }
-  int inside = 0;
-  for (std::size_t e = 0; e < events.size(); ++e) {
-    inside += events[e].leaves ? -1 : 1;
-    std::optional<int> value = from_below[e] ? from_below[e] : from_above[e];
-    if (from_below[e] && from_above[e] && *from_below[e] != *from_above[e]) value.reset();
-    if (inside > 0) value.reset();
-    step_heights_mm_.push_back(events[e].z);
-    euler_above_.push_back(value);
-  }
+        fmt::format("the critical points leave {} contours open above the top; one was missed", *left));
   // Apart from each other and rising.
-  std::vector<CriticalInterval>& near = parts_.near;
+  std::vector<HeightRange>& near = parts_.near;
   std::sort(near.begin(), near.end(), [](const auto& a, const auto& b) { return a.low_mm < b.low_mm; });
   std::size_t last = 0;
   for (std::size_t i = 1; i < near.size(); ++i)
@@ -111,6 +83,68 @@ HeightTopology::HeightTopology(Parts parts) : parts_{std::move(parts)} {
     else
       near[++last] = near[i];
   if (!near.empty()) near.resize(last + 1);
+}
+
+std::optional<int> HeightTopology::sum_up() {
+  const std::size_t count = events_.size();
+  std::vector<std::optional<int>> from_below(count), from_above(count);
+  std::optional<int> sum = 0;
+  for (std::size_t e = 0; e < count; ++e) {
+    const Event& event = events_[e];
+    if (event.kind == Event::Kind::Counted)
+      sum = event.value;
+    else if (event.kind == Event::Kind::Ends && sum)
+      sum = event.value ? std::optional{*sum + *event.value} : std::nullopt;
+    from_below[e] = sum;
+  }
+  const std::optional<int> left = sum;
+  sum = 0;
+  for (std::size_t e = count; e-- > 0;) {
+    const Event& event = events_[e];
+    from_above[e] = sum;
+    if (event.kind == Event::Kind::Counted)
+      sum = event.value;
+    else if (event.kind == Event::Kind::Ends && sum)
+      sum = event.value ? std::optional{*sum - *event.value} : std::nullopt;
+  }
+  euler_above_.assign(count, std::nullopt);
+  int inside = 0;
+  for (std::size_t e = 0; e < count; ++e) {
+    inside += events_[e].kind == Event::Kind::Begins ? 1 : events_[e].kind == Event::Kind::Ends ? -1 : 0;
+    if (inside > 0) continue;
+    euler_above_[e] = from_below[e] ? from_below[e] : from_above[e];
+    if (from_below[e] && from_above[e] && *from_below[e] != *from_above[e]) euler_above_[e].reset();
+  }
+  return left;
+}
+
+std::vector<HeightRange> HeightTopology::uncounted() const {
+  std::vector<HeightRange> ranges;
+  bool goes_on = false;
+  int inside = 0, blind = 0;
+  for (std::size_t e = 0; e + 1 < events_.size(); ++e) {
+    const Event& event = events_[e];
+    const int change = event.kind == Event::Kind::Begins ? 1 : event.kind == Event::Kind::Ends ? -1 : 0;
+    inside += change;
+    if (!event.value) blind += change;
+    if (event.kind == Event::Kind::Counted) goes_on = false;
+    if (blind > 0 || euler_above_[e]) {
+      goes_on = false;
+    } else if (goes_on) {
+      ranges.back().high_mm = events_[e + 1].z_mm;
+    } else if (inside == 0) {  // within a node there is nothing to count
+      ranges.push_back({event.z_mm, events_[e + 1].z_mm});
+      goes_on = true;
+    }
+  }
+  return ranges;
+}
+
+void HeightTopology::count(double z_mm, int euler) {
+  const auto at = std::upper_bound(events_.begin(), events_.end(), z_mm,
+                                   [](double z, const Event& event) { return z < event.z_mm; });
+  events_.insert(at, {z_mm, Event::Kind::Counted, euler});
+  sum_up();
 }
 
 int HeightTopology::euler() const {
@@ -125,9 +159,10 @@ bool HeightTopology::euler_is_certain() const {
 }
 
 std::optional<int> HeightTopology::predicted_euler(double z_mm) const {
-  const auto at = std::upper_bound(step_heights_mm_.begin(), step_heights_mm_.end(), z_mm);
-  if (at == step_heights_mm_.begin()) return 0;
-  return euler_above_[static_cast<std::size_t>(at - step_heights_mm_.begin()) - 1];
+  const auto at = std::upper_bound(events_.begin(), events_.end(), z_mm,
+                                   [](double z, const Event& event) { return z < event.z_mm; });
+  if (at == events_.begin()) return 0;
+  return euler_above_[static_cast<std::size_t>(at - events_.begin()) - 1];
 }
 
 std::optional<ContourCount> HeightTopology::predicted_contours(double z_mm) const {
@@ -143,7 +178,7 @@ std::optional<ContourCount> HeightTopology::predicted_contours(double z_mm) cons
 
 bool HeightTopology::is_near_critical(double z_mm) const {
   const auto after = std::upper_bound(parts_.near.begin(), parts_.near.end(), z_mm,
-                                      [](double z, const CriticalInterval& n) { return z < n.low_mm; });
+                                      [](double z, const HeightRange& n) { return z < n.low_mm; });
   return after != parts_.near.begin() && z_mm <= std::prev(after)->high_mm;
 }
 
@@ -209,7 +244,7 @@ Result<HeightTopology> analyse_height(const ScalarField& field, const SampleView
       const double near = options.near_critical_kernels * h;
       parts.near.push_back({c.position_mm.z() - near, c.position_mm.z() + near});
       if (c.plateau) {
-        CriticalInterval& level = parts.near[*c.plateau];
+        HeightRange& level = parts.near[*c.plateau];
         const Plateau& p = parts.plateaus[*c.plateau];
         level.low_mm = std::min(level.low_mm, p.low_mm - near);
         level.high_mm = std::max(level.high_mm, p.high_mm + near);

@@ -15,6 +15,8 @@ namespace telefab::scan::topology {
 namespace {
 
 constexpr double kOnRingKernels = 0.1;
+/// A height that nobody saw is looked for to within so many kernels.
+constexpr double kUnseenKernels = 0.05;
 
 /// Where a curve that rises from a node first meets another node.
 struct Meeting {
@@ -71,6 +73,97 @@ Meeting follow_up(const ScalarField& field, FieldCursor& cursor, const TracedNod
   if (end) meeting.node = node_of[*end];
   return meeting;
 }
+
+/// Arcs that arrive at one ring below a node: one, or the graph misses something.
+struct Arrivals {
+  std::size_t node = 0;
+  std::size_t ring = 0;
+  std::vector<std::size_t> arcs;
+};
+
+/// Finds between which heights the graph misses a critical point.
+class UnseenHeights {
+ public:
+  UnseenHeights(const ScalarField& field, FieldCursor& cursor, const CriticalIndex& index,
+                const HeightTopology::Parts& parts, std::span<const NodeRings> built,
+                std::span<const std::size_t> node_of, const std::stop_token& stop)
+      : field_{field}, cursor_{cursor}, index_{index}, parts_{parts}, built_{built}, node_of_{node_of}, stop_{stop} {}
+
+  [[nodiscard]] HeightRange below(const Arrivals& at) const {
+    if (at.arcs.empty()) return began(at);
+    return {became_one(at), built_[at.node].node.low_mm};
+  }
+
+ private:
+  /// None arrives. On the way down from the ring its contour meets one that an arc follows: above, that arc went
+  /// elsewhere and this contour began. Or the way ends at a node whose rings were lost: there it began.
+  [[nodiscard]] HeightRange began(const Arrivals& at) const {
+    const NodeRings& node = built_[at.node];
+    const Ring& ring = node.below[at.ring];
+    const Vec2& p = ring.points.front();
+    const SteepestLine down = follow_steepest(field_, cursor_, index_, {p.x(), p.y(), ring.z_mm}, false, {});
+    if (down.path_mm.empty()) return {node.node.low_mm, node.node.low_mm};
+    if (down.end)
+      if (const ReebNode& first = parts_.nodes[node_of_[*down.end]]; !first.resolved && first.arcs_above.empty())
+        return {first.low_mm, first.high_mm};
+    const auto is_followed = [&](double z_mm) {
+      const auto on = point_at_height(down.path_mm, z_mm);
+      return on && any_arc_on(contour_through(*on), z_mm);
+    };
+    const double h = field_.kernel_width_mm(node.node.place_mm);
+    return {last_of(down.path_mm.back().z(), ring.z_mm, h, is_followed), node.node.low_mm};
+  }
+
+  /// Several arrive: they became one since the second of them began.
+  [[nodiscard]] double became_one(const Arrivals& at) const {
+    std::vector<double> begins;
+    for (const std::size_t a : at.arcs) begins.push_back(parts_.nodes[parts_.arcs[a].lower].high_mm);
+    std::nth_element(begins.begin(), begins.begin() + 1, begins.end());
+    const NodeRings& node = built_[at.node];
+    const auto are_apart = [&](double z_mm) {
+      std::vector<Ring> seen;
+      for (const std::size_t a : at.arcs)
+        if (const auto p = point_at_height(parts_.arcs[a].path_mm, z_mm)) {
+          if (std::any_of(seen.begin(), seen.end(), [&](const Ring& r) { return is_on(r, *p); })) return false;
+          if (auto ring = contour_through(*p)) seen.push_back(std::move(*ring));
+        }
+      return true;
+    };
+    return last_of(begins[1], node.node.low_mm, field_.kernel_width_mm(node.node.place_mm), are_apart);
+  }
+
+  /// A height from `low_mm` on at which something holds that does not at one little above. It does not at `high_mm`.
+  template <class Holds>
+  static double last_of(double low_mm, double high_mm, double kernel_mm, Holds&& holds) {
+    while (high_mm - low_mm > kUnseenKernels * kernel_mm) {
+      const double middle = (low_mm + high_mm) / 2;
+      (holds(middle) ? low_mm : high_mm) = middle;
+    }
+    return low_mm;
+  }
+
+  [[nodiscard]] bool is_on(const Ring& ring, const Vec3& p) const {
+    const double reach = kOnRingKernels * field_.kernel_width_mm(p);
+    return ring.distance_mm(p.head<2>(), reach) < reach;
+  }
+  [[nodiscard]] std::optional<Ring> contour_through(const Vec3& p) const {
+    return trace_ring(field_, cursor_, p, stop_);
+  }
+  [[nodiscard]] bool any_arc_on(const std::optional<Ring>& ring, double z_mm) const {
+    return ring && std::any_of(parts_.arcs.begin(), parts_.arcs.end(), [&](const ReebArc& arc) {
+             const auto p = point_at_height(arc.path_mm, z_mm);
+             return p && is_on(*ring, *p);
+           });
+  }
+
+  const ScalarField& field_;
+  FieldCursor& cursor_;
+  const CriticalIndex& index_;
+  const HeightTopology::Parts& parts_;
+  std::span<const NodeRings> built_;
+  std::span<const std::size_t> node_of_;  ///< of critical points
+  const std::stop_token& stop_;
+};
 
 /// Rising nodes merge pieces of the surface below them; the younger piece ends there. With `upwards` false the same
 /// from above. Gives the extremum that begins the younger piece its height difference.
@@ -161,11 +254,11 @@ Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> sa
   });
   if (stop.stop_requested()) return cancelled("building the Reeb graph");
 
-  std::vector<std::vector<int>> met(built.size());
+  std::vector<std::vector<std::vector<std::size_t>>> met(built.size());  // arcs, by node and ring
   for (std::size_t n = 0; n < built.size(); ++n) {
     parts.nodes.push_back(built[n].node);
     parts.nodes.back().euler_step = built[n].euler_step;
-    met[n].assign(built[n].below.size(), 0);
+    met[n].resize(built[n].below.size());
     if (!built[n].inconsistency.empty())
       parts.inconsistencies.push_back(
           fmt::format("at {}: {}", place_text(built[n].node.place_mm), built[n].inconsistency));
@@ -183,7 +276,7 @@ Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> sa
       continue;
     }
     if (m.ring)
-      ++met[*m.node][*m.ring];
+      met[*m.node][*m.ring].push_back(parts.arcs.size());
     else if (!built[*m.node].below.empty() || built[*m.node].node.plateau)
       parts.inconsistencies.push_back(fmt::format("the contour that begins at {} reaches {} beside its rings",
                                                   place_text(from.node.place_mm),
@@ -193,24 +286,21 @@ Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> sa
     parts.nodes[*m.node].arcs_below.push_back(arc);
     parts.arcs.push_back({ports[k].node, *m.node, from.above[ports[k].ring].is_hole(), std::move(m.path)});
   }
+  std::vector<Arrivals> amiss;
   for (std::size_t n = 0; n < built.size(); ++n)
     for (std::size_t r = 0; r < met[n].size(); ++r) {
-      if (met[n][r] == 1) continue;
-      const NodeRings& node = built[n];
+      if (met[n][r].size() == 1) continue;
       parts.inconsistencies.push_back(
-          fmt::format("{} contours arrive at one ring below {}", met[n][r], place_text(node.node.place_mm)));
-      // Several: two became one somewhere since the later one began. None: it began unseen on the way down from here.
-      double low = node.node.low_mm;
-      for (const std::size_t a : parts.nodes[n].arcs_below)
-        low = std::min(low, parts.nodes[parts.arcs[a].lower].high_mm);
-      if (met[n][r] == 0) {
-        const Vec2& p = node.below[r].points.front();
-        const SteepestLine down =
-            follow_steepest(field, *cursors.local(), index, {p.x(), p.y(), node.below[r].z_mm}, false, {});
-        if (!down.path_mm.empty()) low = std::min(low, down.path_mm.back().z());
-      }
-      parts.blind.push_back({low, node.node.low_mm});
+          fmt::format("{} contours arrive at one ring below {}", met[n][r].size(), place_text(built[n].node.place_mm)));
+      amiss.push_back({n, r, std::move(met[n][r])});
     }
+  std::vector<HeightRange> unseen(amiss.size());
+  tbb::parallel_for(std::size_t{0}, amiss.size(), [&](std::size_t k) {
+    if (!stop.stop_requested())
+      unseen[k] = UnseenHeights{field, *cursors.local(), index, parts, built, node_of, stop}.below(amiss[k]);
+  });
+  if (stop.stop_requested()) return cancelled("building the Reeb graph");
+  parts.blind.insert(parts.blind.end(), unseen.begin(), unseen.end());
 
   for (IntegralLine& line : traced->lines)
     if (parts.critical_points[line.saddle].is_saddle()) parts.lines.push_back(std::move(line));

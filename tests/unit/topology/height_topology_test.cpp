@@ -20,6 +20,18 @@ HeightTopology analysed(const AnalyticField& shape, double spacing_mm = 0.85) {
   return std::move(*topology);
 }
 
+/// As if nobody had seen what lies within 8 mm of these places.
+Result<HeightTopology> analysed_without(const AnalyticField& shape, const std::vector<Vec3>& places) {
+  const SurfaceSamples all = sample_surface(shape, {.spacing_mm = 0.85});
+  SurfaceSamples seen;
+  for (std::size_t i = 0; i < all.points.size(); ++i)
+    if (std::all_of(places.begin(), places.end(), [&](const Vec3& p) { return (all.points[i] - p).norm() > 8; })) {
+      seen.points.push_back(all.points[i]);
+      seen.normals.push_back(all.normals[i]);
+    }
+  return analyse_height(shape, {seen.points, seen.normals}, {}, {});
+}
+
 std::string inconsistencies_of(const HeightTopology& topology) {
   std::string text;
   for (const std::string& d : topology.inconsistencies()) text += d + "\n";
@@ -259,6 +271,69 @@ TEST(HeightTopology, PredictsNothingWhereNoSampleIsNearLevel) {
   EXPECT_FALSE(topology.predicted_euler(0));
   EXPECT_FALSE(topology.predicted_contours(0));
   EXPECT_FALSE(topology.inconsistencies().empty());
+}
+
+TEST(HeightTopology, ASaddleNobodySawHidesOnlyTheHeightsBetweenItAndTheRingThatMissesIt) {
+  const Shape shape = two_bumps(20, 1);
+  const HeightTopology whole = analysed(*shape);
+  const Vec3 saddle = whole.critical_points()[1].position_mm;
+  const double lower_top = whole.critical_points()[2].position_mm.z();
+  const auto topology = analysed_without(*shape, {saddle});
+  ASSERT_TRUE(topology) << topology.error().what;
+  ASSERT_EQ(topology->critical_points().size(), 3u);
+  ASSERT_FALSE(topology->inconsistencies().empty());
+  EXPECT_EQ(topology->predicted_contours(saddle.z() - 0.3), (ContourCount{1, 0}));
+  EXPECT_EQ(topology->predicted_contours(0), (ContourCount{1, 0}));
+  EXPECT_FALSE(topology->predicted_euler(saddle.z() + 0.1));
+  EXPECT_FALSE(topology->predicted_euler(lower_top - 0.1));
+  EXPECT_EQ(topology->predicted_contours(lower_top + 0.3), (ContourCount{1, 0}));
+}
+
+TEST(HeightTopology, ACountedSliceTellsWhatIsHiddenFromBothEnds) {
+  const Shape shape = genus_two(20, 1);
+  const HeightTopology whole = analysed(*shape);
+  const auto points = whole.critical_points();
+  auto topology = analysed_without(*shape, {points[1].position_mm, points[points.size() - 2].position_mm});
+  ASSERT_TRUE(topology) << topology.error().what;
+  const double between_mm =
+      (points[points.size() / 2 - 1].position_mm.z() + points[points.size() / 2].position_mm.z()) / 2;
+  ASSERT_FALSE(topology->predicted_euler(between_mm));
+  ASSERT_EQ(topology->uncounted().size(), 1u);
+  const scan::HeightRange hidden = topology->uncounted()[0];
+  EXPECT_LT(hidden.low_mm, between_mm);
+  EXPECT_GT(hidden.high_mm, between_mm);
+
+  topology->count(between_mm, *whole.predicted_euler(between_mm));
+  EXPECT_TRUE(topology->uncounted().empty());
+  int compared = 0;
+  for (double z = hidden.low_mm + 0.3; z < hidden.high_mm - 0.3; z += 0.5)
+    if (!whole.is_near_critical(z)) {
+      ++compared;
+      EXPECT_EQ(topology->predicted_euler(z), whole.predicted_euler(z)) << z;
+    }
+  EXPECT_GT(compared, 10);
+}
+
+TEST(HeightTopology, SlicesCountedOnBothSidesOfWhatNobodySawEncloseIt) {
+  const Shape shape = near_touching_balls(15, 1.5, 1);
+  const HeightTopology whole = analysed(*shape);
+  ASSERT_GE(whole.critical_points().size(), 2u);
+  const auto top = whole.critical_points().back().position_mm;
+  // A ball's top that nobody saw: what is summed from below never comes to nothing.
+  auto topology = analysed_without(*shape, {top});
+  ASSERT_TRUE(topology) << topology.error().what;
+  for (int i = 0; i < 40; ++i) {
+    const auto hidden = topology->uncounted();
+    const auto tall = std::find_if(hidden.begin(), hidden.end(),
+                                   [](const scan::HeightRange& r) { return r.high_mm - r.low_mm > 0.4; });
+    if (tall == hidden.end()) break;
+    const double middle_mm = (tall->low_mm + tall->high_mm) / 2;
+    topology->count(middle_mm, *whole.predicted_euler(middle_mm));
+  }
+  for (double z = -20; z < 20; z += 0.25)
+    if (const auto euler = topology->predicted_euler(z); euler && !whole.is_near_critical(z)) {
+      EXPECT_EQ(euler, whole.predicted_euler(z)) << z;
+    }
 }
 
 TEST(HeightTopology, StopsWhenAsked) {

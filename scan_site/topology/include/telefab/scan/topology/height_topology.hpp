@@ -83,9 +83,7 @@ struct SurfaceComponent {
   double high_mm = 0;
 };
 
-/// Heights over which the graph is known to be wrong or incomplete; nothing is predicted inside, and what was summed
-/// on one side does not count on the other.
-struct BlindInterval {
+struct HeightRange {
   double low_mm = 0;
   double high_mm = 0;
 };
@@ -96,12 +94,6 @@ struct RoundedInterval {
   double low_mm = 0;
   double high_mm = 0;
   Vec3 place_mm = Vec3::Zero();
-};
-
-/// Heights too near to a critical point or plateau, by the kernel there, for a contour to be promised.
-struct CriticalInterval {
-  double low_mm = 0;
-  double high_mm = 0;
 };
 
 /// A point of one contour of the slice at its height.
@@ -122,7 +114,7 @@ struct TopologyOptions {
   [[nodiscard]] Result<void> validate() const;
 };
 
-/// Everything the height function tells about the surface. A value; const methods from any thread.
+/// Everything the height function tells about the surface. A value; const methods from any thread, not beside count.
 class HeightTopology {
  public:
   struct Parts {
@@ -132,10 +124,14 @@ class HeightTopology {
     std::vector<ReebNode> nodes;
     std::vector<ReebArc> arcs;
     std::vector<SurfaceComponent> components;
-    std::vector<BlindInterval> blind;
+    /// Heights over which the graph is known to be wrong or incomplete; nothing is predicted inside, and what was
+    /// summed on one side does not count on the other.
+    std::vector<HeightRange> blind;
     std::vector<RoundedInterval> rounded;
     std::vector<std::string> inconsistencies;
-    std::vector<CriticalInterval> near;  ///< in any order
+    /// Heights too near to a critical point or plateau, by the kernel there, for a contour to be promised. In any
+    /// order.
+    std::vector<HeightRange> near;
   };
   explicit HeightTopology(Parts parts);
 
@@ -159,6 +155,11 @@ class HeightTopology {
   /// below is inconsistent). None inside a plateau, and at heights that inconsistencies hide from both ends. By
   /// bisection.
   [[nodiscard]] std::optional<int> predicted_euler(double z_mm) const;
+  /// Where predicted_euler has none although nothing is wrong there: between two heights with inconsistencies, or where
+  /// the sums from below and from above differ. One slice counted in it settles it, or halves it. Rising.
+  [[nodiscard]] std::vector<HeightRange> uncounted() const;
+  /// From now on the slice at this height, outside nodes, is known to have this Euler number.
+  void count(double z_mm, int euler);
   /// From the arcs; none where they contradict predicted_euler or that has none.
   [[nodiscard]] std::optional<ContourCount> predicted_contours(double z_mm) const;
   /// True within near_critical_kernels of a critical height, by the kernel width at its point, or inside a plateau.
@@ -174,7 +175,17 @@ class HeightTopology {
 
  private:
   Parts parts_;
-  std::vector<double> step_heights_mm_;  ///< rising; between two of them the prediction is constant
+  /// Between two of them the prediction is constant.
+  struct Event {
+    enum class Kind { Begins, Ends, Counted };
+    double z_mm;
+    Kind kind;
+    std::optional<int> value;  ///< change of the Euler number over a node, none: unknown; of Counted the number itself
+  };
+  /// The Euler number above each event, summed from below and from above; what is left open above the top.
+  std::optional<int> sum_up();
+
+  std::vector<Event> events_;  ///< rising
   std::vector<std::optional<int>> euler_above_;
 };
 
