@@ -28,6 +28,8 @@ constexpr double kLayerMm = 0.15;
 constexpr double kStepMm = 0.25;
 /// Layers whose true count changes within this share of the height are nobody's fault.
 constexpr double kCriticalShare = 0.004;
+/// Heights on either side, within that share, at which the mesh's count is looked at.
+constexpr int kHeightsBeside = 8;
 
 struct Setup {
   std::vector<std::string> meshes;
@@ -82,6 +84,16 @@ struct Judgement {
   };
   std::map<std::string, Flagged, std::less<>> flagged;  ///< by reason
 
+  /// Whether the mesh has as many rings a little higher or lower, or changes its count from here to there: a ring that
+  /// begins and soon joins another leaves no trace on either side.
+  static bool near_critical(RingCount count, double z_mm, const MeshTruth& truth) {
+    const double near = kCriticalShare * kHeightMm;
+    if (!(truth.rings(z_mm - near) == truth.rings(z_mm + near))) return true;
+    for (int i = -kHeightsBeside; i <= kHeightsBeside; ++i)
+      if (truth.rings(z_mm + near * i / kHeightsBeside) == count) return true;
+    return false;
+  }
+
   /// Whether it has as many rings as the mesh.
   bool judge(std::span<const Segment> found, RingCount count, double z_mm, const MeshTruth& truth) {
     const auto exact = truth.section(z_mm);
@@ -90,11 +102,7 @@ struct Judgement {
     wrong_mm2 += areas.wrong_mm2;
     for (const Point2& p : along(found, kStepMm)) off_mm.push_back(truth.distance({p.x_mm, p.y_mm, z_mm}));
     if (count == truth.rings(z_mm)) return true;
-    const double near = kCriticalShare * kHeightMm;
-    if (!(truth.rings(z_mm - near) == truth.rings(z_mm + near)))
-      ++critical;
-    else
-      ++wrong;
+    ++(near_critical(count, z_mm, truth) ? critical : wrong);
     return false;
   }
 
