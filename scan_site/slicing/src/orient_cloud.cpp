@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <telefab/scan/completion/winding_tree.hpp>
 
@@ -13,6 +14,8 @@ namespace telefab::scan {
 namespace {
 
 constexpr std::size_t kMostAsked = 20'000, kMostOfPiece = 500, kLeastOfPiece = 8;
+/// Places asked before and behind a sample: the far ones lie beyond walls that are thinner.
+constexpr std::array kProbeSpacings{1.F, 0.5F};
 constexpr double kSure = 0.9;                      ///< share of a piece's samples that must agree
 constexpr double kOpen = 0.1;                      ///< mean normal of a cloud that is not closed
 constexpr double kLikely = 0.75, kUnlikely = 0.2;  ///< share that must, or must not, agree before such are turned
@@ -79,24 +82,30 @@ Judgement judge(const PointCloud& cloud, std::span<const Eigen::Vector3f> normal
                 const Asked& asked) {
   const WindingTree tree{cloud.points, normals, facts.area};
   std::vector<Eigen::Vector3f> places;
-  for (const std::uint32_t i : asked.points) {
-    const Eigen::Vector3f step = std::sqrt(facts.area[i]) * normals[i];
-    places.push_back(cloud.points[i] - step);
-    places.push_back(cloud.points[i] + step);
-  }
+  for (const std::uint32_t i : asked.points)
+    for (const float spacings : kProbeSpacings) {
+      const Eigen::Vector3f step = spacings * std::sqrt(facts.area[i]) * normals[i];
+      places.push_back(cloud.points[i] - step);
+      places.push_back(cloud.points[i] + step);
+    }
   const std::vector<float> winding = tree.windings(places);
   Judgement judgement;
   judgement.pieces.resize(facts.pieces);
   judgement.openness = tree.mean_normal().norm();
   for (std::size_t k = 0; k < asked.points.size(); ++k) {
-    const float behind = winding[2 * k], before = winding[2 * k + 1];
     Votes& votes = judgement.pieces[asked.piece[k]];
-    const std::uint32_t i = asked.points[k];
+    bool right = false, turned = false;
+    for (std::size_t p = 0; p < kProbeSpacings.size(); ++p) {
+      const std::size_t at = 2 * (kProbeSpacings.size() * k + p);
+      const float behind = winding[at], before = winding[at + 1];
+      right = right || (behind > 0.5F && before < 0.5F);
+      // with all normals turned the winding numbers change sign, and so do the sides
+      turned = turned || (-before > 0.5F && -behind < 0.5F);
+    }
     ++votes.asked;
-    votes.right += behind > 0.5F && before < 0.5F ? 1 : 0;
-    // with all normals turned the winding numbers change sign, and so do the sides
-    votes.turned += -before > 0.5F && -behind < 0.5F ? 1 : 0;
-    votes.coherent += looks_like_neighbours(normals, facts, i) ? 1 : 0;
+    votes.right += right ? 1 : 0;
+    votes.turned += turned ? 1 : 0;
+    votes.coherent += looks_like_neighbours(normals, facts, asked.points[k]) ? 1 : 0;
   }
   return judgement;
 }

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <random>
 #include <telefab/test/analytic_field.hpp>
+#include <telefab/test/solid.hpp>
 #include <telefab/test/surface_samples.hpp>
 
 namespace telefab::scan {
@@ -66,6 +67,16 @@ TEST(GivenNormals, OfBallsThatTouchAreKept) {
   PointCloud row;
   for (int i = 0; i < 4; ++i) add(row, ball(5, 0.4), {10. * i, 0, 0});
   expect_kept(row);
+}
+
+TEST(GivenNormals, OfWallsOneSpacingThickAreKept) {
+  for (const double half : {0.25, 0.5}) {
+    const auto samples = test::sample_solid(test::solid_box({8, half, 8}, 0.4 * half), 0.5, 9);
+    const PointCloud wall = cloud_of(samples);
+    const OrientedCloud made = oriented(wall);
+    EXPECT_EQ(made.cloud.normals, wall.normals) << half;
+    EXPECT_EQ(made.report.replaced_points, 0U) << half;
+  }
 }
 
 TEST(GivenNormals, OfShellsWithinShellsAreKept) {
