@@ -75,8 +75,9 @@ void LayerCutter::judge(Candidate& candidate, double z_mm) {
   std::vector<Doubt>& faults = candidate.trace.faults;
   if (candidate.trace.contours.empty())
     if (const auto place = wall_through(z_mm)) faults.push_back({DoubtReason::ContourMissing, *place});
-  const Coverage coverage = coverage_of(setting_.field, *cursor_, z_mm, candidate.trace.contours, steep_,
-                                        setting_.cover_kernels, setting_.noise_mm);
+  const Coverage coverage =
+      coverage_of(setting_.field, *cursor_, z_mm, candidate.trace.contours, steep_, setting_.cover_kernels,
+                  setting_.noise_mm, setting_.sparse ? nullptr : setting_.samples);
   const auto place = [&] { return coverage.places.front(); };
   if (coverage.lost > 0)
     faults.push_back({DoubtReason::SurfaceUncovered, place(), static_cast<std::uint32_t>(coverage.lost)});

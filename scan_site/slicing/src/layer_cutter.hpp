@@ -9,6 +9,7 @@
 #include <telefab/scan/slicing/slice_scan.hpp>
 #include <telefab/scan/topology/height_topology.hpp>
 
+#include "coverage.hpp"
 #include "doubtful_places.hpp"
 
 namespace telefab::scan {
@@ -21,8 +22,7 @@ struct CutSetting {
   /// The side that all samples tell, without the field: asked where the field has no contour though there must be one.
   const ScalarField* last_resort = nullptr;
   const HeightTopology* topology = nullptr;  ///< none: nothing is predicted
-  /// Samples with low <= z <= high, rising in z.
-  std::function<void(double low_mm, double high_mm, SurfaceSamples& found)> samples;
+  SampleSource samples;
   double band_mm = 0;  ///< samples farther than this from a plane are no matter of it: the widest of the bands
   /// Samples this near to a plane, in widths of their own kernel, must lie beside one of its contours. Above half the
   /// distance of rows over the kernel: between the rows of a grid there is else no sample at all.
