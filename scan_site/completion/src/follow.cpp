@@ -33,7 +33,9 @@ constexpr float kCellsAPitch = 1.5F;
 /// How far off the object's surface samples lie, in parts of their gap (95 of 100 do not): between normals that agree
 /// to within kAgreed and others,
 constexpr float kAgreed = 0.95F, kErrorAgreed = 0.25F, kErrorDisagreed = 0.4F;
-/// and on smooth functions, by how far two opinions are apart.
+/// and on smooth functions, by how far two opinions are apart. Where such a function is flat, as between sheets that it
+/// hardly parts, what it is off moves its zero set farther.
+constexpr float kLeastSlope = 0.1F;
 constexpr float kLeastErrorShare = 0.08F, kOpinions = 2, kMostErrorShare = 0.4F;
 /// Steps onto the zero set of a smooth function.
 constexpr int kNewton = 3;
@@ -299,8 +301,8 @@ class Follower {
     sample.spacing = pitch(cell.level) / std::sqrt(kCellsAPitch);
     sample.smooth = smooth_ != nullptr;
     if (smooth_)
-      sample.error_share =
-          std::min(kMostErrorShare, kLeastErrorShare + kOpinions * smooth_->opinions(own_gap, point) / gap);
+      sample.error_share = std::min(kMostErrorShare, kLeastErrorShare / std::clamp(normal.norm(), kLeastSlope, 1.F) +
+                                                         kOpinions * smooth_->opinions(own_gap, point) / gap);
     else
       sample.error_share = agreement > kAgreed ? kErrorAgreed : kErrorDisagreed;
     gap_of_sample_.push_back(own_gap);
