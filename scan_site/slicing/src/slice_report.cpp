@@ -1,9 +1,18 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <telefab/base/json_text.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 
 namespace telefab::scan {
+
+LayerCosts layer_costs(const SliceReport& report) {
+  std::vector<std::uint64_t> sorted = report.layer_evaluations;
+  if (sorted.empty()) return {};
+  std::sort(sorted.begin(), sorted.end());
+  return {std::accumulate(sorted.begin(), sorted.end(), std::uint64_t{0}), sorted[sorted.size() / 2], sorted.back()};
+}
 
 std::string to_json(const SliceReport& report) {
   using nlohmann::ordered_json;
@@ -36,6 +45,7 @@ std::string to_json(const SliceReport& report) {
     ordered_json value = json_or_discarded(text);
     return value.is_discarded() ? ordered_json(nullptr) : value;
   };
+  const LayerCosts costs = layer_costs(report);
   const ordered_json root{
       {"scan", h.scan_name},
       {"machine", h.machine},
@@ -80,7 +90,9 @@ std::string to_json(const SliceReport& report) {
       {"warnings", report.warnings},
       {"contours", report.contours},
       {"vertices", report.vertices},
-      {"evaluations", report.evaluations},
+      {"evaluations", costs.all},
+      {"median_layer_evaluations", costs.median},
+      {"most_layer_evaluations", costs.most},
       {"critical_points", report.critical_points},
       {"surface_euler", report.surface_euler ? ordered_json(*report.surface_euler) : ordered_json(nullptr)},
       {"inconsistencies", report.inconsistencies},

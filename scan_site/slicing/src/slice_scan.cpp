@@ -222,7 +222,7 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, st
       check.look_at(layer);
       const LayerCertificate& certificate = layer.certificate;
       ++report.layers_cut;
-      report.evaluations += cut.evaluations;
+      report.layer_evaluations.push_back(cut.evaluations);
       report.contours += layer.contours.size();
       for (const Contour& c : layer.contours) report.vertices += c.vertices().size();
       const SurfaceShares shares = surface_shares(layer);

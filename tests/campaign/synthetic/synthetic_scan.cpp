@@ -194,6 +194,7 @@ SyntheticVerdict& SyntheticVerdict::operator+=(const SyntheticVerdict& other) {
   wrong_flagged += other.wrong_flagged;
   critical += other.critical;
   seconds += other.seconds;
+  worst_over_median = std::max(worst_over_median, other.worst_over_median);
   return *this;
 }
 
@@ -221,6 +222,9 @@ Result<SyntheticVerdict> judge(const SyntheticScan& scan) {
 
   SyntheticVerdict verdict;
   for (const auto& t : report->times) verdict.seconds += t.seconds;
+  const scan::LayerCosts costs = layer_costs(*report);
+  verdict.worst_over_median =
+      static_cast<double>(costs.most) / static_cast<double>(std::max<std::uint64_t>(1, costs.median));
   const double rise = report->header.scan_to_build[11], h = report->kernel.kernel_mm;
   const double pitch = scan.spacing_mm / 5;
   for (const Layer& layer : layers) {

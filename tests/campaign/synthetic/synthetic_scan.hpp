@@ -27,6 +27,7 @@ struct SyntheticVerdict {
   int right_certified = 0, wrong_certified = 0, right_flagged = 0, wrong_flagged = 0;
   int critical = 0;  ///< of these: another count than the body's at the very height, but that beside it
   double seconds = 0;
+  double worst_over_median = 0;    ///< evaluations of the dearest layer over those of a middle one; of sums the largest
   std::vector<std::string> lines;  ///< layers that are certified and wrong
 
   SyntheticVerdict& operator+=(const SyntheticVerdict& other);

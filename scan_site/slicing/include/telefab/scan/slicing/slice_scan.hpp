@@ -120,12 +120,18 @@ struct SliceReport {
   std::vector<std::string> warnings;  ///< about the scan as a whole, for people
   std::uint64_t contours = 0;
   std::uint64_t vertices = 0;
-  std::uint64_t evaluations = 0;
-  std::optional<int> surface_euler;  ///< of the whole surface, from its critical points
+  std::vector<std::uint64_t> layer_evaluations;  ///< of the field by march and grid, a layer each, from below
+  std::optional<int> surface_euler;              ///< of the whole surface, from its critical points
   std::size_t critical_points = 0;
   std::vector<std::string> inconsistencies;  ///< about the topology, for people
   std::vector<StageTime> times;
 };
+/// Evaluations of a layer in the middle of all, and of the dearest.
+struct LayerCosts {
+  std::uint64_t all = 0, median = 0, most = 0;
+};
+[[nodiscard]] LayerCosts layer_costs(const SliceReport& report);
+
 /// One JSON object, fixed key order; scan_to_build is a 4x4 list of rows, build = T * scan.
 [[nodiscard]] std::string to_json(const SliceReport& report);
 
