@@ -16,6 +16,7 @@
 #include "damage.hpp"
 #include "layer_picture.hpp"
 #include "mesh_truth.hpp"
+#include "poisson.hpp"
 #include "section.hpp"
 
 namespace telefab::campaign {
@@ -37,6 +38,7 @@ struct Setup {
                                    "noise1", "noise2", "density10", "two",  "all"};
   std::vector<std::uint64_t> seeds{1};
   bool complete = true;
+  bool poisson = false;
   std::uint32_t judged = 10;  ///< every so many-th layer is held against the mesh
   bool list = false;
   bool reasons = false;
@@ -132,13 +134,14 @@ struct Judgement {
 };
 
 /// Sections of a mesh that another program made of the same points, at the heights of the layers judged.
-void judge_other(const MeshTruth& other, std::span<const Layer> layers, const MeshTruth& truth, const Setup& setup) {
+void judge_other(std::string_view name, const MeshTruth& other, std::span<const Layer> layers, const MeshTruth& truth,
+                 const Setup& setup) {
   Judgement found;
   for (const Layer& layer : layers)
     if (layer.index.count() % setup.judged == setup.judged / 2)
       found.judge(other.section(layer.z_mm), other.rings(layer.z_mm), layer.z_mm, truth);
   const double percent = 100 / kHeightMm;
-  fmt::print("{:74} {:4} {:4} {:3} {:6.4f} {:6.4f} {:6.3f}\n", "    the other", found.wrong, "", found.critical,
+  fmt::print("    {:70} {:4} {:4} {:3} {:6.4f} {:6.4f} {:6.3f}\n", name, found.wrong, "", found.critical,
              percent * found.mean_mm(), percent * rank(found.off_mm, 0.95), 100 * found.wrong_mm2 / found.truth_mm2);
 }
 
@@ -230,7 +233,15 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
     if (const auto other = read_mesh(name, false); !other)
       fmt::print("    {}: {}\n", name, other.error().what);
     else
-      judge_other(other->moved(report->header.scan_to_build), layers, truth, setup);
+      judge_other("the other", other->moved(report->header.scan_to_build), layers, truth, setup);
+  }
+  if (setup.poisson) {
+    const auto start = std::chrono::steady_clock::now();
+    const auto other = poisson_mesh(cloud);
+    if (!other) return tl::unexpected{other.error()};
+    const double took = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    judge_other(fmt::format("Poisson, {:.2f} s", took), other->moved(report->header.scan_to_build), layers, truth,
+                setup);
   }
   if (setup.verdicts)
     for (const auto& [reason, verdict] : found.flagged)
@@ -272,6 +283,8 @@ int main(int argc, char** argv) {
   options.add_flag("--reasons", setup.reasons, "also list flagged layers");
   options.add_flag("--verdicts", setup.verdicts, "also count, by reason, flagged layers that are right and wrong");
   options.add_option("--save", setup.save, "folder for the damaged clouds");
+  options.add_flag("--poisson", setup.poisson,
+                   "beside each row that of Poisson reconstruction (PCL, depth 8, weight 4)");
   options.add_option("--every", setup.judged, "every so many-th layer is held against the mesh");
   options.add_flag("--list", setup.list, "also list every layer held against the mesh");
   options.add_flag("--wrong", setup.wrong, "also list layers that are certified and wrong");
