@@ -25,10 +25,13 @@ enum NoteContext : unsigned {
   kEdges,
   kGap,
   kError,
-  kKind
+  kKind,
+  kSpecks
 };
 enum Flag : unsigned { kHasPredicted, kHasPlace };
 constexpr std::uint32_t kMaxReasonBytes = 4096;
+/// Added to the verdict of a layer that tells how many specks were left out: one without has the bytes it always had.
+constexpr std::uint32_t kWithSpecks = 4;
 
 constexpr std::int32_t kFar = 1 << 29;  ///< no lattice is wider: residuals fit 31 bits, turned or not
 
@@ -213,7 +216,8 @@ Result<Point2> decode_place(RangeDecoder& coder) {
 }  // namespace
 
 void encode_certificate(RangeEncoder& coder, ChunkModels& models, const LayerCertificate& c) {
-  models.small.encode(coder, static_cast<std::uint32_t>(c.verdict), kVerdict);
+  models.small.encode(coder, static_cast<std::uint32_t>(c.verdict) + (c.specks > 0 ? kWithSpecks : 0), kVerdict);
+  if (c.specks > 0) models.note.encode(coder, c.specks, kSpecks);
   models.small.encode(coder, static_cast<std::uint32_t>(c.method), kMethod);
   models.note.encode(coder, static_cast<std::uint32_t>(c.ground), kGround);
   models.small.encode(coder, zigzag(c.measured_euler), kEuler);
@@ -278,7 +282,13 @@ Result<std::optional<Doubt>> decode_words(RangeDecoder& coder, ChunkModels& mode
 Result<LayerCertificate> decode_certificate(RangeDecoder& coder, ChunkModels& models, CertificateForm form) {
   LayerCertificate c;
   const bool words = form == CertificateForm::InWords;
-  const std::uint32_t verdict = models.small.decode(coder, kVerdict);
+  std::uint32_t verdict = models.small.decode(coder, kVerdict);
+  if (!words && verdict > kWithSpecks) {
+    verdict -= kWithSpecks;
+    c.specks = models.note.decode(coder, kSpecks);
+    if (c.specks < 1 || c.specks > kMaxRingsPerLayer)
+      return broken("a certificate with an impossible number of specks");
+  }
   const std::uint32_t method = models.small.decode(coder, kMethod);
   if (verdict < 1 || verdict > (words ? 3U : 4U) || method < 1 || method > 3)
     return broken("a certificate with an unknown verdict or method");

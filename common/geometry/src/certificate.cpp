@@ -113,6 +113,8 @@ std::string sentence_of(const LayerCertificate& certificate) {
     case DoubtReason::NestingWrong:
       return "contours do not nest as solid and hole";
     case DoubtReason::ContourMissing:
+      if (certificate.specks > 0)
+        return fmt::format("nothing is left: the {} contours found are too small to be printed", certificate.specks);
       return "the surface passes below and above the plane, but no contour was found";
     case DoubtReason::SurfaceUncovered:
       return fmt::format("the surface at {} samples reaches the plane beside every contour", d.number);

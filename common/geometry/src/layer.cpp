@@ -180,6 +180,7 @@ std::string canonical_text(const Layer& layer) {
                                  layer.index.count(), layer.z_mm, layer.contours.size(), static_cast<int>(c.verdict),
                                  static_cast<int>(c.method), static_cast<int>(c.ground), c.measured_euler);
   text += c.predicted_euler ? fmt::format("{}", *c.predicted_euler) : std::string{"-"};
+  if (c.specks > 0) text += fmt::format(" specks {}", c.specks);
   if (c.doubt) {
     const Doubt& d = *c.doubt;
     text += fmt::format(" doubt {} {} {:a} {:a} {} {} {} {} place ", static_cast<int>(d.reason), d.number, d.size_mm,

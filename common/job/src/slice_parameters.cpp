@@ -26,6 +26,7 @@ constexpr std::array<std::string_view, 2> kCodings{"exact", "curve"};
 constexpr Range kLength{.least = 0, .is_least_in = false, .most = kMaxCoordinateMm};
 constexpr Range kScale{.least = 0, .is_least_in = false, .most = 1e9};
 constexpr Range kKernel{.least = 0, .is_least_in = false, .most = 1000};
+constexpr Range kSpeck{.least = 0, .is_least_in = true, .most = 100};
 constexpr Range kUpToOne{.least = 0, .is_least_in = false, .most = 1};
 
 const std::array kTable{
@@ -94,6 +95,13 @@ const std::array kTable{
                            "coded as curves",
                    .unit = "mm",
                    .range = kUpToOne},
+    SliceParameter{.key = "speck_px2",
+                   .field = &P::speck_px2,
+                   .help =
+                       "leave out contours of less area than so many of the machine's pixels; those thinner than an "
+                       "eighth of a pixel go in any case; default: 0.5",
+                   .unit = "px2",
+                   .range = kSpeck},
     SliceParameter{.key = "method",
                    .field = &P::method,
                    .help = "how contours are found: marched from the Reeb graph, by marching squares, or marched where "
@@ -113,7 +121,7 @@ const std::array kTable{
     SliceParameter{.key = "keep_outliers", .field = &P::keep_outliers, .help = "use every point of the scan"},
     SliceParameter{.key = "coding",
                    .field = &P::coding,
-                   .help = "how contours are coded: to the last digit, or as curves within 0.144 pixels",
+                   .help = "how contours are coded: to the last digit, or as curves within 0.065 pixels",
                    .choices = kCodings,
                    .fallback = "curve"},
 };

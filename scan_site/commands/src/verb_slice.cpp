@@ -215,6 +215,9 @@ void print_summary(const SliceReport& report) {
                     "measured one; wrong by {:.2g} mm at most (19 of 20)\n",
                     added.virtual_samples, added.largest_gap_mm, added.largest_error_mm));
   print_gaps(report.gaps);
+  if (const SpeckSummary& specks = report.specks; specks.rings > 0)
+    write_output(fmt::format("{} contours too small to be printed left out in {} layers, the largest of {:.2g} mm2\n",
+                             specks.rings, specks.layers.size(), specks.largest_mm2));
   write_output(fmt::format("{} layers certified ({} marched), {} flagged\n", report.certified,
                            report.certified_by_march, report.flagged.size()));
   if (const SurfaceShares& s = report.shares; s.completed_mm + s.doubtful_mm > 0)

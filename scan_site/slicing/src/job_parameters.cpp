@@ -8,8 +8,8 @@
 namespace telefab::scan {
 namespace {
 
-/// What the coding of curves needs beyond the chords, in pixels.
-constexpr double kLeastRoom_px = 0.044;
+/// What the coding of curves has beyond the chords, in pixels: as much as with the chords of the default.
+constexpr double kLeastRoom_px = CodecOptions{}.total_error_pitch - CodecOptions{}.chord_error_pitch;
 
 /// Reads a word that may be left out by one of the parsers that own the words.
 template <class Value, class Parse>
@@ -68,6 +68,7 @@ Result<JobParameters> job_parameters_of(const SliceParameters& asked, const Mach
   slice.thickness_mm = asked.thickness_mm;
   slice.layer_mm = asked.layer_mm;
   slice.chord_mm = asked.chord_mm;
+  slice.speck_px2 = asked.speck_px2.value_or(slice.speck_px2);
   slice.mls.kernel_mm = asked.kernel_mm;
   slice.mls.drop_outliers = !asked.keep_outliers;
   if (auto ok = take_words(asked, slice); !ok) return tl::unexpected{ok.error()};

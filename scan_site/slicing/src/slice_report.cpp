@@ -39,6 +39,8 @@ std::string to_json(const SliceReport& report) {
                     {"place_mm", {g.place.x_mm, g.place.y_mm}},
                     {"size_mm", g.size_mm},
                     {"bridged", g.bridged}});
+  ordered_json speck_layers = ordered_json::array();
+  for (const LayerIndex layer : report.specks.layers) speck_layers.push_back(layer.count());
   ordered_json times = ordered_json::object();
   for (const StageTime& t : report.times) times[t.stage] = t.seconds;
   const auto parsed = [](const std::string& text) {
@@ -87,6 +89,11 @@ std::string to_json(const SliceReport& report) {
         {"virtual_samples", report.completion.virtual_samples},
         {"largest_gap_mm", report.completion.largest_gap_mm},
         {"largest_error_mm", report.completion.largest_error_mm}}},
+      {"specks",
+       {{"below_mm2", report.specks.least_mm2},
+        {"rings", report.specks.rings},
+        {"largest_mm2", report.specks.largest_mm2},
+        {"layers", speck_layers}}},
       {"warnings", report.warnings},
       {"contours", report.contours},
       {"vertices", report.vertices},

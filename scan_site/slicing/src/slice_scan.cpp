@@ -11,6 +11,7 @@
 #include <charconv>
 #include <cmath>
 #include <telefab/geometry/limits.hpp>
+#include <telefab/scan/contour/specks.hpp>
 #include <telefab/scan/slicing/placed_surface.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 #include <telefab/scan/topology/height_topology.hpp>
@@ -66,6 +67,9 @@ constexpr double kMostUneven = 5;
 
 /// Rounding this coarse (in spacings) leaves no contour to be trusted.
 constexpr double kCoarseRounding = 0.3;
+
+/// Thinner rings than this no mask shows, and the lattices of the wire, a sixteenth of a pixel wide, keep all others.
+constexpr double kThinnest_px = 0.125;
 
 /// What is wrong with the scan as a whole, so that no layer of it can be vouched for.
 std::optional<Doubt> doubt_of(const KernelChoice& kernel, const PreparedScan& scan, double rounding_mm) {
@@ -219,6 +223,10 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, st
     }
     for (CutLayer& cut : *block->cut) {
       Layer& layer = cut.layer;
+      const LeftOut specks = leave_specks_out(layer, {report.specks.least_mm2, kThinnest_px * header.pixel_pitch_mm});
+      if (specks.rings > 0) report.specks.layers.push_back(layer.index);
+      report.specks.rings += specks.rings;
+      report.specks.largest_mm2 = std::max(report.specks.largest_mm2, specks.largest_mm2);
       check.look_at(layer);
       const LayerCertificate& certificate = layer.certificate;
       ++report.layers_cut;
@@ -376,6 +384,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   setting.undecided = undecided_places(completed, **field, topology ? &*topology : nullptr, header.layer_thickness_mm);
   if (const auto warning = warning_of(kernel)) result.warnings.push_back(*warning);
   for (const auto& other : others) setting.other_kernels.push_back(other.get());
+  result.specks.least_mm2 = request.speck_px2 * header.pixel_pitch_mm * header.pixel_pitch_mm;
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
   if (topology && method == TraceMethod::Auto)
     if (auto ok = count_hidden_heights(setting, header, *topology, stop); !ok) return tl::unexpected{ok.error()};
@@ -447,6 +456,8 @@ Result<void> SliceRequest::validate() const {
   if (!positive(most_gap_mm, kMaxCoordinateMm))
     return fail(ErrorCode::InvalidInput,
                 fmt::format("a gap of {} mm is not in (0, {}]", *most_gap_mm, kMaxCoordinateMm));
+  if (!(speck_px2 >= 0 && speck_px2 <= 100))
+    return fail(ErrorCode::InvalidInput, fmt::format("specks of {} pixels are not in [0, 100]", speck_px2));
   if (threads > 1024) return fail(ErrorCode::InvalidInput, fmt::format("{} threads; at most 1024", threads));
   return mls.validate();
 }

@@ -24,11 +24,12 @@ std::string fingerprint(const JobParameters& p) {
   const auto number = [](const std::optional<double>& v) { return v ? std::to_string(*v) + ' ' : std::string{"- "}; };
   return number(s.placement.height_mm) + number(s.placement.scale) + number(s.placement.unit_mm) + number(s.layer_mm) +
          number(s.chord_mm) + number(s.most_gap_mm) + number(s.thickness_mm) + number(s.mls.kernel_mm) +
-         std::to_string(s.placement.fit) + std::to_string(s.complete) + std::to_string(s.flat_base) +
-         std::to_string(s.intake.pick.crop ? s.intake.pick.crop->max.z() : 0) + std::to_string(s.intake.pick.pieces) +
-         std::to_string(s.intake.sample_faces) + std::to_string(s.mls.drop_outliers) +
-         std::to_string(static_cast<int>(s.placement.up)) + std::to_string(static_cast<int>(s.method)) +
-         std::to_string(static_cast<int>(s.mls.surface)) + std::to_string(static_cast<int>(p.codec.coding));
+         number(s.speck_px2) + std::to_string(s.placement.fit) + std::to_string(s.complete) +
+         std::to_string(s.flat_base) + std::to_string(s.intake.pick.crop ? s.intake.pick.crop->max.z() : 0) +
+         std::to_string(s.intake.pick.pieces) + std::to_string(s.intake.sample_faces) +
+         std::to_string(s.mls.drop_outliers) + std::to_string(static_cast<int>(s.placement.up)) +
+         std::to_string(static_cast<int>(s.method)) + std::to_string(static_cast<int>(s.mls.surface)) +
+         std::to_string(static_cast<int>(p.codec.coding));
 }
 
 // A knob that is in the table and reaches nothing could be submitted and would be ignored.

@@ -80,8 +80,10 @@ struct LayerCertificate {
   std::optional<std::int32_t> predicted_euler;  ///< outer minus hole rings, from the critical points below this layer
   std::int32_t measured_euler = 0;              ///< outer minus hole rings found
   std::optional<Doubt> doubt;                   ///< the gravest; only where the verdict is Doubtful
+  /// Rings too small to be printed that were left out after the layer was judged: the counts above have them.
+  std::uint32_t specks = 0;
 
-  /// Count, nesting, closedness, coverage and absence of crossings are vouched for.
+  /// Count (with the specks), nesting, closedness, coverage and absence of crossings are vouched for.
   [[nodiscard]] bool is_certified() const { return verdict == Verdict::Measured || verdict == Verdict::Completed; }
   /// The layer lacks contours of the object: a part printed from it lacks them too.
   [[nodiscard]] bool is_incomplete() const;

@@ -27,6 +27,7 @@ struct SliceParameters {
   std::optional<double> thickness_mm;
   std::optional<double> layer_mm;
   std::optional<double> chord_mm;
+  std::optional<double> speck_px2;
   std::optional<std::string> method;
   std::optional<std::string> surface;
   std::optional<double> kernel_mm;

@@ -55,8 +55,9 @@ struct SliceRequest {
   /// > 0; the scan is a sheet or relief seen from one side: the part is this thick, behind what was scanned. None: a
   /// body.
   std::optional<double> thickness_mm;
-  std::optional<double> chord_mm;                      ///< (0, 1]; none: a tenth of the pixel pitch
-  unsigned threads = 0;                                ///< 0: one a core
+  std::optional<double> chord_mm;  ///< (0, 1]; none: a tenth of the pixel pitch
+  double speck_px2 = 0.5;          ///< [0, 100]; rings of less area, in pixels, are left out (see leave_specks_out)
+  unsigned threads = 0;            ///< 0: one a core
   std::optional<std::array<std::uint32_t, 2>> layers;  ///< first and last layer to be cut; none: all
   [[nodiscard]] Result<void> validate() const;
 };
@@ -99,6 +100,14 @@ struct CompletionSummary {
   double largest_error_mm = 0;  ///< it may be wrong by so much
 };
 
+/// Rings too small to be printed that no layer holds any more.
+struct SpeckSummary {
+  double least_mm2 = 0;  ///< what has less area is a speck
+  std::uint64_t rings = 0;
+  double largest_mm2 = 0;          ///< of those left out
+  std::vector<LayerIndex> layers;  ///< that had some, from below
+};
+
 struct SliceReport {
   StackHeader header;
   std::size_t points = 0;  ///< read
@@ -117,6 +126,7 @@ struct SliceReport {
   std::vector<LayerGap> gaps;  ///< of all layers, from below
   Openness open;
   CompletionSummary completion;
+  SpeckSummary specks;
   std::vector<std::string> warnings;  ///< about the scan as a whole, for people
   std::uint64_t contours = 0;
   std::uint64_t vertices = 0;
