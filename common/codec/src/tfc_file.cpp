@@ -94,6 +94,19 @@ Writer header_body(const StackHeader& h) {
   return body;
 }
 
+Writer chunk_body(const Chunk& chunk, const Digest& chain) {
+  Writer body;
+  body.number(chunk.sequence, 4).number(chunk.first_layer.count(), 4).number(chunk.layer_count, 4);
+  body.raw(chain.bytes).raw(chunk.payload);
+  return body;
+}
+
+Writer end_body(std::uint32_t chunks, const Digest& chain, const Digest& stack) {
+  Writer body;
+  body.number(chunks, 4).raw(chain.bytes).raw(stack.bytes);
+  return body;
+}
+
 StackHeader read_header(Reader& from) {
   StackHeader h;
   h.layer_count = from.number32();
@@ -118,11 +131,8 @@ Result<TfcWriter> TfcWriter::start(StackHeader header, const CodecOptions& optio
 }
 
 Result<void> TfcWriter::write(const Chunk& chunk) {
-  Writer body;
-  body.number(chunk.sequence, 4).number(chunk.first_layer.count(), 4).number(chunk.layer_count, 4);
-  body.raw(chain_.add(chunk).bytes).raw(chunk.payload);
   ++chunks_;
-  return sink_(record(Record::Chunk, body));
+  return sink_(record(Record::Chunk, chunk_body(chunk, chain_.add(chunk))));
 }
 
 Result<void> TfcWriter::add(const Layer& layer) {
@@ -137,9 +147,8 @@ Result<Digest> TfcWriter::finish() {
   if (*chunk)
     if (auto done = write(**chunk); !done) return tl::unexpected{done.error()};
   const Digest stack = encoder_.stack_digest();
-  Writer body;
-  body.number(chunks_, 4).raw(chain_.value().bytes).raw(stack.bytes);
-  if (auto done = sink_(record(Record::End, body)); !done) return tl::unexpected{done.error()};
+  if (auto done = sink_(record(Record::End, end_body(chunks_, chain_.value(), stack))); !done)
+    return tl::unexpected{done.error()};
   return stack;
 }
 
@@ -153,6 +162,17 @@ Result<std::vector<std::byte>> write_tfc(const LayerStack& stack, const CodecOpt
   for (const Layer& layer : stack.layers())
     if (auto done = writer->add(layer); !done) return tl::unexpected{done.error()};
   if (auto done = writer->finish(); !done) return tl::unexpected{done.error()};
+  return bytes;
+}
+
+std::vector<std::byte> tfc_of(const StackHeader& header, std::span<const Chunk> chunks, const Digest& stack) {
+  std::vector<std::byte> bytes;
+  const auto add = [&](std::span<const std::byte> more) { bytes.insert(bytes.end(), more.begin(), more.end()); };
+  add(std::as_bytes(std::span{kMagic}));
+  add(record(Record::Header, header_body(header)));
+  ChunkChain chain{header};
+  for (const Chunk& chunk : chunks) add(record(Record::Chunk, chunk_body(chunk, chain.add(chunk))));
+  add(record(Record::End, end_body(static_cast<std::uint32_t>(chunks.size()), chain.value(), stack)));
   return bytes;
 }
 

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <telefab/codec/tfc_file.hpp>
 #include <telefab/service/saved_message.hpp>
 #include <telefab/wire/job_signature.hpp>
 
@@ -119,6 +120,21 @@ Result<LayerStack> received_stack(const std::filesystem::path& folder) {
   if (stack && (!spool->finished() || (!earlier && digest_of(*stack) != *spool->finished())))
     return fail(ErrorCode::NotTrusted, "stack-digest: the kept layers are not those that were received");
   return stack;
+}
+
+Result<std::vector<std::byte>> received_tfc(const std::filesystem::path& folder) {
+  const auto offer = saved_offer(folder);
+  if (!offer) return tl::unexpected{offer.error()};
+  const auto spool = ChunkSpool::open(folder / "chunks");
+  if (!spool) return tl::unexpected{spool.error()};
+  if (!spool->finished()) return fail(ErrorCode::Conflict, "not all of the layers have arrived");
+  std::vector<Chunk> chunks;
+  for (std::uint32_t sequence = 0; sequence < spool->chunk_count(); ++sequence) {
+    auto chunk = spool->read(sequence);
+    if (!chunk) return tl::unexpected{chunk.error()};
+    chunks.push_back({chunk->sequence, chunk->first_layer, chunk->layer_count, std::move(chunk->payload)});
+  }
+  return tfc_of(offer->header, chunks, *spool->finished());
 }
 
 }  // namespace telefab::fab

@@ -54,5 +54,8 @@ class Intake {
 
 /// All layers of a complete job, its digest and its signatures checked again.
 [[nodiscard]] Result<LayerStack> received_stack(const std::filesystem::path& folder);
+/// The same as the bytes of a .tfc file, as they came. Fails: the saved offer or the chunks cannot be read; Conflict
+/// where the job is not complete.
+[[nodiscard]] Result<std::vector<std::byte>> received_tfc(const std::filesystem::path& folder);
 
 }  // namespace telefab::fab

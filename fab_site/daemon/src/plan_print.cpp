@@ -26,7 +26,10 @@ Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const LayerSt
                               const MachineProfile& machine, PlanOptions options, const Clock& clock,
                               const ProgressSink& progress, std::stop_token stop) {
   if (const auto offer = saved_offer(folder)) options.registration_rms_mm = offer->registration_rms_mm;
-  const auto summary = write_plan_folder(folder / "plan", stack, machine, options, clock, progress, std::move(stop));
+  const auto tfc = received_tfc(folder);
+  if (!tfc) return tl::unexpected{tfc.error()};
+  const auto summary =
+      write_plan_folder(folder / "plan", stack, machine, options, clock, progress, std::move(stop), *tfc);
   if (!summary) return tl::unexpected{summary.error()};
   return PlanOutcome{static_cast<std::uint32_t>(summary->plan.layers.size()), preflight_of(stack, machine, *summary)};
 }

@@ -15,8 +15,8 @@ struct PlanOutcome {
   Preflight preflight;  ///< what may hold it
 };
 
-/// Plans a received job into folder/plan: supports, masks, exposures, pictures and reports. How well the scan's views
-/// lie on each other is taken from the saved offer. Fails as write_plan_folder.
+/// Plans a received job into folder/plan: its contours as they came, supports, masks, exposures, pictures and reports.
+/// How well the scan's views lie on each other is taken from the saved offer. Fails as write_plan_folder.
 [[nodiscard]] Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const LayerStack& stack,
                                             const MachineProfile& machine, PlanOptions options, const Clock& clock,
                                             const ProgressSink& progress, std::stop_token stop);

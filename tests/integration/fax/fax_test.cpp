@@ -42,6 +42,21 @@ TEST_F(Fax, PrintsASubmittedScanAndBringsTheReportsBack) {
   EXPECT_THAT(text_of(out / "preview.png"), testing::StartsWith("\x89PNG"));
 }
 
+TEST_F(Fax, PlansTheContoursAsTheyWereCodedAndKeepsThemSo) {
+  start_both();
+  const std::string job = submit_torus();
+  ASSERT_EQ(telefab({"watch", job}).code, 0);
+  // Coded once more they would be rounded once more.
+  const auto sliced = folder() / "sliced.tfc";
+  const Outcome slice =
+      run({std::string{::getenv("TELEFAB_BIN")} + "/telefab-scan", "slice", torus().string(), "--machine", "toy",
+           "--machines", (folder() / "machines").string(), "--height-mm", "4", "--out", sliced.string()});
+  ASSERT_EQ(slice.code, 0) << slice.errors;
+  const std::string kept = text_of(folder() / "fab" / "jobs" / job / "plan" / "part.tfc");
+  EXPECT_THAT(kept, StartsWith("TFC1"));
+  EXPECT_TRUE(kept == text_of(sliced)) << kept.size() << " bytes kept, " << text_of(sliced).size() << " coded";
+}
+
 TEST_F(Fax, BringsThePictureOfThePredictedPartOnceItWasComputed) {
   start_both();
   const std::string job = submit_torus();

@@ -27,6 +27,18 @@ TEST(TfcFile, ComesBackWithHeaderLayersAndCertificates) {
   EXPECT_EQ(write_tfc(read_tfc(once).value(), exact).value(), once);
 }
 
+TEST(TfcFile, IsMadeOfChunksThatExistWithoutCodingThemOnceMore) {
+  const LayerStack stack = random_stack(6, 130);
+  StackEncoder encoder = StackEncoder::start(stack.header(), {}).value();
+  std::vector<Chunk> chunks;
+  for (const Layer& layer : stack.layers())
+    if (auto chunk = encoder.add(layer).value()) chunks.push_back(std::move(*chunk));
+  if (auto chunk = encoder.finish().value()) chunks.push_back(std::move(*chunk));
+  const auto bytes = tfc_of(stack.header(), chunks, encoder.stack_digest());
+  EXPECT_EQ(bytes, write_tfc(stack, {}).value());
+  EXPECT_EQ(digest_of(read_tfc(bytes).value()), encoder.stack_digest());
+}
+
 std::vector<std::byte> bytes_of(std::string_view hex) {
   std::vector<std::byte> bytes;
   for (std::size_t i = 0; i < hex.size(); i += 2)

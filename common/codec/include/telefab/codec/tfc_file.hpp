@@ -32,6 +32,11 @@ class TfcWriter {
 /// The bytes of a .tfc file of a whole stack.
 [[nodiscard]] Result<std::vector<std::byte>> write_tfc(const LayerStack& stack, const CodecOptions& options);
 
+/// The bytes of a .tfc file of chunks that exist already, from the first on, and of the digest of what they decode to:
+/// nothing is coded, and so rounded, once more.
+[[nodiscard]] std::vector<std::byte> tfc_of(const StackHeader& header, std::span<const Chunk> chunks,
+                                            const Digest& stack);
+
 /// Reads a .tfc file back. Fails with InvalidInput: not a .tfc file, truncated, damaged (checksum, digest), a layer
 /// that breaks its bounds; the message says which record and at which byte.
 [[nodiscard]] Result<LayerStack> read_tfc(std::span<const std::byte> bytes);
