@@ -59,13 +59,19 @@ Deviation summarise(std::vector<double> d) {
   out.p1 = at(0.01);
   out.p50 = at(0.5);
   out.p99 = at(0.99);
-  double sum = 0, square = 0;
+  double sum = 0, square = 0, size = 0;
   for (const double v : d) {
     sum += v;
     square += v * v;
+    size += std::abs(v);
   }
   out.bias = sum / static_cast<double>(d.size());
   out.rms = std::sqrt(square / static_cast<double>(d.size()));
+  out.size_mean = size / static_cast<double>(d.size());
+  for (double& v : d) v = std::abs(v);
+  std::sort(d.begin(), d.end());
+  out.size_p95 = at(0.95);
+  out.size_max = d.back();
   return out;
 }
 
@@ -178,9 +184,10 @@ std::string to_json(const Measurement& m) {
                           m.motion.matrix()(r, 1), m.motion.matrix()(r, 2), m.motion.matrix()(r, 3));
   const double percent = 100 / m.height;
   return fmt::format(
-      R"({{"height":{:.6g},"compared":{},"unmatched":{},"align_rms":{:.6g},"deviation":{{"min":{:.6g},"max":{:.6g},"p1":{:.6g},"p50":{:.6g},"p99":{:.6g},"rms":{:.6g},"bias":{:.6g}}},"percent_of_height":{{"min":{:.4f},"max":{:.4f},"p1":{:.4f},"p50":{:.4f},"p99":{:.4f},"rms":{:.4f},"bias":{:.4f}}},"built_to_reference":[{}]}})",
-      m.height, m.compared, m.unmatched, m.align_rms, d.min, d.max, d.p1, d.p50, d.p99, d.rms, d.bias, d.min * percent,
-      d.max * percent, d.p1 * percent, d.p50 * percent, d.p99 * percent, d.rms * percent, d.bias * percent, motion);
+      R"({{"height":{:.6g},"compared":{},"unmatched":{},"align_rms":{:.6g},"deviation":{{"min":{:.6g},"max":{:.6g},"p1":{:.6g},"p50":{:.6g},"p99":{:.6g},"rms":{:.6g},"bias":{:.6g}}},"size":{{"mean":{:.6g},"p95":{:.6g},"max":{:.6g}}},"percent_of_height":{{"min":{:.4f},"max":{:.4f},"p1":{:.4f},"p50":{:.4f},"p99":{:.4f},"rms":{:.4f},"bias":{:.4f}}},"built_to_reference":[{}]}})",
+      m.height, m.compared, m.unmatched, m.align_rms, d.min, d.max, d.p1, d.p50, d.p99, d.rms, d.bias, d.size_mean,
+      d.size_p95, d.size_max, d.min * percent, d.max * percent, d.p1 * percent, d.p50 * percent, d.p99 * percent,
+      d.rms * percent, d.bias * percent, motion);
 }
 
 }  // namespace telefab::scan

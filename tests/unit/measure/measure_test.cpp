@@ -50,6 +50,9 @@ TEST(Measure, SaysTooMuchWithAPlusAndTooLittleWithAMinus) {
   EXPECT_NEAR(thick->deviation.bias, 0.2, 0.01);
   EXPECT_NEAR(thin->deviation.bias, -0.1, 0.01);
   EXPECT_NEAR(thick->deviation.p99, 0.2, 0.02);
+  EXPECT_NEAR(thin->deviation.size_mean, 0.1, 0.01);
+  EXPECT_NEAR(thin->deviation.size_p95, 0.1, 0.02);
+  EXPECT_EQ(thin->deviation.size_max, std::max(-thin->deviation.min, thin->deviation.max));
 }
 
 TEST(Measure, UndoesARigidMotionHoweverLarge) {

@@ -25,7 +25,8 @@ struct Deviation {
   double min = 0, max = 0;
   double p1 = 0, p50 = 0, p99 = 0;  ///< percentiles
   double rms = 0;
-  double bias = 0;  ///< mean
+  double bias = 0;                                   ///< mean
+  double size_mean = 0, size_p95 = 0, size_max = 0;  ///< without the signs
 };
 
 struct Measurement {
