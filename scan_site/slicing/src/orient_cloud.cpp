@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 #include <telefab/scan/completion/winding_tree.hpp>
 
 #include "winding_normals.hpp"
@@ -24,9 +25,12 @@ constexpr float kAcross = 0.5F;       ///< cosine: they stand on the plane of th
 constexpr double kCoherent = 0.7;     ///< share of given normals that look the same way as their neighbours: they were
                                       ///< computed, and not by chance
 constexpr double kConsistent = 0.92;  ///< estimated normals of which fewer fit are tried by winding numbers
-constexpr float kSamePlane = 0.8F;    ///< cosine: the plane of the neighbours is the surface's, and gives the normal
-constexpr double kWholeTurn = 0.3;    ///< normals of which fewer are on the same side as others are those turned
-constexpr double kBetter = 0.02;      ///< estimated normals replace given ones if so much more of them fit
+constexpr double kClean = 0.97;       ///< of which more fit have no edges to be mended
+constexpr int kMendingRounds = 2;
+constexpr float kBetterParted = 0.1F;  ///< winding number behind less that before: so much more counts as better
+constexpr float kSamePlane = 0.8F;     ///< cosine: the plane of the neighbours is the surface's, and gives the normal
+constexpr double kWholeTurn = 0.3;     ///< normals of which fewer are on the same side as others are those turned
+constexpr double kBetter = 0.02;       ///< estimated normals replace given ones if so much more of them fit
 
 /// Some points of every piece.
 struct Asked {
@@ -70,6 +74,9 @@ struct Judgement {
   }
 };
 
+/// Whether the inside is behind a sample, by the winding numbers behind and before it.
+bool parts(float behind, float before) { return behind > 0.5F && before < 0.5F; }
+
 bool looks_like_neighbours(std::span<const Eigen::Vector3f> normals, const SurfaceFacts& facts, std::uint32_t i) {
   const std::size_t count = std::min(kNear, facts.neighbours);
   std::size_t same = 0;
@@ -98,9 +105,9 @@ Judgement judge(const PointCloud& cloud, std::span<const Eigen::Vector3f> normal
     for (std::size_t p = 0; p < kProbeSpacings.size(); ++p) {
       const std::size_t at = 2 * (kProbeSpacings.size() * k + p);
       const float behind = winding[at], before = winding[at + 1];
-      right = right || (behind > 0.5F && before < 0.5F);
+      right = right || parts(behind, before);
       // with all normals turned the winding numbers change sign, and so do the sides
-      turned = turned || (-before > 0.5F && -behind < 0.5F);
+      turned = turned || parts(-before, -behind);
     }
     ++votes.asked;
     votes.right += right ? 1 : 0;
@@ -136,6 +143,44 @@ bool faces_inside(std::span<const Eigen::Vector3f> normals, std::span<const Eige
   return balance < 0 || static_cast<double>(same) < kWholeTurn * static_cast<double>(normals.size());
 }
 
+/// Where the plane of the neighbours stands on an edge of the body, its normal has no right side. Normals that do not
+/// have the inside behind them become the direction in which the winding number of all falls fastest, if they part the
+/// sides better then.
+void mend_edges(std::span<const Eigen::Vector3f> points, std::vector<Eigen::Vector3f>& normals,
+                std::span<const float> areas) {
+  constexpr std::size_t kAxes = 3;
+  for (int round = 0; round < kMendingRounds; ++round) {
+    const WindingTree tree{points, normals, areas};
+    // Behind and before every point of a list, a spacing away.
+    const auto sides = [&](std::span<const std::uint32_t> list, const auto& way) {
+      std::vector<Eigen::Vector3f> places;
+      for (std::size_t k = 0; k < list.size(); ++k)
+        for (const float side : {-1.0F, 1.0F})
+          places.push_back(points[list[k]] + side * std::sqrt(areas[list[k]]) * way(k));
+      return tree.windings(places);
+    };
+    std::vector<std::uint32_t> list(points.size());
+    std::iota(list.begin(), list.end(), 0U);
+    const auto as_they_are = sides(list, [&](std::size_t k) -> const Eigen::Vector3f& { return normals[k]; });
+    std::erase_if(list, [&](std::uint32_t i) { return parts(as_they_are[2 * i], as_they_are[2 * i + 1]); });
+    std::array<std::vector<float>, kAxes> along;
+    for (std::size_t axis = 0; axis < kAxes; ++axis)
+      along[axis] = sides(list, [&](std::size_t) { return Eigen::Vector3f::Unit(static_cast<Eigen::Index>(axis)); });
+    std::vector<Eigen::Vector3f> fall;
+    for (std::size_t k = 0; k < list.size(); ++k) {
+      const auto drop = [&](std::size_t axis) { return along[axis][2 * k] - along[axis][2 * k + 1]; };
+      fall.push_back(Eigen::Vector3f{drop(0), drop(1), drop(2)}.normalized());
+    }
+    const auto mended = sides(list, [&](std::size_t k) -> const Eigen::Vector3f& { return fall[k]; });
+    for (std::size_t k = 0; k < list.size(); ++k) {
+      const float behind = mended[2 * k], before = mended[2 * k + 1];
+      const float was = as_they_are[2 * list[k]] - as_they_are[2 * list[k] + 1];
+      const bool better = parts(behind, before) || behind - before > was + kBetterParted;
+      if (better && fall[k].squaredNorm() > 0) normals[list[k]] = fall[k];
+    }
+  }
+}
+
 /// Estimated normals. Neighbours alone orient well-sampled clouds; where too few of the samples of a closed one then
 /// have the inside behind them, winding numbers say which way round its planes are, if more of them fit then.
 Result<OrientedCloud> estimated_normals(PointCloud cloud, std::shared_ptr<SurfaceGraph> graph, std::stop_token stop) {
@@ -146,7 +191,12 @@ Result<OrientedCloud> estimated_normals(PointCloud cloud, std::shared_ptr<Surfac
   const Asked asked = choose(facts);
   const Judgement judgement = judge(made.cloud, made.cloud.normals, facts, asked);
   made.report.winding_agreement = judgement.all().share(judgement.all().right);
-  if (made.report.winding_agreement >= kConsistent) return made;
+  const auto kept = [&] {
+    if (made.report.winding_agreement < kClean && judgement.openness <= kOpen)
+      mend_edges(made.cloud.points, made.cloud.normals, facts.area);
+    return std::move(made);
+  };
+  if (made.report.winding_agreement >= kConsistent) return kept();
   auto ways = winding_normals(made.cloud.points, facts.area, stop);
   if (!ways) return tl::unexpected{ways.error()};
   for (std::size_t i = 0; i < ways->size(); ++i) {
@@ -158,7 +208,7 @@ Result<OrientedCloud> estimated_normals(PointCloud cloud, std::shared_ptr<Surfac
   const Votes votes = second.all();
   if (second.openness > kOpen || votes.share(votes.right) <= made.report.winding_agreement + kBetter ||
       faces_inside(*ways, made.cloud.normals, estimated->outside))
-    return made;
+    return kept();
   made.cloud.normals = std::move(*ways);
   made.report.by_winding = true;
   made.report.winding_agreement = votes.share(votes.right);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 #include <random>
 #include <telefab/test/analytic_field.hpp>
 #include <telefab/test/solid.hpp>
@@ -141,6 +142,41 @@ TEST(OrientCloud, EstimatesWhereNoneAreGiven) {
   bare.normals.clear();
   const OrientedCloud made = oriented(bare);
   EXPECT_TRUE(made.report.estimated);
+  EXPECT_EQ(share_right(made, truth), 1);
+}
+
+/// Two flat caps that meet in a sharp rim; the first `rim` samples lie on it, as the corners of a mesh do.
+PointCloud lens(std::size_t rim) {
+  constexpr double kRadius = 10, kHeight = 3;
+  PointCloud cloud;
+  const auto put = [&](const Vec3& place, const Vec3& outward) {
+    cloud.points.push_back(place.cast<float>());
+    cloud.normals.push_back(outward.normalized().cast<float>());
+  };
+  for (std::size_t k = 0; k < rim; ++k) {
+    const double angle = 2 * std::numbers::pi * static_cast<double>(k) / static_cast<double>(rim);
+    put({kRadius * std::cos(angle), kRadius * std::sin(angle), 0}, {std::cos(angle), std::sin(angle), 0});
+  }
+  constexpr int kOfCap = 1000;
+  for (const double side : {1.0, -1.0})
+    for (int k = 0; k < kOfCap; ++k) {
+      const double r = 0.97 * kRadius * std::sqrt((k + 0.5) / kOfCap), angle = k * 2.399963 + side;
+      const double slope = 2 * kHeight * r / (kRadius * kRadius);
+      put({r * std::cos(angle), r * std::sin(angle), side * kHeight * (1 - r * r / (kRadius * kRadius))},
+          {slope * std::cos(angle), slope * std::sin(angle), side});
+    }
+  return cloud;
+}
+
+TEST(OrientCloud, TurnsTheNormalsOnASharpEdgeAwayFromTheInside) {
+  constexpr std::size_t kRim = 112;
+  const PointCloud truth = lens(kRim);
+  PointCloud bare = truth;
+  bare.normals.clear();
+  const OrientedCloud made = oriented(bare);
+  std::size_t right = 0;
+  for (std::size_t i = 0; i < kRim; ++i) right += made.cloud.normals[i].dot(truth.normals[i]) > 0.9F ? 1 : 0;
+  EXPECT_EQ(right, kRim);
   EXPECT_EQ(share_right(made, truth), 1);
 }
 
