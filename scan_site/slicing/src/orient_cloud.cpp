@@ -206,7 +206,10 @@ Result<OrientedCloud> estimated_normals(PointCloud cloud, std::shared_ptr<Surfac
   }
   const Judgement second = judge(made.cloud, *ways, facts, asked);
   const Votes votes = second.all();
-  if (second.openness > kOpen || votes.share(votes.right) <= made.report.winding_agreement + kBetter ||
+  // Solved for every so manieth point alone, and fitting few, they are a guess: foliage is finer than that.
+  const double least = winding_normals_ask_all(made.cloud.size()) ? 0 : kLikely;
+  if (second.openness > kOpen || votes.share(votes.right) < least ||
+      votes.share(votes.right) <= made.report.winding_agreement + kBetter ||
       faces_inside(*ways, made.cloud.normals, estimated->outside))
     return kept();
   made.cloud.normals = std::move(*ways);

@@ -13,8 +13,8 @@
 namespace telefab::scan {
 namespace {
 
-constexpr std::size_t kAllSolved =
-    8000;  ///< of so few points none can be spared: on sharp bodies half of them say less
+/// Of so few points none can be spared: on sharp bodies half of them say less.
+constexpr std::size_t kAllSolved = 8000;
 constexpr std::size_t kMostSolved = 5000;  ///< of more points
 constexpr int kRounds = 20;
 constexpr float kFirstWidth = 1, kLastWidth = 0.5F;  ///< softening in spacings
@@ -149,11 +149,14 @@ void force_outward(std::span<const Eigen::Vector3f> points, std::span<const floa
 
 }  // namespace
 
+bool winding_normals_ask_all(std::size_t points) { return points <= kAllSolved; }
+
 Result<std::vector<Eigen::Vector3f>> winding_normals(std::span<const Eigen::Vector3f> points,
                                                      std::span<const float> areas, std::stop_token stop) {
   // Every so manieth point in the order of the tree: even over the surface as far as the cloud is.
   const KdTree all{points};
-  const std::size_t stride = points.size() <= kAllSolved ? 1 : (points.size() + kMostSolved - 1) / kMostSolved;
+  const std::size_t stride =
+      winding_normals_ask_all(points.size()) ? 1 : (points.size() + kMostSolved - 1) / kMostSolved;
   std::vector<std::uint32_t> chosen;
   const auto order = all.leaf_order();
   for (std::size_t k = 0; k < order.size(); k += stride) chosen.push_back(order[k]);
