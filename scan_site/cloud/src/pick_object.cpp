@@ -204,6 +204,11 @@ class Picker {
   std::vector<bool> keep_;
 };
 
+/// As --crop takes them.
+std::string corners(const Box3& b) {
+  return fmt::format("{:.4g},{:.4g},{:.4g},{:.4g},{:.4g},{:.4g}", b.min.x(), b.min.y(), b.min.z(), b.max.x(), b.max.y(),
+                     b.max.z());
+}
 std::string sizes(const Vec3& v) { return fmt::format("{:.4g} x {:.4g} x {:.4g}", v.x(), v.y(), v.z()); }
 
 /// A small piece that makes the whole much larger than the rest.
@@ -284,11 +289,14 @@ std::vector<std::string> sentences_of(const PickReport& r) {
         "a plane holds {:.0f} % of the points and the object stands on it; leave it out with --pieces largest "
         "or --crop",
         100 * r.ground->share));
-  if (r.is_scene)
-    sentences.push_back(
-        fmt::format("this looks like a scene, not one object: {} pieces, the largest with {:.0f} % of the "
-                    "points; --pieces largest keeps that one, --crop what lies in a box",
-                    r.pieces.size(), 100 * static_cast<double>(r.pieces[0].points) / static_cast<double>(r.points_in)));
+  if (r.is_scene) {
+    const bool chosen = std::ranges::any_of(r.pieces, [](const Piece& p) { return !p.kept; });
+    sentences.push_back(fmt::format(
+        "this looks like a scene, not one object: {} pieces, the largest with {:.0f} % of the points; {} --crop "
+        "X0,Y0,Z0,X1,Y1,Z1 keeps what lies in a box, of all there is in {} (inspect --out-prefix NAME draws it)",
+        r.pieces.size(), 100 * static_cast<double>(r.pieces[0].points) / static_cast<double>(r.points_in),
+        chosen ? "if more is kept than the object," : "--pieces largest keeps that one,", corners(r.before)));
+  }
   if (auto setter = size_setter(r)) sentences.push_back(std::move(*setter));
   return sentences;
 }

@@ -18,6 +18,8 @@ namespace telefab::scan {
 namespace {
 
 constexpr std::uint64_t kMaxScanBytes = 64ULL << 30U;
+/// A scene has hundreds; nobody reads them.
+constexpr std::size_t kMostListed = 8;
 
 /// What decides where the scan stands and what its surface is; nothing is cut here.
 constexpr std::array<std::string_view, 11> kPlacing{"height_mm", "scale",     "fit",          "units",
@@ -74,7 +76,11 @@ void print_table(const Inspection& inspection, double noise_mm) {
     write_output(fmt::format("piece {}: {:.3f} to {:.3f} mm, Euler number {}, {}\n", i, c.low_mm, c.high_mm, c.euler,
                              c.genus ? fmt::format("genus {}", *c.genus) : "not certain: genus unknown"));
   }
-  for (const std::string& each : t.inconsistencies()) write_output(fmt::format("inconsistent: {}\n", each));
+  const auto wrong = t.inconsistencies();
+  for (std::size_t i = 0; i < std::min(wrong.size(), kMostListed); ++i)
+    write_output(fmt::format("inconsistent: {}\n", wrong[i]));
+  if (wrong.size() > kMostListed)
+    write_output(fmt::format("and {} inconsistencies more (--json lists them)\n", wrong.size() - kMostListed));
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {

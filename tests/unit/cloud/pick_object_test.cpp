@@ -171,7 +171,21 @@ TEST(PickObject, SaysThatAScatteringOfPiecesIsAScene) {
   for (int i = 0; i < 12; ++i) add_ball(cloud, {30. * i, 0, 0}, 5, 400);
   const PickResult result = picked(cloud);
   EXPECT_TRUE(result.report.is_scene);
-  EXPECT_THAT(sentences_of(result.report).at(0), HasSubstr("looks like a scene"));
+  const std::string advice = sentences_of(result.report).at(0);
+  EXPECT_THAT(advice, HasSubstr("looks like a scene"));
+  EXPECT_THAT(advice, HasSubstr("--pieces largest keeps that one"));
+  // A box to begin with, as --crop takes it.
+  const auto from = advice.find("of all there is in ") + 19;
+  const auto box = crop_box_from(advice.substr(from, advice.find(' ', from) - from));
+  ASSERT_TRUE(box) << advice;
+  EXPECT_LT((box->max - result.report.before.max).cwiseAbs().maxCoeff(), 0.1);
+  // What was done is not advised again.
+  const PickResult largest = picked(cloud, {.pieces = 1});
+  const auto said = sentences_of(largest.report);
+  EXPECT_TRUE(std::none_of(said.begin(), said.end(),
+                           [](const std::string& s) { return s.find("--pieces largest") != std::string::npos; }));
+  EXPECT_TRUE(std::any_of(said.begin(), said.end(),
+                          [](const std::string& s) { return s.find("--crop") != std::string::npos; }));
 }
 
 TEST(PickObject, AnswersDegenerateCloudsWithOneClearError) {

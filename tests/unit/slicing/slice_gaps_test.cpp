@@ -149,7 +149,8 @@ TEST(SliceScan, SaysWhatReadingNoticedWhereItRefuses) {
     for (int j = 0; j < 40; ++j) text += fmt::format("{} {} {}\n", 0.5 * i, 0.5 * j, 0.01 * i * j);
   const Outcome refused = slice(text, request_for());
   ASSERT_FALSE(refused.report);
-  EXPECT_NE(refused.report.error().what.find("one side only"), std::string::npos) << refused.report.error().what;
+  EXPECT_NE(refused.report.error().what.find("shows too little of the object"), std::string::npos)
+      << refused.report.error().what;
   EXPECT_NE(refused.report.error().what.find("noticed: "), std::string::npos) << refused.report.error().what;
 }
 
@@ -274,6 +275,23 @@ TEST(SliceScan, TakesAHalfWithoutUndersideForAFlatBaseOnRequestOnly) {
     }
   }
   EXPECT_FALSE(base_as("round", request));
+}
+
+TEST(SliceScan, AdvisesAFlatBaseWhereThatIsAllThatIsLackingThoughAnotherSideIsOpenToo) {
+  const auto ball = test::sample_surface(*test::sphere(10, 1), {.spacing_mm = 0.6, .seed = 15});
+  test::SurfaceSamples figure;  // no underside, and a hole in its back
+  for (std::size_t i = 0; i < ball.points.size(); ++i)
+    if (ball.points[i].z() > -6 && ball.points[i].x() > -5.5) {
+      figure.points.push_back(ball.points[i]);
+      figure.normals.push_back(ball.normals[i]);
+    }
+  SliceRequest request = request_for();
+  const Outcome refused = slice(text_of(figure), request);
+  ASSERT_FALSE(refused.report);
+  EXPECT_EQ(refused.report.error().what.find("facing down"), std::string::npos) << refused.report.error().what;
+  EXPECT_NE(refused.report.error().what.find("--base flat"), std::string::npos) << refused.report.error().what;
+  ASSERT_TRUE(base_as("flat", request));
+  EXPECT_TRUE(slice(text_of(figure), request).report);
 }
 
 }  // namespace
