@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A block sampled on an exact grid, steps of 0.1 to 1 mm x turns of 0 to 10 degrees x noises of 0 to 0.1 mm, sliced at
-// 0.15 mm: layers inside that are empty, certified, and certified with another count than one contour. Run by hand.
+// 0.15 mm: layers inside that are empty, certified, and certified with another count than one contour. Run by hand;
+// campaign_blocks STEP TURN NOISE slices one of them and lists the layers that are not one contour.
 #include <fmt/format.h>
 
+#include <cstdlib>
 #include <telefab/scan/slicing/slice_scan.hpp>
 #include <telefab/test/grid_block.hpp>
 
@@ -13,7 +15,15 @@ struct Tally {
   std::size_t inside = 0, empty = 0, certified = 0, wrong_certified = 0, wrong_flagged = 0;
 };
 
-Result<Tally> slice(const test::GridBlock& block) {
+/// A layer that is not one contour: the areas of its rings, and why it is flagged.
+std::string line_of(const Layer& layer) {
+  std::string line = fmt::format("layer {} at {:.3f} mm:", layer.index.count(), layer.z_mm);
+  for (const Contour& ring : layer.contours) line += fmt::format(" {:.4f}", ring.signed_area_mm2());
+  return line +
+         fmt::format(" mm2, {}\n", layer.certificate.is_certified() ? "certified" : sentence_of(layer.certificate));
+}
+
+Result<Tally> slice(const test::GridBlock& block, bool list) {
   std::string text;
   double low = 1e9, high = -1e9;
   for (const Eigen::Vector3d& p : test::points_of(block)) {
@@ -34,12 +44,25 @@ Result<Tally> slice(const test::GridBlock& block) {
     ++tally.inside;
     tally.empty += layer.contours.empty();
     tally.certified += certified;
-    if (layer.contours.size() != 1) ++(certified ? tally.wrong_certified : tally.wrong_flagged);
+    if (layer.contours.size() == 1) return {};
+    ++(certified ? tally.wrong_certified : tally.wrong_flagged);
+    if (list) fmt::print("{}", line_of(layer));
     return {};
   };
   const auto report = scan::slice_scan(std::as_bytes(std::span{text}), "block.xyz", request, sink, {}, {});
   if (!report) return tl::unexpected{report.error()};
   return tally;
+}
+
+int run_one(const test::GridBlock& block) {
+  const auto tally = slice(block, true);
+  if (!tally) {
+    fmt::print("{}\n", tally.error().what);
+    return 1;
+  }
+  fmt::print("{} layers inside, {} empty, {} certified, wrong {} certified {} flagged\n", tally->inside, tally->empty,
+             tally->certified, tally->wrong_certified, tally->wrong_flagged);
+  return tally->empty + tally->wrong_certified == 0 ? 0 : 1;
 }
 
 int run() {
@@ -49,7 +72,7 @@ int run() {
     for (const double turn : {0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0})
       for (const double noise : {0.0, 0.01, 0.02, 0.05, 0.1}) {
         ++cases;
-        const auto tally = slice({step, turn, noise});
+        const auto tally = slice({step, turn, noise}, false);
         if (!tally) {
           ++refused;
           fmt::print("step {} turn {} noise {}: {}\n", step, turn, noise, tally.error().what);
@@ -74,4 +97,7 @@ int run() {
 }  // namespace
 }  // namespace telefab::campaign
 
-int main() { return telefab::campaign::run(); }
+int main(int argc, char** argv) {
+  if (argc != 4) return telefab::campaign::run();
+  return telefab::campaign::run_one({std::atof(argv[1]), std::atof(argv[2]), std::atof(argv[3])});
+}
