@@ -81,7 +81,7 @@ const Names kPrograms{"build-essential",
 /// Found, and part of the compiler's own system.
 const Names kOfTheSystem{"Threads", "PkgConfig"};
 /// Used where they happen to be installed, to be compared with.
-const Names kOptional{"agg", "nanoflann"};
+const Names kOptional{"agg", "nanoflann", "pcl_surface", "pcl_search", "pcl_kdtree", "pcl_octree", "pcl_common"};
 
 fs::path source() { return std::getenv("TELEFAB_SOURCE"); }
 

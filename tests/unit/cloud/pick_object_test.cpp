@@ -181,10 +181,10 @@ TEST(PickObject, SaysThatAScatteringOfPiecesIsAScene) {
   EXPECT_LT((box->max - result.report.before.max).cwiseAbs().maxCoeff(), 0.1);
   // What was done is not advised again.
   const PickResult largest = picked(cloud, {.pieces = 1});
-  const auto said = sentences_of(largest.report);
-  EXPECT_TRUE(std::none_of(said.begin(), said.end(),
+  const auto advised = sentences_of(largest.report);
+  EXPECT_TRUE(std::none_of(advised.begin(), advised.end(),
                            [](const std::string& s) { return s.find("--pieces largest") != std::string::npos; }));
-  EXPECT_TRUE(std::any_of(said.begin(), said.end(),
+  EXPECT_TRUE(std::any_of(advised.begin(), advised.end(),
                           [](const std::string& s) { return s.find("--crop") != std::string::npos; }));
 }
 
