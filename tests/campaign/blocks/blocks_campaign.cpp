@@ -25,12 +25,13 @@ std::string line_of(const Layer& layer) {
 
 Result<Tally> slice(const test::GridBlock& block, bool list) {
   std::string text;
-  double low = 1e9, high = -1e9;
+  double low = 1e9;  // of the samples: the part stands on the lowest of them, and the block somewhat higher
   for (const Eigen::Vector3d& p : test::points_of(block)) {
     text += fmt::format("{} {} {}\n", p.x(), p.y(), p.z());
     low = std::min(low, p.z());
-    high = std::max(high, p.z());
   }
+  double top = 0;
+  for (const Eigen::Vector3d& p : test::points_of({block.step_mm, block.turn_deg, 0})) top = std::max(top, p.z());
   scan::SliceRequest request;
   request.machine.name = "bench";
   request.machine.platform = {60, 40, 50};
@@ -39,7 +40,8 @@ Result<Tally> slice(const test::GridBlock& block, bool list) {
   Tally tally;
   const double margin_mm = block.step_mm / 2 + 2 * block.noise_mm;
   const scan::LayerSink sink = [&](const StackHeader&, Layer&& layer) -> Result<void> {
-    if (layer.z_mm < margin_mm || layer.z_mm > high - low - margin_mm) return {};
+    const double z_mm = layer.z_mm + low;
+    if (z_mm < margin_mm || z_mm > top - margin_mm) return {};
     const bool certified = layer.certificate.is_certified();
     ++tally.inside;
     tally.empty += layer.contours.empty();
