@@ -54,7 +54,6 @@ tl::unexpected<Error> fail_system(std::string_view action, const std::filesystem
                   fmt::format("cannot {} {}: no such file or folder; check the path", action, path.string()));
     case EACCES:
     case EPERM:
-    case EROFS:
       return fail(
           ErrorCode::NotPermitted,
           fmt::format("cannot {} {}: permission denied; change its mode or run as its owner", action, path.string()));
@@ -62,6 +61,13 @@ tl::unexpected<Error> fail_system(std::string_view action, const std::filesystem
     case EDQUOT:
       return fail(ErrorCode::StorageFailed,
                   fmt::format("cannot {} {}: the disk is full; make room and try again", action, path.string()));
+    case EROFS:
+      // Nobody's permission: a file system that met errors turns read-only, and jobs wait for it as for a full one.
+      return fail(
+          ErrorCode::StorageFailed,
+          fmt::format("cannot {} {}: its file system is read-only; see in the system's log why, and mount it for "
+                      "writing",
+                      action, path.string()));
     default:
       return fail(ErrorCode::StorageFailed,
                   fmt::format("cannot {} {}: {}", action, path.string(), std::strerror(error)));

@@ -5,7 +5,6 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <cstring>
 #include <telefab/base/file.hpp>
 #include <telefab/base/secret.hpp>
 
@@ -20,9 +19,7 @@ constexpr mode_t kOthers = S_IROTH | S_IWOTH;
 
 Result<void> check_is_secret(const std::filesystem::path& path) {
   struct stat status {};
-  if (::stat(path.c_str(), &status) != 0)
-    return fail(errno == ENOENT ? ErrorCode::NotFound : ErrorCode::NotPermitted,
-                fmt::format("cannot look at {}: {}", path.string(), std::strerror(errno)));
+  if (::stat(path.c_str(), &status) != 0) return fail_system("look at", path, errno);
   // A service account reads a key that belongs to root by its group.
   const bool is_of_our_group = status.st_gid == ::getegid() && (status.st_mode & S_IWGRP) == 0;
   if ((status.st_mode & kOthers) != 0 || ((status.st_mode & kGroup) != 0 && !is_of_our_group))
@@ -55,8 +52,7 @@ Result<void> write_secret(const std::filesystem::path& path, std::string_view te
   const auto give_up = [&](std::string_view action) {
     const int error = errno;
     ::unlink(temporary.c_str());
-    return fail(error == EACCES || error == EPERM ? ErrorCode::NotPermitted : ErrorCode::StorageFailed,
-                fmt::format("cannot {} {}: {}", action, path.string(), std::strerror(error)));
+    return fail_system(action, path, error);
   };
   ::unlink(temporary.c_str());  // of a writer that was killed
   if (auto written = write_new_secret(temporary, text); !written) return written;

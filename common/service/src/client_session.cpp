@@ -4,7 +4,9 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <map>
+#include <telefab/base/file.hpp>
 #include <telefab/base/text.hpp>
 #include <telefab/service/client_session.hpp>
 #include <telefab/service/message_session.hpp>
@@ -19,8 +21,8 @@ class Upload {
  public:
   static Result<std::unique_ptr<Upload>> begin(const Submit& submit, const std::filesystem::path& folder) {
     std::string pattern = (folder / "upload-XXXXXX").string();
-    const int file = ::mkstemp(pattern.data());
-    if (file < 0) return fail(ErrorCode::StorageFailed, fmt::format("cannot make a file in {}", folder.string()));
+    const int file = ::mkostemp(pattern.data(), O_CLOEXEC);
+    if (file < 0) return fail_system("make a file in", folder, errno);
     return std::unique_ptr<Upload>{new Upload{submit, pattern, file}};
   }
   ~Upload() {
@@ -38,9 +40,7 @@ class Upload {
     while (!rest.empty()) {
       const ssize_t n = ::write(file_, rest.data(), rest.size());
       if (n < 0 && errno == EINTR) continue;
-      if (n < 0)
-        return fail(ErrorCode::StorageFailed,
-                    fmt::format("cannot keep the scan in {}: {}", path_.string(), std::strerror(errno)));
+      if (n < 0) return fail_system("keep the scan in", path_, errno);
       rest = rest.subspan(static_cast<std::size_t>(n));
     }
     hasher_.feed(block.content);
@@ -52,7 +52,7 @@ class Upload {
   Result<void> finish() const {
     if (hasher_.digest() != submit_.content)
       return fail(ErrorCode::NotTrusted, fmt::format("{} did not arrive as it was sent; send it again", submit_.name));
-    if (::fsync(file_) != 0) return fail(ErrorCode::StorageFailed, fmt::format("cannot sync {}", path_.string()));
+    if (::fsync(file_) != 0) return fail_system("sync", path_, errno);
     return {};
   }
   [[nodiscard]] const Submit& submit() const { return submit_; }

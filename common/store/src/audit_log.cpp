@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstring>
 #include <fstream>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -47,8 +46,7 @@ bool is_sound(std::string_view line) {
 }
 
 tl::unexpected<Error> cannot(std::string_view operation, const std::filesystem::path& path) {
-  return fail(errno == EACCES || errno == EROFS ? ErrorCode::NotPermitted : ErrorCode::StorageFailed,
-              fmt::format("cannot {} the audit log {}: {}", operation, path.string(), std::strerror(errno)));
+  return fail_system(fmt::format("{} the audit log", operation), path, errno);
 }
 
 std::filesystem::path part_path(const std::filesystem::path& path, std::size_t number) {

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <cstring>
 #include <telefab/base/damaged_file.hpp>
 #include <telefab/base/file.hpp>
 #include <telefab/transfer/chunk_spool.hpp>
@@ -108,9 +107,11 @@ struct ChunkSpool::Impl {
     if (file >= 0) ::close(file);
   }
 
+  /// The job's folder is ours: if it is gone the disk is at fault, and not who asked.
   [[nodiscard]] tl::unexpected<Error> storage_failed(std::string_view operation) const {
-    return fail(errno == EACCES || errno == EROFS ? ErrorCode::NotPermitted : ErrorCode::StorageFailed,
-                fmt::format("cannot {} {}: {}", operation, path.string(), std::strerror(errno)));
+    auto failed = fail_system(operation, path, errno);
+    if (failed.value().code == ErrorCode::NotFound) failed.value().code = ErrorCode::StorageFailed;
+    return failed;
   }
 
   [[nodiscard]] Result<std::vector<std::byte>> bytes_at(std::uint64_t offset, std::size_t size) const {

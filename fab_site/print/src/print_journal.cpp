@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <cstring>
 #include <map>
 #include <telefab/base/damaged_file.hpp>
 #include <telefab/base/file.hpp>
@@ -30,12 +29,8 @@ constexpr std::uint64_t kLayerRoom_bytes = 2048;    // a layer's five lines are 
 constexpr std::uint64_t kOrdersRoom_bytes = 65536;  // words, faults and starts
 constexpr std::string_view kPolicy = "policy";
 
-tl::unexpected<Error> io_failed(std::string_view operation, const std::filesystem::path& path) {
-  const int reason = errno;
-  const ErrorCode code = reason == EACCES || reason == EPERM ? ErrorCode::NotPermitted
-                         : reason == ENOENT                  ? ErrorCode::NotFound
-                                                             : ErrorCode::StorageFailed;
-  return fail(code, fmt::format("{} the print journal {}: {}", operation, path.string(), std::strerror(reason)));
+tl::unexpected<Error> io_failed(std::string_view action, const std::filesystem::path& path) {
+  return fail_system(fmt::format("{} the print journal", action), path, errno);
 }
 
 class DiskJournalFile final : public JournalFile {
@@ -45,7 +40,7 @@ class DiskJournalFile final : public JournalFile {
 
   Result<std::string> read_all() override {
     struct stat st {};
-    if (::fstat(fd_, &st) != 0) return io_failed("looking at", path_);
+    if (::fstat(fd_, &st) != 0) return io_failed("look at", path_);
     if (static_cast<std::uint64_t>(st.st_size) > kLargestJournal_bytes)
       return fail(ErrorCode::TooLarge, "the print journal " + path_.string() + " is above 1 GiB");
     std::string text(static_cast<std::size_t>(st.st_size), '\0');
@@ -53,7 +48,7 @@ class DiskJournalFile final : public JournalFile {
     while (got < text.size()) {
       const ssize_t n = ::pread(fd_, text.data() + got, text.size() - got, static_cast<off_t>(got));
       if (n < 0 && errno == EINTR) continue;
-      if (n < 0) return io_failed("reading", path_);
+      if (n < 0) return io_failed("read", path_);
       if (n == 0) break;
       got += static_cast<std::size_t>(n);
     }
@@ -65,19 +60,19 @@ class DiskJournalFile final : public JournalFile {
     while (!text.empty()) {
       const ssize_t n = ::write(fd_, text.data(), text.size());
       if (n < 0 && errno == EINTR) continue;
-      if (n <= 0) return io_failed("writing", path_);
+      if (n <= 0) return io_failed("write", path_);
       text.remove_prefix(static_cast<std::size_t>(n));
     }
     return {};
   }
 
   Result<void> sync() override {
-    if (::fdatasync(fd_) != 0) return io_failed("syncing", path_);
+    if (::fdatasync(fd_) != 0) return io_failed("sync", path_);
     return {};
   }
 
   Result<void> truncate(std::uint64_t bytes) override {
-    if (::ftruncate(fd_, static_cast<off_t>(bytes)) != 0) return io_failed("shortening", path_);
+    if (::ftruncate(fd_, static_cast<off_t>(bytes)) != 0) return io_failed("shorten", path_);
     return {};
   }
 
@@ -91,17 +86,17 @@ class DiskJournalFile final : public JournalFile {
                   fmt::format("setting the print journal {} aside: {}", path_.string(), error.message()));
     if (auto written = write_file_atomically(path_, text); !written) return written;
     const int fd = ::open(path_.c_str(), kJournalFlags, 0640);
-    if (fd < 0) return io_failed("opening", path_);
+    if (fd < 0) return io_failed("open", path_);
     ::close(std::exchange(fd_, fd));
     return {};
   }
 
   Result<void> reserve(std::uint64_t bytes) override {
     struct stat st {};
-    if (::fstat(fd_, &st) != 0) return io_failed("looking at", path_);
+    if (::fstat(fd_, &st) != 0) return io_failed("look at", path_);
     if (::fallocate(fd_, FALLOC_FL_KEEP_SIZE, st.st_size, static_cast<off_t>(bytes)) == 0) return {};
     if (errno == EOPNOTSUPP || errno == ENOSYS) return {};  // then a full disk ends the print, dark
-    return io_failed("keeping room for", path_);
+    return io_failed("keep room for", path_);
   }
 
  private:
@@ -217,7 +212,7 @@ std::string lost_text(const RecordDamage& damage) {
 
 Result<std::unique_ptr<JournalFile>> open_journal_file(const std::filesystem::path& path) {
   const int fd = ::open(path.c_str(), kJournalFlags, 0640);
-  if (fd < 0) return io_failed("opening", path);
+  if (fd < 0) return io_failed("open", path);
   auto file = std::make_unique<DiskJournalFile>(fd, path);
   if (auto synced = sync_folder_of(path); !synced) return fail_in("the print journal", synced.error());
   return file;

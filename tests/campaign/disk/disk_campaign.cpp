@@ -18,8 +18,8 @@
 #include "disk_trial.hpp"
 
 // Every write, read and remove of both daemons fails once, and from there on until somebody mends the disk: with EIO, a
-// write that goes on failing with ENOSPC. Each fax must end recovered, refused or held with its reason; a trial is a
-// process of its own.
+// write that goes on failing with ENOSPC or EROFS. Each fax must end recovered, refused or held with its reason; a
+// trial is a process of its own.
 
 namespace telefab::test {
 namespace {
@@ -78,18 +78,34 @@ int print_trial(const DiskTrial& trial) {
   return 0;
 }
 
+/// How calls of one kind fail.
+struct Failure {
+  DiskCalls calls;
+  int error;
+  bool stays;
+};
+constexpr std::array<Failure, 7> kFailures{{{DiskCalls::Writes, EIO, false},
+                                            {DiskCalls::Writes, ENOSPC, true},
+                                            {DiskCalls::Writes, EROFS, true},
+                                            {DiskCalls::Reads, EIO, false},
+                                            {DiskCalls::Reads, EIO, true},
+                                            {DiskCalls::Removes, EIO, false},
+                                            {DiskCalls::Removes, EIO, true}}};
+
 /// One kind of call on the disk of one site, and how it fails.
 struct Sweep {
   fs::path bin, folder;
   std::string site;
-  DiskCalls calls;
-  bool stays;
+  Failure failure;
 
   /// Every `step`-th of the calls fails in turn, beginning with the `first`. How many faxes were wrong.
   [[nodiscard]] int run(std::uint64_t operations, std::uint64_t first, std::uint64_t step, bool is_talkative) const {
-    const int error = calls == DiskCalls::Writes && stays ? ENOSPC : EIO;
-    const std::string name = fmt::format("{} {} {}{}", site, kNames.at(static_cast<std::size_t>(calls)),
-                                         error == EIO ? "EIO" : "ENOSPC", stays ? ", stays" : ", once");
+    const auto [calls, error, stays] = failure;
+    const std::string name = fmt::format("{} {} {}, {}", site, kNames.at(static_cast<std::size_t>(calls)),
+                                         error == EIO     ? "EIO"
+                                         : error == EROFS ? "EROFS"
+                                                          : "ENOSPC",
+                                         stays ? "stays" : "once");
     std::map<std::string, std::uint64_t> counts;
     std::uint64_t trials = 0;
     for (std::uint64_t at = first; at <= operations; at += step) {
@@ -110,8 +126,8 @@ struct Sweep {
   }
   /// What a wrong trial left behind, for whoever looks for the reason.
   void keep(std::uint64_t at) const {
-    const auto kept = fmt::format("wrong-{}-{}-{}-{}", site, kNames.at(static_cast<std::size_t>(calls)),
-                                  stays ? "stays" : "once", at);
+    const auto kept = fmt::format("wrong-{}-{}-{}-{}-{}", site, kNames.at(static_cast<std::size_t>(failure.calls)),
+                                  failure.error, failure.stays ? "stays" : "once", at);
     std::error_code ignored;  // a folder of the same trial before
     fs::remove_all(folder / kept, ignored);
     fs::rename(folder / "trial", folder / kept, ignored);
@@ -125,8 +141,10 @@ int once_wrong(const fs::path& bin, const fs::path& folder) {
   const DiskTrial chunks{bin, folder / "trial", "scan", 1, EIO, false, DiskCalls::Reads, "/chunks"};
   DiskTrial chunks_for_a_while = chunks;
   chunks_for_a_while.stays = true;
+  // And one whose layers it could not write, for a file system that turns read-only was taken for a missing permission.
+  const DiskTrial read_only{bin, folder / "trial", "scan", 2, EROFS, true, DiskCalls::Writes, "/chunks"};
   int wrong = 0;
-  for (const DiskTrial& trial : {chunks, chunks_for_a_while}) {
+  for (const DiskTrial& trial : {chunks, chunks_for_a_while, read_only}) {
     const auto verdict = verdict_of(trial);
     if (verdict["outcome"] == "recovered" && verdict["fault"] != "") continue;
     fmt::print(stderr, "{} {}: {}\n", trial.site, trial.ending, verdict.dump());
@@ -147,12 +165,12 @@ int campaign(const fs::path& bin, const fs::path& folder, std::uint64_t most) {
       fmt::print(stderr, "a fax over a sound disk: {}\n", sound.dump());
       return 5;
     }
-    for (const DiskCalls calls : {DiskCalls::Writes, DiskCalls::Reads, DiskCalls::Removes}) {
-      const auto operations = sound["operations"][static_cast<std::size_t>(calls)].get<std::uint64_t>();
+    for (const Failure& failure : kFailures) {
+      const auto operations = sound["operations"][static_cast<std::size_t>(failure.calls)].get<std::uint64_t>();
       const std::uint64_t step = std::max<std::uint64_t>(1, operations * 2 / std::max<std::uint64_t>(most, 1));
-      // The two ways to fail take turns where not every operation is tried.
-      for (const bool stays : {false, true})
-        wrong += Sweep{bin, folder, site, calls, stays}.run(operations, 1 + (stays ? 0 : step / 2), step, most >= 1000);
+      // The ways to fail take turns where not every operation is tried.
+      const std::uint64_t first = 1 + (failure.stays ? failure.error == EROFS ? step / 4 : 0 : step / 2);
+      wrong += Sweep{bin, folder, site, failure}.run(operations, first, step, most >= 1000);
     }
   }
   return wrong == 0 ? 0 : 5;

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <sys/stat.h>
 
+#include <cerrno>
 #include <filesystem>
 #include <telefab/base/file.hpp>
 
@@ -54,6 +55,18 @@ TEST_F(WriteFileAtomically, NamesTheFolderThatIsNotThere) {
   const auto done = write_file_atomically(folder / "no" / "a", "text");
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error().code, ErrorCode::NotFound);
+}
+
+TEST(FailSystem, TakesAReadOnlyDiskForOneThatFailsAndNotForAMatterOfPermission) {
+  const auto read_only = fail_system("write", "/data/journal", EROFS);
+  EXPECT_EQ(read_only.value().code, ErrorCode::StorageFailed);
+  EXPECT_NE(read_only.value().what.find("cannot write /data/journal: its file system is read-only"), std::string::npos);
+  for (const int error : {EIO, ENOSPC, EDQUOT, ESTALE})
+    EXPECT_EQ(fail_system("write", "a", error).value().code, ErrorCode::StorageFailed) << error;
+  for (const int error : {EACCES, EPERM})
+    EXPECT_EQ(fail_system("write", "a", error).value().code, ErrorCode::NotPermitted) << error;
+  for (const int error : {ENOENT, ENOTDIR})
+    EXPECT_EQ(fail_system("write", "a", error).value().code, ErrorCode::NotFound) << error;
 }
 
 TEST_F(WriteFileAtomically, PutsNothingInThePlaceOfAFolderOrDevice) {
