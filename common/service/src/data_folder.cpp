@@ -5,8 +5,10 @@
 #include <sys/file.h>
 #include <unistd.h>
 
-#include <cstring>
+#include <cerrno>
+#include <chrono>
 #include <span>
+#include <telefab/base/clock.hpp>
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/service/data_folder.hpp>
@@ -16,6 +18,20 @@ namespace telefab {
 namespace {
 
 constexpr std::uint64_t kMaxRecordBytes = 1U << 30U;
+constexpr auto kChildrenEndWithin = std::chrono::seconds{3};
+constexpr auto kLookAgainAfter = std::chrono::milliseconds{10};
+
+/// 0, or the errno; EWOULDBLOCK: somebody holds it still. A daemon that was killed can leave a child behind that was
+/// just begun: for some milliseconds, more on a busy machine, it is a copy of the daemon and holds the lock too.
+int lock_within(std::chrono::milliseconds patience, int file) {
+  SystemClock clock;  // processes are waited for, which know no other
+  const Nanoseconds end = clock.now() + patience;
+  while (::flock(file, LOCK_EX | LOCK_NB) != 0) {
+    if (errno != EWOULDBLOCK || clock.now() >= end) return errno;
+    clock.sleep_for(kLookAgainAfter);
+  }
+  return 0;
+}
 
 }  // namespace
 
@@ -29,10 +45,10 @@ Result<DataFolder> DataFolder::open(const std::filesystem::path& path) {
   }
   const auto lock_path = path / "lock";
   const int lock = ::open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0640);
-  if (lock < 0)
-    return fail(ErrorCode::NotPermitted, fmt::format("cannot write in {}: {}", path.string(), std::strerror(errno)));
-  if (::flock(lock, LOCK_EX | LOCK_NB) != 0) {
+  if (lock < 0) return fail_system("write in", path, errno);
+  if (const int held = lock_within(kChildrenEndWithin, lock); held != 0) {
     ::close(lock);
+    if (held != EWOULDBLOCK) return fail_system("lock", lock_path, held);
     return fail(ErrorCode::Conflict,
                 fmt::format("another daemon works in {}; give each its own --data", path.string()));
   }

@@ -30,16 +30,17 @@ pid_t spawn(std::vector<std::string> words) {
   const pid_t daemon = ::getpid();
   const pid_t child = ::fork();
   if (child != 0) return child;
-  // From here to the exec only what signal-safety(7) allows: other threads may hold any lock. The child ends with the
-  // thread that waits for it, however that ends; a daemon that was killed leaves nothing running.
+  // From here to the exec only what signal-safety(7) allows: other threads may hold any lock. First it lets go of every
+  // lock, socket, journal and device of the daemon, which the next start wants if this one is killed now.
+  ::close_range(STDERR_FILENO + 1, ~0U, 0);
+  // The child ends with the thread that waits for it, however that ends; a daemon that was killed leaves nothing
+  // running.
   ::prctl(PR_SET_PDEATHSIG, SIGKILL);
   if (::getppid() != daemon) ::_exit(kNotStarted);
   ::setpgid(0, 0);
-  const int nothing = ::open("/dev/null", O_RDWR);
+  const int nothing = ::open("/dev/null", O_RDWR | O_CLOEXEC);
   ::dup2(nothing, STDIN_FILENO);
   ::dup2(nothing, STDOUT_FILENO);
-  // No socket, journal or device of the daemon.
-  ::close_range(STDERR_FILENO + 1, ~0U, 0);
   ::sigprocmask(SIG_SETMASK, &none, nullptr);
   ::execv("/proc/self/exe", arguments.data());
   ::_exit(kNotStarted);

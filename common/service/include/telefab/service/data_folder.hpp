@@ -12,7 +12,7 @@ namespace telefab {
 /// that two daemons never share one.
 class DataFolder {
  public:
-  /// Makes what is missing. Fails with NotPermitted, StorageFailed, Conflict (another daemon works there).
+  /// Makes what is missing. Fails with NotPermitted, StorageFailed, Conflict (another daemon works there, for seconds).
   [[nodiscard]] static Result<DataFolder> open(const std::filesystem::path& path);
   ~DataFolder();
   DataFolder(DataFolder&& other) noexcept;
