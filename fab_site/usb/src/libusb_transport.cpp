@@ -162,7 +162,8 @@ class LibusbTransport final : public UsbTransport {
 
   Result<void> open_from(std::span<libusb_device* const> devices) {
     std::vector<Handle> found;
-    int refused = 0;
+    std::string serials;  // of those found
+    int refused = 0;      // why one could not be opened that is there
     for (libusb_device* device : devices) {
       libusb_device_descriptor d{};
       if (libusb_get_device_descriptor(device, &d) != 0 || d.idVendor != identity_.vendor ||
@@ -170,26 +171,30 @@ class LibusbTransport final : public UsbTransport {
         continue;
       libusb_device_handle* raw = nullptr;
       if (const int code = libusb_open(device, &raw); code != 0) {
-        refused = code;
+        if (code != LIBUSB_ERROR_NO_DEVICE) refused = code;
         continue;
       }
       Handle handle{raw};
       const std::string serial = text_of(raw, d.iSerialNumber);
       if (!identity_.serial.empty() && serial != identity_.serial) continue;
       describe_device(raw, d, serial);
+      serials += fmt::format("{}{}", serials.empty() ? "" : ", ", serial.empty() ? "none" : serial);
       found.push_back(std::move(handle));
     }
     const std::string name = fmt::format("{:04x}:{:04x}", identity_.vendor, identity_.product);
-    is_absent_ = found.empty() && (refused == 0 || refused == LIBUSB_ERROR_NO_DEVICE);
-    if (found.empty() && refused != 0) return tl::unexpected{error_of(refused, "opening " + name)};
+    is_absent_ = found.empty() && refused == 0;
+    // Without a serial the one that cannot be opened may as well be the one that is meant.
+    if (refused != 0 && (found.empty() || identity_.serial.empty()))
+      return tl::unexpected{error_of(refused, "opening " + name)};
     if (found.empty())
       return fail(ErrorCode::DeviceLost,
                   fmt::format("no USB device {}{}; look at its cable and power", name,
                               identity_.serial.empty() ? "" : " with serial " + identity_.serial));
     if (found.size() > 1)
       return fail(ErrorCode::DeviceLost,
-                  fmt::format("{} USB devices {}: name the serial of the one to use in devices.projector_serial",
-                              found.size(), name));
+                  fmt::format("{} USB devices {} (serial numbers: {}): {}", found.size(), name, serials,
+                              identity_.serial.empty() ? "name the one to use in devices.projector_serial"
+                                                       : "they cannot be told apart; leave one connected"));
     (void)libusb_set_auto_detach_kernel_driver(found[0].get(), 1);
     if (const int code = libusb_claim_interface(found[0].get(), kInterface); code != 0)
       return tl::unexpected{error_of(code, "claiming " + name)};

@@ -24,8 +24,6 @@ using fab::UsbOutcome;
 
 namespace {
 
-constexpr const char* kSysPath = "/sys/devices/pci0000:00/0000:00:14.0/usb1/1-1";
-constexpr const char* kNode = "/dev/bus/usb/001/002";
 // Device, configuration, one HID interface, two interrupt endpoints of 64 bytes a millisecond.
 constexpr const char* kDescriptors =
     "12010002000000405104 00c9 0001 010203 01"
@@ -48,6 +46,38 @@ std::vector<guint8> string_descriptor(std::string_view text) {
 
 }  // namespace
 
+/// The bus that the nodes of one process are on, and the thread that answers for them.
+struct UsbfsHost::Bus {
+  GMainContext* context = g_main_context_new();
+  GMainLoop* loop = g_main_loop_new(context, FALSE);
+  UMockdevTestbed* testbed = umockdev_testbed_new();
+  int devices = 0;
+  std::thread thread;
+
+  Bus() = default;
+  ~Bus() {
+    stop();
+    g_object_unref(testbed);
+    g_main_loop_unref(loop);
+    g_main_context_unref(context);
+  }
+  Bus(const Bus&) = delete;
+  Bus& operator=(const Bus&) = delete;
+  void run() {
+    thread = std::thread{[this] {
+      g_main_context_push_thread_default(context);
+      g_main_loop_run(loop);
+      g_main_context_pop_thread_default(context);
+    }};
+  }
+  void stop() {
+    if (!thread.joinable()) return;
+    while (g_main_loop_is_running(loop) == FALSE) std::this_thread::yield();  // else it would begin after its end
+    g_main_loop_quit(loop);
+    thread.join();
+  }
+};
+
 struct UsbfsHost::State {
   struct Urb {
     UMockdevIoctlClient* owner;
@@ -59,9 +89,10 @@ struct UsbfsHost::State {
   fab::Dlpc900Model& model;
   std::mutex& mutex;
   std::string serial;
-  GMainContext* context = g_main_context_new();
-  GMainLoop* loop = g_main_loop_new(context, FALSE);
-  UMockdevTestbed* testbed = umockdev_testbed_new();
+  std::shared_ptr<Bus> bus;
+  int number = ++bus->devices;  ///< of the port it sits in
+  std::string sys_path = fmt::format("/sys/devices/pci0000:00/0000:00:14.0/usb1/1-{}", number);
+  std::string node = fmt::format("/dev/bus/usb/001/{:03}", number + 1);
   UMockdevIoctlBase* handler = umockdev_ioctl_base_new();
   GSource* timer = nullptr;
   std::recursive_mutex own;  ///< answering a dead client tells of its end within the answer
@@ -70,25 +101,25 @@ struct UsbfsHost::State {
   std::atomic<bool> plugged = false;
   int fifo = -1;
   bool signalled = true;
-  std::thread thread;
 
-  State(fab::Dlpc900Model& m, std::mutex& x, std::string s) : model{m}, mutex{x}, serial{std::move(s)} {}
+  State(fab::Dlpc900Model& m, std::mutex& x, std::string s, std::shared_ptr<Bus> b)
+      : model{m}, mutex{x}, serial{std::move(s)}, bus{std::move(b)} {}
 
   static usbdevfs_urb& urb_of(UMockdevIoctlData* data) { return *reinterpret_cast<usbdevfs_urb*>(data->data); }
 
   void add_device() {
     const std::string description = fmt::format(
         "P: {}\nN: {}\nE: DEVNAME={}\n"
-        "E: DEVTYPE=usb_device\nE: SUBSYSTEM=usb\nE: BUSNUM=001\nE: DEVNUM=002\nE: MAJOR=189\n"
-        "E: MINOR=1\nA: busnum=1\\n\nA: devnum=2\\n\nA: speed=12\\n\nA: bConfigurationValue=1\\n\n"
+        "E: DEVTYPE=usb_device\nE: SUBSYSTEM=usb\nE: BUSNUM=001\nE: DEVNUM={:03}\nE: MAJOR=189\n"
+        "E: MINOR={}\nA: busnum=1\\n\nA: devnum={}\\n\nA: speed=12\\n\nA: bConfigurationValue=1\\n\n"
         "A: idVendor=0451\\n\nA: idProduct=c900\\n\nH: descriptors={}\n",
-        kSysPath + 4, kNode + 5, kNode, without_spaces(kDescriptors));
+        sys_path.substr(4), node.substr(5), node, number + 1, number, number + 1, without_spaces(kDescriptors));
     GError* error = nullptr;
-    if (umockdev_testbed_add_from_string(testbed, description.c_str(), &error) == FALSE) {
+    if (umockdev_testbed_add_from_string(bus->testbed, description.c_str(), &error) == FALSE) {
       std::fprintf(stderr, "umockdev: %s\n", error->message);
       std::abort();
     }
-    if (umockdev_testbed_attach_ioctl(testbed, kNode, handler, &error) == FALSE) {
+    if (umockdev_testbed_attach_ioctl(bus->testbed, node.c_str(), handler, &error) == FALSE) {
       std::fprintf(stderr, "umockdev: %s\n", error->message);
       std::abort();
     }
@@ -96,12 +127,18 @@ struct UsbfsHost::State {
     plugged = true;
   }
 
+  /// Where the node lies behind the emulation.
+  [[nodiscard]] std::string file() const {
+    gchar* root = umockdev_testbed_get_root_dir(bus->testbed);
+    std::string path = std::string{root} + node;
+    g_free(root);
+    return path;
+  }
+
   /// usbfs says "writable" when a URB can be reaped; a regular file always says so. A pipe kept full until a URB is
   /// done behaves as usbfs does.
   void make_fifo() {
-    gchar* root = umockdev_testbed_get_root_dir(testbed);
-    const std::string path = std::string{root} + kNode;
-    g_free(root);
+    const std::string path = file();
     if (fifo >= 0) ::close(fifo);
     ::unlink(path.c_str());
     if (::mkfifo(path.c_str(), 0600) != 0) std::abort();
@@ -297,46 +334,46 @@ struct UsbfsHost::State {
   static gboolean on_tick(gpointer self) { return static_cast<State*>(self)->tick(); }
 };
 
-UsbfsHost::UsbfsHost(fab::Dlpc900Model& model, std::mutex& mutex, std::string serial)
-    : state_{std::make_unique<State>(model, mutex, std::move(serial))} {
+UsbfsHost::UsbfsHost(fab::Dlpc900Model& model, std::mutex& mutex, std::string serial, const UsbfsHost* beside)
+    : state_{std::make_unique<State>(model, mutex, std::move(serial),
+                                     beside != nullptr ? beside->state_->bus : std::make_shared<Bus>())} {
   State& s = *state_;
-  g_main_context_push_thread_default(s.context);
+  // A node is answered by the thread whose context it is attached in.
+  s.bus->stop();
+  g_main_context_push_thread_default(s.bus->context);
   g_signal_connect(s.handler, "handle-ioctl", G_CALLBACK(&State::on_ioctl), &s);
   g_signal_connect(s.handler, "client-vanished", G_CALLBACK(&State::on_vanished), &s);
   s.add_device();
   s.timer = g_timeout_source_new(1);
   g_source_set_callback(s.timer, &State::on_tick, &s, nullptr);
-  g_source_attach(s.timer, s.context);
-  g_main_context_pop_thread_default(s.context);
-  s.thread = std::thread{[&s] {
-    g_main_context_push_thread_default(s.context);
-    g_main_loop_run(s.loop);
-    g_main_context_pop_thread_default(s.context);
-  }};
+  g_source_attach(s.timer, s.bus->context);
+  g_main_context_pop_thread_default(s.bus->context);
+  s.bus->run();
 }
 
 UsbfsHost::~UsbfsHost() {
   State& s = *state_;
-  g_main_loop_quit(s.loop);
-  s.thread.join();
+  s.bus->stop();
   g_source_destroy(s.timer);
   g_source_unref(s.timer);
-  (void)umockdev_testbed_detach_ioctl(s.testbed, kNode, nullptr);
+  (void)umockdev_testbed_detach_ioctl(s.bus->testbed, s.node.c_str(), nullptr);
   g_object_unref(s.handler);
-  g_object_unref(s.testbed);
-  g_main_loop_unref(s.loop);
-  g_main_context_unref(s.context);
   if (s.fifo >= 0) ::close(s.fifo);
 }
 
 void UsbfsHost::unplug() {
   state_->plugged = false;
-  umockdev_testbed_uevent(state_->testbed, kSysPath, "remove");
+  umockdev_testbed_uevent(state_->bus->testbed, state_->sys_path.c_str(), "remove");
 }
 
 void UsbfsHost::plug() {
   state_->plugged = true;
-  umockdev_testbed_uevent(state_->testbed, kSysPath, "add");
+  umockdev_testbed_uevent(state_->bus->testbed, state_->sys_path.c_str(), "add");
+}
+
+void UsbfsHost::spoil_node() {
+  const std::string path = state_->file();
+  if (::unlink(path.c_str()) != 0 || ::mkdir(path.c_str(), 0700) != 0) std::abort();
 }
 
 std::uint64_t UsbfsHost::ioctls() const { return state_->ioctls; }

@@ -14,7 +14,8 @@ namespace telefab::test {
 /// umockdev's library preloaded. The model runs on the clock given and is touched under `mutex` only.
 class UsbfsHost {
  public:
-  UsbfsHost(fab::Dlpc900Model& model, std::mutex& mutex, std::string serial);
+  /// On the bus of another one, whose thread ends with the first of both.
+  UsbfsHost(fab::Dlpc900Model& model, std::mutex& mutex, std::string serial, const UsbfsHost* beside = nullptr);
   ~UsbfsHost();
   UsbfsHost(const UsbfsHost&) = delete;
   UsbfsHost& operator=(const UsbfsHost&) = delete;
@@ -22,9 +23,12 @@ class UsbfsHost {
   /// Pulls the cable: transfers fail, the device leaves sysfs and udev says so.
   void unplug();
   void plug();
+  /// It stays on the bus, and nobody can open it any more.
+  void spoil_node();
   [[nodiscard]] std::uint64_t ioctls() const;
 
  private:
+  struct Bus;
   struct State;
   std::unique_ptr<State> state_;
 };

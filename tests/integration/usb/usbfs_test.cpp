@@ -95,6 +95,46 @@ TEST_F(Usbfs, TakesOnlyTheLightEngineOfTheStatedSerialNumber) {
   EXPECT_THAT((*own)->describe(), testing::HasSubstr("serial T6500"));
 }
 
+TEST_F(Usbfs, TakesNoneOfTwoLightEnginesUnlessItIsNamed) {
+  Dlpc900Model twin_model{1, 6, clock, &log};
+  const UsbfsHost twin{twin_model, mutex, "T6501", host.get()};
+  const auto either = open_libusb(kProjector);
+  ASSERT_FALSE(either);
+  EXPECT_EQ(either.error().code, ErrorCode::DeviceLost);
+  EXPECT_THAT(either.error().what, testing::HasSubstr("2 USB devices 0451:c900 (serial numbers: "));
+  for (const char* serial : {"T6500", "T6501"}) {
+    EXPECT_THAT(either.error().what, testing::HasSubstr(serial));
+    UsbIdentity wanted = kProjector;
+    wanted.serial = serial;
+    const auto own = open_libusb(wanted);
+    ASSERT_TRUE(own) << own.error().what;
+    EXPECT_THAT((*own)->describe(), testing::HasSubstr(std::string{"serial "} + serial));
+  }
+}
+
+TEST_F(Usbfs, TakesNoneOfTwoLightEnginesOfOneSerialNumber) {
+  Dlpc900Model twin_model{1, 6, clock, &log};
+  const UsbfsHost twin{twin_model, mutex, "T6500", host.get()};
+  UsbIdentity wanted = kProjector;
+  wanted.serial = "T6500";
+  const auto either = open_libusb(wanted);
+  ASSERT_FALSE(either);
+  EXPECT_THAT(either.error().what, testing::HasSubstr("they cannot be told apart"));
+}
+
+// The one that could be opened was taken for the only one.
+TEST_F(Usbfs, TakesNoOtherLightEngineThanOneThatItMayNotOpenUnlessItIsNamed) {
+  Dlpc900Model twin_model{1, 6, clock, &log};
+  UsbfsHost twin{twin_model, mutex, "T6501", host.get()};
+  twin.spoil_node();
+  const auto either = open_libusb(kProjector);
+  ASSERT_FALSE(either);
+  EXPECT_THAT(either.error().what, testing::HasSubstr("opening 0451:c900"));
+  UsbIdentity wanted = kProjector;
+  wanted.serial = "T6500";
+  EXPECT_TRUE(open_libusb(wanted));
+}
+
 TEST_F(Usbfs, TellsTimeoutStallAndUnplugApart) {
   auto usb = open_libusb(kProjector);
   ASSERT_TRUE(usb) << usb.error().what;

@@ -21,9 +21,9 @@ enum class UsbArrival : std::uint8_t {
 
 /// Opens the device through libusb, detaches a kernel driver if there is one and claims interface 0. Transfers are
 /// asynchronous below and end at their deadline by being cancelled, so no call outlives its timeout by more than the
-/// cancellation takes. Fails: DeviceLost (not there; more than one without a serial; no permission, with what to do).
-/// reopen() waits up to 0.2 s for a device that is not there; a device known to have left fails at once everywhere
-/// else.
+/// cancellation takes. Fails: DeviceLost (not there; several that fit, with their serials; one that may be the one
+/// cannot be opened, with what to do). reopen() waits up to 0.2 s for a device that is not there; a device known to
+/// have left fails at once everywhere else.
 [[nodiscard]] Result<std::unique_ptr<UsbTransport>> open_libusb(const UsbIdentity& identity,
                                                                 UsbArrival arrival = UsbArrival::Callback);
 
