@@ -121,6 +121,18 @@ function(telefab_program name)
   install(FILES ${folder}/${name}.fish DESTINATION share/fish/vendor_completions.d COMPONENT ${arg_COMPONENT})
 endfunction()
 
+# Sanitizers make a program many times slower; then every test has as many times as long.
+set(TELEFAB_PATIENCE 1)
+if(TELEFAB_SANITIZE)
+  set(TELEFAB_PATIENCE 15)
+endif()
+
+# telefab_time_limit(NAME SECONDS): how long the test NAME may take in an ordinary build.
+function(telefab_time_limit name seconds)
+  math(EXPR limit "${seconds} * ${TELEFAB_PATIENCE}")
+  set_tests_properties(${name} PROPERTIES TIMEOUT ${limit})
+endfunction()
+
 # telefab_test(KIND NAME SOURCES .. USES ..): one test program a module and kind; KIND becomes the CTest label.
 #   TIMEOUT s (default 120), LONG puts it behind the others.
 function(telefab_test kind name)
@@ -146,7 +158,8 @@ function(telefab_test kind name)
   if(kind STREQUAL "integration")
     set(alone ON)
   endif()
-  set_tests_properties(${kind}.${name} PROPERTIES LABELS ${kind} TIMEOUT ${arg_TIMEOUT} COST ${cost} RUN_SERIAL ${alone}
+  telefab_time_limit(${kind}.${name} ${arg_TIMEOUT})
+  set_tests_properties(${kind}.${name} PROPERTIES LABELS ${kind} COST ${cost} RUN_SERIAL ${alone}
     ENVIRONMENT "TELEFAB_BIN=${CMAKE_BINARY_DIR}/bin;TELEFAB_SOURCE=${CMAKE_SOURCE_DIR};${arg_ENVIRONMENT}")
 endfunction()
 
@@ -167,10 +180,20 @@ function(telefab_fuzzer name)
     target_sources(fuzz_${name} PRIVATE ${CMAKE_SOURCE_DIR}/tests/fuzz/replay_main.cpp)
     add_test(NAME fuzz.${name} COMMAND fuzz_${name} ${arg_CORPUS})
   endif()
-  set_tests_properties(fuzz.${name} PROPERTIES LABELS fuzz TIMEOUT 120)
+  telefab_time_limit(fuzz.${name} 120)
+  set_tests_properties(fuzz.${name} PROPERTIES LABELS fuzz)
   if(TARGET telefab_fuzzers)
     add_dependencies(telefab_fuzzers fuzz_${name})
   endif()
+endfunction()
+
+# telefab_seeds(NAME SOURCE .. USES ..): a program that writes seeds of fuzz targets by a function of ours; built by its name
+# alone.
+function(telefab_seeds name)
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "SOURCE" "USES")
+  add_executable(${name} EXCLUDE_FROM_ALL ${arg_SOURCE} ${CMAKE_SOURCE_DIR}/tests/fuzz/seeds_main.cpp)
+  target_include_directories(${name} PRIVATE ${CMAKE_SOURCE_DIR}/tests/fuzz)
+  target_link_libraries(${name} PRIVATE telefab_flags ${arg_USES} fmt::fmt)
 endfunction()
 
 # A file that lies in the folder but in no list is a test nobody runs: refuse to configure.
