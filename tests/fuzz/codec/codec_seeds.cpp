@@ -7,6 +7,8 @@
 #include <telefab/codec/stack_codec.hpp>
 #include <telefab/codec/tfc_file.hpp>
 
+#include "seeds.hpp"
+
 // Writes the seeds of fuzz_chunk and fuzz_tfc intra: `codec_seeds tests/fuzz/corpus`, once after every change of a
 // coding.
 namespace telefab {
@@ -49,6 +51,8 @@ LayerStack some_stack(int kind) {
   return LayerStack::from_layers(std::move(header), std::move(layers)).value();
 }
 
+}  // namespace
+
 Result<void> write_seeds(const std::filesystem::path& corpus) {
   for (const auto& [coding, name] : {std::pair{Coding::Curve, "curve"}, std::pair{Coding::Exact, "exact"}})
     for (int kind = 0; kind < 3; ++kind) {
@@ -72,16 +76,4 @@ Result<void> write_seeds(const std::filesystem::path& corpus) {
   return {};
 }
 
-}  // namespace
 }  // namespace telefab
-
-int main(int count, char** arguments) {
-  if (count != 2) {
-    fmt::print(stderr, "codec_seeds FOLDER: writes FOLDER/chunk and FOLDER/tfc\n");
-    return 1;
-  }
-  const auto done = telefab::write_seeds(arguments[1]);
-  if (done) return 0;
-  fmt::print(stderr, "{}\n", done.error().what);
-  return 7;
-}

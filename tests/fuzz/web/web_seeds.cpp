@@ -6,6 +6,8 @@
 #include <telefab/base/file.hpp>
 #include <telefab/fab/web/router.hpp>
 
+#include "seeds.hpp"
+
 // Writes the seeds of fuzz_sign_in and fuzz_tokens: `web_seeds tests/fuzz/corpus`, once after every new route.
 namespace telefab {
 namespace {
@@ -30,6 +32,8 @@ std::string token_line(std::string_view name, std::string_view role, int number)
   const std::string salt = fmt::format("{:032x}", number);
   return fmt::format("{} {} {} {} {}\n", name, role, salt, to_hex(digest_of(std::as_bytes(std::span{salt}))), number);
 }
+
+}  // namespace
 
 Result<void> write_seeds(const std::filesystem::path& corpus) {
   const std::string sign_in = "POST /v1/sign-in\nh localhost:7480\nb {\"token\":\"@a\"}\n\n";
@@ -66,16 +70,4 @@ Result<void> write_seeds(const std::filesystem::path& corpus) {
   return {};
 }
 
-}  // namespace
 }  // namespace telefab
-
-int main(int count, char** arguments) {
-  if (count != 2) {
-    fmt::print(stderr, "web_seeds FOLDER: writes FOLDER/sign_in and FOLDER/tokens\n");
-    return 1;
-  }
-  const auto done = telefab::write_seeds(arguments[1]);
-  if (done) return 0;
-  fmt::print(stderr, "{}\n", done.error().what);
-  return 7;
-}
