@@ -80,7 +80,8 @@ struct MaskWatch::State {
 
   [[nodiscard]] Bodies bodies_of(const LayerRuns& solid, const LayerLight* light) const {
     Bodies found;
-    auto& [bodies, body_of] = found;
+    auto& bodies = found.bodies;  // no structured binding: older clangs cannot take one into a lambda
+    auto& body_of = found.of_run;
     const RunComponents parts = components_of(light ? light->joined : solid, true);
     bodies.resize(parts.components.size());
     body_of.resize(solid.count());
