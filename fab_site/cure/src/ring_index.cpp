@@ -53,7 +53,8 @@ RingIndex::RingIndex(std::span<const Contour> rings, double pitch_mm) {
   index_segments(
       static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_), segments_.size(), cell_starts_,
       cell_segments_, [&](std::size_t s, const auto& add) {
-        const auto& [a, b] = segments_[s];
+        const auto& a = segments_[s].a;  // no structured binding: older clangs cannot take one into a lambda
+        const auto& b = segments_[s].b;
         const auto column = [&](double x) { return static_cast<int>((x - box_.x) / kCellPx); };
         const auto row = [&](double y) { return static_cast<int>((y - box_.y) / kCellPx); };
         const int r1 = row(std::max(a.y_px, b.y_px));
