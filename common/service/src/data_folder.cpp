@@ -66,13 +66,16 @@ DataFolder::~DataFolder() {
   if (lock_ >= 0) ::close(lock_);
 }
 
+Result<void> make_folder(const std::filesystem::path& path) {
+  std::error_code error;
+  std::filesystem::create_directories(path, error);
+  if (!error) return {};
+  return fail(ErrorCode::StorageFailed, fmt::format("cannot make the folder {}: {}", path.string(), error.message()));
+}
+
 Result<std::filesystem::path> DataFolder::job(std::string_view id) const {
   const auto folder = path_ / "jobs" / id;
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error)
-    return fail(ErrorCode::StorageFailed,
-                fmt::format("cannot make the folder {}: {}", folder.string(), error.message()));
+  if (auto made = make_folder(folder); !made) return tl::unexpected{made.error()};
   return folder;
 }
 
@@ -83,7 +86,7 @@ Result<std::optional<std::filesystem::path>> DataFolder::take_out(std::string_vi
   if (const auto record = folder / "report" / "as-built.json"; std::filesystem::exists(record, error)) {
     const auto bytes = read_file(record, kMaxRecordBytes);
     if (!bytes) return tl::unexpected{bytes.error()};
-    std::filesystem::create_directories(path_ / "records", error);
+    if (auto made = make_folder(path_ / "records"); !made) return tl::unexpected{made.error()};
     const auto kept = path_ / "records" / fmt::format("{}.json", id);
     if (auto written = write_file_atomically(kept, std::span<const std::byte>{*bytes}); !written)
       return tl::unexpected{written.error()};

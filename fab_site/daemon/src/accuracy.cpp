@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include <fstream>
+#include <telefab/service/data_folder.hpp>
 #include <vector>
 
 namespace telefab::fab {
@@ -51,8 +52,7 @@ pid_t spawn(std::vector<std::string> words) {
 Result<void> keep_accuracy(const std::filesystem::path& job_folder, const std::string& machine,
                            const std::string& machine_folder, const std::stop_token& stop) {
   const auto report = job_folder / "report";
-  std::error_code error;
-  std::filesystem::create_directories(report, error);
+  if (auto made = make_folder(report); !made) return made;
   const pid_t child = spawn({"telefab-fab", "predict", (job_folder / "plan").string(), "--machine", machine,
                              "--machines", machine_folder, "--report", (report / "accuracy.json").string(), "--preview",
                              (report / "accuracy.png").string(), "--spacing-px", "2", "--threads", "1"});

@@ -17,6 +17,7 @@
 #include <telefab/fab/print/admission.hpp>
 #include <telefab/fab/print/print_record.hpp>
 #include <telefab/fab/print/provenance.hpp>
+#include <telefab/service/data_folder.hpp>
 #include <telefab/service/saved_message.hpp>
 #include <telefab/store/audit_log.hpp>
 
@@ -102,8 +103,7 @@ Result<void> keep_as_built(const std::filesystem::path& folder, PrintRecord reco
 
 /// Both records of a print that has ended, or faulted.
 Result<void> keep_records(const std::filesystem::path& folder, const PrintRecord& record) {
-  std::error_code error;  // said by the write that follows
-  std::filesystem::create_directories(folder / "report", error);
+  if (auto made = make_folder(folder / "report"); !made) return made;
   if (auto kept = write_file_atomically(folder / "report" / "print.json", to_json(record) + "\n"); !kept) return kept;
   return keep_as_built(folder, record);
 }

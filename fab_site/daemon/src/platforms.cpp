@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "platforms.hpp"
 
-#include <fmt/format.h>
-
 #include <telefab/base/file.hpp>
 #include <telefab/fab/drivers/make_devices.hpp>
+#include <telefab/service/data_folder.hpp>
 
 namespace telefab::fab {
 
@@ -25,11 +24,7 @@ Result<std::optional<std::string>> Platforms::part_on(const std::string& machine
 }
 
 Result<void> Platforms::occupy(const std::string& machine, const std::string& job) const {
-  std::error_code error;
-  std::filesystem::create_directories(folder_, error);
-  if (error)
-    return fail(ErrorCode::StorageFailed,
-                fmt::format("cannot make the folder {}: {}", folder_.string(), error.message()));
+  if (auto made = make_folder(folder_); !made) return made;
   return write_file_atomically(folder_ / machine, job + "\n");
 }
 

@@ -7,6 +7,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/scan/formats/registration_note.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
+#include <telefab/service/data_folder.hpp>
 #include <telefab/service/saved_message.hpp>
 #include <telefab/wire/job_signature.hpp>
 
@@ -213,8 +214,7 @@ Result<void> Slicer::slice(const SliceTask& task, std::stop_token stop) {
         *scan, task.name, parameters->slice,
         [&](const StackHeader& header, Layer&& layer) { return writer.take(header, layer); }, {}, stop);
     if (!report) return tl::unexpected{report.error()};
-    std::error_code error;
-    std::filesystem::create_directories(task.folder / "report", error);
+    if (auto made = make_folder(task.folder / "report"); !made) return made;
     if (auto kept = write_file_atomically(task.folder / "report" / "slice.json", to_json(*report) + "\n"); !kept)
       return kept;
   }

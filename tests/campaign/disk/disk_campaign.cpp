@@ -143,8 +143,10 @@ int once_wrong(const fs::path& bin, const fs::path& folder) {
   chunks_for_a_while.stays = true;
   // And one whose layers it could not write, for a file system that turns read-only was taken for a missing permission.
   const DiskTrial read_only{bin, folder / "trial", "scan", 2, EROFS, true, DiskCalls::Writes, "/chunks"};
+  // And one whose report could not have its folder: the write that followed said that the path was wrong.
+  const DiskTrial report{bin, folder / "trial", "scan", 1, EIO, false, DiskCalls::Writes, "/report"};
   int wrong = 0;
-  for (const DiskTrial& trial : {chunks, chunks_for_a_while, read_only}) {
+  for (const DiskTrial& trial : {chunks, chunks_for_a_while, read_only, report}) {
     const auto verdict = verdict_of(trial);
     if (verdict["outcome"] == "recovered" && verdict["fault"] != "") continue;
     fmt::print(stderr, "{} {}: {}\n", trial.site, trial.ending, verdict.dump());

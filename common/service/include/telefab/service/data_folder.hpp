@@ -36,6 +36,10 @@ class DataFolder {
   int lock_ = -1;
 };
 
+/// Makes a folder in a daemon's own one, and those above it, where there is none. Fails with StorageFailed, whatever
+/// the reason: a job waits for its disk, and does not end.
+[[nodiscard]] Result<void> make_folder(const std::filesystem::path& path);
+
 /// Names the calling thread, as the site's README lists it; at most 15 bytes.
 void set_thread_name(const char* name);
 
