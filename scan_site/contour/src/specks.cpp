@@ -20,7 +20,7 @@ LeftOut leave_specks_out(Layer& layer, const SpeckRule& rule) {
     const double area_mm2 = std::abs(ring.signed_area_mm2());
     return area_mm2 < rule.least_mm2 || 2 * area_mm2 < rule.thinnest_mm * ring.length_mm();
   };
-  const auto first = std::ranges::stable_partition(layer.contours, std::not_fn(is_small)).begin();
+  const auto first = std::stable_partition(layer.contours.begin(), layer.contours.end(), std::not_fn(is_small));
   if (first == layer.contours.end()) return {};
   // A speck that is thin, not small, may be wide enough somewhere to hold another ring.
   const std::vector<Contour> specks{first, layer.contours.end()};
