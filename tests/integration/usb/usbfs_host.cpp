@@ -84,6 +84,7 @@ struct UsbfsHost::State {
     UMockdevIoctlData* data;
     UMockdevIoctlData* buffer;
     bool done;
+    bool gone = false;  ///< its owner is
   };
 
   fab::Dlpc900Model& model;
@@ -97,6 +98,7 @@ struct UsbfsHost::State {
   GSource* timer = nullptr;
   std::recursive_mutex own;  ///< answering a dead client tells of its end within the answer
   std::list<Urb> urbs;
+  int answering = 0;
   std::atomic<std::uint64_t> ioctls = 0;
   std::atomic<bool> plugged = false;
   int fifo = -1;
@@ -163,7 +165,7 @@ struct UsbfsHost::State {
 
   void update_signal() {
     bool any = false;
-    for (const Urb& u : urbs) any = any || u.done;
+    for (const Urb& u : urbs) any = any || (u.done && !u.gone);
     signal(any || !plugged);
   }
 
@@ -216,8 +218,31 @@ struct UsbfsHost::State {
     }
   }
 
+  /// umockdev tells of the end of a client from within any call that speaks to it: what was the client's is forgotten
+  /// once nobody holds it any more.
+  struct Answering {
+    explicit Answering(State& s) : state{s} { ++state.answering; }
+    ~Answering() {
+      if (--state.answering == 0) state.forget_the_gone();
+    }
+    Answering(const Answering&) = delete;
+    Answering& operator=(const Answering&) = delete;
+    State& state;
+  };
+
+  void forget_the_gone() {
+    std::erase_if(urbs, [](const Urb& u) {
+      if (!u.gone) return false;
+      g_object_unref(u.buffer);
+      g_object_unref(u.data);
+      return true;
+    });
+    update_signal();
+  }
+
   bool handle(UMockdevIoctlClient* client) {
     const std::lock_guard one_at_a_time{own};  // umockdev answers each client from where it pleases
+    const Answering until_the_end{*this};
     ++ioctls;
     const gulong request = umockdev_ioctl_client_get_request(client);
     UMockdevIoctlData* arg = umockdev_ioctl_client_get_arg(client);
@@ -274,23 +299,19 @@ struct UsbfsHost::State {
       }
       case USBDEVFS_REAPURBNDELAY: {
         for (auto u = urbs.begin(); u != urbs.end(); ++u) {
-          if (!u->done || u->owner != client) continue;
+          if (!u->done || u->gone || u->owner != client) continue;
           UMockdevIoctlData* slot = umockdev_ioctl_data_resolve(arg, 0, sizeof(gpointer), nullptr);
           if (slot == nullptr) return complete(-1, EFAULT);
           (void)umockdev_ioctl_data_set_ptr(slot, 0, u->data);
-          const Urb reaped = *u;
-          urbs.erase(u);
+          u->gone = true;
           update_signal();
-          complete(0);
-          g_object_unref(reaped.buffer);
-          g_object_unref(reaped.data);
-          return true;
+          return complete(0);
         }
         return complete(-1, plugged ? EAGAIN : ENODEV);
       }
       case USBDEVFS_DISCARDURB: {
         for (Urb& u : urbs)
-          if (!u.done && u.owner == client && *reinterpret_cast<gulong*>(arg->data) == u.data->client_addr) {
+          if (!u.done && !u.gone && u.owner == client && *reinterpret_cast<gulong*>(arg->data) == u.data->client_addr) {
             finish(u, -ENOENT, 0);
             update_signal();
             return complete(0);
@@ -304,10 +325,11 @@ struct UsbfsHost::State {
 
   gboolean tick() {
     const std::lock_guard one_at_a_time{own};
+    const Answering until_the_end{*this};
     for (Urb& u : urbs)
       if (!u.done && !plugged)
         finish(u, -ENODEV, 0);
-      else if (!u.done && urb_of(u.data).type == USBDEVFS_URB_TYPE_INTERRUPT)
+      else if (!u.done && !u.gone && urb_of(u.data).type == USBDEVFS_URB_TYPE_INTERRUPT)
         interrupt(u);
     update_signal();
     return TRUE;
@@ -316,13 +338,8 @@ struct UsbfsHost::State {
   /// A process closed the node or died: as usbfs does, its transfers end and nobody reaps them.
   void vanished(const UMockdevIoctlClient* client) {
     const std::lock_guard one_at_a_time{own};
-    std::erase_if(urbs, [&](const Urb& u) {
-      if (u.owner != client) return false;
-      g_object_unref(u.buffer);
-      g_object_unref(u.data);
-      return true;
-    });
-    update_signal();
+    const Answering until_the_end{*this};
+    for (Urb& u : urbs) u.gone = u.gone || u.owner == client;
   }
 
   static void on_vanished(UMockdevIoctlBase*, UMockdevIoctlClient* client, gpointer self) {
@@ -357,7 +374,9 @@ UsbfsHost::~UsbfsHost() {
   g_source_destroy(s.timer);
   g_source_unref(s.timer);
   (void)umockdev_testbed_detach_ioctl(s.bus->testbed, s.node.c_str(), nullptr);
+  g_signal_handlers_disconnect_by_data(s.handler, &s);
   g_object_unref(s.handler);
+  s.bus.reset();  // a worker of the testbed's own speaks to the nodes until it is gone
   if (s.fifo >= 0) ::close(s.fifo);
 }
 
