@@ -35,7 +35,6 @@ constexpr float kCellsAPitch = 1.5F;
 constexpr float kAgreed = 0.95F, kErrorAgreed = 0.25F, kErrorDisagreed = 0.4F;
 /// and on smooth functions, by how far two opinions are apart. Where such a function is flat, as between sheets that it
 /// hardly parts, what it is off moves its zero set farther.
-constexpr float kLeastSlope = 0.1F;
 constexpr float kLeastErrorShare = 0.08F, kOpinions = 2, kMostErrorShare = 0.4F;
 /// Steps onto the zero set of a smooth function.
 constexpr int kNewton = 3;
@@ -275,6 +274,7 @@ class Follower {
     const Vector3f inside = sum / count;
     Vector3f point = position(cell) + pitch(cell.level) * inside;
     Vector3f normal = gradient(corner, inside);
+    float slope = 1;  // of the smooth function
     std::size_t own_gap = 0;
     if (smooth_) {
       own_gap = smooth_->gap_at(point);
@@ -283,6 +283,7 @@ class Follower {
         const float steep2 = at.gradient.squaredNorm();
         if (!(steep2 > 0)) return;
         normal = at.gradient;
+        slope = at.slope();
         const float limit = pitch(cell.level) / 2;
         const Vector3f step = at.value / steep2 * at.gradient;
         point -= step.norm() > limit ? Vector3f{limit / step.norm() * step} : step;
@@ -301,7 +302,7 @@ class Follower {
     sample.spacing = pitch(cell.level) / std::sqrt(kCellsAPitch);
     sample.smooth = smooth_ != nullptr;
     if (smooth_)
-      sample.error_share = std::min(kMostErrorShare, kLeastErrorShare / std::clamp(normal.norm(), kLeastSlope, 1.F) +
+      sample.error_share = std::min(kMostErrorShare, kLeastErrorShare / std::min(slope, 1.F) +
                                                          kOpinions * smooth_->opinions(own_gap, point) / gap);
     else
       sample.error_share = agreement > kAgreed ? kErrorAgreed : kErrorDisagreed;

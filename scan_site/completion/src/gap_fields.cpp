@@ -45,8 +45,6 @@ constexpr float kMostOff = 0.06F;
 constexpr float kLeastTurned = 0.96F;
 /// No place of a closed gap is farther from the samples than this part of its extent, or than it is wide.
 constexpr float kFarthest = 0.5F;
-/// A gradient below this is that of no distance.
-constexpr float kLeastSlope = 0.1F;
 
 /// Members of each set, sets and members in rising order.
 std::vector<std::vector<std::uint32_t>> members_of(DisjointSets& sets) {
@@ -242,7 +240,7 @@ float GapFields::opinions(std::size_t gap, const Vector3f& place) const {
   for (const auto& half : gaps_[gap].halves) {
     if (!half) return farthest(gap);
     const HermiteField::Value at = half->at(place);
-    most = std::max(most, std::abs(at.value) / std::max(at.gradient.norm(), kLeastSlope));
+    most = std::max(most, std::abs(at.value) / at.slope());
   }
   return most;
 }

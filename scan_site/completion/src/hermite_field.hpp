@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <Eigen/Core>
+#include <algorithm>
 #include <optional>
 #include <span>
 #include <vector>
@@ -20,6 +21,9 @@ class HermiteField {
   struct Value {
     float value = 0;  ///< negative inside; near the places about the distance
     Eigen::Vector3f gradient = Eigen::Vector3f::Zero();
+
+    /// Over this a difference of values is a distance of zero sets; a gradient below .1 is that of no distance.
+    [[nodiscard]] float slope() const { return std::max(gradient.norm(), 0.1F); }
   };
   [[nodiscard]] Value at(const Eigen::Vector3f& place) const;
 
