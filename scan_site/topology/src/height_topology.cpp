@@ -87,35 +87,32 @@ HeightTopology::HeightTopology(Parts parts) : parts_{std::move(parts)} {
 
 std::optional<int> HeightTopology::sum_up() {
   const std::size_t count = events_.size();
+  // The sum beyond an event that is passed upwards (way 1) or downwards (-1).
+  const auto beyond = [](std::optional<int> sum, const Event& event, int way) -> std::optional<int> {
+    if (event.kind == Event::Kind::Counted) return event.value;
+    if (event.kind == Event::Kind::Begins || !sum) return sum;
+    return event.value ? std::optional{*sum + way * *event.value} : std::nullopt;
+  };
   std::vector<std::optional<int>> from_below(count), from_above(count);
+  std::optional<int> left = 0;
+  for (std::size_t e = 0; e < count; ++e) from_below[e] = left = beyond(left, events_[e], 1);
   std::optional<int> sum = 0;
-  for (std::size_t e = 0; e < count; ++e) {
-    const Event& event = events_[e];
-    if (event.kind == Event::Kind::Counted)
-      sum = event.value;
-    else if (event.kind == Event::Kind::Ends && sum)
-      sum = event.value ? std::optional{*sum + *event.value} : std::nullopt;
-    from_below[e] = sum;
-  }
-  const std::optional<int> left = sum;
-  sum = 0;
-  for (std::size_t e = count; e-- > 0;) {
-    const Event& event = events_[e];
-    from_above[e] = sum;
-    if (event.kind == Event::Kind::Counted)
-      sum = event.value;
-    else if (event.kind == Event::Kind::Ends && sum)
-      sum = event.value ? std::optional{*sum - *event.value} : std::nullopt;
-  }
+  for (std::size_t e = count; e-- > 0; sum = beyond(sum, events_[e], -1)) from_above[e] = sum;
   euler_above_.assign(count, std::nullopt);
   int inside = 0;
   for (std::size_t e = 0; e < count; ++e) {
-    inside += events_[e].kind == Event::Kind::Begins ? 1 : events_[e].kind == Event::Kind::Ends ? -1 : 0;
+    inside += events_[e].deeper();
     if (inside > 0) continue;
     euler_above_[e] = from_below[e] ? from_below[e] : from_above[e];
     if (from_below[e] && from_above[e] && *from_below[e] != *from_above[e]) euler_above_[e].reset();
   }
   return left;
+}
+
+std::size_t HeightTopology::events_up_to(double z_mm) const {
+  const auto after = std::upper_bound(events_.begin(), events_.end(), z_mm,
+                                      [](double z, const Event& event) { return z < event.z_mm; });
+  return static_cast<std::size_t>(after - events_.begin());
 }
 
 std::vector<HeightRange> HeightTopology::uncounted() const {
@@ -124,9 +121,8 @@ std::vector<HeightRange> HeightTopology::uncounted() const {
   int inside = 0, blind = 0;
   for (std::size_t e = 0; e + 1 < events_.size(); ++e) {
     const Event& event = events_[e];
-    const int change = event.kind == Event::Kind::Begins ? 1 : event.kind == Event::Kind::Ends ? -1 : 0;
-    inside += change;
-    if (!event.value) blind += change;
+    inside += event.deeper();
+    if (!event.value) blind += event.deeper();
     if (event.kind == Event::Kind::Counted) goes_on = false;
     if (blind > 0 || euler_above_[e]) {
       goes_on = false;
@@ -141,9 +137,8 @@ std::vector<HeightRange> HeightTopology::uncounted() const {
 }
 
 void HeightTopology::count(double z_mm, int euler) {
-  const auto at = std::upper_bound(events_.begin(), events_.end(), z_mm,
-                                   [](double z, const Event& event) { return z < event.z_mm; });
-  events_.insert(at, {z_mm, Event::Kind::Counted, euler});
+  const auto before = static_cast<std::ptrdiff_t>(events_up_to(z_mm));
+  events_.insert(events_.begin() + before, {z_mm, Event::Kind::Counted, euler});
   sum_up();
 }
 
@@ -159,10 +154,8 @@ bool HeightTopology::euler_is_certain() const {
 }
 
 std::optional<int> HeightTopology::predicted_euler(double z_mm) const {
-  const auto at = std::upper_bound(events_.begin(), events_.end(), z_mm,
-                                   [](double z, const Event& event) { return z < event.z_mm; });
-  if (at == events_.begin()) return 0;
-  return euler_above_[static_cast<std::size_t>(at - events_.begin()) - 1];
+  const std::size_t below = events_up_to(z_mm);
+  return below == 0 ? std::optional{0} : euler_above_[below - 1];
 }
 
 std::optional<ContourCount> HeightTopology::predicted_contours(double z_mm) const {

@@ -181,9 +181,13 @@ class HeightTopology {
     double z_mm;
     Kind kind;
     std::optional<int> value;  ///< change of the Euler number over a node, none: unknown; of Counted the number itself
+
+    /// Nodes that one is in more, above it than below.
+    [[nodiscard]] int deeper() const { return kind == Kind::Begins ? 1 : kind == Kind::Ends ? -1 : 0; }
   };
   /// The Euler number above each event, summed from below and from above; what is left open above the top.
   std::optional<int> sum_up();
+  [[nodiscard]] std::size_t events_up_to(double z_mm) const;
 
   std::vector<Event> events_;  ///< rising
   std::vector<std::optional<int>> euler_above_;
