@@ -124,6 +124,7 @@ std::vector<CutSetting::UndecidedPlace> undecided_places(const CompletedScan& co
 /// the next thing missed: their layers need be cut one way only.
 Result<void> count_hidden_heights(const CutSetting& setting, const StackHeader& header, HeightTopology& topology,
                                   std::stop_token stop) {
+  if (topology.uncounted().empty()) return {};
   CutSetting alone = setting;
   alone.topology = nullptr;
   LayerCutter cutter{alone};
@@ -137,9 +138,7 @@ Result<void> count_hidden_heights(const CutSetting& setting, const StackHeader& 
       const auto cut = cutter.cut(index, z_mm, stop);
       if (!cut) return tl::unexpected{cut.error()};
       if (!cut->layer.certificate.is_certified()) continue;
-      int euler = 0;
-      for (const Contour& c : cut->layer.contours) euler += c.is_hole() ? -1 : 1;
-      topology.count(z_mm, euler);
+      topology.count(z_mm, cut->layer.certificate.measured_euler);
       return true;
     }
     return false;
