@@ -331,7 +331,6 @@ struct UsbfsHost::State {
         finish(u, -ENODEV, 0);
       else if (!u.done && !u.gone && urb_of(u.data).type == USBDEVFS_URB_TYPE_INTERRUPT)
         interrupt(u);
-    update_signal();
     return TRUE;
   }
 
