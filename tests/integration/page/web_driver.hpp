@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -15,6 +16,7 @@
 #include <string>
 #include <string_view>
 #include <telefab/test/loopback.hpp>
+#include <thread>
 
 namespace telefab::test {
 
@@ -68,14 +70,15 @@ class Browser {
   }
   /// The folder that every process of this browser has on its command line.
   [[nodiscard]] const std::string& profile() const { return profile_; }
-  /// Runs `body` until it returns true, for at most ten seconds of the browser's time.
+  /// Runs `body` until it returns true, for at most ten seconds. Each look is a call of its own: one script that waits
+  /// in the page would end with the page where that is loaded anew.
   bool becomes_true(const std::string& body) {
-    return in_session("POST", "/execute/async",
-                      {{"script", "const done = arguments[0], end = Date.now() + 10000; const test = () => { " + body +
-                                      " }; const look = () => test() ? done(true) : Date.now() > end ? done(false) : "
-                                      "setTimeout(look, 50); look();"},
-                       {"args", Json::array()}})
-        .get<bool>();
+    using std::chrono::steady_clock;
+    for (const auto end = steady_clock::now() + std::chrono::seconds(10);;) {
+      if (run("return Boolean((() => { " + body + " })());").get<bool>()) return true;
+      if (steady_clock::now() > end) return false;
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    }
   }
   /// Waits for the dialog, which may come after an answer of the server.
   void accept_dialog() {
