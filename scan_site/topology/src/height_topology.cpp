@@ -270,6 +270,7 @@ Result<HeightTopology> analyse_height(const ScalarField& field, const SampleView
   std::vector<Vec3> near_inconsistency = topology::candidates(field, samples.points, samples.normals, wide);
   std::erase_if(near_inconsistency,
                 [&](const Vec3& p) { return !best->is_inconsistent(p.z(), field.kernel_width_mm(p)); });
+  near_inconsistency.insert(near_inconsistency.end(), best->losses().begin(), best->losses().end());
   auto more = topology::find_critical_points(field, near_inconsistency, wide, stop);
   if (!more) return tl::unexpected{more.error()};
   starts.insert(starts.end(), near_inconsistency.begin(), near_inconsistency.end());

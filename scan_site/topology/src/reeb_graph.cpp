@@ -9,6 +9,7 @@
 #include <numeric>
 #include <telefab/base/disjoint_sets.hpp>
 
+#include "contour_way.hpp"
 #include "reeb_nodes.hpp"
 
 namespace telefab::scan::topology {
@@ -18,59 +19,78 @@ constexpr double kOnRingKernels = 0.1;
 /// A height that nobody saw is looked for to within so many kernels.
 constexpr double kUnseenKernels = 0.05;
 
-/// Where a curve that rises from a node first meets another node.
+/// Where the contour that begins at a ring above a node first meets another node.
 struct Meeting {
   std::optional<std::size_t> node;
   std::optional<std::size_t> ring;  ///< index among node's rings below; none: reached without a ring
   std::vector<Vec3> path;
+  std::vector<Vec3> losses;  ///< where its curve was lost and found elsewhere
 };
 
 std::string place_text(const Vec3& p) { return fmt::format("({:.3f}, {:.3f}, {:.3f})", p.x(), p.y(), p.z()); }
 
-Meeting follow_up(const ScalarField& field, FieldCursor& cursor, const TracedNodes& traced, const CriticalIndex& index,
-                  std::span<const std::size_t> node_of, std::size_t from, std::size_t port) {
-  const NodeRings& n = traced.nodes[from];
-  Meeting meeting;
-  std::optional<std::size_t> end;
-  if (n.line_above[port]) {
-    meeting.path = traced.lines[*n.line_above[port]].path_mm;
-    end = traced.lines[*n.line_above[port]].end;
-  } else {
-    const Ring& ring = n.above[port];
-    SteepestLine line =
-        follow_steepest(field, cursor, index, {ring.points.front().x(), ring.points.front().y(), ring.z_mm}, true, {});
-    meeting.path = std::move(line.path_mm);
-    end = line.end;
-  }
-  if (meeting.path.empty()) return meeting;
-  const double top = meeting.path.back().z();
+struct NodeRing {
+  std::size_t node, ring;
+  Vec3 place;
+};
+
+/// The first ring below a node that the path comes by above `from_mm`.
+std::optional<NodeRing> first_ring_met(const ScalarField& field, const TracedNodes& traced, std::span<const Vec3> path,
+                                       double from_mm) {
   // Nodes are sorted by the level below them.
-  const auto first = std::upper_bound(traced.nodes.begin(), traced.nodes.end(), n.level_above_mm,
-                                      [](double z, const NodeRings& other) { return z < other.level_below_mm; });
-  for (auto at = first; at != traced.nodes.end() && at->level_below_mm <= top; ++at) {
-    const auto p = point_at_height(meeting.path, at->level_below_mm);
+  auto at = std::upper_bound(traced.nodes.begin(), traced.nodes.end(), from_mm,
+                             [](double z, const NodeRings& other) { return z < other.level_below_mm; });
+  for (; at != traced.nodes.end() && at->level_below_mm <= path.back().z(); ++at) {
+    const auto p = point_at_height(path, at->level_below_mm);
     if (!p) continue;
-    const double reach = kOnRingKernels * field.kernel_width_mm(*p);
-    double nearest = reach;
+    std::optional<std::size_t> ring;
+    double nearest = kOnRingKernels * field.kernel_width_mm(*p);
+    const double reach = nearest;
     for (std::size_t r = 0; r < at->below.size(); ++r) {
       const double d = at->below[r].distance_mm(p->head<2>(), reach);
       if (d < nearest) {
         nearest = d;
-        meeting.ring = r;
+        ring = r;
       }
     }
-    if (!meeting.ring) continue;
-    meeting.node = static_cast<std::size_t>(at - traced.nodes.begin());
-    // The arc ends where the node begins.
-    const double z_end = std::max(at->node.low_mm, p->z());
-    std::vector<Vec3> cut;
-    for (const Vec3& q : meeting.path)
-      if (q.z() < z_end) cut.push_back(q);
-    if (const auto last = point_at_height(meeting.path, z_end)) cut.push_back(*last);
-    meeting.path = std::move(cut);
-    return meeting;
+    if (ring) return NodeRing{static_cast<std::size_t>(at - traced.nodes.begin()), *ring, *p};
   }
-  if (end) meeting.node = node_of[*end];
+  return std::nullopt;
+}
+
+Meeting follow_up(const ScalarField& field, FieldCursor& cursor, const TracedNodes& traced, const CriticalIndex& index,
+                  std::span<const std::size_t> node_of, std::size_t from, std::size_t port,
+                  const std::stop_token& stop) {
+  const NodeRings& n = traced.nodes[from];
+  ContourWay way;
+  if (n.line_above[port]) {
+    way.path_mm = traced.lines[*n.line_above[port]].path_mm;
+    way.end = traced.lines[*n.line_above[port]].end;
+  } else {
+    const Ring& ring = n.above[port];
+    SteepestLine line =
+        follow_steepest(field, cursor, index, {ring.points.front().x(), ring.points.front().y(), ring.z_mm}, true, {});
+    way.path_mm = std::move(line.path_mm);
+    way.end = line.end;
+  }
+  Meeting meeting;
+  if (way.path_mm.empty()) return meeting;
+  std::optional<NodeRing> met = first_ring_met(field, traced, way.path_mm, n.level_above_mm);
+  while (!met && go_on_elsewhere(field, cursor, index, true, way, stop))
+    met = first_ring_met(field, traced, way.path_mm, n.level_above_mm);
+  meeting.losses = std::move(way.losses_mm);
+  meeting.path = std::move(way.path_mm);
+  if (met) {
+    meeting.node = met->node;
+    meeting.ring = met->ring;
+    // The arc ends where the node begins.
+    const double z_end = std::max(traced.nodes[met->node].node.low_mm, met->place.z());
+    const auto last = point_at_height(meeting.path, z_end);
+    std::erase_if(meeting.path, [&](const Vec3& q) { return q.z() >= z_end; });
+    if (last) meeting.path.push_back(*last);
+  } else if (way.end) {
+    meeting.node = node_of[*way.end];
+  }
   return meeting;
 }
 
@@ -101,7 +121,10 @@ class UnseenHeights {
     const NodeRings& node = built_[at.node];
     const Ring& ring = node.below[at.ring];
     const Vec2& p = ring.points.front();
-    const SteepestLine down = follow_steepest(field_, cursor_, index_, {p.x(), p.y(), ring.z_mm}, false, {});
+    SteepestLine first_line = follow_steepest(field_, cursor_, index_, {p.x(), p.y(), ring.z_mm}, false, {});
+    ContourWay down{std::move(first_line.path_mm), first_line.end, {}};
+    while (go_on_elsewhere(field_, cursor_, index_, false, down, stop_)) {
+    }
     if (down.path_mm.empty()) return {node.node.low_mm, node.node.low_mm};
     if (down.end)
       if (const ReebNode& first = parts_.nodes[node_of_[*down.end]]; !first.resolved && first.arcs_above.empty())
@@ -250,7 +273,7 @@ Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> sa
   tbb::enumerable_thread_specific<std::unique_ptr<FieldCursor>> cursors([&] { return field.cursor(); });
   tbb::parallel_for(std::size_t{0}, ports.size(), [&](std::size_t k) {
     if (!stop.stop_requested())
-      meetings[k] = follow_up(field, *cursors.local(), *traced, index, node_of, ports[k].node, ports[k].ring);
+      meetings[k] = follow_up(field, *cursors.local(), *traced, index, node_of, ports[k].node, ports[k].ring, stop);
   });
   if (stop.stop_requested()) return cancelled("building the Reeb graph");
 
@@ -263,16 +286,24 @@ Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> sa
       parts.inconsistencies.push_back(
           fmt::format("at {}: {}", place_text(built[n].node.place_mm), built[n].inconsistency));
   }
+  const auto blind_about = [&](const Vec3& loss) {
+    const double h = field.kernel_width_mm(loss);
+    parts.blind.push_back({loss.z() - 0.5 * h, loss.z() + 0.5 * h});
+    parts.losses_mm.push_back(loss);
+  };
   for (std::size_t k = 0; k < ports.size(); ++k) {
     Meeting& m = meetings[k];
     const NodeRings& from = built[ports[k].node];
+    for (const Vec3& loss : m.losses) {
+      parts.inconsistencies.push_back(fmt::format("the contour that begins at {} was lost at {} and found elsewhere",
+                                                  place_text(from.node.place_mm), place_text(loss)));
+      blind_about(loss);
+    }
     if (!m.node) {
       parts.inconsistencies.push_back(fmt::format("the contour that begins at {} was lost {}",
                                                   place_text(from.node.place_mm),
                                                   m.path.empty() ? "at once" : "at " + place_text(m.path.back())));
-      const double h = field.kernel_width_mm(from.node.place_mm);
-      const double end = m.path.empty() ? from.node.high_mm : m.path.back().z();
-      parts.blind.push_back({end - 0.5 * h, end + 0.5 * h});
+      blind_about(m.path.empty() ? from.node.place_mm : m.path.back());
       continue;
     }
     if (m.ring)

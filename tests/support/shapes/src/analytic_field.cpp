@@ -223,6 +223,20 @@ Shape two_bumps(double size_mm, double kernel_mm, Pose pose) {
       pose, 1.5 * size_mm + kernel_mm, kernel_mm, {"two bumps", 2, {0}, {}, {}, {}});
 }
 
+Shape ball_with_knobs(double radius_mm, double kernel_mm) {
+  // A knob lower than .06 radii has no top of its own.
+  const double lean = 0.4, width = 0.075 * radius_mm, knob = 0.065 * radius_mm;
+  const double y0 = radius_mm * std::sin(lean) / 1.2, z0 = radius_mm * std::cos(lean);
+  return make(
+      [=](const auto& x, const auto& y, const auto& z) {
+        const auto on = [&](double side) {
+          return exp(-0.5 * (squared(x) + squared(y - side * y0) + squared(z - z0)) / (width * width));
+        };
+        return length(x, 1.2 * y, z) - radius_mm - knob * (on(1) + on(-1));
+      },
+      Pose{}, 1.1 * radius_mm + kernel_mm, kernel_mm, {"ball with knobs", 2, {0}, {}, {}, {}});
+}
+
 Shape thin_wall(double width_mm, double height_mm, double thickness_mm, double kernel_mm) {
   const Vec3 half{width_mm / 2, thickness_mm / 2, height_mm / 2};
   const Pose pose{(Eigen::AngleAxisd{0.31, Vec3::UnitX()} * Eigen::AngleAxisd{0.47, Vec3::UnitY()}).toRotationMatrix(),

@@ -129,6 +129,8 @@ class HeightTopology {
     std::vector<HeightRange> blind;
     std::vector<RoundedInterval> rounded;
     std::vector<std::string> inconsistencies;
+    /// Where a steepest line could not go on and no critical point is known. In any order.
+    std::vector<Vec3> losses_mm;
     /// Heights too near to a critical point or plateau, by the kernel there, for a contour to be promised. In any
     /// order.
     std::vector<HeightRange> near;
@@ -146,6 +148,9 @@ class HeightTopology {
   [[nodiscard]] std::span<const SurfaceComponent> components() const { return parts_.components; }
   /// What does not fit together, for people; empty where graph and critical points agree everywhere.
   [[nodiscard]] std::span<const std::string> inconsistencies() const { return parts_.inconsistencies; }
+
+  /// Where a curve of the graph was lost: there may be a critical point that nobody found.
+  [[nodiscard]] std::span<const Vec3> losses() const { return parts_.losses_mm; }
 
   /// Of the whole surface, from the graph.
   [[nodiscard]] int euler() const;

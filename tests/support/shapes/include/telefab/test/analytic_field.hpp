@@ -56,6 +56,9 @@ using Shape = std::unique_ptr<AnalyticField>;
 [[nodiscard]] Shape genus_two(double size_mm, double kernel_mm, Pose pose = {});
 /// A ball with two horns of unequal height: one saddle between two maxima.
 [[nodiscard]] Shape two_bumps(double size_mm, double kernel_mm, Pose pose = {});
+/// A ball flattened along y with a knob on either flank, just high enough for a top of its own. The steepest lines from
+/// the bottom along y end there.
+[[nodiscard]] Shape ball_with_knobs(double radius_mm, double kernel_mm);
 /// A slab of `thickness_mm` with rounded rims, standing on its edge and turned a little, so that no face is level.
 [[nodiscard]] Shape thin_wall(double width_mm, double height_mm, double thickness_mm, double kernel_mm);
 /// Two balls of different size side by side, `gap_mm` apart.
