@@ -7,7 +7,6 @@
 #include "critical_search.hpp"
 #include "plateaus.hpp"
 #include "reeb_graph.hpp"
-#include "reeb_nodes.hpp"
 
 namespace telefab::scan {
 
@@ -224,6 +223,7 @@ Result<HeightTopology> analyse_height(const ScalarField& field, const SampleView
   auto points = topology::find_critical_points(field, starts, narrow, stop);
   if (!points) return tl::unexpected{points.error()};
 
+  topology::NodeMemory memory;
   const auto build = [&](double run_kernels) -> Result<HeightTopology> {
     if (points->size() > options.max_critical_points)
       return fail(ErrorCode::TooLarge, fmt::format("{} critical points, the limit is {}; use a wider kernel",
@@ -252,7 +252,8 @@ Result<HeightTopology> analyse_height(const ScalarField& field, const SampleView
       parts.inconsistencies.push_back(
           "no critical point was found, a closed surface has at least two; the samples are too few");
     }
-    if (const auto built = topology::build_reeb_graph(field, samples.points, samples.normals, parts, run_kernels, stop);
+    if (const auto built =
+            topology::build_reeb_graph(field, samples.points, samples.normals, parts, run_kernels, memory, stop);
         !built)
       return tl::unexpected{built.error()};
     return HeightTopology{std::move(parts)};
@@ -275,6 +276,7 @@ Result<HeightTopology> analyse_height(const ScalarField& field, const SampleView
   if (!more) return tl::unexpected{more.error()};
   starts.insert(starts.end(), near_inconsistency.begin(), near_inconsistency.end());
   points = topology::merged(field, std::move(*points), *more);
+  memory = {};
   for (const double run : {kFineRun, kCoarseRun}) {
     auto again = build(run);
     if (!again) return again;

@@ -10,7 +10,6 @@
 #include <telefab/base/disjoint_sets.hpp>
 
 #include "contour_way.hpp"
-#include "reeb_nodes.hpp"
 
 namespace telefab::scan::topology {
 namespace {
@@ -253,9 +252,11 @@ void find_components(HeightTopology::Parts& parts, std::span<const NodeRings> bu
 }  // namespace
 
 Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> samples, std::span<const Vec3> normals,
-                              HeightTopology::Parts& parts, double run_kernels, std::stop_token stop) {
+                              HeightTopology::Parts& parts, double run_kernels, NodeMemory& memory,
+                              std::stop_token stop) {
   const CriticalIndex index{field, parts.critical_points};
-  auto traced = trace_nodes(field, samples, normals, parts.critical_points, parts.plateaus, index, run_kernels, stop);
+  auto traced =
+      trace_nodes(field, samples, normals, parts.critical_points, parts.plateaus, index, run_kernels, memory, stop);
   if (!traced) return tl::unexpected{traced.error()};
   const std::vector<NodeRings>& built = traced->nodes;
 

@@ -18,11 +18,6 @@ constexpr double kSameRingKernels = 0.08;
 constexpr double kSeedLimitKernels = 0.75;
 constexpr double kLeaveKernels = 0.1;  // first step away from a saddle
 
-struct Level {
-  double low, high;  // of a run
-  double below, above;
-};
-
 double height(const CriticalPoint& c) { return c.position_mm.z(); }
 
 /// Runs of critical heights too near to be ordered, each with the levels of its rings.
@@ -89,13 +84,6 @@ bool shares_ring(const std::vector<Ring>& a, const std::vector<Ring>& b, double 
   return false;
 }
 
-struct Around {
-  Level level;
-  std::vector<IntegralLine> lines;
-  std::vector<Vec3> seeds_below, seeds_above;
-  std::vector<Ring> below, above;
-};
-
 /// Nearest seeds of a saddle's two branches decide how near "the same ring" may be.
 double same_ring_mm(const std::vector<Vec3>& seeds, double h) {
   double same = kSameRingKernels * h;
@@ -110,16 +98,17 @@ Around look_around(const ScalarField& field, FieldCursor& cursor, const Critical
   a.lines = lines_of(field, cursor, index, i,
                      std::min(index[i].position_mm.z() - level.below, level.above - index[i].position_mm.z()));
   const double h = field.kernel_width_mm(index[i].position_mm);
+  std::vector<Vec3> seeds_below, seeds_above;
   for (const IntegralLine& line : a.lines) {
     const double z = line.ascending ? level.above : level.below;
-    if (const auto p = point_at_height(line.path_mm, z)) (line.ascending ? a.seeds_above : a.seeds_below).push_back(*p);
+    if (const auto p = point_at_height(line.path_mm, z)) (line.ascending ? seeds_above : seeds_below).push_back(*p);
   }
   const auto rings_at = [&](double z, const std::vector<Vec3>& seeds) {
     std::vector<Ring> open;
     return distinct_rings(field, cursor, seeds, z, same_ring_mm(seeds, h), 0.3, open, stop);
   };
-  a.below = rings_at(level.below, a.seeds_below);
-  a.above = rings_at(level.above, a.seeds_above);
+  a.below = rings_at(level.below, seeds_below);
+  a.above = rings_at(level.above, seeds_above);
   return a;
 }
 
@@ -229,9 +218,13 @@ std::optional<Vec3> point_at_height(std::span<const Vec3> path, double z_mm) {
 
 Result<TracedNodes> trace_nodes(const ScalarField& field, std::span<const Vec3> samples, std::span<const Vec3> normals,
                                 std::span<const CriticalPoint> points, std::span<const Plateau> plateaus,
-                                const CriticalIndex& index, double run_kernels, std::stop_token stop) {
+                                const CriticalIndex& index, double run_kernels, NodeMemory& memory,
+                                std::stop_token stop) {
   std::vector<std::size_t> run_of;
   const std::vector<Level> runs = levels_of(field, points, run_kernels, run_of);
+  memory.alone.resize(points.size());
+  memory.in_run.resize(points.size());
+  memory.flat.resize(plateaus.size());
   std::vector<Around> arounds(points.size());
   std::vector<NodeRings> flat(plateaus.size());
   tbb::enumerable_thread_specific<std::unique_ptr<FieldCursor>> cursors([&] { return field.cursor(); });
@@ -242,11 +235,17 @@ Result<TracedNodes> trace_nodes(const ScalarField& field, std::span<const Vec3> 
     FieldCursor& cursor = *cursors.local();
     if (k >= points.size()) {
       const std::size_t p = k - points.size();
-      flat[p] = plateau_node(field, cursor, samples, normals, points, index, plateaus[p], p, stop);
+      if (!memory.flat[p])
+        memory.flat[p] = plateau_node(field, cursor, samples, normals, points, index, plateaus[p], p, stop);
+      flat[p] = *memory.flat[p];
     } else if (!points[k].plateau) {
       const std::size_t run = run_of[k];
-      arounds[k] = run_size[run] == 1 ? look_around_alone(field, cursor, index, k, runs[run], stop)
-                                      : look_around(field, cursor, index, k, runs[run], stop);
+      const bool is_alone = run_size[run] == 1;
+      auto& known = (is_alone ? memory.alone : memory.in_run)[k];
+      if (!known || known->asked != runs[run])
+        known = {runs[run], is_alone ? look_around_alone(field, cursor, index, k, runs[run], stop)
+                                     : look_around(field, cursor, index, k, runs[run], stop)};
+      arounds[k] = known->seen;
     }
   });
   if (stop.stop_requested()) return cancelled("tracing the Morse-Smale complex");

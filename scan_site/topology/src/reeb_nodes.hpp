@@ -19,6 +19,32 @@ struct NodeRings {
   std::string inconsistency;  ///< why it is not resolved
 };
 
+/// A run of critical heights too near to be ordered, and where the rings beside it are traced.
+struct Level {
+  double low, high;
+  double below, above;
+  friend bool operator==(const Level&, const Level&) = default;
+};
+
+/// What lies about a critical point outside plateaus.
+struct Around {
+  Level level;
+  std::vector<IntegralLine> lines;
+  std::vector<Ring> below, above;
+};
+
+/// What was traced about these critical points and plateaus before. The same heights in another order ask for little
+/// that is new.
+struct NodeMemory {
+  struct Known {
+    Level asked;
+    Around seen;
+  };
+  std::vector<std::optional<Known>> alone;   ///< points that are a run of their own
+  std::vector<std::optional<Known>> in_run;  ///< points among others
+  std::vector<std::optional<NodeRings>> flat;
+};
+
 /// Traces four lines a saddle (outside plateaus) and the rings around every node. Critical points nearly at one
 /// height (within `run_kernels` * h) on one contour become one node. Fails with Cancelled.
 struct TracedNodes {
@@ -28,7 +54,7 @@ struct TracedNodes {
 [[nodiscard]] Result<TracedNodes> trace_nodes(const ScalarField& field, std::span<const Vec3> samples,
                                               std::span<const Vec3> normals, std::span<const CriticalPoint> points,
                                               std::span<const Plateau> plateaus, const CriticalIndex& index,
-                                              double run_kernels, std::stop_token stop);
+                                              double run_kernels, NodeMemory& memory, std::stop_token stop);
 
 /// Point of a path strictly monotone in z, at height z; none outside.
 [[nodiscard]] std::optional<Vec3> point_at_height(std::span<const Vec3> path, double z_mm);
