@@ -71,7 +71,7 @@ class Browser {
   /// The folder that every process of this browser has on its command line.
   [[nodiscard]] const std::string& profile() const { return profile_; }
   /// Runs `body` until it returns true, for at most ten seconds. Each look is a call of its own: one script that waits
-  /// in the page would end with the page where that is loaded anew.
+  /// in the page would end with the page where that is loaded again.
   bool becomes_true(const std::string& body) {
     using std::chrono::steady_clock;
     for (const auto end = steady_clock::now() + std::chrono::seconds(10);;) {
