@@ -13,14 +13,20 @@
 #include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 
-#include "damage.hpp"
+#include <telefab/test/damage.hpp>
+#include <telefab/test/mesh_truth.hpp>
+#include <telefab/test/poisson.hpp>
 #include "layer_picture.hpp"
-#include "mesh_truth.hpp"
-#include "poisson.hpp"
 #include "section.hpp"
 
 namespace telefab::campaign {
 namespace {
+
+using test::Damage;
+using test::MeshTruth;
+using test::read_mesh;
+using test::RingCount;
+using test::Vec3;
 
 namespace fs = std::filesystem;
 
@@ -48,20 +54,6 @@ struct Setup {
   bool wrong = false;
   std::string draw;
 };
-
-Result<MeshTruth> read_mesh(const fs::path& path, bool must_be_closed = true) {
-  const auto bytes = read_file(path, 1ULL << 32U);
-  if (!bytes) return tl::unexpected{bytes.error()};
-  scan::ReadOptions options;
-  options.keep_faces = true;
-  const auto file = scan::read_scan_file(*bytes, path.filename().string(), options, {});
-  if (!file) return tl::unexpected{file.error()};
-  std::vector<Vec3> corners;
-  for (const auto& p : file->cloud.points) corners.push_back(file->cloud.origin + p.cast<double>());
-  MeshTruth mesh{corners, file->faces};
-  if (must_be_closed && !mesh.closed()) return fail(ErrorCode::InvalidInput, "no closed mesh");
-  return mesh;
-}
 
 double rank(std::vector<double>& values, double share) {
   if (values.empty()) return 0;
@@ -161,7 +153,7 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
   const auto damage = Damage::named(damage_name, seed);
   if (!damage) return tl::unexpected{damage.error()};
   const scan::PointCloud whole = mesh.as_scanned();
-  const scan::PointCloud cloud = damaged(whole, *damage);
+  const scan::PointCloud cloud = test::damaged(whole, *damage);
   const auto [low, high] = std::minmax_element(whole.points.begin(), whole.points.end(),
                                                [](const auto& a, const auto& b) { return a.z() < b.z(); });
   scan::SliceRequest request;
@@ -237,7 +229,7 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
   }
   if (setup.poisson) {
     const auto start = std::chrono::steady_clock::now();
-    const auto other = poisson_mesh(cloud);
+    const auto other = test::poisson_mesh(cloud);
     if (!other) return tl::unexpected{other.error()};
     const double took = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     judge_other(fmt::format("Poisson, {:.2f} s", took), other->moved(report->header.scan_to_build), layers, truth,

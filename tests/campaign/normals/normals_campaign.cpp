@@ -9,23 +9,17 @@
 #include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/slicing/orient_cloud.hpp>
 
-#include "mesh_truth.hpp"
+#include <telefab/test/mesh_truth.hpp>
 
 namespace telefab::campaign {
 namespace {
 
 /// The cloud with the normals that are right.
 Result<scan::PointCloud> truth_of(const std::filesystem::path& path) {
-  const auto bytes = read_file(path, 1ULL << 32U);
-  if (!bytes) return tl::unexpected{bytes.error()};
-  scan::ReadOptions options;
-  options.keep_faces = true;
-  auto file = scan::read_scan_file(*bytes, path.filename().string(), options, {});
+  auto file = test::read_faces(path);
   if (!file) return tl::unexpected{file.error()};
   if (file->faces.empty()) return std::move(file->cloud);
-  std::vector<Vec3> corners;
-  for (const auto& p : file->cloud.points) corners.push_back(file->cloud.origin + p.cast<double>());
-  return MeshTruth{corners, file->faces}.as_scanned();
+  return test::mesh_of(*file).as_scanned();
 }
 
 Result<void> row(const std::filesystem::path& path) {

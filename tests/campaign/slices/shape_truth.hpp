@@ -7,9 +7,12 @@
 #include <telefab/scan/cloud/point_cloud.hpp>
 #include <telefab/test/analytic_field.hpp>
 
-#include "mesh_truth.hpp"
+#include <telefab/test/mesh_truth.hpp>
 
 namespace telefab::campaign {
+
+using test::RingCount;
+using test::Vec3;
 
 /// A surface known by its formula as the truth about a scan made of it. Copies share the surface.
 class ShapeTruth {

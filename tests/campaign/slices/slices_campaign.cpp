@@ -15,15 +15,19 @@
 #include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 
+#include <telefab/test/mesh_truth.hpp>
 #include "layer_picture.hpp"
-#include "mesh_truth.hpp"
 #include "shape_truth.hpp"
 
 namespace telefab::campaign {
 namespace {
 
+using test::MeshTruth;
+using test::read_mesh;
+using test::RingCount;
+using test::Vec3;
+
 namespace fs = std::filesystem;
-constexpr std::uint64_t kMaxBytes = 4ULL << 30U;
 
 struct Setup {
   std::vector<std::string> folders;
@@ -60,20 +64,6 @@ Transform4 turn_of(int number) {
     r = Eigen::Quaterniond{bell(random), bell(random), bell(random), bell(random)}.normalized().toRotationMatrix();
   }
   return {r(0, 0), r(0, 1), r(0, 2), 0, r(1, 0), r(1, 1), r(1, 2), 0, r(2, 0), r(2, 1), r(2, 2), 0, 0, 0, 0, 1};
-}
-
-Result<MeshTruth> read_mesh(const fs::path& path) {
-  const auto bytes = read_file(path, kMaxBytes);
-  if (!bytes) return tl::unexpected{bytes.error()};
-  scan::ReadOptions options;
-  options.keep_faces = true;
-  const auto file = scan::read_scan_file(*bytes, path.filename().string(), options, {});
-  if (!file) return tl::unexpected{file.error()};
-  std::vector<Vec3> corners;
-  for (const auto& p : file->cloud.points) corners.push_back(file->cloud.origin + p.cast<double>());
-  MeshTruth mesh{corners, file->faces};
-  if (!mesh.closed()) return fail(ErrorCode::InvalidInput, "no closed mesh");
-  return mesh;
 }
 
 struct Tally {

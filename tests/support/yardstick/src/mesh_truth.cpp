@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "mesh_truth.hpp"
+#include <telefab/base/file.hpp>
+#include <telefab/test/mesh_truth.hpp>
 
 #include <CGAL/AABB_traits.h>
 #include <CGAL/AABB_tree.h>
@@ -14,7 +15,7 @@
 #include <random>
 #include <unordered_map>
 
-namespace telefab::campaign {
+namespace telefab::test {
 namespace {
 
 using Kernel = CGAL::Simple_cartesian<double>;
@@ -211,4 +212,26 @@ scan::PointCloud MeshTruth::sampled(std::size_t count, double noise, double norm
   return cloud;
 }
 
-}  // namespace telefab::campaign
+Result<scan::ScanFile> read_faces(const std::filesystem::path& path) {
+  const auto bytes = read_file(path, 1ULL << 32U);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  scan::ReadOptions options;
+  options.keep_faces = true;
+  return scan::read_scan_file(*bytes, path.filename().string(), options, {});
+}
+
+MeshTruth mesh_of(const scan::ScanFile& file) {
+  std::vector<Vec3> corners;
+  for (const auto& p : file.cloud.points) corners.push_back(file.cloud.origin + p.cast<double>());
+  return MeshTruth{corners, file.faces};
+}
+
+Result<MeshTruth> read_mesh(const std::filesystem::path& path, bool must_be_closed) {
+  const auto file = read_faces(path);
+  if (!file) return tl::unexpected{file.error()};
+  MeshTruth mesh = mesh_of(*file);
+  if (must_be_closed && !mesh.closed()) return fail(ErrorCode::InvalidInput, "no closed mesh");
+  return mesh;
+}
+
+}  // namespace telefab::test

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "damage.hpp"
+#include <telefab/test/damage.hpp>
 
 #include <fmt/format.h>
 
@@ -8,7 +8,7 @@
 #include <random>
 #include <telefab/scan/cloud/kd_tree.hpp>
 
-namespace telefab::campaign {
+namespace telefab::test {
 namespace {
 
 double median_spacing(const scan::PointCloud& cloud) {
@@ -83,4 +83,4 @@ scan::PointCloud damaged(const scan::PointCloud& whole, const Damage& damage) {
   return cloud;
 }
 
-}  // namespace telefab::campaign
+}  // namespace telefab::test

@@ -6,7 +6,7 @@
 #include <telefab/base/result.hpp>
 #include <telefab/scan/cloud/point_cloud.hpp>
 
-namespace telefab::campaign {
+namespace telefab::test {
 
 /// How a complete cloud becomes one that a scanner might give. Shares are of 1.
 struct Damage {
@@ -24,4 +24,4 @@ struct Damage {
 
 [[nodiscard]] scan::PointCloud damaged(const scan::PointCloud& whole, const Damage& damage);
 
-}  // namespace telefab::campaign
+}  // namespace telefab::test

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "poisson.hpp"
+#include <telefab/test/poisson.hpp>
 
 #include <pcl/PolygonMesh.h>
 #include <pcl/conversions.h>
 #include <pcl/point_types.h>
 #include <pcl/surface/poisson.h>
 
-namespace telefab::campaign {
+namespace telefab::test {
 
 Result<MeshTruth> poisson_mesh(const scan::PointCloud& cloud) {
   if (!cloud.has_normals()) return fail(ErrorCode::InvalidInput, "Poisson needs normals");
@@ -35,4 +35,4 @@ Result<MeshTruth> poisson_mesh(const scan::PointCloud& cloud) {
   return MeshTruth{places, faces};
 }
 
-}  // namespace telefab::campaign
+}  // namespace telefab::test

@@ -2,13 +2,15 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <span>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/scan/cloud/point_cloud.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
 #include <vector>
 
-namespace telefab::campaign {
+namespace telefab::test {
 
 using scan::Vec3;
 
@@ -59,4 +61,11 @@ class MeshTruth {
   mutable std::unique_ptr<Nearest> nearest_;
 };
 
-}  // namespace telefab::campaign
+/// The file with its faces, if it has any. Fails as readers do.
+[[nodiscard]] Result<scan::ScanFile> read_faces(const std::filesystem::path& path);
+/// Of a file with faces.
+[[nodiscard]] MeshTruth mesh_of(const scan::ScanFile& file);
+/// A mesh file. Fails as readers do, and with InvalidInput where it must be closed and is not.
+[[nodiscard]] Result<MeshTruth> read_mesh(const std::filesystem::path& path, bool must_be_closed = true);
+
+}  // namespace telefab::test
