@@ -229,10 +229,11 @@ Result<void> row(const fs::path& path, const MeshTruth& mesh, const std::string&
   }
   if (setup.poisson) {
     const auto start = std::chrono::steady_clock::now();
-    const auto other = test::poisson_mesh(cloud);
+    const auto other = test::poisson_faces(cloud);
     if (!other) return tl::unexpected{other.error()};
     const double took = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    judge_other(fmt::format("Poisson, {:.2f} s", took), other->moved(report->header.scan_to_build), layers, truth,
+    const MeshTruth mesh_found{other->corners, other->faces};
+    judge_other(fmt::format("Poisson, {:.2f} s", took), mesh_found.moved(report->header.scan_to_build), layers, truth,
                 setup);
   }
   if (setup.verdicts)

@@ -3,8 +3,8 @@
 
 namespace telefab::test {
 
-Result<MeshTruth> poisson_mesh(const scan::PointCloud&) {
-  return fail(ErrorCode::NotFound, "this campaign was built without PCL (package libpcl-dev)");
+Result<FaceSet> poisson_faces(const scan::PointCloud&, int) {
+  return fail(ErrorCode::NotFound, "built without PCL (package libpcl-dev)");
 }
 
 }  // namespace telefab::test

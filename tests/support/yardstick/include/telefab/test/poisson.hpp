@@ -7,9 +7,15 @@
 
 namespace telefab::test {
 
-/// What a user would do instead: screened Poisson reconstruction of depth 8 and point weight 4 with the normals as
-/// given, by PCL. A yardstick for this campaign; no program of Telefab contains it. Fails: InvalidInput (a cloud
-/// without normals), NotFound where the campaign was built without PCL, Internal where it gives no faces.
-[[nodiscard]] Result<MeshTruth> poisson_mesh(const scan::PointCloud& cloud);
+/// Corners and the faces between them.
+struct FaceSet {
+  std::vector<Vec3> corners;
+  std::vector<std::array<std::uint32_t, 3>> faces;
+};
+
+/// What a user would do instead: screened Poisson reconstruction of this depth (1 to 12) and point weight 4 with the
+/// normals as given, by PCL. A yardstick; no program of Telefab contains it. Fails: InvalidInput (a cloud without
+/// normals), NotFound where the build found no PCL, Internal where it gives no faces.
+[[nodiscard]] Result<FaceSet> poisson_faces(const scan::PointCloud& cloud, int depth = 8);
 
 }  // namespace telefab::test
