@@ -106,6 +106,16 @@ double width_factor(double noise) {
   return std::min(4.5, 1.6 + 6 * (noise - 0.1));
 }
 
+/// Samples whose nearest other is nearer than the first, in spacings, lie irregularly, at the second as if at random:
+/// their voids are wider, and a kernel that spans them is that much wider (decision 0405).
+constexpr double kRegular = 0.75;
+constexpr double kRandom = 0.5;
+constexpr double kRandomFactor = 1.25;
+double irregular_factor(const Evenness& even) {
+  if (even.rows) return 0;
+  return kRandomFactor * std::clamp((kRegular - even.nearest) / (kRegular - kRandom), 0.0, 1.0);
+}
+
 /// Robust rms of the samples' distance to the surface.
 double noise_mm(const FieldParts& parts) {
   MlsCursor cursor{parts};
@@ -226,7 +236,8 @@ Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, st
     if (size_of(parts) < 4)
       return fail(ErrorCode::InvalidInput, "the points of the scan do not lie on a common surface");
   }
-  const double factor = options.kernel_mm ? trial : width_factor(choice.noise_mm / even.spacing_mm);
+  choice.noise_factor = width_factor(choice.noise_mm / even.spacing_mm);
+  const double factor = options.kernel_mm ? trial : std::max(choice.noise_factor, irregular_factor(even));
   for (SampleGrid& band : parts.bands) band.scale_widths(static_cast<float>(1 / trial));
   scale_field(parts, factor, choice);
   choice.kernel_mm = factor * even.spacing_mm;

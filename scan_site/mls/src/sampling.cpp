@@ -98,6 +98,20 @@ class Surroundings {
     return std::sqrt(widest);
   }
 
+  /// Distance of the nearest sample of the same side that is not another view of the same place; 1.5 spacings at most.
+  float nearest(std::uint32_t sample, float spacing) const {
+    const Eigen::Vector3f place = grid_.place(sample);
+    const float same = kSamePlace * kSamePlace * spacing * spacing;
+    float least = 2.25F * spacing * spacing;
+    grid_.visit(place, 1.5F * spacing, [&](std::uint32_t first, std::uint32_t last) {
+      for (std::uint32_t k = first; k < last; ++k) {
+        const float apart = (grid_.place(k) - place).squaredNorm();
+        if (apart >= same && apart < least && grid_.normal(k).dot(grid_.normal(sample)) >= kSameSide) least = apart;
+      }
+    });
+    return std::sqrt(least);
+  }
+
   /// Mean of `spacing` (aligned, one a sample) over the neighbours within two spacings, itself included.
   float averaged(std::uint32_t sample, const float* spacing) {
     const NearInput in = about(sample, 2 * spacing[sample]);
@@ -190,10 +204,12 @@ Evenness measure_evenness(const SampleGrid& grid, float guess) {
   Surroundings surroundings{grid, guess};
   std::vector<float> spacing, across;
   std::vector<double> gaps;
+  std::vector<float> nearest;
   float last = guess;
   for (std::uint32_t i = step / 2; i < n; i += step) {
     const float own = surroundings.spacing(i, last);
     last = own;
+    nearest.push_back(surroundings.nearest(i, own) / own);
     double sum = 0, gap_sum = 0;
     int count = 0;
     grid.visit(grid.place(i), 1.5F * own, [&](std::uint32_t first, std::uint32_t end) {
@@ -216,7 +232,9 @@ Evenness measure_evenness(const SampleGrid& grid, float guess) {
   const auto rank = [&](double share) {
     return static_cast<double>(spacing[static_cast<std::size_t>(share * static_cast<double>(spacing.size() - 1))]);
   };
-  return {rank(0.5), rank(0.99) / std::max(rank(0.01), 1e-12), rows};
+  const auto middle = nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2);
+  std::nth_element(nearest.begin(), middle, nearest.end());
+  return {rank(0.5), rank(0.99) / std::max(rank(0.01), 1e-12), rows, static_cast<double>(*middle)};
 }
 
 Result<std::vector<float>> smooth_spacing(const SampleGrid& grid, float guess, bool rows, std::stop_token stop) {

@@ -17,6 +17,7 @@ struct Evenness {
   double spacing_mm = 0;  ///< median
   double unevenness = 1;  ///< 99 % over 1 %, each sample's spacing averaged over its neighbours
   bool rows = false;      ///< samples lie in rows, as line scanners take them: the spacing is then that of the rows
+  double nearest = 1;     ///< median distance of the nearest other sample, in spacings: 1.07 on hexagons, .47 at random
 };
 /// From about a thousand samples spread over the grid.
 [[nodiscard]] Evenness measure_evenness(const SampleGrid& grid, float guess);

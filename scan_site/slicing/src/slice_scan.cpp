@@ -349,7 +349,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   const bool noisy = kernel.noise_mm > kCleanSpacings * kernel.spacing_mm;
   // A width given by hand may be far from what the noise asks for: it is tried as hard as a sparse scan's.
   const bool widely = sparse || request.mls.kernel_mm;
-  if (!known_doubt && (sparse || (request.mls.kernel_mm ? noisy : spacings > kCertainSpacings)))
+  if (!known_doubt && (sparse || (request.mls.kernel_mm ? noisy : kernel.noise_factor > kCertainSpacings)))
     for (const double wanted : widely ? kSparseKernelFactors : kKernelFactors)
       // Narrower than 0.9 spacings a field has holes.
       if (const double factor = std::max(wanted, 0.9 / spacings); std::abs(factor - 1) > 0.05)

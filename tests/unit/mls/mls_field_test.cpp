@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <random>
 #include <telefab/test/analytic_field.hpp>
 #include <telefab/test/surface_samples.hpp>
 
@@ -134,6 +135,24 @@ TEST(MlsField, WidensTheKernelForNoise) {
   const auto field = field_of(cloud_of(noisy));
   EXPECT_GT(field->kernel().kernel_mm, 1.8 * field->kernel().spacing_mm);
   EXPECT_LT(worst_radius_error(*field, 10), 0.15);
+}
+
+// Drawn at random samples leave voids that even ones of the same number do not.
+TEST(MlsField, WidensTheKernelWhereSamplesLieAtRandom) {
+  std::mt19937_64 random{7};
+  std::normal_distribution<double> bell;
+  test::SurfaceSamples drawn;
+  while (drawn.points.size() < ball().points.size()) {
+    const Vec3 out = Vec3{bell(random), bell(random), bell(random)}.normalized();
+    drawn.points.push_back(10 * out);
+    drawn.normals.push_back(out);
+  }
+  const auto even = field_of(cloud_of(ball()));
+  const auto field = field_of(cloud_of(drawn));
+  EXPECT_NEAR(even->kernel().kernel_mm / even->kernel().spacing_mm, 0.9, 1e-6);
+  EXPECT_NEAR(field->kernel().kernel_mm / field->kernel().spacing_mm, 1.25, 0.01);
+  EXPECT_EQ(field->kernel().noise_factor, 0.9) << "none of it is noise";
+  EXPECT_LT(worst_radius_error(*field, 10), 0.02);
 }
 
 // Neighbours of their own side are far away; kernels as wide as that blur what lies between.

@@ -44,6 +44,7 @@ struct KernelChoice {
   double spacing_mm = 0;            ///< median distance s of neighbouring samples
   double unevenness = 1;            ///< 99 % over 1 % of the local spacing
   double noise_mm = 0;              ///< robust rms of the samples about their surface
+  double noise_factor = 1;          ///< kernel width over spacing that the noise alone asks for
   double kernel_mm = 0;             ///< median width h
   bool adaptive = false;            ///< one width a sample
   std::size_t dropped_samples = 0;  ///< outliers
