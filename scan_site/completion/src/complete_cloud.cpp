@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
@@ -32,9 +33,11 @@ void measure_spacing(const MeasuredSide& measured, std::vector<VirtualSample>& s
     points.push_back(s.point);
     normals.push_back(s.normal);
   }
-  const std::vector<float> areas = sample_areas(points, normals);
-  for (std::size_t i = 0; i < samples.size(); ++i)
-    samples[i].spacing = std::max(std::sqrt(areas[measured.points.size() + i]), samples[i].spacing);
+  const KdTree near{points};
+  tbb::parallel_for(std::size_t{0}, samples.size(), [&](std::size_t i) {
+    const auto sample = static_cast<std::uint32_t>(measured.points.size() + i);
+    samples[i].spacing = std::max(std::sqrt(area_of(near, points, normals, sample)), samples[i].spacing);
+  });
 }
 
 }  // namespace

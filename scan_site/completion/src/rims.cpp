@@ -75,6 +75,25 @@ std::size_t island_of(std::span<const Neighbour> found) {
   return found.size();
 }
 
+/// A sample among its nearest neighbours, itself the first.
+struct Island {
+  Island(const KdTree& near, std::span<const Vector3f> points, std::span<const Vector3f> normals, std::uint32_t i)
+      : count{island_of({found.data(), near.nearest(points[i], found)})} {
+    const auto others = static_cast<float>(std::max<std::size_t>(1, count - 1));
+    Vector3f offset = Vector3f::Zero();
+    for (std::size_t k = 0; k < count; ++k) offset += points[found[k].index] - points[i];
+    offset /= others;
+    offset -= offset.dot(normals[i]) * normals[i];
+    const float reach2 = found[count - 1].squared_distance;
+    lean = reach2 > 0 ? offset.norm() / std::sqrt(reach2) : 0;
+    const float missing = std::clamp((lean - kLeastLean) / kLeanRange, 0.F, 1.F) / 2;
+    area = std::numbers::pi_v<float> * reach2 / others * (1 - missing);
+  }
+  std::array<Neighbour, kAreaNeighbours + 1> found;
+  std::size_t count;  ///< of them
+  float lean, area;   ///< as of Surroundings
+};
+
 template <class Each>
 void each_in_leaf_order(const KdTree& near, const std::stop_token& stop, Each&& each) {
   const auto order = near.leaf_order();
@@ -98,6 +117,11 @@ float Surroundings::median_spacing() const {
   return *middle;
 }
 
+float area_of(const KdTree& near, std::span<const Vector3f> points, std::span<const Vector3f> normals,
+              std::uint32_t sample) {
+  return Island{near, points, normals, sample}.area;
+}
+
 Result<Surroundings> look_around(const KdTree& near, std::span<const Vector3f> points,
                                  std::span<const Vector3f> normals, std::stop_token stop) {
   Surroundings around;
@@ -107,20 +131,11 @@ Result<Surroundings> look_around(const KdTree& near, std::span<const Vector3f> p
   std::vector<std::array<std::uint32_t, kAreaNeighbours + 1>> neighbours(points.size());
   std::vector<float> third(points.size());  // distance of the third neighbour
   each_in_leaf_order(near, stop, [&](std::uint32_t i) {
-    std::array<Neighbour, kAreaNeighbours + 1> found;
-    const std::size_t count = island_of({found.data(), near.nearest(points[i], found)});
-    for (std::size_t k = 0; k < found.size(); ++k) neighbours[i][k] = found[k % count].index;
-    third[i] = std::sqrt(found[std::min<std::size_t>(3, count - 1)].squared_distance);
-    Vector3f offset = Vector3f::Zero();
-    for (std::size_t k = 0; k < count; ++k) offset += points[found[k].index] - points[i];
-    offset /= static_cast<float>(std::max<std::size_t>(1, count - 1));
-    offset -= offset.dot(normals[i]) * normals[i];
-    const float reach2 = found[count - 1].squared_distance;
-    const float lean = reach2 > 0 ? offset.norm() / std::sqrt(reach2) : 0;
-    around.lean[i] = lean;
-    const float missing = std::clamp((lean - kLeastLean) / kLeanRange, 0.F, 1.F) / 2;
-    around.area[i] =
-        std::numbers::pi_v<float> * reach2 / static_cast<float>(std::max<std::size_t>(1, count - 1)) * (1 - missing);
+    const Island island{near, points, normals, i};
+    for (std::size_t k = 0; k < island.found.size(); ++k) neighbours[i][k] = island.found[k % island.count].index;
+    third[i] = std::sqrt(island.found[std::min<std::size_t>(3, island.count - 1)].squared_distance);
+    around.lean[i] = island.lean;
+    around.area[i] = island.area;
   });
   each_in_leaf_order(near, stop, [&](std::uint32_t i) {
     float sum = 0;

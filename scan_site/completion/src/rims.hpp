@@ -17,6 +17,9 @@ struct Surroundings {
   /// Of at least one sample.
   [[nodiscard]] float median_spacing() const;
 };
+/// The area one sample of the tree stands for.
+[[nodiscard]] float area_of(const KdTree& near, std::span<const Eigen::Vector3f> points,
+                            std::span<const Eigen::Vector3f> normals, std::uint32_t sample);
 [[nodiscard]] Result<Surroundings> look_around(const KdTree& near, std::span<const Eigen::Vector3f> points,
                                                std::span<const Eigen::Vector3f> normals, std::stop_token stop);
 

@@ -4,6 +4,7 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_invoke.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <array>
@@ -287,13 +288,16 @@ std::vector<std::size_t> blocks_of(std::span<const Vector3f> places, float unit)
 template <class Tree, class Take>
 void ask_blocks(const Tree& tree, std::span<const Vector3f> places, float opening, bool wide, Take&& take) {
   const std::vector<std::size_t> begins = blocks_of(places, static_cast<float>(tree.unit));
-  tbb::parallel_for(tbb::blocked_range<std::size_t>{0, begins.size() - 1, 4}, [&](const auto& range) {
-    Lists lists;
-    for (std::size_t b = range.begin(); b < range.end(); ++b) {
-      const auto block = places.subspan(begins[b], begins[b + 1] - begins[b]);
-      ask_block(tree, block, opening, wide, lists,
-                [&](std::size_t i, const TreeSums& sums, std::size_t lane) { take(begins[b] + i, sums, lane); });
-    }
+  // A caller that is itself one of many tasks must not begin another of them in the midst of its own.
+  tbb::this_task_arena::isolate([&] {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>{0, begins.size() - 1, 4}, [&](const auto& range) {
+      thread_local Lists lists;
+      for (std::size_t b = range.begin(); b < range.end(); ++b) {
+        const auto block = places.subspan(begins[b], begins[b + 1] - begins[b]);
+        ask_block(tree, block, opening, wide, lists,
+                  [&](std::size_t i, const TreeSums& sums, std::size_t lane) { take(begins[b] + i, sums, lane); });
+      }
+    });
   });
 }
 

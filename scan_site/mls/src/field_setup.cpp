@@ -80,9 +80,9 @@ std::vector<SampleGrid> bands_of(SampleGrid grid, std::vector<float> spacing) {
   return bands;
 }
 
-/// As many gathered cells as fit about two megabytes: then the layers of a block share them.
+/// As many gathered cells as fit about eight megabytes: then the layers of a block share them.
 std::size_t slots_for(double spacing_mm, double reference_mm) {
-  constexpr double kBytes = 2e6;
+  constexpr double kBytes = 8e6;
   constexpr double kReachWidths = 4.9;
   const double neighbours = 3.14159 * std::pow(kReachWidths * reference_mm / spacing_mm, 2) + 16;
   std::size_t slots = 64;

@@ -235,10 +235,23 @@ std::vector<SurfaceRun> CompletedScan::surface_of(const Contour& contour, double
       runs[i] = next.gap_mm > at[i].gap_mm ? next : at[i];
     }
   }
-  std::size_t asked = 0;
+  // Nearly all agree at the first distance: that is asked of the whole ring at once.
+  std::vector<Eigen::Vector3f> beside;
+  for (std::size_t i = 0; i < count; i += kProbed) {
+    const Eigen::Vector3f place = local({vertices[i].x_mm, vertices[i].y_mm, z_mm});
+    const Neighbour nearest = near_->nearest(place);
+    const Eigen::Vector3f way = kProbeSpacings[0] * std::sqrt(areas_[nearest.index]) * normals_[nearest.index];
+    beside.push_back(place - way);
+    beside.push_back(place + way);
+  }
+  const std::vector<float> windings = tree_->windings(beside);
+  const std::size_t asked = beside.size() / 2;
   std::vector<std::size_t> failed;
-  for (std::size_t i = 0; i < count; i += kProbed, ++asked)
+  for (std::size_t k = 0; k < asked; ++k) {
+    if (windings[2 * k] > 0.5F && windings[2 * k + 1] < 0.5F) continue;
+    const std::size_t i = k * kProbed;
     if (!sides_agree(vertices[i], z_mm, outward_at(vertices, i))) failed.push_back(i);
+  }
   const double most = std::max(kFewestFailures, kMostFailures * static_cast<double>(asked));
   if (static_cast<double>(failed.size()) <= std::min(most, 0.5 * static_cast<double>(asked))) return runs;
   for (const std::size_t i : failed)
