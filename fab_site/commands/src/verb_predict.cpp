@@ -75,16 +75,16 @@ void print_figures(const Prediction& p, const CureModel& model, bool compared) {
                              p.undersides.max_px()));
 }
 
-Result<void> write_files(const Prediction& prediction, const CureModel& model, std::uint32_t elevation_layers,
+/// The points move into the frame that was asked for.
+Result<void> write_files(Prediction& prediction, const CureModel& model, std::uint32_t elevation_layers,
                          const PredictVerb& o) {
-  std::vector<SurfacePoint> points = prediction.points;
   if (o.frame == "part") {
     const auto elevation_mm = static_cast<float>(elevation_layers * model.layer_mm);
-    for (SurfacePoint& point : points) point.z_mm -= elevation_mm;
+    for (SurfacePoint& point : prediction.points) point.z_mm -= elevation_mm;
   }
   const auto comment = fmt::format("predicted by telefab-fab, millimetres, {} frame", o.frame);
   if (!o.out.empty())
-    if (auto ok = write_file_atomically(o.out, to_ply(points, comment)); !ok) return ok;
+    if (auto ok = write_file_atomically(o.out, to_ply(prediction.points, comment)); !ok) return ok;
   if (o.report)
     if (auto ok = write_file_atomically(*o.report, to_json(prediction, model)); !ok) return ok;
   if (!o.preview) return {};
@@ -132,7 +132,7 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   options.supports = o.supports;
   options.threads = o.threads;
   if (o.layer) options.picture = LayerIndex{*o.layer};
-  const auto prediction = predict_print(*model, print, options, progress_line(), stop);
+  auto prediction = predict_print(*model, print, options, progress_line(), stop);
   clear_progress();
   if (!prediction) return tl::unexpected{prediction.error()};
   if (auto ok = write_files(*prediction, *model, *elevation, o); !ok) return tl::unexpected{ok.error()};

@@ -84,6 +84,7 @@ Result<CuredSolid> cure_solid(const CureModel& model, std::uint32_t layers, cons
     for (std::uint32_t i = 0; i < count; ++i) {
       if (!work[i].outcome) return tl::unexpected{work[i].outcome.error()};
       solid.layers[index_of(i).count()] = work[i].layer;
+      if (options.done) options.done(index_of(i));
     }
     above = std::move(work.back().dose);
     done += count;

@@ -46,25 +46,6 @@ LayerIndex most_contour(const PrintToPredict& print) {
   return LayerIndex{best + print.elevation_layers};
 }
 
-/// Keeps the points that were asked for, from the platform up.
-void collect_points(std::vector<LayerOutcome>& outcomes, const CureModel& model, const PredictOptions& options,
-                    Prediction& prediction) {
-  PointOwner owner{model.mask};
-  for (std::size_t i = outcomes.size(); i-- > 0;) {
-    LayerOutcome& outcome = outcomes[i];
-    owner.descend(outcome.part, outcome.supports);
-    const auto of_support = [&](const SurfacePoint& p) {
-      return owner.is_support({p.x_mm / model.pixel_pitch_mm, p.y_mm / model.pixel_pitch_mm}, outcome.part,
-                              outcome.supports);
-    };
-    prediction.support_points +=
-        static_cast<std::size_t>(std::count_if(outcome.points.begin(), outcome.points.end(), of_support));
-    if (!options.supports) std::erase_if(outcome.points, of_support);
-  }
-  for (const LayerOutcome& outcome : outcomes)
-    prediction.points.insert(prediction.points.end(), outcome.points.begin(), outcome.points.end());
-}
-
 Result<void> check(const PrintToPredict& print, const PredictOptions& options) {
   if (auto ok = options.validate(); !ok) return ok;
   if (!print.part.empty() && print.part.size() + print.elevation_layers != print.layers)
@@ -98,6 +79,7 @@ Result<Prediction> predict_print(const CureModel& model, const PrintToPredict& p
   prediction.pictured = options.picture.value_or(most_contour(print));
   std::vector<LayerOutcome> outcomes(print.layers);
   UndersideWatch undersides{model};
+  PointOwner owner{model.mask};
   EdgeOptions edge_options;
   edge_options.sample_px = 1;
   edge_options.sub_pixels = std::min(2, options.sub_pixels);
@@ -126,6 +108,21 @@ Result<Prediction> predict_print(const CureModel& model, const PrintToPredict& p
     outcome.edges = std::move(*figures);
     return {};
   };
+  // The indices of a layer take megabytes: they go as soon as its points have found their owners.
+  cure.done = [&](LayerIndex index) {
+    LayerOutcome& outcome = outcomes[index.count()];
+    owner.descend(outcome.part, outcome.supports);
+    const auto of_support = [&](const SurfacePoint& p) {
+      return owner.is_support({p.x_mm / model.pixel_pitch_mm, p.y_mm / model.pixel_pitch_mm}, outcome.part,
+                              outcome.supports);
+    };
+    prediction.support_points += static_cast<std::size_t>(
+        options.supports ? std::count_if(outcome.points.begin(), outcome.points.end(), of_support)
+                         : static_cast<std::ptrdiff_t>(std::erase_if(outcome.points, of_support)));
+    outcome.points.shrink_to_fit();
+    outcome.part = RingIndex{{}, 1};
+    outcome.supports = RingIndex{{}, 1};
+  };
   auto solid = cure_solid(model, print.layers, source, cure, progress, stop);
   if (!solid) return tl::unexpected{solid.error()};
   prediction.solid = std::move(*solid);
@@ -138,7 +135,13 @@ Result<Prediction> predict_print(const CureModel& model, const PrintToPredict& p
     prediction.edges.add(outcomes[i].edges);
     prediction.layers.push_back(outcomes[i].edges);
   }
-  collect_points(outcomes, model, options, prediction);
+  std::size_t points = 0;
+  for (const LayerOutcome& outcome : outcomes) points += outcome.points.size();
+  prediction.points.reserve(points);
+  for (LayerOutcome& outcome : outcomes) {
+    prediction.points.insert(prediction.points.end(), outcome.points.begin(), outcome.points.end());
+    std::vector<SurfacePoint>{}.swap(outcome.points);
+  }
   if (print.layers > 0)
     prediction.picture =
         draw_prediction(prediction.points, outcomes[prediction.pictured.count()].samples, prediction.pictured, model);

@@ -44,6 +44,8 @@ struct CureOptions {
   std::function<Result<void>(LayerIndex, const DoseField&)> in_order;
   /// For every layer, from several threads at once. May be empty.
   std::function<Result<void>(const CuredLayer&)> each;
+  /// For every layer, top down, from one thread, after `each` has seen it. May be empty.
+  std::function<void(LayerIndex)> done;
   [[nodiscard]] Result<void> validate() const;
 };
 
