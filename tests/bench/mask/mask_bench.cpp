@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <benchmark/benchmark.h>
 
+#include <array>
 #include <chrono>
 #include <telefab/fab/mask/blend.hpp>
 #include <telefab/fab/mask/column_caps.hpp>
@@ -14,15 +15,17 @@
 #include <agg2/agg_scanline_p.h>
 #endif
 
-// One layer's mask, on one core. Arguments: plate (gears, holes), frame (1857 x 1142, 3840 x 2160).
+// One layer's mask, on one core. Arguments: plate (gears, holes), frame (1857 x 1142, 3840 x 2160, 7680 x 4320).
 namespace telefab::fab {
 namespace {
 
 MachineProfile machine_of(std::int64_t frame) {
   MachineProfile machine;
   machine.projection.pixel_pitch_mm = 0.05;
-  machine.platform = frame == 0 ? MachineProfile::Platform{1857.5 * 0.05, 1142.5 * 0.05, 100, 0}
-                                : MachineProfile::Platform{3840.5 * 0.05, 2160.5 * 0.05, 100, 0};
+  constexpr std::array<std::array<double, 2>, 3> kFrames_px{{{1857.5, 1142.5}, {3840.5, 2160.5}, {7680.5, 4320.5}}};
+  const auto& [width_px, height_px] = kFrames_px[static_cast<std::size_t>(frame)];
+  machine.platform = {width_px * machine.projection.pixel_pitch_mm, height_px * machine.projection.pixel_pitch_mm, 100,
+                      0};
   machine.projection.irradiance_mw_per_cm2 = 10;
   machine.layers.thickness_mm = 0.05;
   machine.layers.exposure_s = 2.718;  // with 10 mJ/cm2 and 0.1 mm two layers deep
@@ -136,7 +139,7 @@ void blend_stack_layer(benchmark::State& state) {
   }
 }
 
-const std::vector<std::vector<std::int64_t>> kEverything{{0, 1}, {0, 1}};
+const std::vector<std::vector<std::int64_t>> kEverything{{0, 1}, {0, 1, 2}};
 BENCHMARK(raster)->ArgsProduct(kEverything)->Unit(benchmark::kMillisecond);
 #ifdef TELEFAB_BENCH_AGG
 BENCHMARK(raster_by_agg)->ArgsProduct(kEverything)->Unit(benchmark::kMillisecond);
