@@ -60,6 +60,8 @@ KdTree& KdTree::operator=(KdTree&&) noexcept = default;
 
 std::size_t KdTree::size() const { return index_->points.at.size(); }
 
+const Eigen::Vector3f& KdTree::point(std::uint32_t index) const { return index_->points.at[index]; }
+
 std::size_t KdTree::nearest(const Eigen::Vector3f& query, std::span<Neighbour> found) const {
   if (found.empty() || size() == 0) return 0;
   NearestSet set{found};

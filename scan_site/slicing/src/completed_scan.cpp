@@ -189,15 +189,20 @@ bool CompletedScan::is_measured(const Vec3& place_mm, const ScalarField& field) 
 }
 
 double CompletedScan::error_at(const Vec3& place_mm, const ScalarField& field) const {
-  return near_measured_ ? rests_on(place_mm, field).error_mm : 0;
+  std::optional<std::uint32_t> beside;
+  return near_measured_ ? rests_on(place_mm, field, beside).error_mm : 0;
 }
 
-SurfaceRun CompletedScan::rests_on(const Vec3& place_mm, const ScalarField& field) const {
+SurfaceRun CompletedScan::rests_on(const Vec3& place_mm, const ScalarField& field,
+                                   std::optional<std::uint32_t>& beside) const {
   const Eigen::Vector3f place = local(place_mm);
+  const double width = field.kernel_width_mm(place_mm);
+  // Any measured sample within a width will do.
+  if (beside && static_cast<double>((near_->point(*beside) - place).norm()) <= width) return {};
   const Neighbour nearest = near_->nearest(place);
   const auto distance = [](const Neighbour& n) { return std::sqrt(static_cast<double>(n.squared_distance)); };
-  const double width = field.kernel_width_mm(place_mm);
   const bool is_virtual = nearest.index >= measured_count_;
+  if (!is_virtual) beside = nearest.index;
   if (!is_virtual && distance(nearest) <= kReachWidths * width) return {};
   const double gap = is_virtual ? distance(near_measured_->nearest(place)) : distance(nearest);
   if (gap <= width) return {};
@@ -229,7 +234,8 @@ std::vector<SurfaceRun> CompletedScan::surface_of(const Contour& contour, double
   std::vector<SurfaceRun> runs(count);
   if (near_measured_) {
     std::vector<SurfaceRun> at(count);
-    for (std::size_t i = 0; i < count; ++i) at[i] = rests_on({vertices[i].x_mm, vertices[i].y_mm, z_mm}, field);
+    std::optional<std::uint32_t> beside;
+    for (std::size_t i = 0; i < count; ++i) at[i] = rests_on({vertices[i].x_mm, vertices[i].y_mm, z_mm}, field, beside);
     for (std::size_t i = 0; i < count; ++i) {
       const SurfaceRun& next = at[(i + 1) % count];
       runs[i] = next.gap_mm > at[i].gap_mm ? next : at[i];

@@ -54,7 +54,9 @@ class CompletedScan {
  private:
   CompletedScan(PointCloud measured, Completion completion);
   [[nodiscard]] Eigen::Vector3f local(const Vec3& place_mm) const { return (place_mm - origin_).cast<float>(); }
-  [[nodiscard]] SurfaceRun rests_on(const Vec3& place_mm, const ScalarField& field) const;
+  /// `beside`: a measured sample that may be near, to be asked first; the nearest one where another had to be found.
+  [[nodiscard]] SurfaceRun rests_on(const Vec3& place_mm, const ScalarField& field,
+                                    std::optional<std::uint32_t>& beside) const;
   /// Whether both sides of the contour are what they should be; `outward`: its in-plane normal.
   [[nodiscard]] bool sides_agree(Point2 vertex, double z_mm, Point2 outward) const;
 
