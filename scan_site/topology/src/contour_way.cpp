@@ -37,8 +37,9 @@ bool go_on_elsewhere(const ScalarField& field, FieldCursor& cursor, const Critic
     if ((start - loss.head<2>()).norm() < kElsewhereKernels * h) continue;
     SteepestLine line =
         follow_steepest(field, cursor, index, {start.x(), start.y(), ring->z_mm}, ascending, std::nullopt);
-    if (line.path_mm.empty() || !(line.end || sign * (line.path_mm.back().z() - loss.z()) > kBeyondKernels * h))
-      continue;
+    // The contour reaches the loss at least: an end before it is not the contour's own.
+    const double beyond_mm = line.path_mm.empty() ? 0 : sign * (line.path_mm.back().z() - loss.z());
+    if (!(beyond_mm > (line.end ? 0 : kBeyondKernels * h))) continue;
     std::erase_if(way.path_mm, [&](const Vec3& p) { return sign * (p.z() - line.path_mm.front().z()) >= 0; });
     way.path_mm.insert(way.path_mm.end(), line.path_mm.begin(), line.path_mm.end());
     way.end = line.end;
