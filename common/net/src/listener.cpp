@@ -246,6 +246,9 @@ Listener::~Listener() {
   impl_->acceptor.close(ignored);
   impl_->breath.cancel();
   impl_->report.cancel();
+  // Whoever serves a connection is held by its events and holds it: nobody else parts the two.
+  for (const auto& each : impl_->connections)
+    if (const auto open = each.lock()) open->close({});
 }
 
 void Listener::count_refusal(const std::string& address, const Error& why) { impl_->refuse(address, why); }

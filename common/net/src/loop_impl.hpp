@@ -27,10 +27,11 @@ struct Loop::Impl {
   void set_alarm();
 
   const Clock& clock;
+  // Outlives the context, which destroys what is still under way, and with it timers that forget their waits.
+  std::map<WaitId, std::function<void()>> waits;
   boost::asio::io_context context{1};
   boost::asio::executor_work_guard<boost::asio::io_context::executor_type> guard{context.get_executor()};
   boost::asio::steady_timer alarm{context};
-  std::map<WaitId, std::function<void()>> waits;
   std::uint64_t last_wait = 0;
   bool is_passing = false;  ///< pass() goes from wait to wait by itself
 };

@@ -238,5 +238,40 @@ TEST_F(ConnectionTimes, ARefusedPeerThatHasGoneDoesNotKeepItsPlace) {
   EXPECT_EQ(frames_, 0);
 }
 
+/// Holds its connection, whose events hold it again: as the sessions of the daemons do.
+struct Session {
+  ConnectionPtr connection;
+};
+
+// At an orderly end of a daemon such a pair once stayed for good, and with it the files it was receiving.
+TEST(ListenerEnd, ClosesWhatCameInByItAndFreesWhoHeldIt) {
+  std::weak_ptr<Session> held;
+  std::weak_ptr<Connection> connection;
+  int closed = 0;
+  std::optional<Socket> peer;
+  {
+    Loop loop;
+    const auto listener =
+        Listener::open(loop, {{"127.0.0.1", 0}, nullptr, {}},
+                       {[&](const ConnectionPtr& made) {
+                          const auto session = std::make_shared<Session>(made);
+                          held = session;
+                          connection = made;
+                          made->start({[session](const Frame&) {}, {}, [session, &closed](const Error&) { ++closed; }});
+                          made->set_ready();
+                          loop.stop();
+                        },
+                        [](const std::string&, const Error&) {}})
+            .value();
+    peer.emplace(listener->port());
+    ASSERT_TRUE(loop.run_for(kPatience));
+    ASSERT_FALSE(held.expired());
+  }
+  EXPECT_TRUE(held.expired());
+  EXPECT_TRUE(connection.expired());
+  EXPECT_EQ(closed, 0) << "whoever would hear of it may be gone already";
+  EXPECT_EQ(peer->receive_all(), 0U) << "the peer sees the end";
+}
+
 }  // namespace
 }  // namespace telefab::net

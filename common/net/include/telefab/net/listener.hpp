@@ -23,7 +23,7 @@ struct ListenEvents {
   std::function<void(const std::string& address, const Error&)> refused;
 };
 
-/// Accepts connections. Destruction closes the port, not the connections.
+/// Accepts connections. Destruction closes the port and what came in by it; of those connections no event comes then.
 class Listener {
  public:
   /// Fails with InvalidInput (address), NotPermitted (plain TCP off loopback, low port), Conflict (port in use).
