@@ -107,6 +107,11 @@ Writer end_body(std::uint32_t chunks, const Digest& chain, const Digest& stack) 
   return body;
 }
 
+/// What every file begins with.
+std::vector<std::byte> head_of(const StackHeader& header) {
+  return Writer{}.raw(std::as_bytes(std::span{kMagic})).raw(record(Record::Header, header_body(header))).bytes();
+}
+
 StackHeader read_header(Reader& from) {
   StackHeader h;
   h.layer_count = from.number32();
@@ -125,8 +130,7 @@ StackHeader read_header(Reader& from) {
 Result<TfcWriter> TfcWriter::start(StackHeader header, const CodecOptions& options, ByteSink sink) {
   auto encoder = StackEncoder::start(header, options);
   if (!encoder) return tl::unexpected{encoder.error()};
-  if (auto done = sink(std::as_bytes(std::span{kMagic})); !done) return tl::unexpected{done.error()};
-  if (auto done = sink(record(Record::Header, header_body(header))); !done) return tl::unexpected{done.error()};
+  if (auto done = sink(head_of(header)); !done) return tl::unexpected{done.error()};
   return TfcWriter{std::move(*encoder), ChunkChain{header}, std::move(sink)};
 }
 
@@ -166,10 +170,8 @@ Result<std::vector<std::byte>> write_tfc(const LayerStack& stack, const CodecOpt
 }
 
 std::vector<std::byte> tfc_of(const StackHeader& header, std::span<const Chunk> chunks, const Digest& stack) {
-  std::vector<std::byte> bytes;
+  std::vector<std::byte> bytes = head_of(header);
   const auto add = [&](std::span<const std::byte> more) { bytes.insert(bytes.end(), more.begin(), more.end()); };
-  add(std::as_bytes(std::span{kMagic}));
-  add(record(Record::Header, header_body(header)));
   ChunkChain chain{header};
   for (const Chunk& chunk : chunks) add(record(Record::Chunk, chunk_body(chunk, chain.add(chunk))));
   add(record(Record::End, end_body(static_cast<std::uint32_t>(chunks.size()), chain.value(), stack)));
