@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
+
+#include <algorithm>
 #include <cmath>
 #include <iterator>
 #include <nlohmann/json.hpp>
@@ -57,6 +59,17 @@ Result<Layer> layer_from_json_line(std::string_view line) {
     layer.contours.push_back(std::move(*contour));
   }
   return layer;
+}
+
+Result<void> read_json_lines(std::string_view text, const std::function<Result<void>(Layer)>& take) {
+  for (std::size_t number = 1; !text.empty(); ++number) {
+    const std::size_t end = std::min(text.find('\n'), text.size());
+    auto layer = layer_from_json_line(text.substr(0, end));
+    const auto taken = layer ? take(std::move(*layer)) : tl::unexpected{layer.error()};
+    if (!taken) return fail_in(fmt::format("line {}", number), taken.error());
+    text.remove_prefix(std::min(end + 1, text.size()));
+  }
+  return {};
 }
 
 }  // namespace telefab

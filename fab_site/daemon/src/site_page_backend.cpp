@@ -235,13 +235,11 @@ Result<const SitePageBackend::LayerImages*> SitePageBackend::layer_images_of(std
   auto part = received_stack(path->parent_path().parent_path());
   if (!part) return tl::unexpected{part.error()};
   LayerImages images{std::string{id}, std::move(*part), {}, {}};
-  for (std::string_view rest = *lines; !rest.empty();) {
-    const auto end = std::min(rest.find('\n'), rest.size());
-    auto layer = layer_from_json_line(rest.substr(0, end));
-    if (!layer) return fail_in(path->string(), layer.error());
-    images.supports.push_back(std::move(*layer));
-    rest.remove_prefix(std::min(end + 1, rest.size()));
-  }
+  const auto read = read_json_lines(*lines, [&](Layer layer) -> Result<void> {
+    images.supports.push_back(std::move(layer));
+    return {};
+  });
+  if (!read) return fail_in(path->string(), read.error());
   Bounds2 box = bounds_of(images.part.layers());
   box.include(bounds_of(images.supports));
   if (!box.is_nothing()) images.bounds = box;

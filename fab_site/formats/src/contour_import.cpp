@@ -26,19 +26,15 @@ std::string_view text_of(std::span<const std::byte> bytes) {
 
 Result<RawLayers> read_lines(std::string_view text, double thickness_mm) {
   RawLayers raw;
-  std::size_t number = 0;
-  while (!text.empty()) {
-    const std::size_t end = std::min(text.find('\n'), text.size());
-    ++number;
-    const auto layer = layer_from_json_line(text.substr(0, end));
-    text.remove_prefix(std::min(end + 1, text.size()));
-    if (!layer) return fail_in(fmt::format("line {}", number), layer.error());
-    auto to = raw.at(layer->z_mm + thickness_mm / 2);
-    if (!to) return fail_in(fmt::format("line {}", number), to.error());
-    for (const Contour& ring : layer->contours)
+  const auto read = read_json_lines(text, [&](const Layer& layer) -> Result<void> {
+    auto to = raw.at(layer.z_mm + thickness_mm / 2);
+    if (!to) return tl::unexpected{to.error()};
+    for (const Contour& ring : layer.contours)
       if (auto ok = RawLayers::add(**to, {1, ring.is_hole(), {ring.vertices().begin(), ring.vertices().end()}}); !ok)
-        return tl::unexpected{ok.error()};
-  }
+        return ok;
+    return {};
+  });
+  if (!read) return tl::unexpected{read.error()};
   return raw;
 }
 

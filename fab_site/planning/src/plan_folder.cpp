@@ -167,17 +167,15 @@ Result<std::vector<std::vector<Contour>>> PlannedJob::supports() const {
   const fs::path path = folder_ / kSupportsFile;
   const auto bytes = read_file(path, kMaxPartBytes);
   if (!bytes) return tl::unexpected{bytes.error()};
-  std::string_view text{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
   std::vector<std::vector<Contour>> layers;
-  while (!text.empty()) {
-    const std::size_t end = std::min(text.find('\n'), text.size());
-    auto layer = layer_from_json_line(text.substr(0, end));
-    if (layer && layer->index.count() != layers.size())
-      layer = fail(ErrorCode::InvalidInput, fmt::format("layer {} stands here", layer->index.count()));
-    if (!layer) return fail_in(fmt::format("{}, line {}", path.string(), layers.size() + 1), layer.error());
-    layers.push_back(std::move(layer->contours));
-    text.remove_prefix(std::min(end + 1, text.size()));
-  }
+  const std::string_view text{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+  const auto read = read_json_lines(text, [&](Layer layer) -> Result<void> {
+    if (layer.index.count() != layers.size())
+      return fail(ErrorCode::InvalidInput, fmt::format("layer {} stands here", layer.index.count()));
+    layers.push_back(std::move(layer.contours));
+    return {};
+  });
+  if (!read) return fail_in(path.string(), read.error());
   if (layers.size() != plan_.layers.size())
     return fail(ErrorCode::InvalidInput, fmt::format("{} has {} layers, the plan {}; plan the job again", path.string(),
                                                      layers.size(), plan_.layers.size()));

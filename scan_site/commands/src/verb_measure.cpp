@@ -47,13 +47,11 @@ Result<Contours> load_contours(const std::string& path) {
     return contours;
   }
   const std::string_view text{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
-  for (std::size_t at = 0; at < text.size();) {
-    const std::size_t end = std::min(text.find('\n', at), text.size());
-    auto layer = layer_from_json_line(text.substr(at, end - at));
-    if (!layer) return fail_in(fmt::format("{}, line {}", path, contours.layers.size() + 1), layer.error());
-    contours.layers.push_back(std::move(*layer));
-    at = end + 1;
-  }
+  const auto read = read_json_lines(text, [&](Layer layer) -> Result<void> {
+    contours.layers.push_back(std::move(layer));
+    return {};
+  });
+  if (!read) return fail_in(path, read.error());
   return contours;
 }
 

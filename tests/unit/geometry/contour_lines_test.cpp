@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <telefab/geometry/contour_lines.hpp>
@@ -30,6 +31,22 @@ TEST(ContourLines, RefuseWhatIsNoLayer) {
         R"({"layer":0,"z_mm":0,"contours":[[[0,0],[1,"a"],[2,2]]]})",
         R"({"layer":99999999999,"z_mm":0,"contours":[]})"})
     EXPECT_FALSE(layer_from_json_line(line)) << line;
+}
+
+TEST(ContourLines, OfATextComeOneAfterTheOtherUntilOneIsRefused) {
+  const std::string text = "{\"layer\":4,\"z_mm\":0,\"contours\":[]}\n{\"layer\":9,\"z_mm\":1,\"contours\":[]}";
+  std::vector<std::uint32_t> layers;
+  const auto take = [&](const Layer& layer) -> Result<void> {
+    layers.push_back(layer.index.count());
+    if (layers.size() > 3) return fail(ErrorCode::TooLarge, "no more");
+    return {};
+  };
+  EXPECT_TRUE(read_json_lines("", take));
+  EXPECT_TRUE(read_json_lines(text, take)) << "the last line may end without a newline";
+  EXPECT_THAT(layers, testing::ElementsAre(4, 9));
+  EXPECT_EQ(read_json_lines(text + "\n" + text, take).error().what, "line 2: no more");
+  EXPECT_EQ(read_json_lines(text + "\n\n" + text, [](const Layer&) -> Result<void> { return {}; }).error().what,
+            "line 3: contour line: not a JSON object");
 }
 
 }  // namespace telefab

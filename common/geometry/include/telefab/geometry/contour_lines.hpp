@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <functional>
 #include <string>
 #include <string_view>
 #include <telefab/geometry/layer.hpp>
@@ -14,5 +15,9 @@ namespace telefab {
 
 /// Reads such a line. The certificate comes back Unchecked. Fails with InvalidInput; limits of limits.hpp.
 [[nodiscard]] Result<Layer> layer_from_json_line(std::string_view line);
+
+/// Reads a text of such lines: `take` gets the layers one after the other, and ends it where it refuses one. Fails as
+/// layer_from_json_line and `take` do; the message begins with "line N".
+[[nodiscard]] Result<void> read_json_lines(std::string_view text, const std::function<Result<void>(Layer)>& take);
 
 }  // namespace telefab
