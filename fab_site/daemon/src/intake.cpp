@@ -90,7 +90,7 @@ Result<void> Intake::finish(const StackEnd& end) {
   return spool_.finish(end.stack);
 }
 
-Result<LayerStack> received_stack(const std::filesystem::path& folder) {
+Result<ReceivedStack> received_stack(const std::filesystem::path& folder) {
   const auto offer = saved_offer(folder);
   if (!offer) return tl::unexpected{offer.error()};
   const auto decoder = StackDecoder::start(offer->header);
@@ -106,35 +106,30 @@ Result<LayerStack> received_stack(const std::filesystem::path& folder) {
       return fail(ErrorCode::NotTrusted, "job-signature: the kept layers are not those that were signed");
   }
   std::vector<Layer> layers;
-  bool earlier = false;
-  for (std::uint32_t sequence = 0; sequence < spool->chunk_count(); ++sequence) {
-    const auto chunk = spool->read(sequence);
-    if (!chunk) return tl::unexpected{chunk.error()};
-    const Chunk coded{chunk->sequence, chunk->first_layer, chunk->layer_count, chunk->payload};
-    earlier |= is_of_earlier_release(coded);
-    auto some = decoder->decode(coded);
-    if (!some) return tl::unexpected{some.error()};
-    std::move(some->begin(), some->end(), std::back_inserter(layers));
-  }
-  auto stack = LayerStack::from_layers(offer->header, std::move(layers));
-  if (stack && (!spool->finished() || (!earlier && digest_of(*stack) != *spool->finished())))
-    return fail(ErrorCode::NotTrusted, "stack-digest: the kept layers are not those that were received");
-  return stack;
-}
-
-Result<std::vector<std::byte>> received_tfc(const std::filesystem::path& folder) {
-  const auto offer = saved_offer(folder);
-  if (!offer) return tl::unexpected{offer.error()};
-  const auto spool = ChunkSpool::open(folder / "chunks");
-  if (!spool) return tl::unexpected{spool.error()};
-  if (!spool->finished()) return fail(ErrorCode::Conflict, "not all of the layers have arrived");
   std::vector<Chunk> chunks;
+  bool earlier = false;
   for (std::uint32_t sequence = 0; sequence < spool->chunk_count(); ++sequence) {
     auto chunk = spool->read(sequence);
     if (!chunk) return tl::unexpected{chunk.error()};
     chunks.push_back({chunk->sequence, chunk->first_layer, chunk->layer_count, std::move(chunk->payload)});
+    earlier |= is_of_earlier_release(chunks.back());
+    auto some = decoder->decode(chunks.back());
+    if (!some) return tl::unexpected{some.error()};
+    std::move(some->begin(), some->end(), std::back_inserter(layers));
   }
-  return tfc_of(offer->header, chunks, *spool->finished());
+  auto stack = LayerStack::from_layers(offer->header, std::move(layers));
+  if (!stack) return tl::unexpected{stack.error()};
+  if (!spool->finished() || (!earlier && digest_of(*stack) != *spool->finished()))
+    return fail(ErrorCode::NotTrusted, "stack-digest: the kept layers are not those that were received");
+  return ReceivedStack{std::move(*stack), std::move(chunks), *spool->finished()};
 }
+
+std::uint64_t ReceivedStack::bytes() const {
+  std::uint64_t bytes = 0;
+  for (const Chunk& chunk : chunks) bytes += chunk.payload.size();
+  return bytes;
+}
+
+std::vector<std::byte> ReceivedStack::tfc() const { return tfc_of(layers.header(), chunks, digest); }
 
 }  // namespace telefab::fab

@@ -52,10 +52,19 @@ class Intake {
   LayerSink sink_;
 };
 
-/// All layers of a complete job, its digest and its signatures checked again.
-[[nodiscard]] Result<LayerStack> received_stack(const std::filesystem::path& folder);
-/// The same as the bytes of a .tfc file, as they came. Fails: the saved offer or the chunks cannot be read; Conflict
-/// where the job is not complete.
-[[nodiscard]] Result<std::vector<std::byte>> received_tfc(const std::filesystem::path& folder);
+/// A complete job.
+struct ReceivedStack {
+  LayerStack layers;
+  std::vector<Chunk> chunks;  ///< as they came, of all layers
+  Digest digest;              ///< of the layers, as the scan site stated it
+
+  /// Of the chunks' payloads.
+  [[nodiscard]] std::uint64_t bytes() const;
+  /// A .tfc file of the chunks as they came.
+  [[nodiscard]] std::vector<std::byte> tfc() const;
+};
+/// All of a complete job, its digest and its signatures checked again. Fails where the saved offer or the chunks cannot
+/// be read, and with NotTrusted where the layers are not those that were sent, or not all of them.
+[[nodiscard]] Result<ReceivedStack> received_stack(const std::filesystem::path& folder);
 
 }  // namespace telefab::fab

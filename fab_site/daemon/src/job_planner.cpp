@@ -81,21 +81,19 @@ Result<PlanOutcome> JobPlanner::attempt(const std::string& job, std::stop_token 
   if (!found) return tl::unexpected{found.error()};
   const auto machine = find_machine(site_.machines(), found->job.machine);
   if (!machine) return tl::unexpected{machine.error()};
-  const auto stack = received_stack(found->folder);
-  if (!stack) return tl::unexpected{stack.error()};
-  const auto spool = ChunkSpool::open(found->folder / "chunks");
-  if (!spool) return tl::unexpected{spool.error()};
+  const auto part = received_stack(found->folder);
+  if (!part) return tl::unexpected{part.error()};
   // A disk that will never do may be made larger; nothing of a job that was taken is given up for it.
-  if (const auto room = site_.room().check(plan_room_bytes(*stack, spool->payload_bytes())); !room)
+  if (const auto room = site_.room().check(plan_room_bytes(part->layers, part->bytes())); !room)
     return fail(ErrorCode::StorageFailed, "the fab is full: " + room.error().what);
   if (!found->job.message.empty())
     site_.loop().post([this, job] { site_.tracker().move(job, JobState::Planning, ""); });
-  const std::uint32_t layers = stack->header().layer_count;
+  const std::uint32_t layers = part->layers.header().layer_count;
   PlanOptions options = options_;
   options.job = job;
   options.regions = take_analysed(job, layers);
   return plan_into(
-      found->folder, *stack, *machine, std::move(options), site_.clock(),
+      found->folder, *part, *machine, std::move(options), site_.clock(),
       [&](const Progress& progress) {
         if (progress.stage != WorkStage::MakingMasks) return;
         // How many layers the supports add is known at the end only.

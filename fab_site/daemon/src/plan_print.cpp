@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "plan_print.hpp"
 
-#include "intake.hpp"
-
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -23,16 +21,15 @@
 
 namespace telefab::fab {
 
-Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const LayerStack& stack,
+Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const ReceivedStack& part,
                               const MachineProfile& machine, PlanOptions options, const Clock& clock,
                               const ProgressSink& progress, std::stop_token stop) {
   if (const auto offer = saved_offer(folder)) options.registration_rms_mm = offer->registration_rms_mm;
-  const auto tfc = received_tfc(folder);
-  if (!tfc) return tl::unexpected{tfc.error()};
   const auto summary =
-      write_plan_folder(folder / "plan", stack, machine, options, clock, progress, std::move(stop), *tfc);
+      write_plan_folder(folder / "plan", part.layers, machine, options, clock, progress, std::move(stop), part.tfc());
   if (!summary) return tl::unexpected{summary.error()};
-  return PlanOutcome{static_cast<std::uint32_t>(summary->plan.layers.size()), preflight_of(stack, machine, *summary)};
+  return PlanOutcome{static_cast<std::uint32_t>(summary->plan.layers.size()),
+                     preflight_of(part.layers, machine, *summary)};
 }
 
 namespace {

@@ -5,7 +5,8 @@
 #include <telefab/base/progress.hpp>
 #include <telefab/fab/planning/preflight.hpp>
 #include <telefab/fab/print/print_runner.hpp>
-#include <telefab/geometry/layer.hpp>
+
+#include "intake.hpp"
 
 namespace telefab::fab {
 
@@ -15,9 +16,9 @@ struct PlanOutcome {
   Preflight preflight;  ///< what may hold it
 };
 
-/// Plans a received job into folder/plan: its contours as they came, supports, masks, exposures, pictures and reports.
-/// How well the scan's views lie on each other is taken from the saved offer. Fails as write_plan_folder.
-[[nodiscard]] Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const LayerStack& stack,
+/// Plans what was received into folder/plan: its contours as they came, supports, masks, exposures, pictures and
+/// reports. How well the scan's views lie on each other is taken from the saved offer. Fails as write_plan_folder.
+[[nodiscard]] Result<PlanOutcome> plan_into(const std::filesystem::path& folder, const ReceivedStack& part,
                                             const MachineProfile& machine, PlanOptions options, const Clock& clock,
                                             const ProgressSink& progress, std::stop_token stop);
 

@@ -234,7 +234,7 @@ Result<const SitePageBackend::LayerImages*> SitePageBackend::layer_images_of(std
   if (!lines) return fail(ErrorCode::NotFound, "the layers can be looked at once the job is planned");
   auto part = received_stack(path->parent_path().parent_path());
   if (!part) return tl::unexpected{part.error()};
-  LayerImages images{std::string{id}, std::move(*part), {}, {}};
+  LayerImages images{std::string{id}, std::move(part->layers), {}, {}};
   const auto read = read_json_lines(*lines, [&](Layer layer) -> Result<void> {
     images.supports.push_back(std::move(layer));
     return {};
