@@ -364,14 +364,14 @@ void ScanSite::file(const std::string& job, const std::string& name,
                     std::function<void(Result<std::filesystem::path>)> done) {
   const auto found = site().find(job);
   if (!found) return done(tl::unexpected{found.error()});
-  std::error_code error;
-  std::filesystem::create_directories(found->folder / "report", error);
   const auto kept = found->folder / "report" / name;
   if (name == "slice.json" || !link_->is_up()) {
+    std::error_code error;
     if (std::filesystem::is_regular_file(kept, error)) return done(kept);
     return done(fail(ErrorCode::NotFound, fmt::format("job {} has no file {} here{}", job, name,
                                                       link_->is_up() ? "" : ", and the fab is not reachable now")));
   }
+  if (auto made = make_folder(kept.parent_path()); !made) return done(tl::unexpected{made.error()});
   // Fetched again each time: the fab may have gone on.
   struct Arriving {
     std::ofstream file;
