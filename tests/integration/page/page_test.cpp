@@ -2,13 +2,12 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include <stdlib.h>
-
 #include <atomic>
 #include <filesystem>
 #include <mutex>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/test/recording_backend.hpp>
+#include <telefab/test/scratch_folder.hpp>
 
 #include "screenshot.hpp"
 
@@ -288,18 +287,14 @@ class SignInPage : public testing::Test {
     browser = std::make_unique<test::Browser>();
     browser->open(fmt::format("http://127.0.0.1:{}/", server->port()));
   }
-  ~SignInPage() override { std::filesystem::remove_all(folder); }
   [[nodiscard]] bool says(const std::string& css, const std::string& text) const {
     return browser->becomes_true(
         fmt::format("return document.querySelector('{}').textContent.includes('{}');", css, text));
   }
-  static std::filesystem::path new_folder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "telefab-sign-in-page-XXXXXX").string();
-    return ::mkdtemp(pattern.data());
-  }
 
   SystemClock clock;
-  std::filesystem::path folder = new_folder();
+  test::ScratchFolder scratch;
+  std::filesystem::path folder = scratch.path();
   std::string ada = add_operator_token(folder / "operator-tokens", "ada", Access::Operators, {}).value();
   LivingBackend backend;
   SignIn sign_in{{folder / "operator-tokens", "secret"}, clock};

@@ -16,6 +16,7 @@
 #include <string>
 #include <string_view>
 #include <telefab/test/loopback.hpp>
+#include <telefab/test/scratch_folder.hpp>
 #include <thread>
 
 namespace telefab::test {
@@ -31,9 +32,6 @@ class Browser {
   }
 
   Browser() {
-    std::string name = (std::filesystem::temp_directory_path() / "telefab-browser-XXXXXX").string();
-    if (!::mkdtemp(name.data())) throw std::runtime_error("no temporary folder");
-    profile_ = name;
     start_driver();
     const Json wanted{
         {"browserName", "chrome"},
@@ -54,7 +52,6 @@ class Browser {
     }
     ::kill(driver_, SIGTERM);
     ::waitpid(driver_, nullptr, 0);
-    std::filesystem::remove_all(profile_);
   }
   Browser(const Browser&) = delete;
   Browser& operator=(const Browser&) = delete;
@@ -201,7 +198,8 @@ class Browser {
     return at != std::string::npos && answer.size() - end - 4 >= std::stoul(head.substr(at + field.size()));
   }
 
-  std::string profile_;
+  ScratchFolder folder_;
+  std::string profile_ = folder_.path().string();
   std::string session_;
   pid_t driver_ = -1;
   int output_ = -1;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <fstream>
 #include <numbers>
+#include <telefab/test/scratch_folder.hpp>
 #include <telefab/test/toy.hpp>
 #include <telefab/test/two_sites.hpp>
 
@@ -19,9 +20,6 @@ using Words = std::vector<std::string>;
 class Alone : public testing::Test {
  protected:
   void SetUp() override {
-    std::string pattern = (fs::temp_directory_path() / "telefab-alone-XXXXXX").string();
-    ASSERT_NE(::mkdtemp(pattern.data()), nullptr);
-    root_ = pattern;
     before_ = fs::current_path();
     fs::create_directories(root_ / "bin");
     fs::create_directories(root_ / "work");
@@ -37,16 +35,14 @@ class Alone : public testing::Test {
       cloud << fmt::format("{:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}\n", 5 * x, 5 * y, 5 * z, x, y, z);
     }
   }
-  void TearDown() override {
-    fs::current_path(before_);
-    fs::remove_all(root_);
-  }
+  void TearDown() override { fs::current_path(before_); }
   /// In an empty environment.
   [[nodiscard]] Outcome ran(const std::string& program, Words words) const {
     words.insert(words.begin(), {"/usr/bin/env", "-i", (root_ / "bin" / program).string()});
     return run(words);
   }
-  fs::path root_, before_;
+  ScratchFolder scratch_;
+  fs::path root_ = scratch_.path(), before_;
 };
 
 TEST_F(Alone, SlicesPlansAndVerifiesByBuiltInProfiles) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <stdlib.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -9,6 +8,7 @@
 #include <filesystem>
 #include <optional>
 #include <telefab/service/data_folder.hpp>
+#include <telefab/test/scratch_folder.hpp>
 
 // Who may work in the folder of a daemon.
 
@@ -21,12 +21,8 @@ using Clock = std::chrono::steady_clock;
 
 class DataFolderLock : public testing::Test {
  protected:
-  DataFolderLock() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "telefab-lock-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-  }
-  ~DataFolderLock() override { std::filesystem::remove_all(folder_); }
-  std::filesystem::path folder_;
+  test::ScratchFolder scratch_;
+  std::filesystem::path folder_ = scratch_.path();
 };
 
 TEST_F(DataFolderLock, RefusesTheFolderOfADaemonThatWorks) {

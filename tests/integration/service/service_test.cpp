@@ -13,6 +13,7 @@
 #include <fstream>
 #include <telefab/service/job_tracker.hpp>
 #include <telefab/service/service_notifier.hpp>
+#include <telefab/test/scratch_folder.hpp>
 #include <telefab/test/two_sites.hpp>
 
 // What a service manager hears of the two daemons.
@@ -42,15 +43,10 @@ class FullDisk {
 
 class Books : public testing::Test {
  protected:
-  Books() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "telefab-books-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-  }
-  ~Books() override { std::filesystem::remove_all(folder_); }
-  [[nodiscard]] std::filesystem::path folder() const { return folder_; }
+  [[nodiscard]] std::filesystem::path folder() const { return folder_.path(); }
 
  private:
-  std::filesystem::path folder_;
+  ScratchFolder folder_;
 };
 
 // A disk that was full for seconds once left a job dark, and "printing 20 %" for good.

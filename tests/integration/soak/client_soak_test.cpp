@@ -98,7 +98,7 @@ class ClientSoak : public testing::Test {
     ASSERT_TRUE(store_->set_counters(job_, counters));
   }
 
-  SoakFolder folder_;
+  ScratchFolder folder_;
   VirtualClock clock_{hours{24 * 365 * 50}};
   net::Loop loop_{clock_};
   std::unique_ptr<JobStore> store_ = JobStore::open(folder_.path() / "jobs.sqlite", clock_).value();

@@ -89,7 +89,7 @@ class LinkSoak : public testing::Test {
     link_->pump("j1");
   }
 
-  test::SoakFolder folder_;
+  test::ScratchFolder folder_;
   VirtualClock clock_{hours{24 * 365 * 50}};
   net::Loop loop_{clock_};
   std::uint16_t port_ = 0;

@@ -1,30 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
-#include <stdlib.h>
 
 #include <filesystem>
 #include <string>
 #include <telefab/net/listener.hpp>
+#include <telefab/test/scratch_folder.hpp>
 #include <telefab/wire/message.hpp>
 #include <vector>
 
 namespace telefab::test {
-
-/// A folder that goes with its owner.
-class SoakFolder {
- public:
-  SoakFolder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "telefab-soak-XXXXXX").string();
-    path_ = ::mkdtemp(pattern.data());
-  }
-  ~SoakFolder() { std::filesystem::remove_all(path_); }
-  SoakFolder(const SoakFolder&) = delete;
-  SoakFolder& operator=(const SoakFolder&) = delete;
-  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
 
 /// One end of a conversation: what it received, and why it ended.
 struct Speaker {

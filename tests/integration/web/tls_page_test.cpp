@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <stdlib.h>
 
 #include <filesystem>
 #include <telefab/fab/web/router.hpp>
@@ -9,6 +8,7 @@
 #include <telefab/test/http_client.hpp>
 #include <telefab/test/https_client.hpp>
 #include <telefab/test/recording_backend.hpp>
+#include <telefab/test/scratch_folder.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -38,22 +38,15 @@ class TlsPage : public testing::Test {
     address.judge_every = milliseconds{50};
     server = WebServer::listen(address, site, "telefab-fab/0", clock).value();
   }
-  ~TlsPage() override {
-    server.reset();
-    std::filesystem::remove_all(folder);
-  }
+  ~TlsPage() override { server.reset(); }
   [[nodiscard]] std::string ask_as(const std::string& name, const std::string& method, const std::string& target,
                                    const std::string& head = {}) const {
     return test::https_ask(HttpsClient{server->port(), folder, name}, method, target, head);
   }
 
-  static std::filesystem::path new_folder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "telefab-tls-page-XXXXXX").string();
-    return ::mkdtemp(pattern.data());
-  }
-
   SystemClock clock;
-  std::filesystem::path folder = new_folder();
+  test::ScratchFolder scratch;
+  std::filesystem::path folder = scratch.path();
   std::filesystem::path tokens = folder / "operator-tokens";
   std::string bob;
   RecordingBackend backend;

@@ -5,6 +5,7 @@
 #include <fstream>
 #include <iterator>
 #include <telefab/base/damaged_file.hpp>
+#include <telefab/test/scratch_folder.hpp>
 
 namespace telefab {
 namespace {
@@ -13,18 +14,14 @@ namespace fs = std::filesystem;
 
 class DamagedFile : public testing::Test {
  protected:
-  DamagedFile() {
-    std::string pattern = (fs::temp_directory_path() / "telefab-damaged-XXXXXX").string();
-    folder = ::mkdtemp(pattern.data());
-    std::ofstream{path()} << "what is left";
-  }
-  ~DamagedFile() override { fs::remove_all(folder); }
+  DamagedFile() { std::ofstream{path()} << "what is left"; }
   [[nodiscard]] fs::path path() const { return folder / "journal"; }
   [[nodiscard]] static std::string text_of(const fs::path& file) {
     std::ifstream in{file};
     return {std::istreambuf_iterator<char>{in}, {}};
   }
-  fs::path folder;
+  test::ScratchFolder scratch;
+  fs::path folder = scratch.path();
 };
 
 TEST_F(DamagedFile, IsKeptUnderTheFirstNameThatNothingHas) {

@@ -5,6 +5,7 @@
 
 #include <fstream>
 #include <telefab/command_line/machine_choice.hpp>
+#include <telefab/test/scratch_folder.hpp>
 
 namespace telefab {
 namespace {
@@ -22,16 +23,8 @@ TEST(MachineFolders, AreLookedAtFromTheUsersOwnToTheCheckout) {
 
 class MachineChoiceTest : public testing::Test {
  protected:
-  void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "telefab-choice-XXXXXX").string();
-    ASSERT_NE(mkdtemp(name.data()), nullptr);
-    root_ = name;
-    setenv("XDG_CONFIG_HOME", name.c_str(), 1);
-  }
-  void TearDown() override {
-    unsetenv("XDG_CONFIG_HOME");
-    fs::remove_all(root_);
-  }
+  void SetUp() override { setenv("XDG_CONFIG_HOME", root_.c_str(), 1); }
+  void TearDown() override { unsetenv("XDG_CONFIG_HOME"); }
   /// A profile of that name in the folder.
   static void keep(const fs::path& folder, const std::string& name) {
     fs::create_directories(folder);
@@ -39,7 +32,8 @@ class MachineChoiceTest : public testing::Test {
     machine.name = name;
     std::ofstream{folder / (name + ".toml")} << to_toml(machine);
   }
-  fs::path root_;
+  test::ScratchFolder scratch_;
+  fs::path root_ = scratch_.path();
 };
 
 TEST_F(MachineChoiceTest, TakesTheUsersOwnProfilesAndNoOthersBesideThem) {

@@ -12,7 +12,7 @@
 #include <telefab/test/block_stack.hpp>
 #include <telefab/test/random_stack.hpp>
 
-#include "scratch_folder.hpp"
+#include "scratch_files.hpp"
 #include "zip_entries.hpp"
 
 namespace telefab::fab {
@@ -203,7 +203,7 @@ ReadLayers read_threemf(const std::filesystem::path& path, std::string& problem)
   return layers;
 }
 
-class ContourExport : public test::ScratchFolder {
+class ContourExport : public test::ScratchFiles {
  protected:
   Result<void> write(ContourFormat format, const ContourJob& job, const std::string& name = "x",
                      std::stop_token stop = {}) {

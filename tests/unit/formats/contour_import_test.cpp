@@ -14,7 +14,7 @@
 #include <telefab/test/block_stack.hpp>
 #include <telefab/test/random_stack.hpp>
 
-#include "scratch_folder.hpp"
+#include "scratch_files.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -90,7 +90,7 @@ std::string model(const std::string& resources, const std::string& item = "<item
          "<object id=\"2\" slicestackid=\"1\"><mesh/></object></resources><build>" + item + "</build></model>";
 }
 
-class ContourRoundTrip : public test::ScratchFolder, public testing::WithParamInterface<const char*> {};
+class ContourRoundTrip : public test::ScratchFiles, public testing::WithParamInterface<const char*> {};
 
 TEST_P(ContourRoundTrip, GivesTheRingsBackThatWereExported) {
   const auto format = contour_format_from_name(GetParam()).value();

@@ -11,7 +11,7 @@
 #include <telefab/image/png.hpp>
 #include <telefab/test/block_stack.hpp>
 
-#include "scratch_folder.hpp"
+#include "scratch_files.hpp"
 #include "zip_entries.hpp"
 
 namespace telefab::fab {
@@ -73,7 +73,7 @@ std::map<std::string, std::string> ini(const std::string& text) {
   return values;
 }
 
-class MaskExport : public test::ScratchFolder {
+class MaskExport : public test::ScratchFiles {
  protected:
   Result<MaskExportReport> write(MaskFormat format, const std::string& name = "x", std::stop_token stop = {}) {
     return export_masks(format, plan_of(machine, masks), masks, machine, folder / name, {}, stop);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <stdlib.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -11,6 +10,7 @@
 #include <telefab/net/listener.hpp>
 #include <telefab/net/trust.hpp>
 #include <telefab/test/loopback.hpp>
+#include <telefab/test/scratch_folder.hpp>
 #include <utility>
 
 namespace telefab::net {
@@ -43,15 +43,12 @@ class SilentSocket {
 class Certificates : public testing::Test {
  protected:
   Certificates() {
-    std::string pattern = (fs::temp_directory_path() / "telefab-trust-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
     EXPECT_TRUE(make_authority(folder_, clock_));
     issue("fab", Role::FabSite, {"127.0.0.1", "fab.example.org", "::1"});
     issue("scan", Role::ScanSite);
     issue("ana", Role::Operator);
     issue("ben", Role::Operator);
   }
-  ~Certificates() override { fs::remove_all(folder_); }
   void issue(const std::string& name, Role role, std::vector<std::string> hosts = {},
              Nanoseconds valid_for = hours{24}) {
     const auto made = issue_certificate(folder_, {name, role, std::move(hosts), valid_for}, clock_);
@@ -96,7 +93,8 @@ class Certificates : public testing::Test {
   }
 
   SystemClock clock_;
-  fs::path folder_;
+  test::ScratchFolder scratch_;
+  fs::path folder_ = scratch_.path();
   Loop loop_;
   std::unique_ptr<Listener> listener_;
   ConnectionPtr server_, client_;

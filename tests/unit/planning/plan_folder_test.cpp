@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <stdlib.h>
 
 #include <telefab/base/file.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/planning/plan_room.hpp>
 #include <telefab/test/block_stack.hpp>
 #include <telefab/test/overlooked.hpp>
+#include <telefab/test/scratch_folder.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -17,16 +17,11 @@ using testing::HasSubstr;
 
 class PlanFolderTest : public testing::Test {
  protected:
-  void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "telefab-plan-XXXXXX").string();
-    ASSERT_NE(mkdtemp(name.data()), nullptr);
-    root = name;
-  }
-  void TearDown() override { fs::remove_all(root); }
   Result<PlanSummary> write(const fs::path& folder, std::uint32_t layers = 4, std::stop_token stop = {}) {
     return write_plan_folder(folder, test::table(layers - 1, 1), test::small_machine(), {}, clock, {}, stop);
   }
-  fs::path root;
+  test::ScratchFolder scratch;
+  fs::path root = scratch.path();
   VirtualClock clock;
 };
 

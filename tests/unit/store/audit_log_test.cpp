@@ -2,11 +2,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
-#include <stdlib.h>
 #include <sys/resource.h>
 
 #include <fstream>
 #include <telefab/store/audit_log.hpp>
+#include <telefab/test/scratch_folder.hpp>
 
 namespace telefab {
 namespace {
@@ -15,11 +15,6 @@ using testing::HasSubstr;
 
 class AuditLogTest : public testing::Test {
  protected:
-  AuditLogTest() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "telefab-audit-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-  }
-  ~AuditLogTest() override { std::filesystem::remove_all(folder_); }
   [[nodiscard]] std::filesystem::path path() const { return folder_ / "audit.log"; }
   [[nodiscard]] std::string text() const {
     std::ifstream in{path(), std::ios::binary};
@@ -33,7 +28,8 @@ class AuditLogTest : public testing::Test {
   VirtualClock clock;
 
  private:
-  std::filesystem::path folder_;
+  test::ScratchFolder scratch_;
+  std::filesystem::path folder_ = scratch_.path();
 };
 
 TEST_F(AuditLogTest, GoesOnAfterReopening) {

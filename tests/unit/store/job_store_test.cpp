@@ -2,12 +2,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sqlite3.h>
-#include <stdlib.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <fstream>
 #include <telefab/store/job_store.hpp>
+#include <telefab/test/scratch_folder.hpp>
 #include <thread>
 
 namespace telefab {
@@ -45,15 +45,10 @@ TEST(JobState, ComesBackFromItsName) {
 
 class JobStoreTest : public testing::Test {
  protected:
-  void SetUp() override {
-    std::string name = (std::filesystem::temp_directory_path() / "telefab-store-XXXXXX").string();
-    ASSERT_NE(mkdtemp(name.data()), nullptr);
-    folder = name;
-  }
-  void TearDown() override { std::filesystem::remove_all(folder); }
   std::unique_ptr<JobStore> open() { return JobStore::open(folder / "jobs.db", clock).value(); }
 
-  std::filesystem::path folder;
+  test::ScratchFolder scratch;
+  std::filesystem::path folder = scratch.path();
   VirtualClock clock{std::chrono::hours{1}};
 };
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <stdlib.h>
 
 #include <fstream>
+#include <telefab/test/scratch_folder.hpp>
 #include <telefab/transfer/chunk_spool.hpp>
 
 namespace telefab {
@@ -11,12 +11,6 @@ namespace {
 
 class ChunkSpoolTest : public testing::Test {
  protected:
-  ChunkSpoolTest() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "telefab-spool-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-  }
-  ~ChunkSpoolTest() override { std::filesystem::remove_all(folder_); }
-
   [[nodiscard]] std::filesystem::path path() const { return folder_ / "chunks"; }
   [[nodiscard]] ChunkSpool open() const { return ChunkSpool::open(path()).value(); }
   static std::vector<std::byte> payload(std::uint8_t fill) {
@@ -33,7 +27,8 @@ class ChunkSpoolTest : public testing::Test {
   void write(const std::string& bytes) const { std::ofstream{path(), std::ios::binary} << bytes; }
 
  private:
-  std::filesystem::path folder_;
+  test::ScratchFolder scratch_;
+  std::filesystem::path folder_ = scratch_.path();
 };
 
 TEST_F(ChunkSpoolTest, GivesBackAfterReopeningWhatWasAppended) {

@@ -12,6 +12,7 @@
 #include <telefab/scan/web/scan_web.hpp>
 #include <telefab/test/recording_backend.hpp>
 #include <telefab/test/recording_scan_backend.hpp>
+#include <telefab/test/scratch_folder.hpp>
 
 namespace telefab {
 namespace {
@@ -25,13 +26,6 @@ using testing::SizeIs;
 
 class SignInTest : public testing::Test {
  protected:
-  SignInTest() {
-    std::string name = (std::filesystem::temp_directory_path() / "telefab-sign-in-XXXXXX").string();
-    folder = ::mkdtemp(name.data());
-    file = folder / "operator-tokens";
-  }
-  ~SignInTest() override { std::filesystem::remove_all(folder); }
-
   /// Makes somebody a token.
   std::string add(const std::string& name, Access may = Access::Operators) const {
     return add_operator_token(file, name, may, std::chrono::seconds{1}).value();
@@ -76,7 +70,8 @@ class SignInTest : public testing::Test {
     return visitor ? 200U : visitor.error().status;
   }
 
-  std::filesystem::path folder, file;
+  test::ScratchFolder scratch;
+  std::filesystem::path folder = scratch.path(), file = folder / "operator-tokens";
   VirtualClock clock;
   std::vector<std::string> noted, refused;
 };

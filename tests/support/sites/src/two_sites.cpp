@@ -12,8 +12,6 @@
 namespace telefab::test {
 
 TwoSites::TwoSites() : bin_{::getenv("TELEFAB_BIN") ? ::getenv("TELEFAB_BIN") : "."} {
-  std::string pattern = (std::filesystem::temp_directory_path() / "telefab-fax-XXXXXX").string();
-  folder_ = ::mkdtemp(pattern.data());
   std::filesystem::create_directories(folder_ / "machines");
   set_machine(5000);
   write_torus(torus(), 90, 36);

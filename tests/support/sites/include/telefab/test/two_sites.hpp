@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <memory>
 #include <telefab/test/process.hpp>
+#include <telefab/test/scratch_folder.hpp>
 
 namespace telefab::test {
 
@@ -44,7 +45,8 @@ class TwoSites : public testing::Test {
   [[nodiscard]] std::string text_of(const std::filesystem::path& file) const;
 
  private:
-  std::filesystem::path folder_;
+  ScratchFolder scratch_;
+  std::filesystem::path folder_ = scratch_.path();
   std::string bin_;
   std::string fab_port_ = "0";
   std::string scan_port_ = "0";
