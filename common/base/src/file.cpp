@@ -135,7 +135,7 @@ Result<void> put_in_place(const std::filesystem::path& temporary, const std::fil
 
 Result<void> write_new_secret(const std::filesystem::path& path, std::string_view text) {
   const auto give_up = [&](int error) {
-    return fail(ErrorCode::StorageFailed, fmt::format("cannot write {}: {}", path.string(), std::strerror(error)));
+    return fail(ErrorCode::StorageFailed, fail_system("write", path, error).value().what);
   };
   // Under its name it is whole or not there: a secret that a full disk cut short would be taken for one.
   std::string temporary = (path.parent_path() / ("." + path.filename().string() + ".XXXXXX")).string();
