@@ -4,7 +4,7 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <cstring>
+#include <telefab/base/file.hpp>
 #include <telefab/service/disk_room.hpp>
 #include <utility>
 
@@ -52,8 +52,9 @@ Result<void> DiskRoom::take_reserve() {
   }
   std::error_code ignored;  // half a reserve is none
   std::filesystem::remove(path, ignored);
-  return fail(ErrorCode::StorageFailed, fmt::format("the reserve of {} MiB in {} cannot be taken: {}",
-                                                    mib(reserve_bytes_), folder_.string(), std::strerror(error)));
+  // Jobs wait for the disk whatever the reason is.
+  return fail(ErrorCode::StorageFailed, fmt::format("the reserve of {} MiB cannot be taken: {}", mib(reserve_bytes_),
+                                                    fail_system("keep room in", folder_, error).value().what));
 }
 
 Result<void> DiskRoom::check(std::uint64_t bytes) {
