@@ -254,7 +254,7 @@ TEST(ListenerEnd, ClosesWhatCameInByItAndFreesWhoHeldIt) {
     const auto listener =
         Listener::open(loop, {{"127.0.0.1", 0}, nullptr, {}},
                        {[&](const ConnectionPtr& made) {
-                          const auto session = std::make_shared<Session>(made);
+                          const auto session = std::make_shared<Session>(Session{made});
                           held = session;
                           connection = made;
                           made->start({[session](const Frame&) {}, {}, [session, &closed](const Error&) { ++closed; }});
