@@ -23,7 +23,6 @@ struct StartFacts {
   bool maybe_exposed = false;       ///< layers are in question
   bool is_paused_in_store = false;  ///< it waited for an operator when the site ended
   Nanoseconds last_sign{};          ///< wall time of the newest line of the journal; 0: it is empty
-  friend bool operator==(const StartFacts&, const StartFacts&) = default;
 };
 
 /// What an operator allows a start to do by itself.
