@@ -95,6 +95,7 @@ const std::vector<Heavy> kHeavy{
     {"zip.h", {"fab_site/formats"}},
     {"boost/asio", {"common/net", "common/client", "common/web", "scan_site/daemon", "fab_site/daemon"}},
     {"boost/beast", {"common/web"}},
+    {"boost/graph", {"fab_site/carry"}},
     {"openssl/", {"common/base", "common/net", "common/web"}},
     {"xsimd/", {"scan_site/mls"}},
     {"CLI/", {"common/command_line"}},

@@ -1,0 +1,247 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <telefab/fab/carry/carry_watch.hpp>
+#include <tuple>
+
+#include "least_cut.hpp"
+#include "level_bending.hpp"
+
+namespace telefab::fab {
+namespace {
+
+using Check = CarryPlace::Check;
+
+/// Moments are judged in batches: in each by what was the worst before it, so that any number of threads finds the
+/// same.
+constexpr std::uint32_t kBatch = 32;
+/// The cut of the worst lever need not be the least cut: those are looked at that bear these shares of the worst in the
+/// mean.
+constexpr std::array kShares{0.25, 0.5, 1.0};
+/// Of a high print beams are looked at about so many times, and at every merge of pieces.
+constexpr std::uint32_t kBeamMoments = 600;
+constexpr std::int64_t kFine = 1024;
+
+struct Found {
+  CarryPlace place;
+  std::uint32_t section = 0;
+};
+
+/// What is known so far: floors below which nothing is of interest.
+struct Worst {
+  Ratio cut{1, 1};
+  std::array<double, 3> large{};  ///< by check
+  double small = 0;
+};
+
+struct Judge {
+  const LoadPath& path;
+  const CarryOptions& options;
+  Worst worst;
+  std::vector<Found> found{};
+
+  [[nodiscard]] bool is_large(double held_mm2) const { return held_mm2 >= options.least_held_mm2; }
+
+  void note(Check check, std::uint32_t moment, std::uint32_t section, const Pull& pull, double demand) {
+    const bool large = is_large(pull.area_mm2);
+    double& floor = large ? worst.large[static_cast<std::size_t>(check) - 1] : worst.small;
+    if (demand <= floor && demand <= options.limit) return;
+    floor = std::max(floor, demand);
+    const Section& s = path.sections()[section];
+    found.push_back({{check, LayerIndex{moment}, LayerIndex{path.pieces()[s.upper].layer}, s.middle, s.area_mm2,
+                      pull.area_mm2, pull.middle, demand},
+                     section});
+  }
+
+  /// The sections of a cut with what they stand on: the ways down from it until they have joined.
+  [[nodiscard]] std::vector<CutPart> parts_of(const Moment& moment, const Hanging& hanging) const {
+    std::vector<char> in(moment.pieces.size());
+    for (const std::uint32_t node : hanging.nodes) in[node] = 1;
+    std::vector<std::uint32_t> ends;
+    for (const std::uint32_t e : hanging.edges) {
+      const CoreEdge& edge = moment.edges[e];
+      ends.push_back(moment.pieces[in[edge.a] ? edge.b : edge.a]);
+    }
+    std::uint32_t joint = ends.front();
+    for (const std::uint32_t end : ends) joint = path.joint_of(joint, end);
+    std::vector<CutPart> parts;
+    for (std::size_t i = 0; i < ends.size(); ++i) {
+      const CoreEdge& edge = moment.edges[hanging.edges[i]];
+      const Section& s = path.sections()[edge.section];
+      const double softness = edge.softness + path.softness_below(ends[i], joint);
+      const double below = (moment.layer + 1 - path.pieces()[s.upper].layer) * path.thickness_mm();
+      parts.push_back({&s, 1 / softness, below});
+    }
+    return parts;
+  }
+
+  void look_at(const Moment& moment, const Hanging& hanging) {
+    Pull pull{static_cast<double>(hanging.pulled) * path.pixel_mm2(), {}, options.sideways_share};
+    for (const std::uint32_t load : hanging.loads) {
+      const Piece& piece = path.pieces()[moment.loads[load].piece];
+      const double share = static_cast<double>(piece.pulled) / static_cast<double>(hanging.pulled);
+      pull.middle.x_mm += share * piece.middle.x_mm;
+      pull.middle.y_mm += share * piece.middle.y_mm;
+    }
+    const auto parts = parts_of(moment, hanging);
+    const CutStress stress = stress_of(parts, pull);
+    const auto section = [&](std::size_t part) {
+      return static_cast<std::uint32_t>(parts[part].section - path.sections().data());
+    };
+    note(Check::Cut, moment.layer, section(stress.lever_at), pull, stress.mean);
+    note(Check::Lever, moment.layer, section(stress.lever_at), pull, stress.lever);
+    note(Check::Bending, moment.layer, section(stress.bending_at), pull, stress.bending);
+  }
+
+  void cuts(const Moment& moment) {
+    if (moment.loads.empty()) return;
+    LeastCut flow{moment, path};
+    const double lever = std::min(std::max(worst.large[1], worst.large[0]), options.limit);
+    const double lowest = std::max(kShares.front() * lever, 1.0 / kFine);
+    bool any = false;
+    for (const double share : kShares) {
+      const double demand = std::max(lowest, share * lever);
+      const auto hanging = flow.beyond({std::max<std::int64_t>(1, std::llround(demand * kFine)), kFine});
+      for (const Hanging& h : hanging) look_at(moment, h);
+      any = !hanging.empty();
+      if (!any) break;
+    }
+    // The largest ratio of all, by Dinkelbach: each cut found is the next demand. What is small is taken out on its
+    // way.
+    while (any) {
+      const auto hanging = flow.beyond(worst.cut);
+      any = !hanging.empty();
+      Ratio most = worst.cut;
+      for (const Hanging& h : hanging) {
+        look_at(moment, h);
+        if (is_large(static_cast<double>(h.pulled) * path.pixel_mm2())) {
+          if (h.pulled * most.under > most.over * h.cut) most = h.ratio();
+        } else {
+          for (const std::uint32_t load : h.loads) flow.release(load);
+        }
+      }
+      worst.cut = most;
+    }
+  }
+
+  void beams(std::uint32_t moment) {
+    const LevelFloors floors{std::min(worst.large[2], options.limit), std::min(worst.small, options.limit)};
+    const auto levels = worst_levels(path, moment, options.sideways_share, options.least_held_mm2, floors);
+    for (const auto* list : {&levels.large, &levels.small})
+      for (const LevelStress& level : *list) note(Check::Bending, moment, level.section, level.pull, level.stress);
+  }
+};
+
+/// Moments at which level sections are looked at.
+std::vector<char> beam_moments(const LoadPath& path) {
+  const std::uint32_t layers = path.layers(), step = std::max(1U, layers / kBeamMoments);
+  std::vector<char> is_one(layers);
+  std::vector<std::uint32_t> ways_down(path.pieces().size());
+  for (std::uint32_t k = 1; k < layers; ++k) {
+    is_one[k] = k % step == 0 || k + 1 == layers;
+    for (std::uint32_t s = path.first_section(k); s < path.first_section(k + 1); ++s)
+      if (++ways_down[path.sections()[s].upper] == 2) {
+        is_one[k] = 1;
+        is_one[k - 1] = k > 1;
+      }
+  }
+  return is_one;
+}
+
+/// The worst of each section, worst first.
+std::vector<CarryPlace> worst_of_each(const std::vector<Found>& found, const CarryOptions& options, bool large) {
+  std::map<std::uint32_t, CarryPlace> by_section;
+  for (const Found& f : found) {
+    if (f.place.demand <= options.limit || (f.place.held_mm2 >= options.least_held_mm2) != large) continue;
+    const auto [at, is_new] = by_section.try_emplace(f.section, f.place);
+    if (!is_new && f.place.demand > at->second.demand) at->second = f.place;
+  }
+  std::vector<CarryPlace> places;
+  for (const auto& [section, place] : by_section) places.push_back(place);
+  std::stable_sort(places.begin(), places.end(), [](const auto& a, const auto& b) { return a.demand > b.demand; });
+  return places;
+}
+
+}  // namespace
+
+struct CarryWatch::State {
+  CarryOptions options;
+  LoadPath path;
+};
+
+CarryWatch::CarryWatch(const CarryOptions& options)
+    : state_{std::make_unique<State>(State{options, LoadPath{options.pitch_mm, options.thickness_mm}})} {}
+CarryWatch::~CarryWatch() = default;
+CarryWatch::CarryWatch(CarryWatch&&) noexcept = default;
+CarryWatch& CarryWatch::operator=(CarryWatch&&) noexcept = default;
+
+Result<void> CarryWatch::add(const LayerRuns& layer, const LayerLight* light) {
+  LoadPath& path = state_->path;
+  if (path.layers() > 0 && !(layer.size() == path.size()))
+    return fail(ErrorCode::InvalidInput, "judging loads: the layers differ in size");
+  if (light && !(light->joined.size() == layer.size() && light->lit.size() == layer.size()))
+    return fail(ErrorCode::InvalidInput, "judging loads: a layer and its light differ in size");
+  path.add(layer, light);
+  return {};
+}
+
+Result<CarryReport> CarryWatch::finish(const std::stop_token& stop) {
+  const CarryOptions& options = state_->options;
+  LoadPath& path = state_->path;
+  path.close();
+  const std::uint32_t layers = path.layers();
+  const auto has_beams = beam_moments(path);
+  CarryReport report;
+  report.layers = layers;
+  for (std::uint32_t p = 0; p < path.first_piece(1) && layers > 0; ++p)
+    report.base_mm2 += static_cast<double>(path.pieces()[p].pixels) * path.pixel_mm2();
+
+  LoadCore core{path};
+  Worst worst;
+  std::vector<Found> found;
+  for (std::uint32_t first = 0; first < layers; first += kBatch) {
+    if (stop.stop_requested()) return cancelled("judging loads");
+    const std::uint32_t count = std::min(kBatch, layers - first);
+    std::vector<Moment> moments;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      moments.push_back(core.add());
+      report.afloat_mm2 =
+          std::max(report.afloat_mm2, static_cast<double>(moments.back().afloat_pixels) * path.pixel_mm2());
+    }
+    std::vector<Judge> judges(count, Judge{path, options, worst});
+    tbb::parallel_for(std::uint32_t{0}, count, [&](std::uint32_t i) {
+      judges[i].cuts(moments[i]);
+      if (has_beams[first + i]) judges[i].beams(first + i);
+    });
+    for (Judge& judge : judges) {
+      found.insert(found.end(), judge.found.begin(), judge.found.end());
+      if (judge.worst.cut.value() > worst.cut.value()) worst.cut = judge.worst.cut;
+      for (std::size_t c = 0; c < worst.large.size(); ++c)
+        worst.large[c] = std::max(worst.large[c], judge.worst.large[c]);
+      worst.small = std::max(worst.small, judge.worst.small);
+    }
+  }
+
+  const auto keep_worst = [](std::optional<CarryPlace>& kept, const CarryPlace& place) {
+    if (!kept || place.demand > kept->demand) kept = place;
+  };
+  for (const Found& f : found) {
+    if (f.place.held_mm2 < options.least_held_mm2)
+      keep_worst(report.small, f.place);
+    else
+      keep_worst(f.place.check == Check::Cut     ? report.cut
+                 : f.place.check == Check::Lever ? report.lever
+                                                 : report.bending,
+                 f.place);
+  }
+  report.weak = worst_of_each(found, options, true);
+  report.weak_small = worst_of_each(found, options, false);
+  state_ = std::make_unique<State>(State{options, LoadPath{options.pitch_mm, options.thickness_mm}});
+  return report;
+}
+
+}  // namespace telefab::fab

@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "load_path.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <telefab/base/disjoint_sets.hpp>
+#include <unordered_map>
+
+namespace telefab::fab {
+namespace {
+
+/// Sums over the pixels of a section, in pixels.
+struct Sums {
+  std::int64_t count = 0;
+  double x = 0, y = 0, xx = 0, xy = 0, yy = 0;
+  double low_x = std::numeric_limits<double>::infinity(), high_x = -low_x;
+  double low_y = low_x, high_y = -low_x;
+  double low_sum = low_x, high_sum = -low_x;    // of x + y
+  double low_diff = low_x, high_diff = -low_x;  // of x - y
+
+  void add(std::int32_t first, std::int32_t behind, std::uint32_t row) {
+    const double a = first, b = behind, n = b - a, low = row, high = row + 1.0, mid = row + 0.5;
+    count += behind - first;
+    x += n * (a + b) / 2;
+    y += n * mid;
+    xx += (b * b * b - a * a * a) / 3;
+    xy += n * (a + b) / 2 * mid;
+    yy += n * (mid * mid + 1.0 / 12);
+    low_x = std::min(low_x, a), high_x = std::max(high_x, b);
+    low_y = std::min(low_y, low), high_y = std::max(high_y, high);
+    low_sum = std::min(low_sum, a + low), high_sum = std::max(high_sum, b + high);
+    low_diff = std::min(low_diff, a - high), high_diff = std::max(high_diff, b - low);
+  }
+};
+
+Section section_of(const Sums& s, std::uint32_t upper, std::uint32_t lower, double pitch_mm) {
+  const auto n = static_cast<double>(s.count);
+  const double x = s.x / n, y = s.y / n, area = pitch_mm * pitch_mm, diagonal = pitch_mm / std::numbers::sqrt2;
+  Section out;
+  out.upper = upper, out.lower = lower;
+  out.pixels = s.count;
+  out.area_mm2 = n * area;
+  out.middle = {x * pitch_mm, y * pitch_mm};
+  out.xx = (s.xx / n - x * x) * area;
+  out.xy = (s.xy / n - x * y) * area;
+  out.yy = (s.yy / n - y * y) * area;
+  out.reach_mm = {(s.high_x - x) * pitch_mm, (s.high_sum - (x + y)) * diagonal,
+                  (s.high_y - y) * pitch_mm, ((x - y) - s.low_diff) * diagonal,
+                  (x - s.low_x) * pitch_mm,  ((x + y) - s.low_sum) * diagonal,
+                  (y - s.low_y) * pitch_mm,  (s.high_diff - (x - y)) * diagonal};
+  return out;
+}
+
+}  // namespace
+
+double Section::along(Point2 v) const {
+  // A vector between two neighbouring directions is a sum of multiples of both; so is a bound of the reach.
+  constexpr double kEighth = std::numbers::pi / 4;
+  const double length = std::hypot(v.x_mm, v.y_mm);
+  if (length == 0) return 0;
+  double turn = std::atan2(v.y_mm, v.x_mm) / kEighth;
+  if (turn < 0) turn += 8;
+  const auto i = static_cast<std::size_t>(turn) % 8;
+  const double beyond = (turn - std::floor(turn)) * kEighth;
+  const double sine = std::sin(kEighth);
+  return length * (reach_mm[i] * std::sin(kEighth - beyond) + reach_mm[(i + 1) % 8] * std::sin(beyond)) / sine;
+}
+
+void LoadPath::add(const LayerRuns& layer, const LayerLight* light) {
+  const auto index = static_cast<std::uint32_t>(first_piece_.size());
+  const auto first = static_cast<std::uint32_t>(pieces_.size());
+  first_piece_.push_back(first);
+  first_section_.push_back(static_cast<std::uint32_t>(sections_.size()));
+
+  const RunComponents parts = components_of(light ? light->joined : layer, true);
+  std::vector<std::uint32_t> part_of(layer.count());
+  if (light)
+    for_overlaps(layer, light->joined,
+                 [&](std::uint32_t run, std::uint32_t whole) { part_of[run] = parts.of_run[whole]; });
+  else
+    part_of = parts.of_run;
+  std::vector<Sums> sums(parts.components.size());
+  for (std::uint32_t y = 0; y < layer.size().height_px; ++y)
+    for (std::uint32_t r = layer.row_start(y); r < layer.row_start(y) + layer.row(y).size(); ++r)
+      sums[part_of[r]].add(layer.run(r).first, layer.run(r).behind, y);
+  std::vector<std::int64_t> lit(sums.size());
+  if (light)
+    for_overlaps(layer, light->lit, [&](std::uint32_t here, std::uint32_t there) {
+      const PixelRun &a = layer.run(here), &b = light->lit.run(there);
+      lit[part_of[here]] += std::min(a.behind, b.behind) - std::max(a.first, b.first);
+    });
+  // Of what only joins others there may be nothing solid.
+  std::vector<std::uint32_t> piece_of_part(sums.size());
+  for (std::size_t i = 0; i < sums.size(); ++i) {
+    if (sums[i].count == 0) continue;
+    piece_of_part[i] = static_cast<std::uint32_t>(pieces_.size());
+    const auto n = static_cast<double>(sums[i].count);
+    const bool is_pulled = !light || lit[i] >= kLeastIslandPixels;
+    pieces_.push_back(
+        {index, sums[i].count, is_pulled ? sums[i].count : 0, {sums[i].x / n * pitch_mm_, sums[i].y / n * pitch_mm_}});
+  }
+  std::vector<std::uint32_t> piece_of_run(layer.count());
+  for (std::uint32_t r = 0; r < layer.count(); ++r) piece_of_run[r] = piece_of_part[part_of[r]];
+
+  if (index > 0) {
+    std::unordered_map<std::uint64_t, std::uint32_t> number;
+    std::vector<std::pair<std::uint64_t, Sums>> meetings;  // in the order in which they are met
+    std::uint32_t row = 0;
+    for_overlaps(layer, below_, [&](std::uint32_t here, std::uint32_t there) {
+      while (row + 1 < layer.size().height_px && here >= layer.row_start(row + 1)) ++row;
+      const std::uint64_t key = std::uint64_t{piece_of_run[here]} << 32U | piece_below_[there];
+      const auto [at, is_new] = number.try_emplace(key, static_cast<std::uint32_t>(meetings.size()));
+      if (is_new) meetings.emplace_back(key, Sums{});
+      const PixelRun &a = layer.run(here), &b = below_.run(there);
+      meetings[at->second].second.add(std::max(a.first, b.first), std::min(a.behind, b.behind), row);
+    });
+    for (const auto& [key, met] : meetings)
+      sections_.push_back(
+          section_of(met, static_cast<std::uint32_t>(key >> 32U), static_cast<std::uint32_t>(key), pitch_mm_));
+  }
+  below_ = layer;
+  piece_below_ = std::move(piece_of_run);
+}
+
+std::uint32_t LoadPath::first_piece(std::uint32_t layer) const {
+  return layer < first_piece_.size() ? first_piece_[layer] : static_cast<std::uint32_t>(pieces_.size());
+}
+
+std::uint32_t LoadPath::first_section(std::uint32_t layer) const {
+  return layer < first_section_.size() ? first_section_[layer] : static_cast<std::uint32_t>(sections_.size());
+}
+
+void LoadPath::close() {
+  stands_.assign(pieces_.size(), 0);
+  ways_.assign(pieces_.size(), {});
+  DisjointSets joined{pieces_.size() + 1};
+  const auto ground = static_cast<std::uint32_t>(pieces_.size());
+  for (std::uint32_t k = 0; k < layers(); ++k) {
+    const std::uint32_t from = first_piece(k), to = first_piece(k + 1);
+    if (k == 0)
+      for (std::uint32_t p = from; p < to; ++p) joined.join(p, ground);
+    std::vector<std::int64_t> widest(to - from);
+    for (std::uint32_t s = first_section(k); s < first_section(k + 1); ++s) {
+      const Section& section = sections_[s];
+      joined.join(section.upper, section.lower);
+      if (section.pixels <= widest[section.upper - from]) continue;
+      widest[section.upper - from] = section.pixels;
+      Way& way = ways_[section.upper];
+      const Way& below = ways_[section.lower];
+      way.next = section.lower;
+      way.steps = below.steps + 1;
+      way.softness = below.softness + thickness_mm_ / section.area_mm2;
+      // Of the two jumps below, equally long, one over both; else a step.
+      const bool is_equal =
+          below.jump != kPlatform && ways_[below.jump].jump != kPlatform &&
+          below.steps - ways_[below.jump].steps == ways_[below.jump].steps - ways_[ways_[below.jump].jump].steps;
+      way.jump = is_equal ? ways_[below.jump].jump : section.lower;
+    }
+    for (std::uint32_t p = from; p < to; ++p) {
+      stands_[p] = joined.root(p) == joined.root(ground);
+      // What hangs from above: as if a column of its own area stood below it.
+      if (k > 0 && ways_[p].next == kPlatform)
+        ways_[p].softness = k * thickness_mm_ / (static_cast<double>(pieces_[p].pixels) * pixel_mm2());
+    }
+  }
+}
+
+std::uint32_t LoadPath::joint_of(std::uint32_t a, std::uint32_t b) const {
+  if (a == kPlatform || b == kPlatform) return kPlatform;
+  const auto lower_to = [this](std::uint32_t p, std::uint32_t steps) {
+    while (ways_[p].steps > steps) {
+      const std::uint32_t jump = ways_[p].jump;
+      p = jump != kPlatform && ways_[jump].steps >= steps ? jump : ways_[p].next;
+    }
+    return p;
+  };
+  a = lower_to(a, ways_[b].steps);
+  b = lower_to(b, ways_[a].steps);
+  while (a != b) {
+    const bool may_jump = ways_[a].jump != ways_[b].jump;
+    a = may_jump ? ways_[a].jump : ways_[a].next;
+    b = may_jump ? ways_[b].jump : ways_[b].next;
+    if (a == kPlatform || b == kPlatform) return kPlatform;
+  }
+  return a;
+}
+
+double LoadPath::softness_below(std::uint32_t piece, std::uint32_t joint) const {
+  if (piece == kPlatform) return 0;
+  return ways_[piece].softness - (joint == kPlatform ? 0 : ways_[joint].softness);
+}
+
+}  // namespace telefab::fab

@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <gmock/gmock.h>
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <telefab/test/blocks.hpp>
+
+namespace telefab::fab {
+namespace {
+
+using test::Block;
+using test::judged;
+using Check = CarryPlace::Check;
+
+/// Four square tips of 1 mm, their middles 6 mm apart around (10, 10), each on the platform.
+std::vector<Block> four_tips(std::uint32_t behind) {
+  std::vector<Block> blocks;
+  for (const double x : {7.0, 13.0})
+    for (const double y : {7.0, 13.0}) blocks.push_back({x - 0.5, y - 0.5, x + 0.5, y + 0.5, 0, behind});
+  return blocks;
+}
+
+TEST(CarryWatch, ABlockOverTheMiddleOfFourTipsAsksOfThemItsAreaOverTheirs) {
+  auto blocks = four_tips(4);
+  blocks.push_back({4, 6, 16, 14, 4, 8});
+  const CarryReport report = judged(blocks);
+  EXPECT_NEAR(report.cut->demand, 24, 1e-9);
+  EXPECT_NEAR(report.lever->demand, 24, 1e-9);
+  EXPECT_EQ(report.cut->layer.count(), 1U) << "all sections of a tip are alike: the lowest";
+  EXPECT_NEAR(report.cut->held_mm2, 96, 1e-9);
+  EXPECT_NEAR(report.base_mm2, 4, 1e-9);
+}
+
+TEST(CarryWatch, ABlockBesideTheMiddleOfFourTipsAsksMoreOfTheNearOnes) {
+  auto blocks = four_tips(4);
+  blocks.push_back({6, 6, 18, 14, 4, 8});
+  const CarryReport report = judged(blocks);
+  EXPECT_NEAR(report.cut->demand, 24, 1e-9);
+  // 2 mm off, springs at +-3 mm with 1/12 mm2 of their own.
+  EXPECT_NEAR(report.lever->demand, 24 * (1 + 3 * 2 / (9 + 1.0 / 12)), 1e-6);
+  EXPECT_NEAR(report.lever->place.x_mm, 13, 1e-9);
+  EXPECT_NEAR(report.bending->demand, 24 * (1 + 3.5 * 2 / (9 + 1.0 / 12)), 1e-6);
+}
+
+TEST(CarryWatch, TipsAtFourHeightsAreOneCutThatNoLevelSectionShows) {
+  // Posts of 2 mm, each with a tip of 1 mm on it under its quarter of a block.
+  std::vector<Block> blocks;
+  std::uint32_t top = 4;
+  for (const double x : {6.0, 10.0})
+    for (const double y : {6.0, 10.0}) {
+      blocks.push_back({x + 1, y + 1, x + 3, y + 3, 0, top});
+      blocks.push_back({x + 1.5, y + 1.5, x + 2.5, y + 2.5, top, top + 2});
+      blocks.push_back({x, y, x + 4, y + 4, top + 2, 24});
+      top += 4;
+    }
+  const CarryReport report = judged(blocks);
+  // Each quarter lies against one before it. One tip bears 16, and so do two, three and four.
+  EXPECT_NEAR(report.cut->demand, 16, 1e-9);
+  std::erase_if(blocks, [](const Block& b) { return b.x1 - b.x0 < 1.5 && b.first == 8; });
+  blocks.push_back({7.7, 11.7, 8.3, 12.3, 8, 10});
+  EXPECT_NEAR(judged(blocks).cut->demand, 32 / 1.36, 1e-9) << "two quarters on a tip and a thin tip";
+}
+
+TEST(CarryWatch, APlateBesideItsColumnBendsIt) {
+  // 3.5 in the mean; the plate's middle is 2.5 mm off that of a column of 2 mm.
+  const CarryReport report = judged({{6, 9, 8, 11, 0, 20}, {6, 9, 13, 11, 20, 23}});
+  EXPECT_NEAR(report.cut->demand, 3.5, 1e-9);
+  EXPECT_NEAR(report.bending->demand, 3.5 * (1 + 6 * 2.5 / 2), 1e-6);
+  EXPECT_EQ(report.worst()->check, Check::Bending);
+}
+
+TEST(CarryWatch, AThickAndAThinTowerShareByTheirAreas) {
+  // The pull is in the middle of both, 4 mm from either: the stiff one bears more, the thin one bends.
+  const CarryReport report = judged({{2, 8, 6, 12, 0, 20}, {11, 9, 13, 11, 0, 20}, {2, 8, 13, 12, 20, 23}});
+  const double g = (16 * 4.0 + 4 * 12.0) / 20, f = 7.5;
+  const double i = 16 * ((4 - g) * (4 - g) + 16.0 / 12) + 4 * ((12 - g) * (12 - g) + 4.0 / 12);
+  EXPECT_NEAR(report.cut->demand, 2.2, 1e-9);
+  EXPECT_NEAR(report.lever->demand, 44 * (1.0 / 20 + (12 - g) * (f - g) / i), 1e-6);
+}
+
+TEST(CarryWatch, AStrutThatEndsInTheResinBearsNothing) {
+  auto blocks = four_tips(4);
+  blocks.push_back({4, 6, 16, 14, 4, 8});
+  const CarryReport without = judged(blocks);
+  blocks.push_back({9, 9, 11, 11, 2, 4});
+  const CarryReport with = judged(blocks);
+  EXPECT_NEAR(with.cut->demand, without.cut->demand, 1e-9);
+  EXPECT_NEAR(with.bending->demand, without.bending->demand, 1e-9);
+  EXPECT_NEAR(with.afloat_mm2, 4, 1e-9) << "while it is printed nothing holds it";
+}
+
+TEST(CarryWatch, TheWorstMomentMayComeBeforePiecesMerge) {
+  // A plate of 24 mm2 on a tip of 0.36 mm2, until a wall joins it to a stout block.
+  const std::vector<Block> blocks{
+      {2, 2, 8, 18, 0, 12}, {13, 9, 13.6, 9.6, 0, 4}, {11, 6, 15, 12, 4, 8}, {2, 6, 15, 12, 8, 12}};
+  const CarryReport report = judged(blocks);
+  EXPECT_NEAR(report.cut->demand, 24 / 0.36, 1e-9);
+  EXPECT_LT(report.cut->moment.count(), 8U);
+  EXPECT_NEAR(report.cut->place.x_mm, 13.3, 1e-9);
+}
+
+TEST(CarryWatch, ALongPinIsSoftAndGivesItsLoadAway) {
+  // Three tips of 1 mm2 in a row, the outer ones short, on blocks of 20 mm2.
+  std::vector<Block> blocks{{4, 5, 6, 15, 0, 15}, {14, 5, 16, 15, 0, 15}};
+  for (const double x : {5.0, 10.0, 15.0}) blocks.push_back({x - 0.5, 9.5, x + 0.5, 10.5, 0, 20});
+  blocks.push_back({4, 6, 16, 14, 20, 22});
+  const CarryReport report = judged(blocks);
+  EXPECT_NEAR(report.cut->demand, 32, 1e-9);
+  // 20 meetings of layers 0.5 mm apart under the middle; 6 and 14 under the others.
+  const double outer = 1 / (6 * 0.5 + 14 * 0.5 / 20), middle = 1 / (20 * 0.5);
+  EXPECT_NEAR(report.lever->demand, 96 * outer / (2 * outer + middle), 1e-6);
+}
+
+TEST(CarryWatch, WhatHangsOnAnArchIsHeldByItsNarrowestPlace) {
+  // Two legs, a bar over them, and below the bar a bob that the light of later layers joined to it.
+  const std::vector<Block> blocks{
+      {4, 8, 6, 12, 0, 10}, {14, 8, 16, 12, 0, 10}, {4, 8, 16, 12, 10, 12}, {4, 8, 16, 12, 12, 14}};
+  const CarryReport report = judged(blocks);
+  EXPECT_NEAR(report.cut->demand, 48.0 / 16, 1e-9);
+  EXPECT_EQ(report.afloat_mm2, 0);
+}
+
+TEST(CarryWatch, WhatHoldsLessThanTheLeastIsJudgedApart) {
+  const std::vector<Block> blocks{{2, 2, 8, 18, 0, 12}, {13, 9, 13.5, 9.5, 0, 4}, {12, 8, 15, 11, 4, 8}};
+  const CarryReport report = judged(blocks);
+  EXPECT_NEAR(report.worst()->demand, 1, 1e-6);
+  ASSERT_TRUE(report.small);
+  EXPECT_GE(report.small->demand, 9 / 0.25 - 1e-9);
+  EXPECT_NEAR(report.small->held_mm2, 9, 1e-9);
+  CarryOptions options;
+  options.least_held_mm2 = 9;
+  EXPECT_NEAR(judged(blocks, options).cut->demand, 9 / 0.25, 1e-9);
+}
+
+TEST(CarryWatch, ListsEverySectionAboveTheLimitAndNoneBelow) {
+  const std::vector<Block> blocks{{2, 2, 4, 4, 0, 4}, {12, 2, 14, 4, 0, 4}, {2, 12, 3, 13, 0, 4},
+                                  {1, 1, 6, 6, 4, 6}, {11, 1, 15, 5, 4, 6}, {1, 11, 6, 16, 4, 6}};
+  CarryOptions options;
+  options.limit = 12;
+  const CarryReport report = judged(blocks, options);
+  ASSERT_FALSE(report.weak.empty());
+  for (const CarryPlace& place : report.weak) EXPECT_GT(place.demand, 12);
+  const auto at = [&](double x, double y) {
+    return std::ranges::any_of(report.weak, [&](const CarryPlace& p) {
+      return std::abs(p.place.x_mm - x) < 0.01 && std::abs(p.place.y_mm - y) < 0.01;
+    });
+  };
+  EXPECT_TRUE(at(2.5, 12.5)) << "25 mm2 on 1";
+  EXPECT_FALSE(at(13, 3)) << "16 mm2 on 4";
+}
+
+TEST(CarryWatch, APushSidewaysBendsByTheHeightAboveTheSection) {
+  // A tower of 4 x 4 mm, 10 mm high: the lowest section is bent by the share of the pull times 9.5 mm.
+  CarryOptions options;
+  options.sideways_share = 0.5;
+  const CarryReport report = judged({{8, 8, 12, 12, 0, 20}}, options);
+  // A square bends most over its corner.
+  EXPECT_NEAR(report.bending->demand, 1 + std::sqrt(2) * 0.5 * 9.5 * 6 / 4, 1e-6);
+  EXPECT_EQ(report.bending->layer.count(), 1U);
+  EXPECT_NEAR(judged({{8, 8, 12, 12, 0, 20}}).bending->demand, 1, 1e-9);
+}
+
+TEST(CarryWatch, WhatItsOwnExposureDoesNotCureIsNotPulled) {
+  const auto runs = test::runs_of({{4, 4, 6, 6, 0, 2}, {4, 4, 16, 16, 2, 3}});
+  CarryOptions options{.pitch_mm = 0.1, .thickness_mm = 0.5};
+  for (const bool lit : {true, false}) {
+    CarryWatch watch{options};
+    for (const LayerRuns& layer : runs) {
+      const LayerLight light{layer,
+                             lit || &layer != &runs.back() ? layer : LayerRuns::from_contours({}, layer.size(), 0.1)};
+      ASSERT_TRUE(watch.add(layer, &light));
+    }
+    const auto report = watch.finish({});
+    ASSERT_TRUE(report);
+    EXPECT_EQ(report->cut.has_value(), lit);
+    if (lit) {
+      EXPECT_NEAR(report->cut->demand, 36, 1e-9);
+    }
+  }
+}
+
+TEST(CarryWatch, RefusesLayersOfAnotherSize) {
+  CarryWatch watch{{.pitch_mm = 0.1, .thickness_mm = 0.5}};
+  ASSERT_TRUE(watch.add(LayerRuns::from_contours({}, {20, 20}, 0.1)));
+  EXPECT_EQ(watch.add(LayerRuns::from_contours({}, {20, 21}, 0.1)).error().code, ErrorCode::InvalidInput);
+}
+
+TEST(CarryWatch, FindsTheSameOnOneThreadAndOnMany) {
+  auto blocks = four_tips(60);
+  for (std::uint32_t i = 0; i < 20; ++i) blocks.push_back({4 + 0.2 * i, 6, 16, 14 + 0.1 * i, 60 + i, 61 + i});
+  const CarryReport many = judged(blocks);
+  const tbb::global_control one{tbb::global_control::max_allowed_parallelism, 1};
+  EXPECT_EQ(to_json(judged(blocks)), to_json(many));
+}
+
+}  // namespace
+}  // namespace telefab::fab
