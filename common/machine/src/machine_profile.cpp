@@ -118,6 +118,10 @@ const std::vector<Key>& keys() {
       {"resin", "penetration_mm", false, "Dp", NumberKey{at(&P::resin, &P::Resin::penetration_mm), 0.001, 10}},
       {"resin", "vat_ml", false, "resin that the vat holds; a job that needs more is held; 0: not stated",
        NumberKey{at(&P::resin, &P::Resin::vat_ml), 0, 1e6}},
+      {"resin", "green_strength_mpa", false,
+       "strength of printed resin before it is washed and cured; 10 is assumed, about half of the softest figure found "
+       "(18.6, Formlabs sheet of Durable, green); flexible resins: a quarter, assumed",
+       NumberKey{at(&P::resin, &P::Resin::green_strength_mpa), 0.01, 1000}},
       {"supports", "self_support_mm", false,
        "overhang per layer that a small attached region holds; less: more anchors",
        NumberKey{at(&P::supports, &P::Supports::self_support_mm), 0, 10}},
@@ -147,6 +151,13 @@ const std::vector<Key>& keys() {
        NumberKey{at(&P::supports, &P::Supports::stand_area_share), 0, 1}},
       {"supports", "lift_off_mm", false, "height of a supported part above the platform: room for tips and a blade",
        NumberKey{at(&P::supports, &P::Supports::lift_off_mm), 0, 50}},
+      {"supports", "safety", false, "strength over the stress that a plan may ask for; 2 is assumed",
+       NumberKey{at(&P::supports, &P::Supports::safety), 1, 100}},
+      {"supports", "fresh_share", false,
+       "strength of a tip some seconds after its exposure as share of the green strength; 0.5 is assumed: with it a "
+       "plan "
+       "may ask for what PrusaSlicer's plans ask for",
+       NumberKey{at(&P::supports, &P::Supports::fresh_share), 0.01, 1}},
       {"motion", "lift_mm", false, "peel: up by this after each exposure",
        NumberKey{at(&P::motion, &P::Motion::lift_mm), 0, 100}},
       {"motion", "lift_speed_mm_per_s", false, "while peeling",
@@ -154,6 +165,18 @@ const std::vector<Key>& keys() {
       {"motion", "lower_speed_mm_per_s", false, "back to the vat",
        NumberKey{at(&P::motion, &P::Motion::lower_speed_mm_per_s), 0.01, 100}},
       {"motion", "settle_s", false, "resin comes to rest", NumberKey{at(&P::motion, &P::Motion::settle_s), 0, 120}},
+      {"motion", "pull_kpa", false,
+       "pull of the film on the layer just exposed, over its area; measured elsewhere: ACF 12, FEP 12 to 18 "
+       "(AmeraLabs), "
+       "PDMS 16 to 20 (Pan 2017); 20 is assumed, 10 where a gentle film or a tilt was measured to be so, 50 for a worn "
+       "or "
+       "rigid window; printed from above: 1, assumed",
+       NumberKey{at(&P::motion, &P::Motion::pull_kpa), 0.01, 1000}},
+      {"motion", "push_kpa", false,
+       "sideways push on the layer just exposed, over its area, in any direction; 0 where a film is peeled; printed "
+       "from "
+       "above with a blade or a dip: 0.5, assumed",
+       NumberKey{at(&P::motion, &P::Motion::push_kpa), 0, 1000}},
       {"devices", "projector", false, "light engine", words(&P::devices, &P::Devices::projector)},
       {"devices", "stage", false, "Z stage", words(&P::devices, &P::Devices::stage)},
       {"devices", "speed_up", false, "virtual devices: simulated seconds per real second",
@@ -309,6 +332,11 @@ Result<MachineProfile> read_table(const toml::table& root, std::string_view orig
 }
 
 }  // namespace
+
+double MachineProfile::carried_demand() const {
+  constexpr double kKilo = 1000;
+  return kKilo * resin.green_strength_mpa * supports.fresh_share / (supports.safety * motion.pull_kpa);
+}
 
 PixelSize MachineProfile::mask_size() const {
   // 260 / 0.14 is 1857.14; a ratio that is whole but for rounding counts as whole.

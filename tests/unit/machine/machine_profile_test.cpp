@@ -32,6 +32,22 @@ TEST(MachineProfile, BuiltInOnesAreThoseOfTheFolder) {
   EXPECT_EQ(*builtin, shipped());
 }
 
+TEST(MachineProfile, CarriesByStrengthSafetyAndPullAndAsAssumedWhereItDoesNotSay) {
+  MachineProfile machine = shipped().front();
+  EXPECT_DOUBLE_EQ(machine.carried_demand(), 125);
+  machine.motion.pull_kpa = 50;
+  EXPECT_DOUBLE_EQ(machine.carried_demand(), 50);
+  machine.resin.green_strength_mpa = 40, machine.supports.safety = 4, machine.supports.fresh_share = 1;
+  EXPECT_DOUBLE_EQ(machine.carried_demand(), 200);
+  EXPECT_EQ(machine_profile_from_toml(to_toml(machine), "text").value(), machine);
+  for (const char* assumed :
+       {"resin.green_strength_mpa", "supports.safety", "supports.fresh_share", "motion.pull_kpa"}) {
+    const std::string keys = describe_keys();
+    const std::string line = keys.substr(keys.find(assumed), keys.find('\n', keys.find(assumed)) - keys.find(assumed));
+    EXPECT_THAT(line, HasSubstr("assumed"));
+  }
+}
+
 /// The profile with one line of a section put in or changed.
 std::string with(std::string toml, std::string_view section, std::string_view key, std::string_view word) {
   const std::string line = "\n" + std::string{key} + " = ";

@@ -63,6 +63,7 @@ struct MachineProfile {
     double critical_dose_mj_per_cm2 = 10;  ///< Ec
     double penetration_mm = 0.1;           ///< Dp
     double vat_ml = 0;                     ///< resin that the vat holds; 0: not stated
+    double green_strength_mpa = 10;        ///< of printed resin before it is washed and cured
     friend bool operator==(const Resin&, const Resin&) = default;
   } resin;
 
@@ -81,6 +82,8 @@ struct MachineProfile {
     double base_thickness_mm = 0.6;
     double stand_area_share = 0.03;  ///< a first layer of at least this share of the largest stands on the platform
     double lift_off_mm = 2.0;        ///< the part starts this far above the platform when it needs a base
+    double safety = 2.0;             ///< strength over the stress that a plan may ask for
+    double fresh_share = 0.5;        ///< (0, 1]; strength of a tip some seconds after its exposure, of green strength
     friend bool operator==(const Supports&, const Supports&) = default;
   } supports;
 
@@ -89,6 +92,8 @@ struct MachineProfile {
     double lift_speed_mm_per_s = 2.0;
     double lower_speed_mm_per_s = 3.0;
     double settle_s = 0.5;  ///< resin comes to rest
+    double pull_kpa = 20;   ///< of the film on the layer just exposed, over its area
+    double push_kpa = 0;    ///< sideways, any direction: of a blade, a dip, a tilt
     friend bool operator==(const Motion&, const Motion&) = default;
   } motion;
 
@@ -112,6 +117,9 @@ struct MachineProfile {
 
   friend bool operator==(const MachineProfile&, const MachineProfile&) = default;
 
+  /// Stress over pull that this resin bears on this machine: strength of a fresh tip / (safety * pull). What a plan may
+  /// ask for at most.
+  [[nodiscard]] double carried_demand() const;
   /// floor(platform / pitch), at least one pixel either way.
   [[nodiscard]] PixelSize mask_size() const;
   /// Chord tolerance of the slicer: a tenth of the pixel pitch (paper 3.2.4).
