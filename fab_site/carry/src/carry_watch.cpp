@@ -179,13 +179,14 @@ CarryWatch::~CarryWatch() = default;
 CarryWatch::CarryWatch(CarryWatch&&) noexcept = default;
 CarryWatch& CarryWatch::operator=(CarryWatch&&) noexcept = default;
 
-Result<void> CarryWatch::add(const LayerRuns& layer, const LayerLight* light) {
+Result<void> CarryWatch::add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light) {
   LoadPath& path = state_->path;
-  if (path.layers() > 0 && !(layer.size() == path.size()))
+  const PixelSize size = solid.size();
+  if ((path.layers() > 0 && !(size == path.size())) || !(size == firm.size()))
     return fail(ErrorCode::InvalidInput, "judging loads: the layers differ in size");
-  if (light && !(light->joined.size() == layer.size() && light->lit.size() == layer.size()))
+  if (light && !(light->joined.size() == size && light->lit.size() == size))
     return fail(ErrorCode::InvalidInput, "judging loads: a layer and its light differ in size");
-  path.add(layer, light);
+  path.add(solid, firm, light);
   return {};
 }
 

@@ -68,60 +68,84 @@ double Section::along(Point2 v) const {
   return length * (reach_mm[i] * std::sin(kEighth - beyond) + reach_mm[(i + 1) % 8] * std::sin(beyond)) / sine;
 }
 
-void LoadPath::add(const LayerRuns& layer, const LayerLight* light) {
-  const auto index = static_cast<std::uint32_t>(first_piece_.size());
-  const auto first = static_cast<std::uint32_t>(pieces_.size());
-  first_piece_.push_back(first);
-  first_section_.push_back(static_cast<std::uint32_t>(sections_.size()));
+namespace {
 
-  const RunComponents parts = components_of(light ? light->joined : layer, true);
-  std::vector<std::uint32_t> part_of(layer.count());
-  if (light)
-    for_overlaps(layer, light->joined,
-                 [&](std::uint32_t run, std::uint32_t whole) { part_of[run] = parts.of_run[whole]; });
-  else
-    part_of = parts.of_run;
-  std::vector<Sums> sums(parts.components.size());
+using Meetings = std::vector<std::pair<std::uint64_t, Sums>>;  ///< by pieces above and below, as they are met
+
+/// What the runs of two layers share, by the pieces that they belong to.
+Meetings meetings_of(const LayerRuns& here, std::span<const std::uint32_t> piece_here, const LayerRuns& below,
+                     std::span<const std::uint32_t> piece_below) {
+  Meetings meetings;
+  std::unordered_map<std::uint64_t, std::size_t> number;
+  std::uint32_t row = 0;
+  for_overlaps(here, below, [&](std::uint32_t upper, std::uint32_t lower) {
+    while (row + 1 < here.size().height_px && upper >= here.row_start(row + 1)) ++row;
+    const std::uint64_t key = std::uint64_t{piece_here[upper]} << 32U | piece_below[lower];
+    const auto [at, is_new] = number.try_emplace(key, meetings.size());
+    if (is_new) meetings.emplace_back(key, Sums{});
+    const PixelRun &a = here.run(upper), &b = below.run(lower);
+    meetings[at->second].second.add(std::max(a.first, b.first), std::min(a.behind, b.behind), row);
+  });
+  return meetings;
+}
+
+std::vector<Sums> sums_of(const LayerRuns& layer, std::span<const std::uint32_t> part_of, std::size_t parts) {
+  std::vector<Sums> sums(parts);
   for (std::uint32_t y = 0; y < layer.size().height_px; ++y)
     for (std::uint32_t r = layer.row_start(y); r < layer.row_start(y) + layer.row(y).size(); ++r)
       sums[part_of[r]].add(layer.run(r).first, layer.run(r).behind, y);
-  std::vector<std::int64_t> lit(sums.size());
+  return sums;
+}
+
+}  // namespace
+
+void LoadPath::add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light) {
+  const auto index = static_cast<std::uint32_t>(first_piece_.size());
+  first_piece_.push_back(static_cast<std::uint32_t>(pieces_.size()));
+  first_section_.push_back(static_cast<std::uint32_t>(sections_.size()));
+
+  const LayerRuns& joined = light ? light->joined : solid;
+  const RunComponents parts = components_of(joined, true);
+  const auto parts_of = [&](const LayerRuns& some) {
+    std::vector<std::uint32_t> part_of(some.count());
+    for_overlaps(some, joined, [&](std::uint32_t run, std::uint32_t whole) { part_of[run] = parts.of_run[whole]; });
+    return part_of;
+  };
+  auto piece_of_run = parts_of(solid), piece_of_firm = parts_of(firm);
+  const auto all = sums_of(solid, piece_of_run, parts.components.size());
+  const auto strong = sums_of(firm, piece_of_firm, parts.components.size());
+  std::vector<std::int64_t> lit(parts.components.size());
   if (light)
-    for_overlaps(layer, light->lit, [&](std::uint32_t here, std::uint32_t there) {
-      const PixelRun &a = layer.run(here), &b = light->lit.run(there);
-      lit[part_of[here]] += std::min(a.behind, b.behind) - std::max(a.first, b.first);
+    for_overlaps(solid, light->lit, [&](std::uint32_t here, std::uint32_t there) {
+      const PixelRun &a = solid.run(here), &b = light->lit.run(there);
+      lit[piece_of_run[here]] += std::min(a.behind, b.behind) - std::max(a.first, b.first);
     });
   // Of what only joins others there may be nothing solid.
-  std::vector<std::uint32_t> piece_of_part(sums.size());
-  for (std::size_t i = 0; i < sums.size(); ++i) {
-    if (sums[i].count == 0) continue;
+  std::vector<std::uint32_t> piece_of_part(all.size());
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if (all[i].count == 0) continue;
     piece_of_part[i] = static_cast<std::uint32_t>(pieces_.size());
-    const auto n = static_cast<double>(sums[i].count);
+    const Sums& sums = strong[i].count > 0 ? strong[i] : all[i];
+    const auto n = static_cast<double>(sums.count);
     const bool is_pulled = !light || lit[i] >= kLeastIslandPixels;
     pieces_.push_back(
-        {index, sums[i].count, is_pulled ? sums[i].count : 0, {sums[i].x / n * pitch_mm_, sums[i].y / n * pitch_mm_}});
+        {index, sums.count, is_pulled ? sums.count : 0, {sums.x / n * pitch_mm_, sums.y / n * pitch_mm_}});
   }
-  std::vector<std::uint32_t> piece_of_run(layer.count());
-  for (std::uint32_t r = 0; r < layer.count(); ++r) piece_of_run[r] = piece_of_part[part_of[r]];
+  for (auto* runs : {&piece_of_run, &piece_of_firm})
+    for (std::uint32_t& part : *runs) part = piece_of_part[part];
 
   if (index > 0) {
-    std::unordered_map<std::uint64_t, std::uint32_t> number;
-    std::vector<std::pair<std::uint64_t, Sums>> meetings;  // in the order in which they are met
-    std::uint32_t row = 0;
-    for_overlaps(layer, below_, [&](std::uint32_t here, std::uint32_t there) {
-      while (row + 1 < layer.size().height_px && here >= layer.row_start(row + 1)) ++row;
-      const std::uint64_t key = std::uint64_t{piece_of_run[here]} << 32U | piece_below_[there];
-      const auto [at, is_new] = number.try_emplace(key, static_cast<std::uint32_t>(meetings.size()));
-      if (is_new) meetings.emplace_back(key, Sums{});
-      const PixelRun &a = layer.run(here), &b = below_.run(there);
-      meetings[at->second].second.add(std::max(a.first, b.first), std::min(a.behind, b.behind), row);
-    });
-    for (const auto& [key, met] : meetings)
-      sections_.push_back(
-          section_of(met, static_cast<std::uint32_t>(key >> 32U), static_cast<std::uint32_t>(key), pitch_mm_));
+    std::unordered_map<std::uint64_t, Sums> firm_ones;
+    for (const auto& [key, met] : meetings_of(firm, piece_of_firm, firm_below_, firm_piece_below_))
+      firm_ones.emplace(key, met);
+    for (const auto& [key, met] : meetings_of(solid, piece_of_run, below_, piece_below_)) {
+      const auto at = firm_ones.find(key);
+      sections_.push_back(section_of(at == firm_ones.end() ? met : at->second, static_cast<std::uint32_t>(key >> 32U),
+                                     static_cast<std::uint32_t>(key), pitch_mm_));
+    }
   }
-  below_ = layer;
-  piece_below_ = std::move(piece_of_run);
+  below_ = solid, firm_below_ = firm;
+  piece_below_ = std::move(piece_of_run), firm_piece_below_ = std::move(piece_of_firm);
 }
 
 std::uint32_t LoadPath::first_piece(std::uint32_t layer) const {

@@ -35,7 +35,8 @@ struct Section {
 class LoadPath {
  public:
   LoadPath(double pitch_mm, double thickness_mm) : pitch_mm_{pitch_mm}, thickness_mm_{thickness_mm} {}
-  void add(const LayerRuns& layer, const LayerLight* light);
+  /// Bodies are of all solid pixels; areas and middles of the firm ones, where there are any.
+  void add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light);
   /// Once all layers are in; finds the ways down.
   void close();
 
@@ -66,8 +67,8 @@ class LoadPath {
   };
   double pitch_mm_;
   double thickness_mm_;
-  LayerRuns below_;
-  std::vector<std::uint32_t> piece_below_;  ///< by run of below_
+  LayerRuns below_, firm_below_;
+  std::vector<std::uint32_t> piece_below_, firm_piece_below_;  ///< by run of them
   std::vector<Piece> pieces_;
   std::vector<Section> sections_;
   std::vector<std::uint32_t> first_piece_, first_section_;

@@ -45,8 +45,9 @@ void print_summary(const PlanSummary& s, const Preflight& preflight, const std::
                            s.plan.machine, s.part_layers, s.elevation_layers, s.anchors));
   write_output(fmt::format("part {:.1f} mm3, supports {:.1f} mm3; {:.0f} min of print, of that {:.0f} min of light\n",
                            s.figures.part_mm3, s.figures.support_mm3, s.print_s / 60, s.exposure_s / 60));
-  write_output(fmt::format("supports {:.2f} s, masks {:.2f} s; written to {}{}\n", s.support_seconds, s.mask_seconds,
-                           folder, replaced ? ", in place of the plan that lay there" : ""));
+  write_output(fmt::format("supports {:.2f} s, masks {:.2f} s, loads {:.2f} s; written to {}{}\n", s.support_seconds,
+                           s.mask_seconds, s.carry_seconds, folder,
+                           replaced ? ", in place of the plan that lay there" : ""));
   write_output(
       fmt::format("before printing:{}\n{}", preflight.holds() ? " the job would be held" : "", to_text(preflight)));
 }

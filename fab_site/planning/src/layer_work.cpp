@@ -2,6 +2,7 @@
 #include "layer_work.hpp"
 
 #include <cmath>
+#include <telefab/fab/carry/carry_watch.hpp>
 
 #include "mask_passes.hpp"
 
@@ -27,8 +28,10 @@ LayerWork made_layer(MaskMaker::Made made, const std::function<void(Mask&)>& cur
   work.mask = PackedMask{made.mask};
   work.supports = std::move(made.section);
   work.light.lit = lit_of(made.mask, made.index, machine);
+  const Mask lit = made.mask;
   cured(made.mask);
   work.runs = LayerRuns::from_mask(made.mask.view(), kCuredPixel);
+  work.firm = firm_pixels(lit.view(), work.runs);
   work.light.joined = LayerRuns::from_mask(made.mask.view(), kJoinedPixel);
   work.solid_pixels = sums_of(made.mask.rows).white;
   return work;

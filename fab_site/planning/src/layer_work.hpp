@@ -20,6 +20,7 @@ struct LayerWork {
   PackedMask mask;  ///< empty once it is encoded
   std::vector<Contour> supports;
   LayerRuns runs;  ///< what is solid in the finished print
+  LayerRuns firm;  ///< of that, what counts for strength
   LayerLight light;
   std::uint64_t solid_pixels = 0;
   std::vector<std::byte> png;

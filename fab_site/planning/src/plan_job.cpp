@@ -33,7 +33,7 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
   PlanOptions again = options;
   Floating tried = options.supports.floating;
-  double support_seconds = 0, mask_seconds = 0;
+  double support_seconds = 0, mask_seconds = 0, carry_seconds = 0;
   std::size_t fewest = 0;
   bool is_last = options.supports.mode != SupportOptions::Mode::Auto;
   for (std::uint32_t round = 0;; ++round) {
@@ -41,6 +41,7 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
     if (!planned) return planned;
     planned->support_seconds = support_seconds += planned->support_seconds;
     planned->mask_seconds = mask_seconds += planned->mask_seconds;
+    planned->carry_seconds = carry_seconds += planned->carry_seconds;
     planned->repairs = round;
     const std::size_t islands = planned->check.count(Finding::Kind::Island);
     if (is_last || islands == 0) return planned;

@@ -51,6 +51,16 @@ std::optional<CureModel> model_of(const MachineProfile& machine) {
   return model ? std::optional{std::move(*model)} : std::nullopt;
 }
 
+CarryOptions carry_options(const MachineProfile& machine) {
+  constexpr double kLittleMm2 = 10, kFewTips = 80;  // as much, where tips have a radius of 0.2 mm
+  const double tip_mm = machine.supports.tip_radius_mm;
+  return {.pitch_mm = machine.projection.pixel_pitch_mm,
+          .thickness_mm = machine.layers.thickness_mm,
+          .sideways_share = machine.motion.push_kpa / machine.motion.pull_kpa,
+          .limit = machine.carried_demand(),
+          .least_held_mm2 = std::min(kLittleMm2, kFewTips * std::numbers::pi * tip_mm * tip_mm)};
+}
+
 /// So that large masks do not fill the memory, few of them are under way at once.
 int masks_at_once(const MaskFrame& frame, const PlanOptions& options) {
   const std::uint64_t mask_bytes = std::uint64_t{frame.size.width_px} * frame.size.height_px;
@@ -80,6 +90,7 @@ class MaskRounds {
         source_{stack, supports},
         sheet_{stack, supports, print_layers_, mask_frame(machine)},
         watch_{machine.projection.pixel_pitch_mm, kLeastIslandPixels},
+        carry_{carry_options(machine)},
         features_{stack.layers(), summary.elevation_layers, machine.projection.pixel_pitch_mm, model_of(machine)},
         most_speck_px_{most_speck_pixels(machine, options)},
         at_once_{masks_at_once(mask_frame(machine), options)},
@@ -101,6 +112,11 @@ class MaskRounds {
       report(progress, WorkStage::MakingMasks, static_cast<double>(first + count) / print_layers_);
     }
     summary_.check = watch_.finish();
+    const Nanoseconds made = clock.now();
+    auto carry = arena_.execute([&] { return carry_.finish(stop); });
+    if (!carry) return tl::unexpected{carry.error()};
+    summary_.carry = std::move(*carry);
+    summary_.carry_seconds = std::chrono::duration<double>(clock.now() - made).count();
     summary_.thin = features_.finish();
     summary_.preview = sheet_.draw();
     return summary_.plan.validate();
@@ -137,6 +153,7 @@ class MaskRounds {
     for (LayerWork& work : round_) {
       const LayerRuns specks = watch_.specks(work.runs, &work.light, most_speck_px_);
       summary_.specks += darken_specks(work, specks, machine_);
+      if (auto ok = carry_.add(work.runs, work.firm, &work.light); !ok) return ok;
       if (auto ok = watch_.add(std::move(work.runs), nullptr, &work.light); !ok) return ok;
     }
     return {};
@@ -182,6 +199,7 @@ class MaskRounds {
   LayerSource source_;
   ContactSheet sheet_;
   MaskWatch watch_;
+  CarryWatch carry_;
   FeatureWatch features_;
   std::uint64_t most_speck_px_;
   int at_once_;

@@ -9,6 +9,7 @@
 #include <telefab/base/json_text.hpp>
 #include <telefab/fab/planning/preflight.hpp>
 
+#include "preflight_carry.hpp"
 #include "preflight_contours.hpp"
 
 namespace telefab::fab {
@@ -187,26 +188,6 @@ PreflightItem masks_of(const PlanSummary& summary) {
   return item;
 }
 
-/// Whether the print keeps its weight over what holds it, layer by layer, with a twentieth of its height to spare. Out
-/// by less than a pixel is out by nothing: the first layers of a lifted part weigh little and rest on a tip or two.
-PreflightItem stability_of(const LayerStack& stack, const PlanSummary& summary) {
-  const double slack_mm = summary.figures.stability_mm;
-  PreflightItem item{"stability", Verdict::Passed, {}, slack_mm, "mm", {}, {}};
-  if (slack_mm >= -stack.header().pixel_pitch_mm) {
-    item.text = fmt::format(
-        "the centre of mass keeps {:.1f} mm inside of what holds the print, beyond a twentieth of its height",
-        std::max(0.0, slack_mm));
-    return item;
-  }
-  item.verdict = Verdict::Warning;
-  item.layer = LayerIndex{summary.figures.least_stable.count() + summary.elevation_layers};
-  item.text = fmt::format(
-      "at layer {} the centre of mass lies {:.1f} mm out of what holds the print safely: it may tip over. Give it "
-      "extra anchors in a hand list, or turn the part",
-      item.layer->count(), -slack_mm);
-  return item;
-}
-
 std::string duration(double seconds) {
   const auto minutes = static_cast<long>(seconds / 60 + 0.5);
   return minutes < 60 ? fmt::format("{} min", minutes) : fmt::format("{} h {} min", minutes / 60, minutes % 60);
@@ -258,16 +239,19 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
                               "no support is loose or trapped"));
   items.push_back(findings_of("hollows", Verdict::Warning, {Kind::SuctionCup, Kind::ResinTrap}, summary.check,
                               "no hollow holds a vacuum or liquid resin"));
-  items.push_back(stability_of(stack, summary));
+  items.push_back(carry_of(machine, summary));
   const double resin_ml = summary.cured_mm3 / 1000;
   items.push_back(against("resin", resin_ml, "ml", machine.resin.vat_ml,
                           fmt::format("{:.1f} ml of resin, supports included", resin_ml), "resin.vat_ml"));
-  PreflightItem pull =
-      against("peel", summary.peel.most_mm2, "mm2", machine.platform.most_peel_mm2,
-              fmt::format("layer {} is the largest, {:.0f} mm2", summary.peel.layer.count(), summary.peel.most_mm2),
-              "platform.most_peel_mm2");
-  pull.layer = summary.peel.layer;
-  items.push_back(std::move(pull));
+  // What the pull asks of the print is known; what it asks of the lift only where the profile says it.
+  if (machine.platform.most_peel_mm2 > 0) {
+    PreflightItem pull =
+        against("peel", summary.peel.most_mm2, "mm2", machine.platform.most_peel_mm2,
+                fmt::format("layer {} is the largest, {:.0f} mm2", summary.peel.layer.count(), summary.peel.most_mm2),
+                "platform.most_peel_mm2");
+    pull.layer = summary.peel.layer;
+    items.push_back(std::move(pull));
+  }
   items.push_back(
       {"time",
        Verdict::Passed,

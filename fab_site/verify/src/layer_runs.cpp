@@ -47,6 +47,27 @@ LayerRuns LayerRuns::from_mask(const MaskView& mask, std::uint8_t level) {
   return out;
 }
 
+LayerRuns LayerRuns::from_rows(const PixelRuns& rows, PixelSize size) {
+  LayerRuns out;
+  out.size_ = size;
+  for (std::uint32_t y = 0; y < size.height_px; ++y) {
+    out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
+    const auto runs = rows.row(y);
+    out.runs_.insert(out.runs_.end(), runs.begin(), runs.end());
+  }
+  out.starts_.push_back(static_cast<std::uint32_t>(out.runs_.size()));
+  return out;
+}
+
+PixelRuns LayerRuns::rows() const {
+  PixelRuns out;
+  for (std::uint32_t y = 0; y < size_.height_px; ++y) {
+    out.begin_row();
+    for (const PixelRun& run : row(y)) out.add(run);
+  }
+  return out;
+}
+
 LayerRuns LayerRuns::some_of(const LayerRuns& layer, const std::vector<char>& keep) {
   LayerRuns out;
   out.size_ = layer.size_;

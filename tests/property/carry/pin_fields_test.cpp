@@ -62,7 +62,7 @@ CarryReport judged(const Field& field) {
       rings.push_back(test::rectangle(field.x0, field.y0, field.x1, field.y1));
     const LayerRuns runs = LayerRuns::from_contours(rings, {200, 200}, kPitch);
     const LayerLight light{runs, k == kTop + 1 ? runs : LayerRuns::from_contours({}, {200, 200}, kPitch)};
-    EXPECT_TRUE(watch.add(runs, &light));
+    EXPECT_TRUE(watch.add(runs, runs, &light));
   }
   auto report = watch.finish({});
   EXPECT_TRUE(report);

@@ -168,7 +168,7 @@ TEST(CarryWatch, WhatItsOwnExposureDoesNotCureIsNotPulled) {
     for (const LayerRuns& layer : runs) {
       const LayerLight light{layer,
                              lit || &layer != &runs.back() ? layer : LayerRuns::from_contours({}, layer.size(), 0.1)};
-      ASSERT_TRUE(watch.add(layer, &light));
+      ASSERT_TRUE(watch.add(layer, layer, &light));
     }
     const auto report = watch.finish({});
     ASSERT_TRUE(report);
@@ -179,10 +179,42 @@ TEST(CarryWatch, WhatItsOwnExposureDoesNotCureIsNotPulled) {
   }
 }
 
+TEST(CarryWatch, CountsOfRimsThatOtherLightCuredNothingAndOfTheInsideAll) {
+  // Rows of pixels as a mask has them: dark, dim, white twice, dim, dark; solid all but the outer ones, three rows
+  // high.
+  const PixelSize size{6, 5};
+  Mask mask{size, std::vector<std::uint8_t>(30)};
+  for (std::size_t y = 1; y < 4; ++y)
+    for (const auto& [x, grey] : {std::pair{1, 90}, {2, 255}, {3, 255}, {4, 90}})
+      mask.rows[y * 6 + static_cast<std::size_t>(x)] = static_cast<std::uint8_t>(grey);
+  const LayerRuns solid = LayerRuns::from_mask(mask.view(), 1);
+  EXPECT_EQ(firm_pixels(mask.view(), solid), LayerRuns::from_mask(mask.view(), 128));
+  // Dark as a whole, as over a void: what has only solid pixels around it.
+  const Mask dark{size, std::vector<std::uint8_t>(30)};
+  Mask inside = dark;
+  inside.rows[2 * 6 + 2] = inside.rows[2 * 6 + 3] = 255;
+  EXPECT_EQ(firm_pixels(dark.view(), solid), LayerRuns::from_mask(inside.view(), 255));
+}
+
+TEST(CarryWatch, MeasuresByFirmPixelsAndByAllWhereNoneAreFirm) {
+  const auto solid = test::runs_of({{9, 9, 11, 11, 0, 2}, {8, 8, 12, 12, 2, 3}});
+  const auto firm = test::runs_of({{9.5, 9.5, 10.5, 10.5, 0, 2}, {8, 8, 12, 12, 2, 3}});
+  for (const bool some : {true, false}) {
+    CarryWatch watch{{.pitch_mm = 0.1, .thickness_mm = 0.5}};
+    for (std::size_t k = 0; k < solid.size(); ++k)
+      ASSERT_TRUE(watch.add(solid[k], some ? firm[k] : LayerRuns::from_contours({}, solid[k].size(), 0.1)));
+    const auto report = watch.finish({});
+    ASSERT_TRUE(report);
+    EXPECT_NEAR(report->cut->demand, some ? 16 : 4, 1e-9);
+  }
+}
+
 TEST(CarryWatch, RefusesLayersOfAnotherSize) {
   CarryWatch watch{{.pitch_mm = 0.1, .thickness_mm = 0.5}};
-  ASSERT_TRUE(watch.add(LayerRuns::from_contours({}, {20, 20}, 0.1)));
-  EXPECT_EQ(watch.add(LayerRuns::from_contours({}, {20, 21}, 0.1)).error().code, ErrorCode::InvalidInput);
+  const auto empty = [](PixelSize size) { return LayerRuns::from_contours({}, size, 0.1); };
+  ASSERT_TRUE(watch.add(empty({20, 20}), empty({20, 20})));
+  EXPECT_EQ(watch.add(empty({20, 21}), empty({20, 21})).error().code, ErrorCode::InvalidInput);
+  EXPECT_EQ(watch.add(empty({20, 20}), empty({20, 21})).error().code, ErrorCode::InvalidInput);
 }
 
 TEST(CarryWatch, FindsTheSameOnOneThreadAndOnMany) {

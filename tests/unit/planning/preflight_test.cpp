@@ -55,23 +55,46 @@ TEST_F(PreflightTest, WarnsOfAHollowWithoutHoldingTheJob) {
   EXPECT_FALSE(preflight_of(stack, machine, summary).holds());
 }
 
-TEST_F(PreflightTest, WarnsOfAPrintThatMayTipOverAndNamesTheLayer) {
-  EXPECT_EQ(item("stability").verdict, Verdict::Passed);
-  summary.figures.stability_mm = -stack.header().pixel_pitch_mm / 2;
-  EXPECT_EQ(item("stability").verdict, Verdict::Passed);
-  summary.figures.stability_mm = -1.25;
-  summary.figures.least_stable = LayerIndex{2};
-  summary.elevation_layers = 5;
-  const PreflightItem stability = item("stability");
-  EXPECT_EQ(stability.verdict, Verdict::Warning);
-  EXPECT_EQ(stability.layer, LayerIndex{7});
-  EXPECT_THAT(stability.text, HasSubstr("1.2 mm out of what holds"));
+TEST_F(PreflightTest, HoldsAJobThatDoesNotCarryThePullAndNamesPlaceStressAndLimit) {
+  EXPECT_EQ(item("carry").verdict, Verdict::Passed);
+  CarryPlace place{CarryPlace::Check::Lever, LayerIndex{9}, LayerIndex{4}, {1.5, 2.5}, 0.25, 40, {3, 4}, 125.5};
+  summary.carry.lever = place;
+  summary.carry.weak = {place};
+  const PreflightItem carry = item("carry");
+  EXPECT_EQ(carry.verdict, Verdict::Held);
+  EXPECT_EQ(carry.layer, LayerIndex{4});
+  EXPECT_EQ(carry.place, (Point2{1.5, 2.5}));
+  EXPECT_EQ(carry.value, 125.5);
+  EXPECT_THAT(carry.text,
+              HasSubstr("at (1.5, 2.5) mm bear 2.51 MPa (by lever) while layer 9 is pulled with 0.8 N from 40 mm2"));
+  EXPECT_THAT(carry.text, HasSubstr("allowed are 2.50 MPa, that is 125 times the pull of 20 kPa"));
+  EXPECT_THAT(preflight_of(stack, machine, summary).why_held(), HasSubstr("carry: "));
+  const auto let = let_through(preflight_of(stack, machine, summary), "carry");
+  ASSERT_TRUE(let);
+  EXPECT_THAT(*let, HasSubstr("although carry: "));
+  machine.motion.pull_kpa = 10;
+  EXPECT_EQ(item("carry").verdict, Verdict::Passed);
+}
+
+TEST_F(PreflightTest, WarnsOfWhatHoldsLittleAndDoesNotCarry) {
+  summary.carry.weak_small = {
+      {CarryPlace::Check::Bending, LayerIndex{9}, LayerIndex{4}, {1.5, 2.5}, 0.05, 8, {3, 4}, 300}};
+  const PreflightItem carry = item("carry");
+  EXPECT_EQ(carry.verdict, Verdict::Warning);
+  EXPECT_EQ(carry.place, (Point2{1.5, 2.5}));
+  EXPECT_THAT(carry.text, HasSubstr("1 such places hold little each"));
   EXPECT_FALSE(preflight_of(stack, machine, summary).holds());
 }
 
-TEST_F(PreflightTest, ResinAndPeelAreHeldAgainstTheProfilesLimitsAndNotKnownWithoutThem) {
+TEST_F(PreflightTest, SaysWhereItCouldNotJudgeWhetherThePrintCarries) {
+  summary.carry.afloat_mm2 = 3;
+  EXPECT_EQ(item("carry").verdict, Verdict::NotKnown);
+  EXPECT_THAT(item("carry").text, HasSubstr("3.00 mm2 of a layer hang on nothing"));
+}
+
+TEST_F(PreflightTest, ResinAndPeelAreHeldAgainstTheProfilesLimitsAndNoPeelIsNamedWithoutOne) {
   EXPECT_EQ(item("resin").verdict, Verdict::NotKnown);
-  EXPECT_EQ(item("peel").verdict, Verdict::NotKnown);
+  for (const PreflightItem& each : preflight_of(stack, machine, summary).items) EXPECT_NE(each.name, "peel");
   EXPECT_GT(summary.peel.most_mm2, 0);
   machine.resin.vat_ml = summary.cured_mm3 / 1000 * 1.01;
   machine.platform.most_peel_mm2 = summary.peel.most_mm2 * 1.01;

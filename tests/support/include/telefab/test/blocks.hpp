@@ -32,7 +32,7 @@ constexpr double kBlockPitch = 0.1;
   options.pitch_mm = kBlockPitch;
   options.thickness_mm = 0.5;
   fab::CarryWatch watch{options};
-  for (const fab::LayerRuns& runs : runs_of(blocks)) EXPECT_TRUE(watch.add(runs));
+  for (const fab::LayerRuns& runs : runs_of(blocks)) EXPECT_TRUE(watch.add(runs, runs));
   auto report = watch.finish({});
   EXPECT_TRUE(report);
   return std::move(*report);

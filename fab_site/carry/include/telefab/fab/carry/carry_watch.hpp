@@ -57,20 +57,24 @@ struct CarryReport {
 /// "weak_small":[..]}; at most 200 places a list, all are counted.
 [[nodiscard]] std::string to_json(const CarryReport& report);
 
+/// Of the solid pixels those that count for strength: lit at half of white or more in that layer's mask, or with none
+/// but solid ones around. The others are rims that light of other layers and the spread of pixels cured.
+[[nodiscard]] LayerRuns firm_pixels(const MaskView& mask, const LayerRuns& solid);
+
 /// Watches the solid pixels of a print go by, bottom first, and judges whether they carry the pull on each layer just
 /// exposed. At moment k the layers 0 to k exist, every piece of layer k is pulled in proportion to its area, and layer
 /// 0 stands fast. Pieces are 8-connected, two of consecutive layers meet in the pixels that they share, and a piece is
-/// rigid in its plane. Knows nothing of how the print was planned.
+/// rigid in its plane. Areas are of firm pixels where there are any. Knows nothing of how the print was planned.
 class CarryWatch {
  public:
   explicit CarryWatch(const CarryOptions& options);
   ~CarryWatch();
   CarryWatch(CarryWatch&&) noexcept;
   CarryWatch& operator=(CarryWatch&&) noexcept;
-  /// The next layer; with `light` as MaskWatch takes it: what hangs together at the layer's top is one piece, and a
-  /// piece of which its own exposure begins to cure next to nothing is not pulled. InvalidInput: another size than
-  /// before.
-  [[nodiscard]] Result<void> add(const LayerRuns& layer, const LayerLight* light = nullptr);
+  /// The next layer and, of its pixels, the firm ones; with `light` as MaskWatch takes it: what hangs together at the
+  /// layer's top is one piece, and a piece of which its own exposure begins to cure next to nothing is not pulled.
+  /// InvalidInput: another size than before.
+  [[nodiscard]] Result<void> add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light = nullptr);
   /// After the last layer; in parallel on oneTBB's workers, the same on any number of them. Fails: Cancelled.
   [[nodiscard]] Result<CarryReport> finish(const std::stop_token& stop);
 

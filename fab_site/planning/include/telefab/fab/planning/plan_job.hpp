@@ -5,6 +5,7 @@
 #include <stop_token>
 #include <telefab/base/clock.hpp>
 #include <telefab/base/progress.hpp>
+#include <telefab/fab/carry/carry_watch.hpp>
 #include <telefab/fab/cure/feature_watch.hpp>
 #include <telefab/fab/mask/blend.hpp>
 #include <telefab/fab/mask/inner_pattern.hpp>
@@ -60,6 +61,7 @@ struct PeelLoad {
 struct PlanSummary {
   PrintPlan plan;
   SupportReport check;  ///< of the final masks
+  CarryReport carry;    ///< the same: what the pull of the film asks of them
   ThinReport thin;      ///< of the part's contours and the final masks
   SupportFigures figures;
   ContourLimits contour_limits;  ///< as the options had them
@@ -81,8 +83,9 @@ struct PlanSummary {
   double registration_rms_mm = 0;    ///< as the options said it
   std::size_t specks = 0;            ///< specks smaller than a pin's tip that would have floated and got no light
   std::uint32_t repairs = 0;         ///< times the print was planned again because material floated in the masks
-  double support_seconds = 0;        ///< of all times together, like the next
+  double support_seconds = 0;        ///< of all times together, like the next two
   double mask_seconds = 0;
+  double carry_seconds = 0;  ///< judging whether it carries
 };
 
 /// One print layer as it leaves the planner. Views live as long as the call.

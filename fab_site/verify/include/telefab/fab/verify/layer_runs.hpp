@@ -19,6 +19,10 @@ class LayerRuns {
   /// Pixels whose centre lies inside the rings by a positive winding number, on the raster of a machine.
   [[nodiscard]] static LayerRuns from_contours(std::span<const Contour> contours, PixelSize size, double pitch_mm);
 
+  /// The same pixels; as many rows as the size has.
+  [[nodiscard]] static LayerRuns from_rows(const PixelRuns& rows, PixelSize size);
+  [[nodiscard]] PixelRuns rows() const;
+
   /// Some of the runs of another layer, by their index there; `keep` has an entry a run.
   [[nodiscard]] static LayerRuns some_of(const LayerRuns& layer, const std::vector<char>& keep);
 

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "preflight_carry.hpp"
+
+#include <fmt/format.h>
+
+namespace telefab::fab {
+namespace {
+
+using Verdict = PreflightItem::Verdict;
+constexpr double kKilo = 1000;  // kPa * mm2 = mN; kPa to MPa
+
+/// What a place bears and by which check.
+std::string text_of(const CarryPlace& place, const MachineProfile& machine) {
+  const double pull_kpa = machine.motion.pull_kpa;
+  return fmt::format(
+      "{:.2f} mm2 in layer {} at ({:.1f}, {:.1f}) mm bear {:.2f} MPa (by {}) while layer {} is pulled with {:.1f} N "
+      "from "
+      "{:.0f} mm2",
+      place.section_mm2, place.layer.count(), place.place.x_mm, place.place.y_mm, place.demand * pull_kpa / kKilo,
+      name_of(place.check), place.moment.count(), place.held_mm2 * pull_kpa / kKilo, place.held_mm2);
+}
+
+}  // namespace
+
+PreflightItem carry_of(const MachineProfile& machine, const PlanSummary& summary) {
+  const CarryReport& carry = summary.carry;
+  const double most = machine.carried_demand();
+  const double allowed_mpa = most * machine.motion.pull_kpa / kKilo;
+  const std::string limit = fmt::format("allowed are {:.2f} MPa, that is {:.0f} times the pull of {} kPa", allowed_mpa,
+                                        most, machine.motion.pull_kpa);
+  PreflightItem item{"carry", Verdict::Passed, {}, {}, "times the pull", {}, {}};
+  const auto show = [&](const CarryPlace& place) {
+    item.value = place.demand;
+    item.layer = place.layer;
+    item.place = place.place;
+    item.text = text_of(place, machine);
+  };
+  const CarryPlace* worst = carry.worst();
+  if (worst) show(*worst);
+  if (worst && worst->demand > most) {
+    item.verdict = Verdict::Held;
+    item.text += fmt::format(
+        "; {}; {} places are too weak. Give more anchors there (hand list), thicker tips (supports.tip_radius_mm), "
+        "turn "
+        "or hollow the part; or measure pull and strength and state them in the profile",
+        limit, carry.weak.size());
+  } else if (carry.afloat_mm2 > 0) {
+    item.verdict = Verdict::NotKnown;
+    item.text = fmt::format(
+        "up to {:.2f} mm2 of a layer hang on nothing that stands on the platform, and what they will bear was not "
+        "judged{}{}",
+        carry.afloat_mm2, worst ? "; of the rest " : "", item.text);
+  } else if (!carry.weak_small.empty()) {
+    const CarryPlace& first = carry.weak_small.front();
+    item.verdict = Verdict::Warning;
+    show(first);
+    item.text +=
+        fmt::format("; {}; {} such places hold little each. They may tear off", limit, carry.weak_small.size());
+  } else if (worst) {
+    item.text = fmt::format("at most: {}; {}", item.text, limit);
+  } else {
+    item.text = "nothing is pulled";
+  }
+  return item;
+}
+
+}  // namespace telefab::fab
