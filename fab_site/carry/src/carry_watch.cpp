@@ -43,6 +43,7 @@ struct Judge {
   const CarryOptions& options;
   Worst worst;
   std::vector<Found> found{};
+  std::vector<std::uint32_t> ways_through{};  ///< by piece; all 0 between cuts
 
   [[nodiscard]] bool is_large(double held_mm2) const { return held_mm2 >= options.least_held_mm2; }
 
@@ -57,8 +58,9 @@ struct Judge {
                      section});
   }
 
-  /// The sections of a cut with what they stand on: the ways down from it until they have joined.
-  [[nodiscard]] std::vector<CutPart> parts_of(const Moment& moment, const Hanging& hanging) const {
+  /// The sections of a cut with what they stand on: the ways down from it, until all have joined. What some share is as
+  /// soft for each as if it had a share of it.
+  [[nodiscard]] std::vector<CutPart> parts_of(const Moment& moment, const Hanging& hanging) {
     std::vector<char> in(moment.pieces.size());
     for (const std::uint32_t node : hanging.nodes) in[node] = 1;
     std::vector<std::uint32_t> ends;
@@ -66,16 +68,23 @@ struct Judge {
       const CoreEdge& edge = moment.edges[e];
       ends.push_back(moment.pieces[in[edge.a] ? edge.b : edge.a]);
     }
-    std::uint32_t joint = ends.front();
-    for (const std::uint32_t end : ends) joint = path.joint_of(joint, end);
+    ways_through.resize(path.pieces().size());
+    const auto walk = [&](std::uint32_t end, const auto& visit) {
+      for (std::uint32_t p = end; p != LoadPath::kPlatform; p = path.step_down(p).next) visit(p);
+    };
+    for (const std::uint32_t end : ends) walk(end, [&](std::uint32_t p) { ++ways_through[p]; });
     std::vector<CutPart> parts;
     for (std::size_t i = 0; i < ends.size(); ++i) {
       const CoreEdge& edge = moment.edges[hanging.edges[i]];
       const Section& s = path.sections()[edge.section];
-      const double softness = edge.softness + path.softness_below(ends[i], joint);
+      double softness = edge.softness;
+      walk(ends[i], [&](std::uint32_t p) {
+        if (ways_through[p] < ends.size()) softness += ways_through[p] * path.step_down(p).softness;
+      });
       const double below = (moment.layer + 1 - path.pieces()[s.upper].layer) * path.thickness_mm();
       parts.push_back({&s, 1 / softness, below});
     }
+    for (const std::uint32_t end : ends) walk(end, [&](std::uint32_t p) { ways_through[p] = 0; });
     return parts;
   }
 
@@ -217,6 +226,7 @@ Result<CarryReport> CarryWatch::finish(const std::stop_token& stop) {
     tbb::parallel_for(std::uint32_t{0}, count, [&](std::uint32_t i) {
       judges[i].cuts(moments[i]);
       if (has_beams[first + i]) judges[i].beams(first + i);
+      judges[i].ways_through = {};
     });
     for (Judge& judge : judges) {
       found.insert(found.end(), judge.found.begin(), judge.found.end());

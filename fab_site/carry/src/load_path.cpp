@@ -158,7 +158,7 @@ std::uint32_t LoadPath::first_section(std::uint32_t layer) const {
 
 void LoadPath::close() {
   stands_.assign(pieces_.size(), 0);
-  ways_.assign(pieces_.size(), {});
+  steps_.assign(pieces_.size(), {});
   DisjointSets joined{pieces_.size() + 1};
   const auto ground = static_cast<std::uint32_t>(pieces_.size());
   for (std::uint32_t k = 0; k < layers(); ++k) {
@@ -171,49 +171,15 @@ void LoadPath::close() {
       joined.join(section.upper, section.lower);
       if (section.pixels <= widest[section.upper - from]) continue;
       widest[section.upper - from] = section.pixels;
-      Way& way = ways_[section.upper];
-      const Way& below = ways_[section.lower];
-      way.next = section.lower;
-      way.steps = below.steps + 1;
-      way.softness = below.softness + thickness_mm_ / section.area_mm2;
-      // Of the two jumps below, equally long, one over both; else a step.
-      const bool is_equal =
-          below.jump != kPlatform && ways_[below.jump].jump != kPlatform &&
-          below.steps - ways_[below.jump].steps == ways_[below.jump].steps - ways_[ways_[below.jump].jump].steps;
-      way.jump = is_equal ? ways_[below.jump].jump : section.lower;
+      steps_[section.upper] = {section.lower, thickness_mm_ / section.area_mm2};
     }
     for (std::uint32_t p = from; p < to; ++p) {
       stands_[p] = joined.root(p) == joined.root(ground);
       // What hangs from above: as if a column of its own area stood below it.
-      if (k > 0 && ways_[p].next == kPlatform)
-        ways_[p].softness = k * thickness_mm_ / (static_cast<double>(pieces_[p].pixels) * pixel_mm2());
+      if (k > 0 && steps_[p].next == kPlatform)
+        steps_[p].softness = k * thickness_mm_ / (static_cast<double>(pieces_[p].pixels) * pixel_mm2());
     }
   }
-}
-
-std::uint32_t LoadPath::joint_of(std::uint32_t a, std::uint32_t b) const {
-  if (a == kPlatform || b == kPlatform) return kPlatform;
-  const auto lower_to = [this](std::uint32_t p, std::uint32_t steps) {
-    while (ways_[p].steps > steps) {
-      const std::uint32_t jump = ways_[p].jump;
-      p = jump != kPlatform && ways_[jump].steps >= steps ? jump : ways_[p].next;
-    }
-    return p;
-  };
-  a = lower_to(a, ways_[b].steps);
-  b = lower_to(b, ways_[a].steps);
-  while (a != b) {
-    const bool may_jump = ways_[a].jump != ways_[b].jump;
-    a = may_jump ? ways_[a].jump : ways_[a].next;
-    b = may_jump ? ways_[b].jump : ways_[b].next;
-    if (a == kPlatform || b == kPlatform) return kPlatform;
-  }
-  return a;
-}
-
-double LoadPath::softness_below(std::uint32_t piece, std::uint32_t joint) const {
-  if (piece == kPlatform) return 0;
-  return ways_[piece].softness - (joint == kPlatform ? 0 : ways_[joint].softness);
 }
 
 }  // namespace telefab::fab

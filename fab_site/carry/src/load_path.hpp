@@ -51,20 +51,15 @@ class LoadPath {
   [[nodiscard]] bool stands(std::uint32_t piece) const { return stands_[piece] != 0; }
   [[nodiscard]] double pixel_mm2() const { return pitch_mm_ * pitch_mm_; }
   [[nodiscard]] double thickness_mm() const { return thickness_mm_; }
-  /// Length over area, summed along the way down from a piece to a joint on it, in 1/mm. 0 from the platform.
-  [[nodiscard]] double softness_below(std::uint32_t piece, std::uint32_t joint) const;
-  /// The piece at which the ways down of two pieces join; kPlatform: at the platform.
   static constexpr std::uint32_t kPlatform = ~std::uint32_t{0};
-  [[nodiscard]] std::uint32_t joint_of(std::uint32_t a, std::uint32_t b) const;
+  /// The way down from a piece: through its widest section.
+  struct Step {
+    std::uint32_t next = kPlatform;  ///< piece
+    double softness = 0;             ///< length over area of it, in 1/mm
+  };
+  [[nodiscard]] const Step& step_down(std::uint32_t piece) const { return steps_[piece]; }
 
  private:
-  /// The way down from a piece by its widest sections; a tree with the platform as its root.
-  struct Way {
-    std::uint32_t next = kPlatform;
-    std::uint32_t jump = kPlatform;  ///< an ancestor far below, so that joints are found in few steps
-    std::uint32_t steps = 0;         ///< to the platform
-    double softness = 0;             ///< length over area, summed down to the platform, in 1/mm
-  };
   double pitch_mm_;
   double thickness_mm_;
   LayerRuns below_, firm_below_;
@@ -73,7 +68,7 @@ class LoadPath {
   std::vector<Section> sections_;
   std::vector<std::uint32_t> first_piece_, first_section_;
   std::vector<char> stands_;
-  std::vector<Way> ways_;
+  std::vector<Step> steps_;
 };
 
 }  // namespace telefab::fab

@@ -111,6 +111,19 @@ TEST(CarryWatch, ALongPinIsSoftAndGivesItsLoadAway) {
   EXPECT_NEAR(report.lever->demand, 96 * outer / (2 * outer + middle), 1e-6);
 }
 
+TEST(CarryWatch, TipsThatStandOnOnePinShareItsStiffness) {
+  // Left and right two tips of 0.16 mm2 each on a pin of 2 mm2; in the middle one on a pin of 1 mm2: each tip has as
+  // much.
+  std::vector<Block> blocks{{9.5, 9.5, 10.5, 10.5, 0, 18}, {9.8, 9.8, 10.2, 10.2, 18, 20}, {2, 5, 18, 15, 20, 22}};
+  for (const double x : {4.0, 14.0}) {
+    blocks.push_back({x, 9.5, x + 2, 10.5, 0, 18});
+    for (const double tip : {0.3, 1.3}) blocks.push_back({x + tip, 9.8, x + tip + 0.4, 10.2, 18, 20});
+  }
+  const CarryReport report = judged(blocks);
+  EXPECT_NEAR(report.cut->demand, 160 / 0.8, 1e-9);
+  EXPECT_NEAR(report.lever->demand, 160 / 0.8, 1e-6);
+}
+
 TEST(CarryWatch, WhatHangsOnAnArchIsHeldByItsNarrowestPlace) {
   // Two legs, a bar over them, and below the bar a bob that the light of later layers joined to it.
   const std::vector<Block> blocks{
