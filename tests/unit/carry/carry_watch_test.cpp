@@ -3,6 +3,7 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
+#include <cmath>
 #include <telefab/test/blocks.hpp>
 
 namespace telefab::fab {

@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <gtest/gtest.h>
+
+#include <algorithm>
 #include <telefab/fab/carry/carry_watch.hpp>
 #include <telefab/test/block_stack.hpp>
 #include <vector>
