@@ -119,9 +119,10 @@ const std::vector<Key>& keys() {
       {"resin", "vat_ml", false, "resin that the vat holds; a job that needs more is held; 0: not stated",
        NumberKey{at(&P::resin, &P::Resin::vat_ml), 0, 1e6}},
       {"resin", "green_strength_mpa", false,
-       "strength of printed resin before it is washed and cured; 10 is assumed, about half of the softest figure found "
+       "strength of printed resin before it is washed and cured; 0: not stated, then 10 is assumed, about half of the "
+       "softest figure found "
        "(18.6, Formlabs sheet of Durable, green); flexible resins: a quarter, assumed",
-       NumberKey{at(&P::resin, &P::Resin::green_strength_mpa), 0.01, 1000}},
+       NumberKey{at(&P::resin, &P::Resin::green_strength_mpa), 0, 1000}},
       {"supports", "self_support_mm", false,
        "overhang per layer that a small attached region holds; less: more anchors",
        NumberKey{at(&P::supports, &P::Supports::self_support_mm), 0, 10}},
@@ -168,10 +169,11 @@ const std::vector<Key>& keys() {
       {"motion", "pull_kpa", false,
        "pull of the film on the layer just exposed, over its area; measured elsewhere: ACF 12, FEP 12 to 18 "
        "(AmeraLabs), "
-       "PDMS 16 to 20 (Pan 2017); 20 is assumed, 10 where a gentle film or a tilt was measured to be so, 50 for a worn "
+       "PDMS 16 to 20 (Pan 2017); 0: not stated, then 20 is assumed; 10 where a gentle film or a tilt was measured to "
+       "be so, 50 for a worn "
        "or "
        "rigid window; printed from above: 1, assumed",
-       NumberKey{at(&P::motion, &P::Motion::pull_kpa), 0.01, 1000}},
+       NumberKey{at(&P::motion, &P::Motion::pull_kpa), 0, 1000}},
       {"motion", "push_kpa", false,
        "sideways push on the layer just exposed, over its area, in any direction; 0 where a film is peeled; printed "
        "from "
@@ -333,10 +335,19 @@ Result<MachineProfile> read_table(const toml::table& root, std::string_view orig
 
 }  // namespace
 
+double MachineProfile::pull_of_film_kpa() const {
+  constexpr double kAssumedKpa = 20;
+  return motion.pull_kpa > 0 ? motion.pull_kpa : kAssumedKpa;
+}
+
 double MachineProfile::carried_demand() const {
   constexpr double kKilo = 1000;
-  return kKilo * resin.green_strength_mpa * supports.fresh_share / (supports.safety * motion.pull_kpa);
+  constexpr double kAssumedMpa = 10;
+  const double strength_mpa = resin.green_strength_mpa > 0 ? resin.green_strength_mpa : kAssumedMpa;
+  return kKilo * strength_mpa * supports.fresh_share / (supports.safety * pull_of_film_kpa());
 }
+
+bool MachineProfile::states_what_carries() const { return motion.pull_kpa > 0 && resin.green_strength_mpa > 0; }
 
 PixelSize MachineProfile::mask_size() const {
   // 260 / 0.14 is 1857.14; a ratio that is whole but for rounding counts as whole.

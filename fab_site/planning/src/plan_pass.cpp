@@ -56,7 +56,7 @@ CarryOptions carry_options(const MachineProfile& machine) {
   const double tip_mm = machine.supports.tip_radius_mm;
   return {.pitch_mm = machine.projection.pixel_pitch_mm,
           .thickness_mm = machine.layers.thickness_mm,
-          .sideways_share = machine.motion.push_kpa / machine.motion.pull_kpa,
+          .sideways_share = machine.motion.push_kpa / machine.pull_of_film_kpa(),
           .limit = machine.carried_demand(),
           .least_held_mm2 = std::min(kLittleMm2, kFewTips * std::numbers::pi * tip_mm * tip_mm)};
 }

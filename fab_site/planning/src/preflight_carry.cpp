@@ -11,7 +11,7 @@ constexpr double kKilo = 1000;  // kPa * mm2 = mN; kPa to MPa
 
 /// What a place bears and by which check.
 std::string text_of(const CarryPlace& place, const MachineProfile& machine) {
-  const double pull_kpa = machine.motion.pull_kpa;
+  const double pull_kpa = machine.pull_of_film_kpa();
   return fmt::format(
       "{:.2f} mm2 in layer {} at ({:.1f}, {:.1f}) mm bear {:.2f} MPa (by {}) while layer {} is pulled with {:.1f} N "
       "from "
@@ -25,9 +25,9 @@ std::string text_of(const CarryPlace& place, const MachineProfile& machine) {
 PreflightItem carry_of(const MachineProfile& machine, const PlanSummary& summary) {
   const CarryReport& carry = summary.carry;
   const double most = machine.carried_demand();
-  const double allowed_mpa = most * machine.motion.pull_kpa / kKilo;
+  const double allowed_mpa = most * machine.pull_of_film_kpa() / kKilo;
   const std::string limit = fmt::format("allowed are {:.2f} MPa, that is {:.0f} times the pull of {} kPa", allowed_mpa,
-                                        most, machine.motion.pull_kpa);
+                                        most, machine.pull_of_film_kpa());
   PreflightItem item{"carry", Verdict::Passed, {}, {}, "times the pull", {}, {}};
   const auto show = [&](const CarryPlace& place) {
     item.value = place.demand;
@@ -38,12 +38,16 @@ PreflightItem carry_of(const MachineProfile& machine, const PlanSummary& summary
   const CarryPlace* worst = carry.worst();
   if (worst) show(*worst);
   if (worst && worst->demand > most) {
-    item.verdict = Verdict::Held;
+    // Nobody is kept from printing by figures that nobody measured.
+    item.verdict = machine.states_what_carries() ? Verdict::Held : Verdict::Warning;
     item.text += fmt::format(
-        "; {}; {} places are too weak. Give more anchors there (hand list), thicker tips (supports.tip_radius_mm), "
-        "turn "
-        "or hollow the part; or measure pull and strength and state them in the profile",
-        limit, carry.weak.size());
+        "; {}; {} places are too weak and may tear. Give more anchors there (hand list), thicker tips "
+        "(supports.tip_radius_mm), turn or hollow the part{}",
+        limit, carry.weak.size(),
+        machine.states_what_carries()
+            ? ""
+            : "; pull and strength are assumed: measure them and state motion.pull_kpa and resin.green_strength_mpa, "
+              "and such a job is held");
   } else if (carry.afloat_mm2 > 0) {
     item.verdict = Verdict::NotKnown;
     item.text = fmt::format(

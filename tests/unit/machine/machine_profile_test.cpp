@@ -35,10 +35,14 @@ TEST(MachineProfile, BuiltInOnesAreThoseOfTheFolder) {
 TEST(MachineProfile, CarriesByStrengthSafetyAndPullAndAsAssumedWhereItDoesNotSay) {
   MachineProfile machine = shipped().front();
   EXPECT_DOUBLE_EQ(machine.carried_demand(), 125);
+  EXPECT_DOUBLE_EQ(machine.pull_of_film_kpa(), 20);
+  EXPECT_FALSE(machine.states_what_carries());
   machine.motion.pull_kpa = 50;
+  EXPECT_FALSE(machine.states_what_carries());
   EXPECT_DOUBLE_EQ(machine.carried_demand(), 50);
   machine.resin.green_strength_mpa = 40, machine.supports.safety = 4, machine.supports.fresh_share = 1;
   EXPECT_DOUBLE_EQ(machine.carried_demand(), 200);
+  EXPECT_TRUE(machine.states_what_carries());
   EXPECT_EQ(machine_profile_from_toml(to_toml(machine), "text").value(), machine);
   for (const char* assumed :
        {"resin.green_strength_mpa", "supports.safety", "supports.fresh_share", "motion.pull_kpa"}) {

@@ -63,7 +63,7 @@ struct MachineProfile {
     double critical_dose_mj_per_cm2 = 10;  ///< Ec
     double penetration_mm = 0.1;           ///< Dp
     double vat_ml = 0;                     ///< resin that the vat holds; 0: not stated
-    double green_strength_mpa = 10;        ///< of printed resin before it is washed and cured
+    double green_strength_mpa = 0;         ///< of printed resin before it is washed and cured; 0: not stated
     friend bool operator==(const Resin&, const Resin&) = default;
   } resin;
 
@@ -92,7 +92,7 @@ struct MachineProfile {
     double lift_speed_mm_per_s = 2.0;
     double lower_speed_mm_per_s = 3.0;
     double settle_s = 0.5;  ///< resin comes to rest
-    double pull_kpa = 20;   ///< of the film on the layer just exposed, over its area
+    double pull_kpa = 0;    ///< of the film on the layer just exposed, over its area; 0: not stated
     double push_kpa = 0;    ///< sideways, any direction: of a blade, a dip, a tilt
     friend bool operator==(const Motion&, const Motion&) = default;
   } motion;
@@ -117,9 +117,13 @@ struct MachineProfile {
 
   friend bool operator==(const MachineProfile&, const MachineProfile&) = default;
 
+  /// As stated, or assumed: 20 kPa.
+  [[nodiscard]] double pull_of_film_kpa() const;
   /// Stress over pull that this resin bears on this machine: strength of a fresh tip / (safety * pull). What a plan may
-  /// ask for at most.
+  /// ask for at most. A strength that is not stated is assumed: 10 MPa.
   [[nodiscard]] double carried_demand() const;
+  /// Whether pull and strength are stated, so that a print may be held against them.
+  [[nodiscard]] bool states_what_carries() const;
   /// floor(platform / pitch), at least one pixel either way.
   [[nodiscard]] PixelSize mask_size() const;
   /// Chord tolerance of the slicer: a tenth of the pixel pitch (paper 3.2.4).
