@@ -45,7 +45,7 @@ Result<Spent> run_child(const std::filesystem::path& program, const std::vector<
   spent.peak_MB = static_cast<double>(used.ru_maxrss) * 1.024e-3;
   if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return spent;
   std::string line, last;
-  for (std::ifstream said{errors}; std::getline(said, line);)
+  for (std::ifstream sentences{errors}; std::getline(sentences, line);)
     if (!line.empty()) last = line;
   return fail(ErrorCode::Internal,
               fmt::format("{} ended with status {}: {}", program.filename().string(), WEXITSTATUS(status), last));

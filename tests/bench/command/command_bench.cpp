@@ -53,8 +53,8 @@ void command(benchmark::State& state, const Input& input, const Setup& setup, co
   costs[input.name] = most.cpu_s;
   const auto text = read_file(report, std::uint64_t{1} << 30U);
   if (!text) return state.SkipWithError(text.error().what.c_str());
-  const auto said = nlohmann::json::parse(text->begin(), text->end());
-  const auto number = [&](const char* name) { return said.at(name).get<double>(); };
+  const auto stated = nlohmann::json::parse(text->begin(), text->end());
+  const auto number = [&](const char* name) { return stated.at(name).get<double>(); };
   state.counters["cpu_s"] = most.cpu_s;
   state.counters["peak_MB"] = most.peak_MB;
   state.counters["bytes_a_point"] = most.peak_MB * 1e6 / static_cast<double>(input.points);
@@ -64,8 +64,8 @@ void command(benchmark::State& state, const Input& input, const Setup& setup, co
   state.counters["worst_layer_over_median"] =
       number("most_layer_evaluations") / std::max(1.0, number("median_layer_evaluations"));
   double all = 0;
-  for (const auto& [stage, seconds] : said.at("seconds").items()) all += seconds.get<double>();
-  for (const auto& [stage, seconds] : said.at("seconds").items())
+  for (const auto& [stage, seconds] : stated.at("seconds").items()) all += seconds.get<double>();
+  for (const auto& [stage, seconds] : stated.at("seconds").items())
     state.counters["share_" + stage] = seconds.get<double>() / all;
 }
 
