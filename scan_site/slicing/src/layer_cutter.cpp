@@ -44,6 +44,7 @@ struct LayerCutter::Candidate {
 struct LayerCutter::Prediction {
   std::optional<int> euler;
   std::optional<ContourCount> count;
+  bool counted = false;  ///< by a slice at another height: two methods that agree here know better
   bool near_critical = true;
   std::vector<Vec3> seeds;
 };
@@ -295,6 +296,7 @@ LayerCutter::Prediction LayerCutter::prediction_at(double z_mm) const {
   Prediction p;
   if (!setting_.topology) return p;
   p.euler = setting_.topology->predicted_euler(z_mm);
+  p.counted = setting_.topology->rests_on_a_count(z_mm);
   p.count = setting_.topology->predicted_contours(z_mm);
   p.near_critical = setting_.topology->is_near_critical(z_mm);
   for (const ContourSeed& seed : setting_.topology->seeds(z_mm)) p.seeds.push_back(seed.point_mm);
@@ -329,7 +331,8 @@ Result<LayerCutter::Choice> LayerCutter::choose(double z_mm, const Prediction& p
     // about some height below, or the march got lost, the grid may have the winding number for it.
     made.takes_grid = !march_is_sound;
     if (!setting_.sparse && march_is_sound &&
-        (!predicted.euler || predicted.near_critical || made.march->trace.euler() == *predicted.euler))
+        (!predicted.euler || predicted.near_critical || predicted.counted ||
+         made.march->trace.euler() == *predicted.euler))
       made.ground = Ground::TwoMethods;
     else if (!predicted.near_critical && setting_.contradiction)
       if (made.contradicted = setting_.contradiction(grid.trace.contours, z_mm, near_); !made.contradicted)

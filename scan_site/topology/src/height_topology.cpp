@@ -87,25 +87,29 @@ HeightTopology::HeightTopology(Parts parts) : parts_{std::move(parts)} {
 std::optional<int> HeightTopology::sum_up() {
   const std::size_t count = events_.size();
   // The sum beyond an event that is passed upwards (way 1) or downwards (-1).
-  const auto beyond = [](std::optional<int> sum, const Event& event, int way) -> std::optional<int> {
-    if (event.kind == Event::Kind::Counted) return event.value;
+  const auto beyond = [](std::optional<Sum> sum, const Event& event, int way) -> std::optional<Sum> {
+    if (event.kind == Event::Kind::Counted) return Sum{*event.value, true};
     if (event.kind == Event::Kind::Begins || !sum) return sum;
-    return event.value ? std::optional{*sum + way * *event.value} : std::nullopt;
+    return event.value ? std::optional{Sum{sum->euler + way * *event.value, sum->counted}} : std::nullopt;
   };
-  std::vector<std::optional<int>> from_below(count), from_above(count);
-  std::optional<int> left = 0;
+  std::vector<std::optional<Sum>> from_below(count), from_above(count);
+  std::optional<Sum> left = Sum{};
   for (std::size_t e = 0; e < count; ++e) from_below[e] = left = beyond(left, events_[e], 1);
-  std::optional<int> sum = 0;
+  std::optional<Sum> sum = Sum{};
   for (std::size_t e = count; e-- > 0; sum = beyond(sum, events_[e], -1)) from_above[e] = sum;
-  euler_above_.assign(count, std::nullopt);
+  above_.assign(count, std::nullopt);
   int inside = 0;
   for (std::size_t e = 0; e < count; ++e) {
     inside += events_[e].deeper();
     if (inside > 0) continue;
-    euler_above_[e] = from_below[e] ? from_below[e] : from_above[e];
-    if (from_below[e] && from_above[e] && *from_below[e] != *from_above[e]) euler_above_[e].reset();
+    const auto &below = from_below[e], &above = from_above[e];
+    if (below && above && below->euler != above->euler) continue;
+    if (below && above)
+      above_[e] = Sum{below->euler, below->counted && above->counted};
+    else
+      above_[e] = below ? below : above;
   }
-  return left;
+  return left ? std::optional{left->euler} : std::nullopt;
 }
 
 std::size_t HeightTopology::events_up_to(double z_mm) const {
@@ -123,7 +127,7 @@ std::vector<HeightRange> HeightTopology::uncounted() const {
     inside += event.deeper();
     if (!event.value) blind += event.deeper();
     if (event.kind == Event::Kind::Counted) goes_on = false;
-    if (blind > 0 || euler_above_[e]) {
+    if (blind > 0 || above_[e]) {
       goes_on = false;
     } else if (goes_on) {
       ranges.back().high_mm = events_[e + 1].z_mm;
@@ -154,7 +158,14 @@ bool HeightTopology::euler_is_certain() const {
 
 std::optional<int> HeightTopology::predicted_euler(double z_mm) const {
   const std::size_t below = events_up_to(z_mm);
-  return below == 0 ? std::optional{0} : euler_above_[below - 1];
+  if (below == 0) return 0;
+  const auto& sum = above_[below - 1];
+  return sum ? std::optional{sum->euler} : std::nullopt;
+}
+
+bool HeightTopology::rests_on_a_count(double z_mm) const {
+  const std::size_t below = events_up_to(z_mm);
+  return below > 0 && above_[below - 1] && above_[below - 1]->counted;
 }
 
 std::optional<ContourCount> HeightTopology::predicted_contours(double z_mm) const {

@@ -100,6 +100,12 @@ struct Arrivals {
   std::vector<std::size_t> arcs;
 };
 
+/// Where the graph misses a critical point.
+struct Unseen {
+  HeightRange at;
+  bool hides = false;  ///< what the graph tells of the heights above it, up to the ring, is not to be relied on
+};
+
 /// Finds between which heights the graph misses a critical point.
 class UnseenHeights {
  public:
@@ -108,15 +114,15 @@ class UnseenHeights {
                 std::span<const std::size_t> node_of, const std::stop_token& stop)
       : field_{field}, cursor_{cursor}, index_{index}, parts_{parts}, built_{built}, node_of_{node_of}, stop_{stop} {}
 
-  [[nodiscard]] HeightRange below(const Arrivals& at) const {
+  [[nodiscard]] Unseen below(const Arrivals& at) const {
     if (at.arcs.empty()) return began(at);
-    return {became_one(at), built_[at.node].node.low_mm};
+    return {about(became_one(at), at), true};
   }
 
  private:
   /// None arrives. On the way down from the ring its contour meets one that an arc follows: above, that arc went
   /// elsewhere and this contour began. Or the way ends at a node whose rings were lost: there it began.
-  [[nodiscard]] HeightRange began(const Arrivals& at) const {
+  [[nodiscard]] Unseen began(const Arrivals& at) const {
     const NodeRings& node = built_[at.node];
     const Ring& ring = node.below[at.ring];
     const Vec2& p = ring.points.front();
@@ -124,16 +130,22 @@ class UnseenHeights {
     ContourWay down{std::move(first_line.path_mm), first_line.end, {}};
     while (go_on_elsewhere(field_, cursor_, index_, false, down, stop_)) {
     }
-    if (down.path_mm.empty()) return {node.node.low_mm, node.node.low_mm};
+    if (down.path_mm.empty()) return {{node.node.low_mm, node.node.low_mm}};
     if (down.end)
       if (const ReebNode& first = parts_.nodes[node_of_[*down.end]]; !first.resolved && first.arcs_above.empty())
-        return {first.low_mm, first.high_mm};
+        return {{first.low_mm, first.high_mm}};
     const auto is_followed = [&](double z_mm) {
       const auto on = point_at_height(down.path_mm, z_mm);
       return on && any_arc_on(contour_through(*on), z_mm);
     };
     const double h = field_.kernel_width_mm(node.node.place_mm);
-    return {last_of(down.path_mm.back().z(), ring.z_mm, h, is_followed), node.node.low_mm};
+    return {about(last_of(down.path_mm.back().z(), ring.z_mm, h, is_followed), at), true};
+  }
+
+  /// The heights in which the search may have been off.
+  [[nodiscard]] HeightRange about(double z_mm, const Arrivals& at) const {
+    const ReebNode& node = built_[at.node].node;
+    return {z_mm, std::min(z_mm + kUnseenKernels * field_.kernel_width_mm(node.place_mm), node.low_mm)};
   }
 
   /// Several arrive: they became one since the second of them began.
@@ -326,13 +338,18 @@ Result<void> build_reeb_graph(const ScalarField& field, std::span<const Vec3> sa
           fmt::format("{} contours arrive at one ring below {}", met[n][r].size(), place_text(built[n].node.place_mm)));
       amiss.push_back({n, r, std::move(met[n][r])});
     }
-  std::vector<HeightRange> unseen(amiss.size());
+  std::vector<Unseen> unseen(amiss.size());
   tbb::parallel_for(std::size_t{0}, amiss.size(), [&](std::size_t k) {
     if (!stop.stop_requested())
       unseen[k] = UnseenHeights{field, *cursors.local(), index, parts, built, node_of, stop}.below(amiss[k]);
   });
   if (stop.stop_requested()) return cancelled("building the Reeb graph");
-  parts.blind.insert(parts.blind.end(), unseen.begin(), unseen.end());
+  for (std::size_t k = 0; k < amiss.size(); ++k) {
+    parts.blind.push_back(unseen[k].at);
+    // Sums from above end at the ring: one slice counted below it tells whether nothing else was missed.
+    const double ring_mm = built[amiss[k].node].node.low_mm;
+    if (unseen[k].hides) parts.blind.push_back({ring_mm, ring_mm});
+  }
 
   for (IntegralLine& line : traced->lines)
     if (parts.critical_points[line.saddle].is_saddle()) parts.lines.push_back(std::move(line));

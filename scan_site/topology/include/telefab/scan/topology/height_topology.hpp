@@ -160,6 +160,9 @@ class HeightTopology {
   /// below is inconsistent). None inside a plateau, and at heights that inconsistencies hide from both ends. By
   /// bisection.
   [[nodiscard]] std::optional<int> predicted_euler(double z_mm) const;
+  /// Whether that was summed from a counted slice alone: true as far as nothing else was missed between the two
+  /// heights.
+  [[nodiscard]] bool rests_on_a_count(double z_mm) const;
   /// Where predicted_euler has none although nothing is wrong there: between two heights with inconsistencies, or where
   /// the sums from below and from above differ. One slice counted in it settles it, or halves it. Rising.
   [[nodiscard]] std::vector<HeightRange> uncounted() const;
@@ -190,12 +193,16 @@ class HeightTopology {
     /// Nodes that one is in more, above it than below.
     [[nodiscard]] int deeper() const { return kind == Kind::Begins ? 1 : kind == Kind::Ends ? -1 : 0; }
   };
+  struct Sum {
+    int euler = 0;
+    bool counted = false;  ///< from a counted slice on, not from an end
+  };
   /// The Euler number above each event, summed from below and from above; what is left open above the top.
   std::optional<int> sum_up();
   [[nodiscard]] std::size_t events_up_to(double z_mm) const;
 
-  std::vector<Event> events_;  ///< rising
-  std::vector<std::optional<int>> euler_above_;
+  std::vector<Event> events_;              ///< rising
+  std::vector<std::optional<Sum>> above_;  ///< each event
 };
 
 /// Critical points, Morse-Smale complex, enhanced Reeb graph and prediction for every height (paper 3.2.1 to 3.2.3).
