@@ -74,9 +74,16 @@ Meeting follow_up(const ScalarField& field, FieldCursor& cursor, const TracedNod
   }
   Meeting meeting;
   if (way.path_mm.empty()) return meeting;
+  // A line that got stuck beside the point it comes from has not arrived.
+  const auto lose_own_end = [&] {
+    if (way.end && node_of[*way.end] == from) way.end.reset();
+  };
+  lose_own_end();
   std::optional<NodeRing> met = first_ring_met(field, traced, way.path_mm, n.level_above_mm);
-  while (!met && go_on_elsewhere(field, cursor, index, true, way, stop))
+  while (!met && go_on_elsewhere(field, cursor, index, true, way, stop)) {
+    lose_own_end();
     met = first_ring_met(field, traced, way.path_mm, n.level_above_mm);
+  }
   meeting.losses = std::move(way.losses_mm);
   meeting.path = std::move(way.path_mm);
   if (met) {
