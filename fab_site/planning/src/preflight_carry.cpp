@@ -9,15 +9,21 @@ namespace {
 using Verdict = PreflightItem::Verdict;
 constexpr double kKilo = 1000;  // kPa * mm2 = mN; kPa to MPa
 
+/// Beyond so many times what is allowed no stress builds up: the piece tilts.
+constexpr double kTilts = 100;
+
 /// What a place bears and by which check.
 std::string text_of(const CarryPlace& place, const MachineProfile& machine) {
-  const double pull_kpa = machine.pull_of_film_kpa();
+  const double kpa = machine.pull_of_film_kpa();
+  const double most = kTilts * machine.carried_demand();
+  const std::string stress = place.demand > most
+                                 ? fmt::format("more than {:.0f} MPa, so that the piece tilts", most * kpa / kKilo)
+                                 : fmt::format("{:.2f} MPa", place.demand * kpa / kKilo);
   return fmt::format(
-      "{:.2f} mm2 in layer {} at ({:.1f}, {:.1f}) mm bear {:.2f} MPa (by {}) while layer {} is pulled with {:.1f} N "
-      "from "
+      "{:.2f} mm2 in layer {} at ({:.1f}, {:.1f}) mm bear {} (by {}) while layer {} is pulled with {:.1f} N from "
       "{:.0f} mm2",
-      place.section_mm2, place.layer.count(), place.place.x_mm, place.place.y_mm, place.demand * pull_kpa / kKilo,
-      name_of(place.check), place.moment.count(), place.held_mm2 * pull_kpa / kKilo, place.held_mm2);
+      place.section_mm2, place.layer.count(), place.place.x_mm, place.place.y_mm, stress, name_of(place.check),
+      place.moment.count(), place.held_mm2 * kpa / kKilo, place.held_mm2);
 }
 
 }  // namespace

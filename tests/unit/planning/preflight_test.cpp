@@ -91,6 +91,13 @@ TEST_F(PreflightTest, HoldsNoJobByAPullAndAStrengthThatNobodyMeasured) {
   }
 }
 
+TEST_F(PreflightTest, NamesNoStressThatNeverBuildsUpBecauseThePieceTilts) {
+  summary.carry.bending = {
+      CarryPlace::Check::Bending, LayerIndex{9}, LayerIndex{4}, {1.5, 2.5}, 0.08, 115, {3, 4}, 800'000};
+  summary.carry.weak = {*summary.carry.bending};
+  EXPECT_THAT(item("carry").text, HasSubstr("bear more than 250 MPa, so that the piece tilts (by bending)"));
+}
+
 TEST_F(PreflightTest, WarnsOfWhatHoldsLittleAndDoesNotCarry) {
   summary.carry.weak_small = {
       {CarryPlace::Check::Bending, LayerIndex{9}, LayerIndex{4}, {1.5, 2.5}, 0.05, 8, {3, 4}, 300}};
