@@ -58,6 +58,7 @@ TEST_P(PixelRunsProperty, OperationsAreThoseOfEveryPixel) {
   EXPECT_EQ(common(x, y), where(a, [&](int c, int r) { return at(a, c, r) && at(b, c, r); }));
   EXPECT_EQ(common(x, y, 3), where(a, [&](int c, int r) { return at(a, c, r) && at(b, c, r + 3); }));
   EXPECT_EQ(without(x, y), where(a, [&](int c, int r) { return at(a, c, r) && !at(b, c, r); }));
+  EXPECT_EQ(united(x, y), where(a, [&](int c, int r) { return at(a, c, r) || at(b, c, r); }));
   for (const int by : {0, 1, 2, 3, 5, 8})
     EXPECT_EQ(shrunk(x, static_cast<std::uint32_t>(by)), where(a,
                                                                [&](int c, int r) {

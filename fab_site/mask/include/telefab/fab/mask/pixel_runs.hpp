@@ -42,6 +42,8 @@ class PixelRuns {
 [[nodiscard]] PixelRuns common(const PixelRuns& a, const PixelRuns& b, std::uint32_t rows_up = 0);
 /// Pixels of `a` that are not in `b`.
 [[nodiscard]] PixelRuns without(const PixelRuns& a, const PixelRuns& b);
+/// Pixels of either. Both have the same rows.
+[[nodiscard]] PixelRuns united(const PixelRuns& a, const PixelRuns& b);
 /// Pixels whose square of 2 `by` + 1 pixels lies in the set: what is left is at least `by` pixels inside, in any
 /// direction. What lies beyond the first and last row is not in the set.
 [[nodiscard]] PixelRuns shrunk(const PixelRuns& set, std::uint32_t by);
