@@ -61,17 +61,13 @@ Meeting follow_up(const ScalarField& field, FieldCursor& cursor, const TracedNod
                   std::span<const std::size_t> node_of, std::size_t from, std::size_t port,
                   const std::stop_token& stop) {
   const NodeRings& n = traced.nodes[from];
-  ContourWay way;
-  if (n.line_above[port]) {
-    way.path_mm = traced.lines[*n.line_above[port]].path_mm;
-    way.end = traced.lines[*n.line_above[port]].end;
-  } else {
+  const auto first_line = [&]() -> SteepestLine {
+    if (const auto known = n.line_above[port]) return {traced.lines[*known].path_mm, traced.lines[*known].end};
     const Ring& ring = n.above[port];
-    SteepestLine line =
-        follow_steepest(field, cursor, index, {ring.points.front().x(), ring.points.front().y(), ring.z_mm}, true, {});
-    way.path_mm = std::move(line.path_mm);
-    way.end = line.end;
-  }
+    return follow_steepest(field, cursor, index, {ring.points.front().x(), ring.points.front().y(), ring.z_mm}, true,
+                           {});
+  };
+  ContourWay way{first_line()};
   Meeting meeting;
   if (way.path_mm.empty()) return meeting;
   // A line that got stuck beside the point it comes from has not arrived.
@@ -133,8 +129,7 @@ class UnseenHeights {
     const NodeRings& node = built_[at.node];
     const Ring& ring = node.below[at.ring];
     const Vec2& p = ring.points.front();
-    SteepestLine first_line = follow_steepest(field_, cursor_, index_, {p.x(), p.y(), ring.z_mm}, false, {});
-    ContourWay down{std::move(first_line.path_mm), first_line.end, {}};
+    ContourWay down{follow_steepest(field_, cursor_, index_, {p.x(), p.y(), ring.z_mm}, false, {})};
     while (go_on_elsewhere(field_, cursor_, index_, false, down, stop_)) {
     }
     if (down.path_mm.empty()) return {{node.node.low_mm, node.node.low_mm}};

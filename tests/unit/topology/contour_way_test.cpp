@@ -11,11 +11,11 @@ namespace {
 /// Only these critical points are known.
 struct Ascent {
   Ascent(test::Shape of, std::vector<CriticalPoint> points, const Vec3& start)
-      : shape{std::move(of)}, known{std::move(points)}, index{*shape, known}, cursor{shape->cursor()} {
-    SteepestLine line = follow_steepest(*shape, *cursor, index, start, true, {});
-    way.path_mm = std::move(line.path_mm);
-    way.end = line.end;
-  }
+      : shape{std::move(of)},
+        known{std::move(points)},
+        index{*shape, known},
+        cursor{shape->cursor()},
+        way{follow_steepest(*shape, *cursor, index, start, true, {})} {}
   test::Shape shape;
   std::vector<CriticalPoint> known;
   CriticalIndex index;
