@@ -120,8 +120,7 @@ const std::vector<Key>& keys() {
        NumberKey{at(&P::resin, &P::Resin::vat_ml), 0, 1e6}},
       {"resin", "green_strength_mpa", false,
        "strength of printed resin before it is washed and cured; 0: not stated, then 10 is assumed, about half of the "
-       "softest figure found "
-       "(18.6, Formlabs sheet of Durable, green); flexible resins: a quarter, assumed",
+       "softest figure found (18.6, Formlabs sheet of Durable, green); flexible resins: a quarter, assumed",
        NumberKey{at(&P::resin, &P::Resin::green_strength_mpa), 0, 1000}},
       {"supports", "self_support_mm", false,
        "overhang per layer that a small attached region holds; less: more anchors",
@@ -156,8 +155,7 @@ const std::vector<Key>& keys() {
        NumberKey{at(&P::supports, &P::Supports::safety), 1, 100}},
       {"supports", "fresh_share", false,
        "strength of a tip some seconds after its exposure as share of the green strength; 0.5 is assumed: with it a "
-       "plan "
-       "may ask for what PrusaSlicer's plans ask for",
+       "plan may ask for what PrusaSlicer's plans ask for",
        NumberKey{at(&P::supports, &P::Supports::fresh_share), 0.01, 1}},
       {"motion", "lift_mm", false, "peel: up by this after each exposure",
        NumberKey{at(&P::motion, &P::Motion::lift_mm), 0, 100}},
@@ -168,16 +166,12 @@ const std::vector<Key>& keys() {
       {"motion", "settle_s", false, "resin comes to rest", NumberKey{at(&P::motion, &P::Motion::settle_s), 0, 120}},
       {"motion", "pull_kpa", false,
        "pull of the film on the layer just exposed, over its area; measured elsewhere: ACF 12, FEP 12 to 18 "
-       "(AmeraLabs), "
-       "PDMS 16 to 20 (Pan 2017); 0: not stated, then 20 is assumed; 10 where a gentle film or a tilt was measured to "
-       "be so, 50 for a worn "
-       "or "
-       "rigid window; printed from above: 1, assumed",
+       "(AmeraLabs), PDMS 16 to 20 (Pan 2017); 0: not stated, then 20 is assumed; 10 where a gentle film or a tilt was "
+       "measured to be so, 50 for a worn or rigid window; printed from above: 1, assumed",
        NumberKey{at(&P::motion, &P::Motion::pull_kpa), 0, 1000}},
       {"motion", "push_kpa", false,
        "sideways push on the layer just exposed, over its area, in any direction; 0 where a film is peeled; printed "
-       "from "
-       "above with a blade or a dip: 0.5, assumed",
+       "from above with a blade or a dip: 0.5, assumed",
        NumberKey{at(&P::motion, &P::Motion::push_kpa), 0, 1000}},
       {"devices", "projector", false, "light engine", words(&P::devices, &P::Devices::projector)},
       {"devices", "stage", false, "Z stage", words(&P::devices, &P::Devices::stage)},
