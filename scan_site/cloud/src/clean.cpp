@@ -16,17 +16,13 @@
 namespace telefab::scan {
 namespace {
 
-PointCloud select(const PointCloud& cloud, std::span<const PointFate> fate) {
-  PointCloud kept;
-  kept.unit_mm = cloud.unit_mm;
-  kept.origin = cloud.origin;
-  for (std::size_t i = 0; i < cloud.size(); ++i) {
-    if (fate[i] != PointFate::Kept) continue;
-    kept.points.push_back(cloud.points[i]);
-    if (cloud.has_normals()) kept.normals.push_back(cloud.normals[i]);
-    if (!cloud.confidence.empty()) kept.confidence.push_back(cloud.confidence[i]);
-  }
-  return kept;
+PointCloud select(PointCloud cloud, std::span<const PointFate> fate) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < cloud.size(); ++i)
+    if (fate[i] == PointFate::Kept) cloud.copy_point(i, kept++);
+  cloud.shrink(kept);
+  cloud.notes.clear();
+  return cloud;
 }
 
 double percentile(std::vector<double> values, double share) {

@@ -44,14 +44,9 @@ PointCloud only(PointCloud cloud, const std::vector<bool>& keep) {
   std::size_t kept = 0;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     if (!keep[i]) continue;
-    cloud.points[kept] = cloud.points[i];
-    if (cloud.has_normals()) cloud.normals[kept] = cloud.normals[i];
-    if (!cloud.confidence.empty()) cloud.confidence[kept] = cloud.confidence[i];
-    ++kept;
+    cloud.copy_point(i, kept++);
   }
-  cloud.points.resize(kept);
-  if (cloud.has_normals()) cloud.normals.resize(kept);
-  if (!cloud.confidence.empty()) cloud.confidence.resize(kept);
+  cloud.shrink(kept);
   return cloud;
 }
 

@@ -109,14 +109,9 @@ void drop_missing_normals(PointCloud& cloud) {
   std::size_t kept = 0;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     if (is_missing(cloud.normals[i])) continue;
-    cloud.points[kept] = cloud.points[i];
-    cloud.normals[kept] = cloud.normals[i];
-    if (!cloud.confidence.empty()) cloud.confidence[kept] = cloud.confidence[i];
-    ++kept;
+    cloud.copy_point(i, kept++);
   }
-  cloud.points.resize(kept);
-  cloud.normals.resize(kept);
-  if (!cloud.confidence.empty()) cloud.confidence.resize(kept);
+  cloud.shrink(kept);
 }
 
 }  // namespace
@@ -140,21 +135,14 @@ PointCloud without_duplicates(PointCloud cloud) {
       continue;
     }
     table[slot] = static_cast<std::uint32_t>(kept);
-    cloud.points[kept] = cloud.points[i];
-    if (cloud.has_normals()) {
-      cloud.normals[kept] = cloud.normals[i];
-      normal_sum[kept] = cloud.normals[i];
-    }
-    if (!cloud.confidence.empty()) cloud.confidence[kept] = cloud.confidence[i];
+    cloud.copy_point(i, kept);
+    if (cloud.has_normals()) normal_sum[kept] = cloud.normals[kept];
     ++kept;
   }
-  cloud.points.resize(kept);
-  if (cloud.has_normals()) {
-    cloud.normals.resize(kept);
+  cloud.shrink(kept);
+  if (cloud.has_normals())
     for (std::size_t i = 0; i < kept; ++i)
       if (const float length = normal_sum[i].norm(); length > 0.1F) cloud.normals[i] = normal_sum[i] / length;
-  }
-  if (!cloud.confidence.empty()) cloud.confidence.resize(kept);
   return cloud;
 }
 

@@ -39,6 +39,19 @@ struct PointCloud {
 
   [[nodiscard]] std::size_t size() const { return points.size(); }
   [[nodiscard]] bool has_normals() const { return !normals.empty(); }
+
+  /// Point `from` with all that belongs to it also stands at `to`; and the first `count` points stay. Both together
+  /// leave points out in place.
+  void copy_point(std::size_t from, std::size_t to) {
+    points[to] = points[from];
+    if (has_normals()) normals[to] = normals[from];
+    if (!confidence.empty()) confidence[to] = confidence[from];
+  }
+  void shrink(std::size_t count) {
+    points.resize(count);
+    if (has_normals()) normals.resize(count);
+    if (!confidence.empty()) confidence.resize(count);
+  }
 };
 
 }  // namespace telefab::scan
