@@ -90,6 +90,8 @@ std::string_view name_of(DoubtReason reason) {
       return "faces-empty";
     case DoubtReason::CriticalInGap:
       return "critical-in-gap";
+    case DoubtReason::SheetsDoubled:
+      return "sheets-doubled";
   }
   return "unknown";
 }
@@ -154,6 +156,10 @@ std::string sentence_of(const LayerCertificate& certificate) {
     case DoubtReason::CriticalInGap:
       return fmt::format(
           "contours begin, end, part or join in a gap of the scan here, at a height known to {:.3g} mm only",
+          d.size_mm);
+    case DoubtReason::SheetsDoubled:
+      return fmt::format(
+          "the scan shows two sheets {:.2g} mm apart where one surface ought to be; register its views again",
           d.size_mm);
     case DoubtReason::FacesEmpty:
       return "the faces of the file carry no points, and points are all that is taken";

@@ -25,6 +25,7 @@ PointCloud scaled(PointCloud cloud, double factor) {
   cloud.rounding *= factor;
   if (cloud.unit_mm) *cloud.unit_mm /= factor;
   for (Eigen::Vector3f& p : cloud.points) p = (p.cast<double>() * factor).cast<float>();
+  for (float& apart : cloud.sheets_apart) apart *= static_cast<float>(factor);
   return cloud;
 }
 

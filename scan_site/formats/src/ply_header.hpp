@@ -11,6 +11,9 @@
 
 namespace telefab::scan {
 
+/// The property of a vertex that holds PointCloud::sheets_apart.
+inline constexpr std::string_view kSheetsApartProperty = "sheets_apart";
+
 enum class PlyEncoding { Ascii, LittleEndian, BigEndian };
 
 struct PlyProperty {

@@ -132,6 +132,8 @@ PointCloud without_duplicates(PointCloud cloud) {
       const std::size_t first = table[slot];
       if (cloud.has_normals()) normal_sum[first] += cloud.normals[i];
       if (!cloud.confidence.empty()) cloud.confidence[first] = std::max(cloud.confidence[first], cloud.confidence[i]);
+      if (!cloud.sheets_apart.empty())
+        cloud.sheets_apart[first] = std::max(cloud.sheets_apart[first], cloud.sheets_apart[i]);
       continue;
     }
     table[slot] = static_cast<std::uint32_t>(kept);

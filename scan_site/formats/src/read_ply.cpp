@@ -19,6 +19,7 @@ struct VertexColumns {
   std::array<int, 3> position{-1, -1, -1};
   std::array<int, 3> normal{-1, -1, -1};
   int confidence = -1;
+  int sheets_apart = -1;
   [[nodiscard]] bool has_normal() const { return *std::min_element(normal.begin(), normal.end()) >= 0; }
 };
 
@@ -38,6 +39,7 @@ Result<VertexColumns> find_columns(const PlyElement& vertex) {
       if (name == kNormal[axis] || name == kLongNormal[axis]) columns.normal[axis] = static_cast<int>(i);
     }
     if (name == "confidence") columns.confidence = static_cast<int>(i);
+    if (name == kSheetsApartProperty) columns.sheets_apart = static_cast<int>(i);
   }
   if (*std::min_element(columns.position.begin(), columns.position.end()) < 0)
     return fail(ErrorCode::InvalidInput, "element vertex has no properties x, y and z");
@@ -49,6 +51,7 @@ void add_record(ScanBuilder& builder, const VertexColumns& c, const double* v) {
   builder.add(triple(c.position));
   if (c.has_normal()) builder.add_normal(triple(c.normal));
   if (c.confidence >= 0) builder.add_confidence(static_cast<float>(v[c.confidence]));
+  if (c.sheets_apart >= 0) builder.add_sheets_apart(static_cast<float>(v[c.sheets_apart]));
 }
 
 /// Fills a range view from lists of at most one index, cell by cell.
@@ -157,7 +160,11 @@ class BinaryPly final : public PlyBody {
     const std::size_t stride = element.least_bytes(header_.encoding);
     std::vector<int> wanted(columns.position.begin(), columns.position.end());
     if (columns.has_normal()) wanted.insert(wanted.end(), columns.normal.begin(), columns.normal.end());
-    if (columns.confidence >= 0) wanted.push_back(columns.confidence);
+    const auto place_of = [&](int column) {
+      if (column >= 0) wanted.push_back(column);
+      return wanted.size() - 1;
+    };
+    const std::size_t confidence = place_of(columns.confidence), sheets_apart = place_of(columns.sheets_apart);
     std::vector<std::size_t> offsets;
     for (const int column : wanted) {
       std::size_t offset = 0;
@@ -175,7 +182,8 @@ class BinaryPly final : public PlyBody {
       for (std::size_t i = 0; i < count; ++i) {
         builder_.add({values[0][i], values[1][i], values[2][i]});
         if (columns.has_normal()) builder_.add_normal({values[3][i], values[4][i], values[5][i]});
-        if (columns.confidence >= 0) builder_.add_confidence(static_cast<float>(values.back()[i]));
+        if (columns.confidence >= 0) builder_.add_confidence(static_cast<float>(values[confidence][i]));
+        if (columns.sheets_apart >= 0) builder_.add_sheets_apart(static_cast<float>(values[sheets_apart][i]));
       }
       at_ += stride * count;
     }

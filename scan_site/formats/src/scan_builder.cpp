@@ -66,6 +66,7 @@ void ScanBuilder::leave_out_unseen() {
   const auto is_unseen = [&](const Vec3& p) { return p.array().isNaN().any() || (drop_zeros && p.isZero(0)); };
   if (std::none_of(points_.begin(), points_.end(), is_unseen)) return;
   const bool normals = normals_.size() == points_.size(), confidence = confidence_.size() == points_.size();
+  const bool sheets = sheets_apart_.size() == points_.size();
   std::vector<std::uint32_t> place(points_.size(), kGone);
   std::size_t kept = 0, zeros = 0;
   for (std::size_t i = 0; i < points_.size(); ++i) {
@@ -77,6 +78,7 @@ void ScanBuilder::leave_out_unseen() {
     points_[kept] = points_[i];
     if (normals) normals_[kept] = normals_[i];
     if (confidence) confidence_[kept] = confidence_[i];
+    if (sheets) sheets_apart_[kept] = sheets_apart_[i];
     ++kept;
   }
   const std::size_t all = points_.size(), nans = all - kept - zeros;
@@ -88,6 +90,7 @@ void ScanBuilder::leave_out_unseen() {
   points_.resize(kept);
   if (normals) normals_.resize(kept);
   if (confidence) confidence_.resize(kept);
+  if (sheets) sheets_apart_.resize(kept);
   for (RangeView& view : views_)
     for (std::int32_t& cell : view.point_at)
       if (cell >= 0) {
@@ -176,6 +179,10 @@ Result<ScanFile> ScanBuilder::finish() && {
       if (std::isfinite(c)) top = std::max(top, c);
     for (float& c : confidence_) c = std::isfinite(c) ? std::max(0.F, c / top) : 0.F;
     cloud.confidence = std::move(confidence_);
+  }
+  if (sheets_apart_.size() == cloud.size()) {
+    for (float& apart : sheets_apart_) apart = std::isfinite(apart) ? std::max(0.F, apart) : 0.F;
+    cloud.sheets_apart = std::move(sheets_apart_);
   }
   cloud.notes = std::move(notes_);
   return file;

@@ -20,6 +20,7 @@ class ScanBuilder {
   void add(const Vec3& point) { points_.push_back(point); }
   void add_normal(const Vec3& normal) { normals_.push_back(normal.cast<float>()); }
   void add_confidence(float value) { confidence_.push_back(value); }
+  void add_sheets_apart(float value) { sheets_apart_.push_back(value); }
   void add_view(RangeView view) { views_.push_back(std::move(view)); }
   /// One polygon by its corners, kept as a fan of triangles if faces are wanted.
   void add_face(std::span<const std::uint64_t> corners);
@@ -50,6 +51,7 @@ class ScanBuilder {
   std::vector<Vec3> points_;
   std::vector<Eigen::Vector3f> normals_;
   std::vector<float> confidence_;
+  std::vector<float> sheets_apart_;
   std::vector<RangeView> views_;
   std::vector<std::array<std::uint32_t, 3>> faces_;
   std::size_t empty_returns_ = 0;

@@ -7,6 +7,8 @@
 #include <cstring>
 #include <string>
 
+#include "ply_header.hpp"
+
 namespace telefab::scan {
 namespace {
 
@@ -47,9 +49,10 @@ std::vector<std::byte> write_ply(const PointCloud& cloud, std::span<const PointC
   for (const char axis : {'x', 'y', 'z'}) head += fmt::format("property {} {}\n", wide ? "double" : "float", axis);
   if (cloud.has_normals()) head += "property float nx\nproperty float ny\nproperty float nz\n";
   if (!cloud.confidence.empty()) head += "property float confidence\n";
+  if (!cloud.sheets_apart.empty()) head += fmt::format("property float {}\n", kSheetsApartProperty);
   if (coloured) head += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
   head += "end_header\n";
-  std::vector<std::byte> out = started_with(head, cloud.size() * 43);
+  std::vector<std::byte> out = started_with(head, cloud.size() * 47);
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     if (wide)
       for (int axis = 0; axis < 3; ++axis) put(out, cloud.origin[axis] + static_cast<double>(cloud.points[i][axis]));
@@ -57,6 +60,7 @@ std::vector<std::byte> write_ply(const PointCloud& cloud, std::span<const PointC
       put(out, cloud.points[i]);
     if (cloud.has_normals()) put(out, cloud.normals[i]);
     if (!cloud.confidence.empty()) put(out, cloud.confidence[i]);
+    if (!cloud.sheets_apart.empty()) put(out, cloud.sheets_apart[i]);
     if (coloured)
       for (const std::uint8_t c : colours[i]) put(out, c);
   }

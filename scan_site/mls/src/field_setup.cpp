@@ -204,6 +204,7 @@ Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, st
   parts.origin = placed.origin;
   parts.kernels = fastest_kernels();
   std::vector<float>{}.swap(placed.confidence);
+  std::vector<float>{}.swap(placed.sheets_apart);
   const float guess = spacing_from_box(placed.points);
   SampleGrid grid{std::move(placed.points), std::move(placed.normals), {}, kCellSpacings * guess};
   const Evenness even = measure_evenness(grid, guess);

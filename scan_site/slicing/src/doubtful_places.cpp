@@ -78,6 +78,18 @@ std::optional<Point2> DoubtfulPlaces::add_difference(std::span<const Contour> fo
   return std::nullopt;
 }
 
+std::vector<bool> DoubtfulPlaces::add_beside(std::span<const Contour> contours, std::span<const Point2> places,
+                                             double reach_mm) {
+  std::vector<bool> beside(places.size(), false);
+  if (places.empty() || !(reach_mm > 0)) return beside;
+  const Nearby nearby{contours, reach_mm};
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    beside[i] = nearby.runs_near(places[i]);
+    if (beside[i]) add(places[i], reach_mm);
+  }
+  return beside;
+}
+
 Result<void> DoubtfulPlaces::mark(Layer& layer) const {
   if (layer.contours.empty() || (places_.empty() && !all_)) return {};
   std::vector<std::vector<SurfaceRun>> runs;

@@ -19,6 +19,8 @@ class DoubtfulPlaces {
   /// a kernel from the other, or else a smaller part of one. A place among them; none, and all is doubtful, where both
   /// run along each other to within a hundredth of `width_mm`.
   std::optional<Point2> add_difference(std::span<const Contour> found, std::span<const Contour> other, double width_mm);
+  /// What runs within this distance of one of the places; says of each whether anything does.
+  std::vector<bool> add_beside(std::span<const Contour> contours, std::span<const Point2> places, double reach_mm);
   /// What holds for the plane as a whole: a count that is not explained, contours that are missing.
   void add_all() { all_ = true; }
 

@@ -363,8 +363,29 @@ Result<std::optional<Doubt>> LayerCutter::unsettled(const Choice& made, double z
       const Vec3 at = u.low_mm + (rise > 0 ? (z_mm - u.low_mm.z()) / rise : 0) * (u.high_mm - u.low_mm);
       note({.reason = DoubtReason::CriticalInGap, .place = place_of(at), .size_mm = u.reach_mm}, u.reach_mm);
     }
+  if (const auto doubled = doubled_sheets(made, z_mm, where); doubled && !doubt) doubt = doubled;
   if (doubt || !made.certified()) return doubt;
   return disagreement(made.chosen(), z_mm, seeds, stop, where);
+}
+
+std::optional<Doubt> LayerCutter::doubled_sheets(const Choice& made, double z_mm, DoubtfulPlaces& where) const {
+  const double reach = setting_.doubled_reach_mm;
+  const auto from = std::partition_point(setting_.doubled.begin(), setting_.doubled.end(),
+                                         [&](const DoubledPlace& p) { return p.at_mm.z() < z_mm - reach; });
+  std::vector<Point2> places;
+  const DoubledPlace* farthest = nullptr;
+  std::vector<const DoubledPlace*> asked;
+  for (auto p = from; p != setting_.doubled.end() && p->at_mm.z() <= z_mm + reach; ++p) {
+    places.push_back({p->at_mm.x(), p->at_mm.y()});
+    asked.push_back(&*p);
+  }
+  const std::vector<bool> beside = where.add_beside(made.chosen().trace.contours, places, reach);
+  for (std::size_t i = 0; i < asked.size(); ++i)
+    if (beside[i] && (!farthest || asked[i]->apart_mm > farthest->apart_mm)) farthest = asked[i];
+  if (!farthest) return std::nullopt;
+  return Doubt{.reason = DoubtReason::SheetsDoubled,
+               .place = Point2{farthest->at_mm.x(), farthest->at_mm.y()},
+               .size_mm = farthest->apart_mm};
 }
 
 Doubt LayerCutter::why_uncertified(const Choice& made, const Prediction& predicted, double z_mm,

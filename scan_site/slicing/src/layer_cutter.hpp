@@ -6,6 +6,7 @@
 #include <telefab/geometry/layer.hpp>
 #include <telefab/scan/contour/grid_tracer.hpp>
 #include <telefab/scan/contour/reeb_marcher.hpp>
+#include <telefab/scan/slicing/placed_surface.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 #include <telefab/scan/topology/height_topology.hpp>
 
@@ -55,6 +56,8 @@ struct CutSetting {
     double reach_mm = 0;
   };
   std::vector<UndecidedPlace> undecided = {};
+  std::span<const DoubledPlace> doubled = {};  ///< rising in z; what runs within `doubled_reach_mm` of one is doubtful
+  double doubled_reach_mm = 0;
   std::optional<Doubt> known_doubt = {};  ///< of the scan as a whole: no layer of it can be vouched for
 };
 
@@ -81,6 +84,8 @@ class LayerCutter {
   /// What is against a sound layer although something vouches for it; none where nothing is.
   [[nodiscard]] Result<std::optional<Doubt>> unsettled(const Choice& made, double z_mm, std::span<const Vec3> seeds,
                                                        std::stop_token stop, DoubtfulPlaces& where);
+  /// What runs where the scan shows two sheets, the farthest apart; none where nothing does.
+  [[nodiscard]] std::optional<Doubt> doubled_sheets(const Choice& made, double z_mm, DoubtfulPlaces& where) const;
   [[nodiscard]] Doubt why_uncertified(const Choice& made, const Prediction& predicted, double z_mm,
                                       DoubtfulPlaces& where) const;
   [[nodiscard]] Result<Candidate> marched(double z_mm, std::span<const Vec3> seeds, std::stop_token stop);

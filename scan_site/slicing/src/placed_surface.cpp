@@ -35,6 +35,16 @@ Box3 to_file(const Box3& box, const Transform4& scan_to_build, double margin_mm)
   return {a.cwiseMin(b), a.cwiseMax(b)};
 }
 
+std::vector<DoubledPlace> doubled_places(const PointCloud& cloud) {
+  std::vector<DoubledPlace> places;
+  for (std::size_t i = 0; i < cloud.sheets_apart.size(); ++i)
+    if (cloud.sheets_apart[i] > 0)
+      places.push_back({cloud.origin + cloud.points[i].cast<double>(), static_cast<double>(cloud.sheets_apart[i])});
+  std::stable_sort(places.begin(), places.end(),
+                   [](const DoubledPlace& l, const DoubledPlace& r) { return l.at_mm.z() < r.at_mm.z(); });
+  return places;
+}
+
 Vec3 middle_of(const MachineProfile::Platform& platform) { return {platform.width_mm / 2, platform.depth_mm / 2, 0}; }
 
 Result<PlacedSurface> attempt(std::span<const std::byte> scan, std::string_view name, const IntakeOptions& intake,
@@ -51,6 +61,7 @@ Result<PlacedSurface> attempt(std::span<const std::byte> scan, std::string_view 
   report(progress, WorkStage::FittingSurface, 0);
   PointCloud cloud = std::move(made.placed.cloud);
   if (intake.about_origin) cloud.origin -= middle_of(request.machine.platform);
+  made.doubled = doubled_places(cloud);
   made.placed.cloud = {};
   made.placed.cloud.origin = cloud.origin;
   made.placed.cloud.rounding = cloud.rounding;

@@ -135,6 +135,7 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   // Relative to the middle of the part: float keeps 10 nm there, wherever the scanner stood.
   const Vec3 origin{room.x() / 2, room.y() / 2, size_mm.z() / 2};
   for (auto& p : scan.points) p = (scale * (scan.origin + p.cast<double>()) + shift - origin).cast<float>();
+  for (float& apart : scan.sheets_apart) apart *= static_cast<float>(scale);
   placed.cloud = std::move(scan);
   placed.cloud.origin = origin;
   placed.cloud.unit_mm = 1;

@@ -65,6 +65,9 @@ constexpr std::array kCountedAt{0.5, 0.25, 0.75};
 /// Spacing that varies by more than this leaves room for a feature, or a whole wall, that no sample shows.
 constexpr double kMostUneven = 5;
 
+/// Contours this near to a sample of two sheets are made of them.
+constexpr double kDoubledSpacings = 1.5;
+
 /// Rounding this coarse (in spacings) leaves no contour to be trusted.
 constexpr double kCoarseRounding = 0.3;
 
@@ -85,6 +88,16 @@ std::optional<std::string> warning_of(const KernelChoice& kernel) {
       "the spacing of the scan varies {:.0f}-fold: what is smaller than its widest spacing may be missing between its "
       "points",
       kernel.unevenness);
+}
+
+std::optional<std::string> warning_of(std::span<const DoubledPlace> doubled, bool are_guessed) {
+  if (doubled.empty()) return std::nullopt;
+  double farthest = 0;
+  for (const DoubledPlace& p : doubled) farthest = std::max(farthest, p.apart_mm);
+  return fmt::format(
+      "{} points of the scan {} on two sheets, up to {:.2g} mm apart, where one surface ought to be; "
+      "register its views again: layers through them are flagged",
+      doubled.size(), are_guessed ? "seem to lie" : "lie", farthest);
 }
 
 Result<HeightTopology> topology_of(const MlsField& field, std::stop_token stop) {
@@ -380,8 +393,12 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
             return narrow ? narrow : contradicted_side(completed, **field, contours, z_mm, near);
           },
       .known_doubt = known_doubt};
+  setting.doubled = surface->doubled;
+  setting.doubled_reach_mm = kDoubledSpacings * kernel.spacing_mm;
   setting.undecided = undecided_places(completed, **field, topology ? &*topology : nullptr, header.layer_thickness_mm);
   if (const auto warning = warning_of(kernel)) result.warnings.push_back(*warning);
+  if (const auto warning = warning_of(surface->doubled, prepared.sheets_are_guessed))
+    result.warnings.push_back(*warning);
   for (const auto& other : others) setting.other_kernels.push_back(other.get());
   result.specks.least_mm2 = request.speck_px2 * header.pixel_pitch_mm * header.pixel_pitch_mm;
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;

@@ -7,6 +7,8 @@
 #include <bit>
 #include <cstring>
 #include <string>
+#include <telefab/scan/cloud/units.hpp>
+#include <telefab/scan/formats/write_cloud.hpp>
 
 namespace telefab::scan {
 namespace {
@@ -85,6 +87,20 @@ TEST(ReadPly, TakesBinaryRecordsWithNormalsAndConfidence) {
   expect_two_points(file);
   EXPECT_EQ(file->cloud.normals[0], Eigen::Vector3f(0, 0, 1)) << "made a unit vector";
   EXPECT_EQ(file->cloud.confidence, (std::vector<float>{0.5F, 1.F}));
+}
+
+TEST(ReadPly, TakesBackTheSheetsThatRegisteringFound) {
+  PointCloud cloud;
+  cloud.points = {{1, 2, 3}, {-4, 5.5F, 6}, {1, 2, 3}};
+  cloud.confidence = {1, 0.5F, 1};
+  cloud.sheets_apart = {0, 0.25F, 0.5F};
+  const auto bytes = write_ply(cloud, {}, "x");
+  const auto whole = read_scan_file(bytes, "a.ply", {}, {});
+  ASSERT_TRUE(whole) << whole.error().what;
+  EXPECT_EQ(whole->cloud.sheets_apart, cloud.sheets_apart);
+  EXPECT_EQ(whole->cloud.confidence, cloud.confidence);
+  EXPECT_EQ(without_duplicates(whole->cloud).sheets_apart, (std::vector<float>{0.5F, 0.25F})) << "the wider stays";
+  EXPECT_EQ(scaled(whole->cloud, 2).sheets_apart, (std::vector<float>{0, 0.5F, 1}));
 }
 
 TEST(ReadPly, SkipsTriangleStripsAndRefusesStripsCutShort) {

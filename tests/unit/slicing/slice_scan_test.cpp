@@ -2,10 +2,12 @@
 #include <telefab/scan/slicing/slice_scan.hpp>
 
 #include <fmt/format.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <numbers>
 #include <random>
+#include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/slicing/preview.hpp>
 #include <telefab/test/analytic_field.hpp>
 #include <telefab/test/las_file.hpp>
@@ -15,6 +17,40 @@
 
 namespace telefab::scan {
 namespace {
+
+TEST(SliceScan, DoubtsWhatRunsWhereTheScanShowsTwoSheetsAndVouchesForTheRest) {
+  PointCloud cloud;
+  const auto samples = test::sample_surface(*test::torus(9, 4, 90, 1), {.spacing_mm = 0.7, .seed = 11});
+  for (std::size_t i = 0; i < samples.points.size(); ++i) {
+    cloud.points.push_back(samples.points[i].cast<float>());
+    cloud.normals.push_back(samples.normals[i].cast<float>());
+    const Vec3& p = samples.points[i];
+    cloud.sheets_apart.push_back(p.z() > 0 && p.y() > 5 ? 0.4F : 0.F);
+  }
+  const auto bytes = write_ply(cloud, {}, "x");
+  const Outcome outcome = slice(std::string{reinterpret_cast<const char*>(bytes.data()), bytes.size()}, request_for());
+  ASSERT_TRUE(outcome.report) << outcome.report.error().what;
+  ASSERT_EQ(outcome.report->warnings.size(), 1U);
+  EXPECT_THAT(outcome.report->warnings[0], testing::HasSubstr("lie on two sheets, up to 0.4 mm apart"));
+  const double middle = outcome.report->header.scan_to_build[11];
+  std::size_t doubtful = 0, sound = 0;
+  for (const Layer& layer : outcome.layers) {
+    if (layer.z_mm < middle - 1.5) {
+      EXPECT_TRUE(layer.certificate.is_certified()) << layer.z_mm;
+      ++sound;
+    }
+    if (layer.z_mm < middle + 1 || layer.z_mm > middle + 3) continue;
+    ++doubtful;
+    ASSERT_TRUE(layer.certificate.doubt) << layer.z_mm;
+    EXPECT_EQ(layer.certificate.doubt->reason, DoubtReason::SheetsDoubled);
+    EXPECT_NEAR(layer.certificate.doubt->size_mm, 0.4, 1e-5);
+    const SurfaceShares shares = surface_shares(layer);
+    EXPECT_GT(shares.doubtful_mm, 0.05 * shares.length_mm());
+    EXPECT_LT(shares.doubtful_mm, 0.6 * shares.length_mm()) << "the other of the two contours";
+  }
+  EXPECT_GT(sound, 3U);
+  EXPECT_GT(doubtful, 2U);
+}
 
 TEST(SliceScan, CertifiesEveryLayerOfATorusWithTheRightRings) {
   const Outcome outcome = slice(torus_text(), request_for());

@@ -38,8 +38,9 @@ enum class DoubtReason : std::uint8_t {
   CoordinatesRounded = 19,  ///< the coordinates of the scan are rounded to size_mm, coarse against its spacing
   FacesEmpty = 20,          ///< the faces of the file carry no points, and points are all that is taken
   CriticalInGap = 21,  ///< a contour begins, ends, parts or joins where nothing is measured, within size_mm of here
+  SheetsDoubled = 22,  ///< the scan shows two sheets size_mm apart where one surface ought to be
 };
-inline constexpr DoubtReason kLastDoubtReason = DoubtReason::CriticalInGap;
+inline constexpr DoubtReason kLastDoubtReason = DoubtReason::SheetsDoubled;
 /// One word with hyphens, for programs: "contours-left-out", ...
 [[nodiscard]] std::string_view name_of(DoubtReason reason);
 

@@ -26,12 +26,15 @@ struct ScanNote {
 /// Points of a scan, in the scanner's frame and the file's unit until scaled to millimetres by placement.
 /// Positions are float relative to `origin`, so that 24 bytes a point hold a scan anywhere on Earth.
 /// Invariant kept by the readers: all finite; normals is empty or has one unit vector a point, outward;
-/// confidence is empty or has one value in [0, 1] a point.
+/// confidence is empty or has one value in [0, 1] a point; so has sheets_apart, with values of 0 or more.
 struct PointCloud {
   Vec3 origin = Vec3::Zero();
   std::vector<Eigen::Vector3f> points;
   std::vector<Eigen::Vector3f> normals;
   std::vector<float> confidence;
+  /// How far apart the two sheets are in which the views of the scan show the surface here; 0: there is one. Unit of
+  /// the positions.
+  std::vector<float> sheets_apart;
   std::optional<double> unit_mm;  ///< millimetres in one unit of the positions, where the file or somebody states it
   double rounding =
       0;  ///< step the positions were rounded to, where it is coarse against their spacing; unit of the positions
@@ -46,11 +49,13 @@ struct PointCloud {
     points[to] = points[from];
     if (has_normals()) normals[to] = normals[from];
     if (!confidence.empty()) confidence[to] = confidence[from];
+    if (!sheets_apart.empty()) sheets_apart[to] = sheets_apart[from];
   }
   void shrink(std::size_t count) {
     points.resize(count);
     if (has_normals()) normals.resize(count);
     if (!confidence.empty()) confidence.resize(count);
+    if (!sheets_apart.empty()) sheets_apart.resize(count);
   }
 };
 

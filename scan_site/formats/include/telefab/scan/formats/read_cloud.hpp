@@ -67,7 +67,8 @@ struct ScanFile {
 /// The cloud of a file made ready in the same way, with a note where its faces carry no points.
 [[nodiscard]] PointCloud cloud_of(ScanFile file);
 
-/// Merges points of equal position: the first keeps its place, normals are averaged, the higher confidence stays.
+/// Merges points of equal position: the first keeps its place, normals are averaged, the higher confidence and the
+/// wider sheets stay.
 [[nodiscard]] PointCloud without_duplicates(PointCloud cloud);
 
 }  // namespace telefab::scan

@@ -14,7 +14,7 @@ namespace telefab::scan {
 using PointColour = std::array<std::uint8_t, 3>;  ///< red, green, blue
 
 /// Binary little-endian PLY with what the cloud has: positions (float, or double where the origin is not zero),
-/// normals, confidence, and `colours` (none, or one a point). `comment` goes into the header, one line.
+/// normals, confidence, sheets_apart, and `colours` (none, or one a point). `comment` goes into the header, one line.
 [[nodiscard]] std::vector<std::byte> write_ply(const PointCloud& cloud, std::span<const PointColour> colours,
                                                std::string_view comment);
 

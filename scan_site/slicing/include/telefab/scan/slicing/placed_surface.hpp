@@ -5,14 +5,22 @@
 #include <telefab/scan/slicing/placement.hpp>
 #include <telefab/scan/slicing/prepare_scan.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
+#include <vector>
 
 namespace telefab::scan {
+
+/// A place where the scan shows two sheets and not one surface.
+struct DoubledPlace {
+  Vec3 at_mm;  ///< build frame
+  double apart_mm = 0;
+};
 
 /// A scan on the platform and the surface its samples carry.
 struct PlacedSurface {
   PreparedScan prepared;  ///< without its cloud
   Placement placed;       ///< its cloud has no points: the field holds them
   std::unique_ptr<MlsField> field;
+  std::vector<DoubledPlace> doubled;  ///< from below
 };
 
 /// Prepares, places and sets up the field. Points that the field drops as outliers do not count for the size either:
