@@ -20,6 +20,8 @@
 namespace telefab::scan {
 namespace {
 
+constexpr PointColour kSound{205, 200, 190}, kDoubled{200, 60, 30};
+
 struct Options {
   std::vector<std::string> inputs;
   std::string out, report, picture, poses, poses_out, axis, units;
@@ -138,18 +140,25 @@ Result<RegisterOptions> options_from(const Options& o, const std::vector<RangeIm
   return r;
 }
 
-std::string report_of(const Registration& r, const MergeReport& merge, const std::vector<RangeImage>& views) {
+std::string report_of(const Registration& r, const DoubledSheets& sheets, const MergeReport& merge,
+                      const std::vector<RangeImage>& views) {
   std::string links;
   for (const LinkReport& l : r.links)
     links += fmt::format(
         R"({}{{"from":"{}","to":"{}","overlap":{:.4f},"pair_rms":{:.6g},"rms":{:.6g},"pair_to_global_deg":{:.4f},"pair_to_global_shift":{:.6g}}})",
         links.empty() ? "" : ",", views[l.from].name, views[l.to].name, l.overlap, l.pair_rms, l.rms,
         l.pair_to_global.degrees, l.pair_to_global.shift);
+  std::string doubled;
+  for (const DoubledPair& d : sheets.pairs)
+    doubled +=
+        fmt::format(R"({}{{"first":"{}","second":"{}","apart":{:.6g},"share":{:.4f},"place":[{:.6g},{:.6g},{:.6g}]}})",
+                    doubled.empty() ? "" : ",", views[d.first].name, views[d.second].name, d.apart, d.share,
+                    d.place.x(), d.place.y(), d.place.z());
   return fmt::format(
-      R"({{"views":{},"axis_direction":[{:.6f},{:.6f},{:.6f}],"axis_point":[{:.6g},{:.6g},{:.6g}],"rms":{:.6g},"median_offset":{:.6g},"closure_deg":{:.4f},"closure_shift":{:.6g},"conflict":{:.5f},"links":[{}],"merge":{}}})",
+      R"({{"views":{},"axis_direction":[{:.6f},{:.6f},{:.6f}],"axis_point":[{:.6g},{:.6g},{:.6g}],"rms":{:.6g},"median_offset":{:.6g},"closure_deg":{:.4f},"closure_shift":{:.6g},"conflict":{:.5f},"links":[{}],"doubled_sheets":[{}],"merge":{}}})",
       r.poses.size(), r.axis.direction.x(), r.axis.direction.y(), r.axis.direction.z(), r.axis.point.x(),
       r.axis.point.y(), r.axis.point.z(), r.rms, r.median_offset, r.closure.degrees, r.closure.shift, r.conflict, links,
-      to_json(merge));
+      doubled, to_json(merge));
 }
 
 /// Where the result stands: the frame of the poses it started from, or of view 0, turned until the table is level.
@@ -176,10 +185,12 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const auto options = options_from(o, *views);
   if (!options) return tl::unexpected{options.error()};
   const ProgressSink progress = [](const Progress& p) { write_note(fmt::format("{}\n", label_of(p.stage))); };
-  const auto registered = register_views(*views, *options, on_terminal() ? progress : ProgressSink{}, stop);
+  auto registered = register_views(*views, *options, on_terminal() ? progress : ProgressSink{}, stop);
   if (!registered) return tl::unexpected{registered.error()};
-  auto merged =
-      merge_views(*views, registered->poses, {.up = registered->axis.direction, .cut_below = o.cut_below}, stop);
+  const auto sheets = settle_doubled_sheets(*views, registered->poses, stop);
+  if (!sheets) return tl::unexpected{sheets.error()};
+  auto merged = merge_views(*views, registered->poses,
+                            {.up = registered->axis.direction, .cut_below = o.cut_below, .sheets = &*sheets}, stop);
   if (!merged) return tl::unexpected{merged.error()};
   PointCloud cloud = std::move(merged->cloud);
   const RigidMotion frame = frame_of(o, *options, *registered);
@@ -193,7 +204,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
           o.out, write_ply(cloud, {}, registration_note(views->size(), registered->rms * unit_mm)));
       !ok)
     return tl::unexpected{ok.error()};
-  const std::string report = report_of(*registered, merged->report, *views) + "\n";
+  const std::string report = report_of(*registered, *sheets, merged->report, *views) + "\n";
   if (!o.report.empty())
     if (auto ok = write_file_atomically(o.report, report); !ok) return tl::unexpected{ok.error()};
   if (!o.poses_out.empty()) {
@@ -202,11 +213,16 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     if (auto ok = write_file_atomically(o.poses_out, to_pose_file(poses)); !ok) return tl::unexpected{ok.error()};
   }
   if (!o.picture.empty()) {
-    const std::vector<PointColour> grey(cloud.size(), PointColour{205, 200, 190});
-    const auto png = encode_png(draw_points(cloud, grey, {}));
+    std::vector<PointColour> colours(cloud.size(), kSound);
+    for (std::size_t i = 0; i < cloud.sheets_apart.size(); ++i)
+      if (cloud.sheets_apart[i] > 0) colours[i] = kDoubled;
+    const auto png = encode_png(draw_points(cloud, colours, {}));
     if (!png) return tl::unexpected{png.error()};
     if (auto ok = write_file_atomically(o.picture, *png); !ok) return tl::unexpected{ok.error()};
   }
+  for (const DoubledPair& d : sheets->pairs) write_note(fmt::format("note: {}\n", sentence_of(d, *views)));
+  if (!sheets->empty())
+    write_note("note: layers through these places will be flagged; register or scan the views named first again\n");
   if (o.json) {
     write_output(report);
     return ExitCode::Ok;
@@ -250,7 +266,7 @@ VerbBody declare_register(VerbOptions& options) {
       "they are");
   options.add("--report", o->report, "every pair and the merge, JSON");
   options.add("--poses-out", o->poses_out, "the poses found, Stanford .conf");
-  options.add("--picture", o->picture, "the merged cloud from four sides, PNG");
+  options.add("--picture", o->picture, "the merged cloud from four sides, PNG; red: two sheets");
   options.flag("--json", o->json, "print the report instead of the table");
   return [o](std::stop_token stop) { return run(*o, stop); };
 }

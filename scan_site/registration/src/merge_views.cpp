@@ -18,10 +18,11 @@ constexpr float kSameSide = 0.5F;     ///< cosine between normals of one surface
 struct Placed {
   Eigen::Vector3f point, normal;
   float weight = 0;
+  float sheets_apart = 0;
 };
 
 std::vector<std::vector<Placed>> place(std::span<const RangeImage> views, std::span<const RigidMotion> poses,
-                                       MergeReport& report) {
+                                       const DoubledSheets* sheets, MergeReport& report) {
   std::vector<std::vector<Placed>> placed(views.size());
   for (std::size_t v = 0; v < views.size(); ++v) {
     report.points_in += views[v].points.size();
@@ -31,8 +32,8 @@ std::vector<std::vector<Placed>> place(std::span<const RangeImage> views, std::s
         continue;
       }
       placed[v].push_back({(poses[v] * views[v].points[i].cast<double>()).cast<float>(),
-                           (poses[v].rotation() * views[v].normals[i].cast<double>()).cast<float>(),
-                           views[v].weight[i]});
+                           (poses[v].rotation() * views[v].normals[i].cast<double>()).cast<float>(), views[v].weight[i],
+                           sheets ? sheets->apart[v][i] : 0});
     }
   }
   return placed;
@@ -54,7 +55,7 @@ Result<Merged> merge_views(std::span<const RangeImage> views, std::span<const Ri
   if (views.empty() || views.size() != poses.size()) return fail(ErrorCode::InvalidInput, "one pose a view is needed");
   Merged result;
   MergeReport& report = result.report;
-  const std::vector<std::vector<Placed>> placed = place(views, poses, report);
+  const std::vector<std::vector<Placed>> placed = place(views, poses, options.sheets, report);
   float spacing = 0;
   for (const RangeImage& v : views) spacing = std::max(spacing, v.spacing);
   std::vector<KdTree> trees;
@@ -89,7 +90,7 @@ Result<Merged> merge_views(std::span<const RangeImage> views, std::span<const Ri
           normal += q.weight * q.normal;
         }
         moved[first[v] + i] = offset / weight;
-        averaged[first[v] + i] = {p.point + p.normal * (offset / weight), normal.normalized(), weight};
+        averaged[first[v] + i] = {p.point + p.normal * (offset / weight), normal.normalized(), weight, p.sheets_apart};
       }
     });
   }
@@ -137,6 +138,7 @@ Result<Merged> merge_views(std::span<const RangeImage> views, std::span<const Ri
     thin.points.push_back(p.point);
     thin.normals.push_back(p.normal);
     thin.confidence.push_back(p.weight);
+    if (options.sheets && !options.sheets->empty()) thin.sheets_apart.push_back(p.sheets_apart);
     top = std::max(top, p.weight);
   }
   for (float& c : thin.confidence) c = std::min(1.F, c / std::max(top, 1e-6F));

@@ -3,6 +3,7 @@
 #include <optional>
 #include <stop_token>
 #include <telefab/scan/cloud/clean.hpp>
+#include <telefab/scan/registration/doubled_sheets.hpp>
 #include <telefab/scan/registration/register_views.hpp>
 
 namespace telefab::scan {
@@ -13,6 +14,9 @@ struct MergeOptions {
   Vec3 up = Vec3::UnitY();  ///< along which `cut_below` is measured, frame of the result
   std::optional<double>
       cut_below;  ///< removes what lies lower than this above the lowest point: the stand; unit of the files
+  /// Where the views show two sheets: the points of the cloud say so (PointCloud::sheets_apart). Not owned; none:
+  /// nobody looked.
+  const DoubledSheets* sheets = nullptr;
   [[nodiscard]] Result<void> validate() const;
 };
 
