@@ -2,6 +2,7 @@
 #include <telefab/scan/slicing/prepare_scan.hpp>
 
 #include <algorithm>
+#include <telefab/scan/cloud/two_sheets.hpp>
 #include <telefab/scan/formats/face_samples.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/slicing/orient_cloud.hpp>
@@ -57,6 +58,13 @@ Result<PreparedScan> prepare_scan(std::span<const std::byte> scan, std::string_v
   prepared.normals = oriented->report;
   prepared.cloud = std::move(oriented->cloud);
   clock.lap("normals");
+
+  if (prepared.cloud.sheets_apart.empty()) {
+    const auto marked = mark_two_sheets(prepared.cloud, stop);
+    if (!marked) return tl::unexpected{marked.error()};
+    prepared.sheets_are_guessed = *marked > 0;
+    clock.lap("sheets");
+  }
   return prepared;
 }
 

@@ -47,7 +47,9 @@ struct PreparedScan {
   std::size_t points = 0;  ///< read
   PickReport pick;
   NormalReport normals;
-  bool has_empty_faces = false;       ///< a mesh whose faces carry no points, not sampled
+  bool sheets_are_guessed =
+      false;                     ///< PointCloud::sheets_apart is known from the points alone, not by the scan's views
+  bool has_empty_faces = false;  ///< a mesh whose faces carry no points, not sampled
   std::vector<std::string> warnings;  ///< of reading, picking and orienting, for people
 };
 
