@@ -116,6 +116,18 @@ const std::vector<Key>& keys() {
       {"resin", "critical_dose_mj_per_cm2", false, "Ec",
        NumberKey{at(&P::resin, &P::Resin::critical_dose_mj_per_cm2), 0.01, 10000}},
       {"resin", "penetration_mm", false, "Dp", NumberKey{at(&P::resin, &P::Resin::penetration_mm), 0.001, 10}},
+      {"resin", "critical_dose_least_mj_per_cm2", false,
+       "Ec is this or more, with 95 % confidence: `calibrate fit` says so; 0: not measured",
+       NumberKey{at(&P::resin, &P::Resin::critical_dose_least_mj_per_cm2), 0, 10000}},
+      {"resin", "critical_dose_most_mj_per_cm2", false, "and this or less",
+       NumberKey{at(&P::resin, &P::Resin::critical_dose_most_mj_per_cm2), 0, 10000}},
+      {"resin", "penetration_least_mm", false,
+       "Dp is this or more, with 95 % confidence: `calibrate fit` says so; 0: not measured",
+       NumberKey{at(&P::resin, &P::Resin::penetration_least_mm), 0, 10}},
+      {"resin", "penetration_most_mm", false, "and this or less",
+       NumberKey{at(&P::resin, &P::Resin::penetration_most_mm), 0, 10}},
+      {"resin", "calibration_correlation", false, "of the errors of Dp and of the logarithm of Ec, which one fit found",
+       NumberKey{at(&P::resin, &P::Resin::calibration_correlation), -1, 1}},
       {"resin", "vat_ml", false, "resin that the vat holds; a job that needs more is held; 0: not stated",
        NumberKey{at(&P::resin, &P::Resin::vat_ml), 0, 1e6}},
       {"resin", "green_strength_mpa", false,
@@ -286,6 +298,24 @@ Result<void> read_value(const Key& key, const toml::node& node, MachineProfile& 
   return {};
 }
 
+/// The intervals of a calibration are whole, and hold the figures they are about.
+Result<void> check_calibration(const MachineProfile::Resin& resin, std::string_view origin,
+                               const toml::source_region& where) {
+  const auto holds = [](double least, double value, double most) {
+    return (least == 0 && most == 0) || (least > 0 && least <= value && value <= most);
+  };
+  if (!holds(resin.critical_dose_least_mj_per_cm2, resin.critical_dose_mj_per_cm2, resin.critical_dose_most_mj_per_cm2))
+    return refuse(origin, where,
+                  "resin.critical_dose_mj_per_cm2 must lie in its own interval, from critical_dose_least_mj_per_cm2 to "
+                  "critical_dose_most_mj_per_cm2; leave both out where nobody measured");
+  if (!holds(resin.penetration_least_mm, resin.penetration_mm, resin.penetration_most_mm))
+    return refuse(
+        origin, where,
+        "resin.penetration_mm must lie in its own interval, from penetration_least_mm to penetration_most_mm; "
+        "leave both out where nobody measured");
+  return {};
+}
+
 bool is_name(std::string_view text) {
   return !text.empty() && text.size() <= 64 && std::all_of(text.begin(), text.end(), [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';
@@ -321,6 +351,9 @@ Result<MachineProfile> read_table(const toml::table& root, std::string_view orig
     if (key.required && !seen.count(fmt::format("{}.{}", key.section, key.name)))
       return refuse(origin, root.source(),
                     fmt::format("{}.{} is missing ({}; {})", key.section, key.name, key.reason, range_of(key)));
+  const auto* resin = root.get("resin");
+  if (auto ok = check_calibration(profile.resin, origin, resin ? resin->source() : root.source()); !ok)
+    return tl::unexpected{ok.error()};
   const PixelSize size = profile.mask_size();
   if (size.width_px > 65535 || size.height_px > 65535)
     return refuse(origin, root.source(), "more than 65535 pixels a side");
@@ -339,6 +372,10 @@ double MachineProfile::carried_demand() const {
   constexpr double kAssumedMpa = 10;
   const double strength_mpa = resin.green_strength_mpa > 0 ? resin.green_strength_mpa : kAssumedMpa;
   return kKilo * strength_mpa * supports.fresh_share / (supports.safety * pull_of_film_kpa());
+}
+
+bool MachineProfile::states_calibration_band() const {
+  return resin.critical_dose_least_mj_per_cm2 > 0 && resin.penetration_least_mm > 0;
 }
 
 bool MachineProfile::states_what_carries() const { return motion.pull_kpa > 0 && resin.green_strength_mpa > 0; }

@@ -50,6 +50,12 @@ Result<std::optional<LayerStack>> contours_of(const PlannedJob& job, const Predi
   return tl::unexpected{stack.error()};
 }
 
+void print_band(const PredictionBand& band) {
+  write_output(fmt::format(
+      "the calibration knows the dose to {:.1f} % (95 %): edges may lie {:.3f} px, undersides {:.3f} mm either way\n",
+      100 * band.calibration.dose_share, band.edges_px, band.undersides_mm));
+}
+
 void print_figures(const Prediction& p, const CureModel& model, bool compared) {
   write_output(fmt::format("cured {:.1f} mm3, {} surface points{}\n", p.solid.volume_mm3, p.points.size(),
                            p.support_points ? fmt::format(", {} of supports", p.support_points) : ""));
@@ -76,8 +82,8 @@ void print_figures(const Prediction& p, const CureModel& model, bool compared) {
 }
 
 /// The points move into the frame that was asked for.
-Result<void> write_files(Prediction& prediction, const CureModel& model, std::uint32_t elevation_layers,
-                         const PredictVerb& o) {
+Result<void> write_files(Prediction& prediction, const CureModel& model, const std::optional<PredictionBand>& band,
+                         std::uint32_t elevation_layers, const PredictVerb& o) {
   if (o.frame == "part") {
     const auto elevation_mm = static_cast<float>(elevation_layers * model.layer_mm);
     for (SurfacePoint& point : prediction.points) point.z_mm -= elevation_mm;
@@ -86,7 +92,7 @@ Result<void> write_files(Prediction& prediction, const CureModel& model, std::ui
   if (!o.out.empty())
     if (auto ok = write_file_atomically(o.out, to_ply(prediction.points, comment)); !ok) return ok;
   if (o.report)
-    if (auto ok = write_file_atomically(*o.report, to_json(prediction, model)); !ok) return ok;
+    if (auto ok = write_file_atomically(*o.report, to_json(prediction, model, band)); !ok) return ok;
   if (!o.preview) return {};
   const auto png = encode_png(prediction.picture);
   if (!png) return tl::unexpected{png.error()};
@@ -135,11 +141,17 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   auto prediction = predict_print(*model, print, options, progress_line(), stop);
   clear_progress();
   if (!prediction) return tl::unexpected{prediction.error()};
-  if (auto ok = write_files(*prediction, *model, *elevation, o); !ok) return tl::unexpected{ok.error()};
-  if (o.json)
-    write_output(to_json(*prediction, *model));
-  else
+  const double exposure_s = std::chrono::duration<double>(plan.layers.back().exposure).count();
+  std::optional<PredictionBand> band;
+  if (const auto calibration = calibration_band(*machine, machine->projection.irradiance_mw_per_cm2 * exposure_s))
+    band = band_of(*prediction, *calibration);
+  if (auto ok = write_files(*prediction, *model, band, *elevation, o); !ok) return tl::unexpected{ok.error()};
+  if (o.json) {
+    write_output(to_json(*prediction, *model, band));
+  } else {
     print_figures(*prediction, *model, stack->has_value());
+    if (band) print_band(*band);
+  }
   const double leaked = model->leaked_dose(plan.layers.back().exposure);
   if (leaked >= 0.5)
     write_note(fmt::format(

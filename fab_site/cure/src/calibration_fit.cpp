@@ -261,6 +261,8 @@ Result<void> fit_depth(std::span<const MeasuredRow> rows, double irradiance, Cal
   const FittedFigure log_dose = fit->figure(1);
   out.critical_dose_mj_per_cm2 =
       FittedFigure{std::exp(log_dose.value), std::exp(log_dose.least), std::exp(log_dose.most)};
+  const double errors = std::sqrt(fit->covariance(0, 0) * fit->covariance(1, 1));
+  out.calibration_correlation = errors > 0 ? std::clamp(fit->covariance(0, 1) / errors, -1.0, 1.0) : 0;
   out.depth_rms_mm = fit->rms;
   if (auto ok = in_range(test, "penetration (Dp, mm)", out.penetration_mm->value, 0.001, 10); !ok) return ok;
   return in_range(test, "critical dose (Ec, mJ/cm2)", out.critical_dose_mj_per_cm2->value, 0.01, 10000);
@@ -309,8 +311,18 @@ MachineProfile calibrated(MachineProfile machine, const Calibration& c) {
   if (c.leak) projection.leak = c.leak->value;
   if (!c.field.empty()) projection.field = c.field;
   if (c.spread_px) projection.spread_px = c.spread_px->value;
-  if (c.critical_dose_mj_per_cm2) machine.resin.critical_dose_mj_per_cm2 = c.critical_dose_mj_per_cm2->value;
-  if (c.penetration_mm) machine.resin.penetration_mm = c.penetration_mm->value;
+  auto& resin = machine.resin;
+  if (const auto& dose = c.critical_dose_mj_per_cm2) {
+    resin.critical_dose_mj_per_cm2 = dose->value;
+    resin.critical_dose_least_mj_per_cm2 = dose->least;
+    resin.critical_dose_most_mj_per_cm2 = dose->most;
+  }
+  if (const auto& depth = c.penetration_mm) {
+    resin.penetration_mm = depth->value;
+    resin.penetration_least_mm = depth->least;
+    resin.penetration_most_mm = depth->most;
+    resin.calibration_correlation = c.calibration_correlation;
+  }
   return machine;
 }
 
@@ -334,8 +346,13 @@ std::string to_toml_fragment(const Calibration& c) {
     projection += "]\n";
   }
   projection += line("irradiance_mw_per_cm2", c.irradiance_mw_per_cm2);
-  const std::string resin =
+  std::string resin =
       line("critical_dose_mj_per_cm2", c.critical_dose_mj_per_cm2) + line("penetration_mm", c.penetration_mm);
+  if (const auto& dose = c.critical_dose_mj_per_cm2, &depth = c.penetration_mm; dose && depth)
+    resin += fmt::format(
+        "critical_dose_least_mj_per_cm2 = {:#.6g}\ncritical_dose_most_mj_per_cm2 = {:#.6g}\n"
+        "penetration_least_mm = {:#.6g}\npenetration_most_mm = {:#.6g}\ncalibration_correlation = {:#.4g}\n",
+        dose->least, dose->most, depth->least, depth->most, c.calibration_correlation);
   std::string text;
   if (!projection.empty()) text += "[projection]\n" + projection;
   if (!resin.empty()) text += (text.empty() ? "" : "\n") + std::string{"[resin]\n"} + resin;

@@ -32,7 +32,13 @@ ordered_json figures(const EdgeFigures& f) {
 
 }  // namespace
 
-std::string to_json(const Prediction& p, const CureModel& model) {
+PredictionBand band_of(const Prediction& prediction, const CalibrationBand& calibration) {
+  constexpr double kPercent = 100;
+  return {calibration, kPercent * calibration.dose_share * prediction.edges.latitude_px(),
+          (calibration.most_depth_mm - calibration.least_depth_mm) / 2};
+}
+
+std::string to_json(const Prediction& p, const CureModel& model, const std::optional<PredictionBand>& band) {
   ordered_json layers = ordered_json::array();
   for (std::size_t i = 0; i < p.layers.size(); ++i) {
     const EdgeFigures& f = p.layers[i];
@@ -46,6 +52,12 @@ std::string to_json(const Prediction& p, const CureModel& model) {
                       {"missing_px2", rounded(f.missing_px2)},
                       {"farther_than_1px_px2", rounded(f.far_px2)}});
   }
+  ordered_json open;  // null where nobody measured
+  if (band)
+    open = {{"dose_95_share", rounded(band->calibration.dose_share)},
+            {"cure_depth_95_mm", {rounded(band->calibration.least_depth_mm), rounded(band->calibration.most_depth_mm)}},
+            {"edges_95_px", rounded(band->edges_px)},
+            {"undersides_95_mm", rounded(band->undersides_mm)}};
   const ordered_json value{{"model",
                             {{"pixel_pitch_mm", model.pixel_pitch_mm},
                              {"layer_mm", model.layer_mm},
@@ -62,6 +74,7 @@ std::string to_json(const Prediction& p, const CureModel& model) {
                            {"edge_mean_mm", rounded(p.edges.edges.mean_px() * model.pixel_pitch_mm)},
                            {"overall", figures(p.edges)},
                            {"underside_layers", tally(p.undersides)},
+                           {"calibration", open},
                            {"underside_bias_mm", rounded(p.undersides.bias_px() * model.layer_mm)},
                            {"layers", layers}};
   return json_text(value, 1) + "\n";

@@ -224,6 +224,7 @@ PlanSummary summary_of(const LayerStack& stack, const SupportPlan& supports, con
   summary.white_dose_mj_per_cm2 = machine.projection.irradiance_mw_per_cm2 * machine.layers.exposure_s;
   summary.cure_depth_mm =
       machine.resin.penetration_mm * std::log(summary.white_dose_mj_per_cm2 / machine.resin.critical_dose_mj_per_cm2);
+  summary.calibration = calibration_band(machine, summary.white_dose_mj_per_cm2);
   PrintPlan& plan = summary.plan;
   plan.job = options.job;
   plan.machine = machine.name;

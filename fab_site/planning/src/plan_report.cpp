@@ -7,6 +7,10 @@ namespace telefab::fab {
 
 std::string to_json(const PlanSummary& s) {
   using nlohmann::ordered_json;
+  ordered_json calibration;  // null where nobody measured
+  if (s.calibration)
+    calibration = {{"cure_depth_95_mm", {s.calibration->least_depth_mm, s.calibration->most_depth_mm}},
+                   {"dose_95_share", s.calibration->dose_share}};
   const ordered_json value{
       {"job", s.plan.job},
       {"machine", s.plan.machine},
@@ -26,6 +30,7 @@ std::string to_json(const PlanSummary& s) {
       {"print_s", s.print_s},
       {"white_dose_mj_per_cm2", s.white_dose_mj_per_cm2},
       {"cure_depth_mm", s.cure_depth_mm},
+      {"calibration", calibration},
       {"masks",
        {{"method", name_of(s.masks)},
         {"pattern", name_of(s.pattern.kind)},

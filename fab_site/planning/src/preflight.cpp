@@ -87,9 +87,15 @@ PreflightItem dose_of(const LayerStack& stack, const PlanSummary& summary) {
   PreflightItem item{"dose", Verdict::Passed, {}, summary.cure_depth_mm, "mm", {}, {}};
   item.text = fmt::format("{:.1f} mJ/cm2 cure {:.3f} mm deep, layers are {} mm", summary.white_dose_mj_per_cm2,
                           std::max(0.0, summary.cure_depth_mm), layer_mm);
+  if (const auto& band = summary.calibration)
+    item.text += fmt::format(" ({:.3f} to {:.3f} by the calibration, 95 %)", band->least_depth_mm, band->most_depth_mm);
   if (summary.cure_depth_mm < layer_mm) {
     item.verdict = Verdict::Held;
     item.text += ": they would not stick together. Expose longer, or calibrate resin and irradiance";
+  } else if (summary.calibration && summary.calibration->least_depth_mm < layer_mm) {
+    item.verdict = Verdict::Held;
+    item.text +=
+        ": at the lower end they would not stick together. Expose longer, or measure more depths and fit again";
   } else if (summary.cure_depth_mm < kSafeLayers * layer_mm) {
     item.verdict = Verdict::Warning;
     item.text += fmt::format(": less than {} layers leave no room for error", kSafeLayers);
@@ -132,8 +138,12 @@ PreflightItem features_of(const LayerStack& stack, const ThinReport& thin) {
   return item;
 }
 
-/// Walls and gaps that a small error of the dose loses.
-PreflightItem latitude_of(const ThinReport& thin) {
+std::string borne(double percent) {
+  return percent < 0 ? std::string{"is lost as planned"} : fmt::format("bears {:.1f} %", percent);
+}
+
+/// Walls and gaps that a small error of the dose loses, or one as large as the calibration leaves possible.
+PreflightItem latitude_of(const ThinReport& thin, const std::optional<CalibrationBand>& calibration) {
   constexpr double kPercent = 100;
   PreflightItem item{"latitude", Verdict::Passed, {}, {}, "%", {}, {}};
   if (!thin.dose_known) {
@@ -152,16 +162,25 @@ PreflightItem latitude_of(const ThinReport& thin) {
   item.layer = weakest->layer;
   item.place = weakest->place.middle;
   const std::string which = place_of(*weakest, kind);
+  // What is lost in any case is said below; this is what the calibration leaves open.
+  if (calibration && *weakest->latitude >= 0 && *weakest->latitude < calibration->dose_share) {
+    item.verdict = Verdict::Held;
+    item.text = fmt::format(
+        "the calibration knows the dose to {:.1f} % (95 %), and less loses thin features; the weakest: {}, {}. Measure "
+        "more depths and fit again, or scale the part up",
+        kPercent * calibration->dose_share, which, borne(*item.value));
+    return item;
+  }
   if (*weakest->latitude >= kDoseTolerance) {
     item.text = fmt::format("the dose may be wrong by {:.0f} % before thin features are lost; the first: {}",
                             *item.value, which);
     return item;
   }
   item.verdict = Verdict::Warning;
-  item.text = fmt::format(
-      "{:.0f} % less dose loses walls in {} layers, {:.0f} % more closes gaps in {}; the weakest: {}, {}",
-      kPercent * kDoseTolerance, thin.walls.weak_layers, kPercent * kDoseTolerance, thin.gaps.weak_layers, which,
-      *item.value < 0 ? std::string{"is lost as planned"} : fmt::format("bears {:.1f} %", *item.value));
+  item.text =
+      fmt::format("{:.0f} % less dose loses walls in {} layers, {:.0f} % more closes gaps in {}; the weakest: {}, {}",
+                  kPercent * kDoseTolerance, thin.walls.weak_layers, kPercent * kDoseTolerance, thin.gaps.weak_layers,
+                  which, borne(*item.value));
   return item;
 }
 
@@ -231,7 +250,7 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
   items.push_back(dose_of(stack, summary));
   items.push_back(masks_of(summary));
   items.push_back(features_of(stack, summary.thin));
-  items.push_back(latitude_of(summary.thin));
+  items.push_back(latitude_of(summary.thin, summary.calibration));
   using Kind = Finding::Kind;
   items.push_back(
       findings_of("islands", Verdict::Held, {Kind::Island, Kind::OutOfReach}, summary.check, "nothing floats"));

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <random>
 #include <telefab/fab/cure/calibration.hpp>
+#include <telefab/fab/cure/calibration_band.hpp>
 #include <telefab/fab/cure/dose_field.hpp>
 
 #include "lit_plates.hpp"
@@ -75,6 +76,34 @@ TEST(Calibration, FindsTheMachineWithinItsIntervals) {
   for (const int count : held) EXPECT_GE(count, 88);
 }
 
+TEST(Calibration, BandHoldsWhatDosesCureInNineteenOfTwentyCalibrations) {
+  const TrueMachine truth;
+  constexpr double layer_mm = 0.1, dose = 60;
+  const double true_depth = truth.dp * std::log(dose / truth.ec);
+  const double true_through = truth.ec * std::exp(layer_mm / truth.dp);
+  int depths = 0, shares = 0;
+  double apart = 0;
+  constexpr int seeds = 400;
+  for (std::uint64_t seed = 0; seed < seeds; ++seed) {
+    const auto c = fit_calibration(truth.readings(seed), truth.white);
+    ASSERT_TRUE(c) << c.error().what;
+    MachineProfile machine = calibrated(plate_machine(), *c);
+    machine.layers.thickness_mm = layer_mm;
+    const auto band = calibration_band(machine, dose);
+    ASSERT_TRUE(band);
+    depths += band->least_depth_mm <= true_depth && true_depth <= band->most_depth_mm;
+    const auto& resin = machine.resin;
+    const double through = resin.critical_dose_mj_per_cm2 * std::exp(layer_mm / resin.penetration_mm);
+    shares += std::abs(std::log(through / true_through)) <= std::log1p(band->dose_share);
+    apart = std::max(apart, (band->most_depth_mm - band->least_depth_mm) / 2 / true_depth);
+  }
+  // 380 with a standard deviation of 4.4; the wedge's own error of the irradiance is not in it.
+  EXPECT_GE(depths, 360);
+  EXPECT_GE(shares, 360);
+  EXPECT_LT(apart, 0.2) << "the errors of both figures go together: by themselves they would say far less";
+  EXPECT_FALSE(calibration_band(plate_machine(), dose)) << "nobody measured";
+}
+
 TEST(Calibration, IntervalsAreNarrowWhereReadingsAreAndWideWhereNot) {
   TrueMachine sharp, rough;
   sharp.depth_noise_mm = 0.001;
@@ -127,6 +156,18 @@ TEST(Calibration, FittedSectionsAreReadBackAsAProfile) {
   EXPECT_THAT(text, HasSubstr("[projection]"));
   EXPECT_THAT(text, HasSubstr("penetration_mm = 0.1"));
   EXPECT_THAT(text, HasSubstr("# 95 %:"));
+  // Pasted into a profile as it is.
+  const std::string resin = text.substr(text.find("[resin]"));
+  const std::string profile =
+      "name = \"a\"\n[platform]\nwidth_mm = 10.0\ndepth_mm = 10.0\nz_travel_mm = 10.0\n"
+      "[projection]\npixel_pitch_mm = 0.1\nirradiance_mw_per_cm2 = 8.0\n"
+      "[layers]\nthickness_mm = 0.1\nexposure_s = 5.0\nbottom_exposure_s = 5.0\n" +
+      resin;
+  const auto read = machine_profile_from_toml(profile, "text");
+  ASSERT_TRUE(read) << read.error().what;
+  EXPECT_TRUE(read->states_calibration_band());
+  EXPECT_NEAR(read->resin.penetration_least_mm, c->penetration_mm->least, 1e-6);
+  EXPECT_NEAR(read->resin.calibration_correlation, c->calibration_correlation, 1e-4);
 }
 
 TEST(Calibration, LineContrastIsThatOfTheDoseModel) {

@@ -119,13 +119,13 @@ TEST_F(PredictedTable, IsTheSameOnAnyNumberOfThreads) {
   options.threads = 2;
   const Prediction two = predicted(options);
   EXPECT_EQ(one.points, two.points);
-  EXPECT_EQ(to_json(one, model), to_json(two, model));
+  EXPECT_EQ(to_json(one, model, {}), to_json(two, model, {}));
   EXPECT_EQ(one.picture, two.picture);
 }
 
 TEST_F(PredictedTable, ReportsInJsonWhatItFound) {
   const Prediction p = predicted();
-  const auto report = nlohmann::json::parse(to_json(p, model));
+  const auto report = nlohmann::json::parse(to_json(p, model, {}));
   EXPECT_EQ(report["layers"].size(), 20U);
   EXPECT_NEAR(report["underside_layers"]["bias"], p.undersides.bias_px(), 1e-5);
   EXPECT_EQ(report["digest"], to_hex(p.solid.digest));

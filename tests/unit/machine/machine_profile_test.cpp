@@ -139,6 +139,29 @@ TEST(MachineProfile, RefusesCurvesThatFallAndFieldsThatAreNoGrid) {
   }
 }
 
+TEST(MachineProfile, KnowsItsResinAsWellAsItsCalibrationSaysAndRefusesHalfAnInterval) {
+  MachineProfile machine = shipped().front();
+  EXPECT_FALSE(machine.states_calibration_band());
+  machine.resin.critical_dose_mj_per_cm2 = 10;
+  machine.resin.critical_dose_least_mj_per_cm2 = 9;
+  machine.resin.critical_dose_most_mj_per_cm2 = 11.5;
+  EXPECT_FALSE(machine.states_calibration_band()) << "of Dp nothing is known";
+  machine.resin.penetration_mm = 0.1;
+  machine.resin.penetration_least_mm = 0.09;
+  machine.resin.penetration_most_mm = 0.11;
+  machine.resin.calibration_correlation = -0.9;
+  EXPECT_TRUE(machine.states_calibration_band());
+  EXPECT_EQ(machine_profile_from_toml(to_toml(machine), "text").value(), machine);
+  for (const auto& [least, most] : {std::pair{0.0, 0.11}, {0.09, 0.0}, {0.101, 0.11}, {0.08, 0.099}}) {
+    machine.resin.penetration_least_mm = least;
+    machine.resin.penetration_most_mm = most;
+    const auto read = machine_profile_from_toml(to_toml(machine), "x.toml");
+    ASSERT_FALSE(read) << least << " to " << most;
+    EXPECT_THAT(read.error().what, HasSubstr("resin.penetration_mm must lie in its own interval"));
+    EXPECT_THAT(read.error().what, HasSubstr("line "));
+  }
+}
+
 TEST(MachineProfile, NamesTheLineOfAnUnknownKey) {
   const auto profile = machine_profile_from_toml("name = \"x\"\n[layers]\nthickness_um = 3\n", "x.toml");
   ASSERT_FALSE(profile);

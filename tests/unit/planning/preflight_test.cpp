@@ -49,6 +49,28 @@ TEST_F(PreflightTest, HoldsAJobForAnIslandAndNamesItsPlace) {
   EXPECT_THAT(preflight_of(stack, machine, summary).why_held(), HasSubstr("islands: 1 found"));
 }
 
+TEST_F(PreflightTest, HoldsWhatTheCalibrationLeavesOpenAndShowsItsBand) {
+  const double layer_mm = stack.header().layer_thickness_mm;
+  EXPECT_THAT(item("dose").text, testing::Not(HasSubstr("95 %"))) << "nobody measured";
+  summary.cure_depth_mm = 2 * layer_mm;
+  summary.calibration = CalibrationBand{1.5 * layer_mm, 2.5 * layer_mm, 0.03};
+  EXPECT_EQ(item("dose").verdict, Verdict::Passed);
+  EXPECT_THAT(item("dose").text, HasSubstr("by the calibration, 95 %"));
+  summary.calibration->least_depth_mm = 0.9 * layer_mm;
+  EXPECT_EQ(item("dose").verdict, Verdict::Held);
+  EXPECT_THAT(item("dose").text, HasSubstr("at the lower end they would not stick together"));
+
+  summary.thin.dose_known = true;
+  summary.thin.walls.weakest = ThinFeature{{NarrowPlace::Kind::Wall, {4, 5}, 0.08, 1}, LayerIndex{7}, 0.021};
+  EXPECT_EQ(item("latitude").verdict, Verdict::Held);
+  EXPECT_THAT(item("latitude").text, HasSubstr("knows the dose to 3.0 % (95 %)"));
+  summary.calibration->dose_share = 0.02;
+  EXPECT_EQ(item("latitude").verdict, Verdict::Warning) << "inside what is known";
+  summary.calibration->dose_share = 0.03;
+  summary.thin.walls.weakest->latitude = -0.01;
+  EXPECT_EQ(item("latitude").verdict, Verdict::Warning) << "lost whatever the calibration";
+}
+
 TEST_F(PreflightTest, WarnsOfAHollowWithoutHoldingTheJob) {
   summary.check.findings.push_back({Finding::Kind::SuctionCup, LayerIndex{1}, LayerIndex{2}, {0, 0}, 3});
   EXPECT_EQ(item("hollows").verdict, Verdict::Warning);

@@ -62,8 +62,12 @@ struct MachineProfile {
     std::string name = "assumed";
     double critical_dose_mj_per_cm2 = 10;  ///< Ec
     double penetration_mm = 0.1;           ///< Dp
-    double vat_ml = 0;                     ///< resin that the vat holds; 0: not stated
-    double green_strength_mpa = 0;         ///< of printed resin before it is washed and cured; 0: not stated
+    /// Intervals that hold Ec and Dp with 95 % confidence, as a calibration found them; 0: nobody measured.
+    double critical_dose_least_mj_per_cm2 = 0, critical_dose_most_mj_per_cm2 = 0;
+    double penetration_least_mm = 0, penetration_most_mm = 0;
+    double calibration_correlation = 0;  ///< [-1, 1]; of the errors of Dp and ln Ec: one fit found both
+    double vat_ml = 0;                   ///< resin that the vat holds; 0: not stated
+    double green_strength_mpa = 0;       ///< of printed resin before it is washed and cured; 0: not stated
     friend bool operator==(const Resin&, const Resin&) = default;
   } resin;
 
@@ -122,6 +126,8 @@ struct MachineProfile {
   /// Stress over pull that this resin bears on this machine: strength of a fresh tip / (safety * pull). What a plan may
   /// ask for at most. A strength that is not stated is assumed: 10 MPa.
   [[nodiscard]] double carried_demand() const;
+  /// Whether a calibration says how well Ec and Dp are known.
+  [[nodiscard]] bool states_calibration_band() const;
   /// Whether pull and strength are stated, so that a print may be held against them.
   [[nodiscard]] bool states_what_carries() const;
   /// floor(platform / pitch), at least one pixel either way.

@@ -64,6 +64,7 @@ struct Calibration {
   std::optional<FittedFigure> spread_px;
   std::optional<FittedFigure> critical_dose_mj_per_cm2;
   std::optional<FittedFigure> penetration_mm;
+  double calibration_correlation = 0;  ///< of the errors of Dp and ln Ec
   double depth_rms_mm = 0;
 };
 
@@ -74,7 +75,7 @@ struct Calibration {
 /// profile's ranges, missing cells of the field, mixed units.
 [[nodiscard]] Result<Calibration> fit_calibration(std::span<const MeasuredRow> rows, double irradiance_mw_per_cm2);
 
-/// Sections [projection] and [resin] with what was fitted, intervals as comments.
+/// Sections [projection] and [resin] with what was fitted; intervals as comments, those of the resin also as keys.
 [[nodiscard]] std::string to_toml_fragment(const Calibration& calibration);
 /// The profile with what was fitted put in its place.
 [[nodiscard]] MachineProfile calibrated(MachineProfile machine, const Calibration& calibration);

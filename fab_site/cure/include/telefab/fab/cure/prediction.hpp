@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <string>
+#include <telefab/fab/cure/calibration_band.hpp>
 #include <telefab/fab/cure/edge_error.hpp>
 #include <telefab/fab/cure/surface_points.hpp>
 #include <telefab/geometry/layer.hpp>
@@ -44,7 +45,16 @@ struct Prediction {
                                                const PredictOptions& options, const ProgressSink& progress,
                                                std::stop_token stop);
 
-/// report.json of a prediction: lengths in pixels and millimetres, overall and by layer.
-[[nodiscard]] std::string to_json(const Prediction& prediction, const CureModel& model);
+/// How far the part may be from the prediction, with 95 % confidence, by what the calibration leaves open.
+struct PredictionBand {
+  CalibrationBand calibration;
+  double edges_px = 0;       ///< edges at mid-layer, either way
+  double undersides_mm = 0;  ///< either way
+};
+[[nodiscard]] PredictionBand band_of(const Prediction& prediction, const CalibrationBand& calibration);
+
+/// report.json of a prediction: lengths in pixels and millimetres, overall and by layer; the band where there is one.
+[[nodiscard]] std::string to_json(const Prediction& prediction, const CureModel& model,
+                                  const std::optional<PredictionBand>& band);
 
 }  // namespace telefab::fab

@@ -6,6 +6,7 @@
 #include <telefab/base/clock.hpp>
 #include <telefab/base/progress.hpp>
 #include <telefab/fab/carry/carry_watch.hpp>
+#include <telefab/fab/cure/calibration_band.hpp>
 #include <telefab/fab/cure/feature_watch.hpp>
 #include <telefab/fab/mask/blend.hpp>
 #include <telefab/fab/mask/inner_pattern.hpp>
@@ -77,13 +78,14 @@ struct PlanSummary {
   MaskMethod masks = MaskMethod::Cover;
   int mask_iterations = 0;
   InnerPattern pattern;
-  BlendFigures mask_figures;         ///< how well solved masks meet their contours
-  double white_dose_mj_per_cm2 = 0;  ///< of a normal exposure
-  double cure_depth_mm = 0;          ///< of it; negative where it cures nothing
-  double registration_rms_mm = 0;    ///< as the options said it
-  std::size_t specks = 0;            ///< specks smaller than a pin's tip that would have floated and got no light
-  std::uint32_t repairs = 0;         ///< times the print was planned again because material floated in the masks
-  double support_seconds = 0;        ///< of all times together, like the next two
+  BlendFigures mask_figures;                   ///< how well solved masks meet their contours
+  double white_dose_mj_per_cm2 = 0;            ///< of a normal exposure
+  double cure_depth_mm = 0;                    ///< of it; negative where it cures nothing
+  std::optional<CalibrationBand> calibration;  ///< of it; none where the profile states no intervals
+  double registration_rms_mm = 0;              ///< as the options said it
+  std::size_t specks = 0;      ///< specks smaller than a pin's tip that would have floated and got no light
+  std::uint32_t repairs = 0;   ///< times the print was planned again because material floated in the masks
+  double support_seconds = 0;  ///< of all times together, like the next two
   double mask_seconds = 0;
   double carry_seconds = 0;  ///< judging whether it carries
 };
