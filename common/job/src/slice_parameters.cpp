@@ -17,7 +17,7 @@ using P = SliceParameters;
 using Range = SliceParameter::Range;
 
 constexpr std::array<std::string_view, 4> kUnits{"mm", "cm", "m", "in"};
-constexpr std::array<std::string_view, 6> kAxes{"x", "-x", "y", "-y", "z", "-z"};
+constexpr std::array<std::string_view, 3> kMirrors{"x", "y", "z"};
 constexpr std::array<std::string_view, 2> kBases{"scanned", "flat"};
 constexpr std::array<std::string_view, 3> kMethods{"auto", "reeb", "grid"};
 constexpr std::array<std::string_view, 4> kSurfaces{"unbiased", "paper", "paper-literal", "imls"};
@@ -50,8 +50,36 @@ const std::array kTable{
                    .help = "unit of the file; default: what the file states, or mm",
                    .choices = kUnits,
                    .not_with = {"scale"}},
-    SliceParameter{
-        .key = "up", .field = &P::up, .help = "axis of the scan that points up", .choices = kAxes, .fallback = "z"},
+    SliceParameter{.key = "up",
+                   .field = &P::up,
+                   .help = "what of the scan points up: one of its axes, or a direction X,Y,Z",
+                   .fallback = "z",
+                   .form = "x | -x | y | -y | z | -z | X,Y,Z",
+                   .example = "0,-1,1"},
+    SliceParameter{.key = "rotate",
+                   .field = &P::rotate,
+                   .help = "turn the scan: X,Y,Z in degrees about its fixed axes, first x, then y, then z; or the nine "
+                           "numbers of a rotation matrix, row by row",
+                   .form = "X,Y,Z | nine numbers",
+                   .example = "90,0,-45",
+                   .not_with = {"up"}},
+    SliceParameter{.key = "mirror",
+                   .field = &P::mirror,
+                   .help = "make the mirror image: this axis of the scan changes its sign, before it is turned",
+                   .choices = kMirrors},
+    SliceParameter{.key = "scale_axes",
+                   .field = &P::scale_axes,
+                   .help = "against shrinkage: larger by these factors along x, y and z of the platform, 0.8 to 1.25; "
+                           "a height or size asked for is the one before",
+                   .fallback = "1,1,1",
+                   .form = "X,Y,Z",
+                   .example = "1.02,1.02,1.015"},
+    SliceParameter{.key = "position",
+                   .field = &P::position,
+                   .help = "where on the platform the middle of the part stands, X,Y in mm from its front left corner; "
+                           "default: in the middle",
+                   .form = "X,Y",
+                   .example = "40,30"},
     SliceParameter{.key = "crop",
                    .field = &P::crop,
                    .help = "take what lies in this box, in the unit and frame of the file: x0,y0,z0,x1,y1,z1",

@@ -112,7 +112,7 @@ class Picker {
  private:
   Result<void> crop(const Box3& box) {
     std::vector<bool> inside(cloud_.size());
-    for (std::size_t i = 0; i < cloud_.size(); ++i) inside[i] = is_within(box, i);
+    for (std::size_t i = 0; i < cloud_.size(); ++i) inside[i] = box.contains(place(i));
     const Box3 all = box_of(cloud_);
     cloud_ = only(std::move(cloud_), inside);
     report_.cropped = report_.points_in - cloud_.size();
@@ -124,10 +124,7 @@ class Picker {
                             all.min.y(), all.min.z(), all.max.x(), all.max.y(), all.max.z()));
   }
 
-  [[nodiscard]] bool is_within(const Box3& box, std::size_t i) const {
-    const Vec3 p = cloud_.origin + cloud_.points[i].cast<double>();
-    return box.contains(p);
-  }
+  [[nodiscard]] Vec3 place(std::size_t i) const { return cloud_.origin + cloud_.points[i].cast<double>(); }
 
   Result<void> build_graph() {
     auto graph = build_surface_graph(cloud_.points, kNeighbours, stop_);
@@ -171,7 +168,7 @@ class Picker {
       return fail(ErrorCode::InvalidInput, "no piece of the scan has enough points to be one; give --pieces all");
     for (std::size_t i = 0; i < cloud_.size(); ++i) {
       const bool wanted = chosen[map.of[i]] && !on_ground[i];
-      keep_[i] = wanted && (!options_.surface_box || is_within(*options_.surface_box, i));
+      keep_[i] = wanted && (!options_.surface_box || options_.surface_box->contains(place(i)));
       if (keep_[i]) continue;
       const bool stray = wanted || (!on_ground[i] && map.size[map.of[i]] < least);
       ++(stray ? report_.strays : report_.in_other_pieces);
@@ -229,6 +226,8 @@ std::optional<std::string> size_setter(const PickReport& report) {
 }
 
 }  // namespace
+
+bool FramedBox::contains(const Vec3& place) const { return box.contains(to_frame * place.homogeneous()); }
 
 Result<Box3> crop_box_from(std::string_view text) {
   std::array<double, 6> numbers{};

@@ -22,9 +22,9 @@ constexpr std::uint64_t kMaxScanBytes = 64ULL << 30U;
 constexpr std::size_t kMostListed = 8;
 
 /// What decides where the scan stands and what its surface is; nothing is cut here.
-constexpr std::array<std::string_view, 11> kPlacing{"height_mm", "scale",     "fit",          "units",
-                                                    "up",        "crop",      "pieces",       "sample_faces",
-                                                    "surface",   "kernel_mm", "keep_outliers"};
+constexpr std::array<std::string_view, 15> kPlacing{
+    "height_mm", "scale", "fit",    "units",        "up",      "rotate",    "mirror",       "scale_axes",
+    "position",  "crop",  "pieces", "sample_faces", "surface", "kernel_mm", "keep_outliers"};
 
 struct Options {
   std::string cloud;
@@ -39,6 +39,8 @@ void print_table(const Inspection& inspection, double noise_mm) {
   const KernelChoice& k = inspection.kernel;
   write_output(fmt::format("{}: {} points, {:.2f} x {:.2f} x {:.2f} mm\n", inspection.scan_name, inspection.points,
                            inspection.size_mm.x(), inspection.size_mm.y(), inspection.size_mm.z()));
+  if (const std::string placed = sentence_of(inspection.placement); !placed.empty())
+    write_output(fmt::format("{}\n", placed));
   write_output(fmt::format("kernel {:.3f} mm{}, spacing {:.3f} mm, noise {:.3f} mm, {} samples dropped, surface {}\n",
                            k.kernel_mm, k.adaptive ? " (median, by local spacing)" : "", k.spacing_mm, k.noise_mm,
                            k.dropped_samples, inspection.surface));
@@ -86,6 +88,8 @@ void print_table(const Inspection& inspection, double noise_mm) {
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (o.asked.fit && o.machine.name.empty())
     return fail(ErrorCode::InvalidInput, "--fit needs a --machine to fit into");
+  if (o.asked.position && o.machine.name.empty())
+    return fail(ErrorCode::InvalidInput, "--position needs the platform of a --machine");
   std::optional<MachineProfile> machine;
   if (!o.machine.name.empty()) {
     auto chosen = chosen_machine(o.machine);

@@ -74,10 +74,12 @@ class ContourPoints {
   void add(const StackHeader& header, const Layer& layer) {
     const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> to_build{header.scan_to_build.data()};
     const Eigen::Affine3d to_scan{Eigen::Affine3d{Eigen::Matrix4d{to_build}}.inverse()};
+    // Square to the surface in both frames, and outward where one is mirrored.
+    const Eigen::Matrix3d normals = to_build.topLeftCorner<3, 3>().transpose();
     const auto put = [&](double x, double y, double dx, double dy) {
       cloud_.points.push_back((to_scan * Vec3{x, y, layer.z_mm}).cast<float>());
       // Solid on the left: outward is to the right.
-      cloud_.normals.push_back((to_scan.linear() * Vec3{dy, -dx, 0}).normalized().cast<float>());
+      cloud_.normals.push_back((normals * Vec3{dy, -dx, 0}).normalized().cast<float>());
     };
     for (const Contour& ring : layer.contours)
       for (std::size_t i = 0; i < ring.vertices().size(); ++i) {
@@ -204,6 +206,8 @@ void print_summary(const SliceReport& report) {
   }
   write_output(fmt::format("{}: {} points, {:.2f} x {:.2f} x {:.2f} mm on {}\n", report.header.scan_name, report.points,
                            report.size_mm[0], report.size_mm[1], report.size_mm[2], report.header.machine));
+  if (const std::string placed = sentence_of(report.placement); !placed.empty())
+    write_output(fmt::format("{}\n", placed));
   write_output(fmt::format("kernel {:.3f} mm{} at a spacing of {:.3f} mm, surface {}\n", report.kernel.kernel_mm,
                            report.kernel.adaptive ? " (median, by local spacing)" : "", report.kernel.spacing_mm,
                            report.surface));

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <telefab/base/file.hpp>
 #include <telefab/scan/formats/registration_note.hpp>
@@ -19,9 +20,12 @@ static_assert(static_cast<std::uint32_t>(Coding::ExactInWords) == kFirstCoding &
                   static_cast<std::uint32_t>(Coding::Curve) == kLastCoding,
               "the codings that offers may name are those of the codec");
 
-/// Millimetres as printed per unit of the scan.
+/// Millimetres as printed per unit of the scan, along that of its axes that is scaled most.
 double scale_of(const Transform4& scan_to_build) {
-  return std::hypot(scan_to_build[0], scan_to_build[4], scan_to_build[8]);
+  double most = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    most = std::max(most, std::hypot(scan_to_build[axis], scan_to_build[4 + axis], scan_to_build[8 + axis]));
+  return most;
 }
 
 /// Codes layers into a spool; chunks that are in it already are not written again, so that the coder goes on as if it

@@ -50,6 +50,7 @@ Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_vie
                     .kernel = field.kernel(),
                     .surface = std::string{name_of(request.mls.surface)},
                     .size_mm = surface->placed.size_mm,
+                    .placement = surface->placed.options,
                     .pick = prepared.pick,
                     .warnings = std::move(warnings),
                     .normals_json = to_json(prepared.normals),
@@ -67,6 +68,7 @@ std::string to_json(const Inspection& inspection) {
   json["scan"] = inspection.scan_name;
   json["points"] = inspection.points;
   json["size_mm"] = place(inspection.size_mm);
+  json["placing"] = json_or_discarded(to_json(inspection.placement));
   json["surface"] = inspection.surface;
   const KernelChoice& k = inspection.kernel;
   json["kernel"] = {{"kernel_mm", k.kernel_mm}, {"adaptive", k.adaptive},     {"spacing_mm", k.spacing_mm},

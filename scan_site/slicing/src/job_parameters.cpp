@@ -29,7 +29,11 @@ Result<Coding> coding_from(std::string_view name) {
 
 Result<void> take_words(const SliceParameters& asked, SliceRequest& slice) {
   if (auto ok = take(asked.units, millimetres_per, slice.placement.unit_mm); !ok) return ok;
-  if (auto ok = take(asked.up, up_axis_from, slice.placement.up); !ok) return ok;
+  if (auto ok = take(asked.up, turn_from_up, slice.placement.turn); !ok) return ok;
+  if (auto ok = take(asked.rotate, turn_from_rotate, slice.placement.turn); !ok) return ok;
+  if (auto ok = take(asked.mirror, mirror_axis_from, slice.placement.mirror); !ok) return ok;
+  if (auto ok = take(asked.scale_axes, axis_scale_from, slice.placement.axis_scale); !ok) return ok;
+  if (auto ok = take(asked.position, position_from, slice.placement.position_mm); !ok) return ok;
   if (auto ok = take(asked.method, trace_method_from, slice.method); !ok) return ok;
   if (auto ok = take(asked.surface, surface_kind_from, slice.mls.surface); !ok) return ok;
   if (auto ok = take(asked.crop, crop_box_from, slice.intake.pick.crop); !ok) return ok;

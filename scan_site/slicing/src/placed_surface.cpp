@@ -26,13 +26,11 @@ Box3 box_of_samples(const MlsField& field) {
   return box;
 }
 
-/// The box in the frame of the file, a little grown; turns between the frames are by right angles.
-Box3 to_file(const Box3& box, const Transform4& scan_to_build, double margin_mm) {
-  const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> to_build{scan_to_build.data()};
-  const Eigen::Affine3d to_scan{Eigen::Affine3d{Eigen::Matrix4d{to_build}}.inverse()};
+/// A box of the build frame for places of the file, a little grown.
+FramedBox for_file(const Box3& box, const Transform4& scan_to_build, double margin_mm) {
   const Vec3 margin = Vec3::Constant(margin_mm);
-  const Vec3 a = to_scan * Vec3{box.min - margin}, b = to_scan * Vec3{box.max + margin};
-  return {a.cwiseMin(b), a.cwiseMax(b)};
+  const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> to_build{scan_to_build.data()};
+  return {to_build.topRows<3>(), {box.min - margin, box.max + margin}};
 }
 
 std::vector<DoubledPlace> doubled_places(const PointCloud& cloud) {
@@ -45,7 +43,8 @@ std::vector<DoubledPlace> doubled_places(const PointCloud& cloud) {
   return places;
 }
 
-Vec3 middle_of(const MachineProfile::Platform& platform) { return {platform.width_mm / 2, platform.depth_mm / 2, 0}; }
+/// Where on the platform the part's middle is.
+Vec3 foot_of(const Placement& placed) { return {placed.middle_mm.x(), placed.middle_mm.y(), 0}; }
 
 Result<PlacedSurface> attempt(std::span<const std::byte> scan, std::string_view name, const IntakeOptions& intake,
                               const SliceRequest& request, const ProgressSink& progress, StageClock& clock,
@@ -60,7 +59,7 @@ Result<PlacedSurface> attempt(std::span<const std::byte> scan, std::string_view 
   clock.lap("placement");
   report(progress, WorkStage::FittingSurface, 0);
   PointCloud cloud = std::move(made.placed.cloud);
-  if (intake.about_origin) cloud.origin -= middle_of(request.machine.platform);
+  if (intake.about_origin) cloud.origin -= foot_of(made.placed);
   made.doubled = doubled_places(cloud);
   made.placed.cloud = {};
   made.placed.cloud.origin = cloud.origin;
@@ -80,7 +79,7 @@ Result<PlacedSurface> surface_of(std::span<const std::byte> scan, std::string_vi
   if (!made || made->field->kernel().dropped_samples == 0 || !request.mls.drop_outliers || request.thickness_mm)
     return made;
   const Vec3& size = made->placed.size_mm;
-  const Vec3 middle = middle_of(request.machine.platform);
+  const Vec3 middle = foot_of(made->placed);
   Box3 samples = box_of_samples(*made->field);
   if (intake.about_origin) samples = {samples.min + middle, samples.max + middle};
   const Vec3 low = middle - Vec3{size.x() / 2, size.y() / 2, 0};
@@ -90,7 +89,7 @@ Result<PlacedSurface> surface_of(std::span<const std::byte> scan, std::string_vi
   if (moved_mm <= kMovedSpacings * spacing_mm) return made;
 
   IntakeOptions without = intake;
-  without.pick.surface_box = to_file(samples, made->placed.scan_to_build, 1e-3 * spacing_mm);
+  without.pick.surface_box = for_file(samples, made->placed.scan_to_build, 1e-3 * spacing_mm);
   auto again = attempt(scan, name, without, request, progress, clock, stop);
   if (!again) return again;
   const std::size_t beyond = again->prepared.pick.strays - made->prepared.pick.strays;

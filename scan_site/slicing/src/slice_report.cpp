@@ -53,6 +53,7 @@ std::string to_json(const SliceReport& report) {
       {"machine", h.machine},
       {"points", report.points},
       {"size_mm", report.size_mm},
+      {"placing", parsed(to_json(report.placement))},
       {"scan_to_build", rows},
       {"layer_mm", h.layer_thickness_mm},
       {"layers", h.layer_count},

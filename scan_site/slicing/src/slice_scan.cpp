@@ -28,9 +28,6 @@ namespace {
 
 constexpr std::array kMethods{std::pair{TraceMethod::Auto, "auto"}, std::pair{TraceMethod::Reeb, "reeb"},
                               std::pair{TraceMethod::Grid, "grid"}};
-constexpr std::array kUpAxes{std::pair{UpAxis::PlusX, "x"}, std::pair{UpAxis::MinusX, "-x"},
-                             std::pair{UpAxis::PlusY, "y"}, std::pair{UpAxis::MinusY, "-y"},
-                             std::pair{UpAxis::PlusZ, "z"}, std::pair{UpAxis::MinusZ, "-z"}};
 /// Layers of one task: neighbours share what a cursor has gathered.
 constexpr std::uint32_t kBlock = 8;
 /// Samples this near to a plane (in widths of their kernels) must lie beside its contours.
@@ -293,6 +290,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   result.pick = std::move(prepared.pick);
   result.normals_json = to_json(prepared.normals);
   result.warnings = prepared.warnings;
+  result.placement = placed->options;
   result.size_mm = {placed->size_mm.x(), placed->size_mm.y(), placed->size_mm.z()};
   if (placed->scale_warning) {
     if (!placed->unit_is_stated)
@@ -438,25 +436,6 @@ Result<void> complete_gaps_as(std::string_view text, SliceRequest& request) {
   if (error != std::errc{} || end != text.data() + text.size())
     return fail(ErrorCode::InvalidInput, fmt::format("\"{}\" is not auto, off or a number of millimetres", text));
   request.most_gap_mm = value;
-  return {};
-}
-
-Result<UpAxis> up_axis_from(std::string_view name) {
-  for (const auto& [axis, text] : kUpAxes)
-    if (name == text) return axis;
-  return fail(ErrorCode::InvalidInput, fmt::format("no axis named \"{}\"; there are x, -x, y, -y, z, -z", name));
-}
-
-Result<void> PlacementOptions::validate() const {
-  if ((height_mm ? 1 : 0) + (scale ? 1 : 0) + (fit ? 1 : 0) > 1)
-    return fail(ErrorCode::InvalidInput, "give one of height, scale and fit, not several");
-  if (!positive(height_mm, kMaxCoordinateMm))
-    return fail(ErrorCode::InvalidInput, fmt::format("height {} mm is not in (0, {}]", *height_mm, kMaxCoordinateMm));
-  if (!positive(scale, 1e9)) return fail(ErrorCode::InvalidInput, fmt::format("scale {} is not in (0, 1e9]", *scale));
-  if (!positive(unit_mm, 1e9))
-    return fail(ErrorCode::InvalidInput, fmt::format("a unit of {} mm is not in (0, 1e9]", *unit_mm));
-  if (scale && unit_mm)
-    return fail(ErrorCode::InvalidInput, "a scale and a unit say the same thing twice; give one of them");
   return {};
 }
 

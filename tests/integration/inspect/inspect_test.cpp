@@ -51,7 +51,8 @@ TEST(Inspection, FillsTheMachineWithTheAxisAskedForUp) {
   MachineProfile machine;
   machine.platform = {28, 28, 100};
   const Inspection as_it_lies = inspected({.machine = machine, .placement = {.fit = true}});
-  const Inspection turned = inspected({.machine = machine, .placement = {.fit = true, .up = scan::UpAxis::PlusX}});
+  const Inspection turned =
+      inspected({.machine = machine, .placement = {.fit = true, .turn = scan::turn_from_up("x").value()}});
   EXPECT_LE(as_it_lies.size_mm.y(), 28);
   EXPECT_LE(turned.size_mm.y(), 28);
   EXPECT_NEAR(turned.size_mm.z() / as_it_lies.size_mm.x(), turned.size_mm.x() / as_it_lies.size_mm.z(), 0.01);

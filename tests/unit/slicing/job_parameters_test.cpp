@@ -27,9 +27,8 @@ std::string fingerprint(const JobParameters& p) {
          number(s.speck_px2) + std::to_string(s.placement.fit) + std::to_string(s.complete) +
          std::to_string(s.flat_base) + std::to_string(s.intake.pick.crop ? s.intake.pick.crop->max.z() : 0) +
          std::to_string(s.intake.pick.pieces) + std::to_string(s.intake.sample_faces) +
-         std::to_string(s.mls.drop_outliers) + std::to_string(static_cast<int>(s.placement.up)) +
-         std::to_string(static_cast<int>(s.method)) + std::to_string(static_cast<int>(s.mls.surface)) +
-         std::to_string(static_cast<int>(p.codec.coding));
+         std::to_string(s.mls.drop_outliers) + to_json(s.placement) + std::to_string(static_cast<int>(s.method)) +
+         std::to_string(static_cast<int>(s.mls.surface)) + std::to_string(static_cast<int>(p.codec.coding));
 }
 
 // A knob that is in the table and reaches nothing could be submitted and would be ignored.
@@ -57,7 +56,7 @@ TEST(SliceParameters, EveryRowChangesWhatIsSliced) {
 TEST(SliceParameters, OfAJobAndOfACommandLineAreReadAlike) {
   SliceParameters all;
   for (const SliceParameter& row : slice_parameter_table())
-    if (row.key != "scale" && row.key != "fit")
+    if (row.key != "scale" && row.key != "fit" && row.key != "up")
       set_unusual(all, row, row.choices.empty() ? row.example : row.choices.front());
   const auto read = slice_parameters_from_json(to_json(all));
   ASSERT_TRUE(read) << read.error().what;
@@ -93,9 +92,16 @@ TEST(SliceParameters, WrongOnesAreRefusedByName) {
   EXPECT_THAT(why(R"({"height_mm":0})"), HasSubstr("height_mm: 0 is not above 0"));
   EXPECT_THAT(why(R"({"layer_mm":1.5})"), HasSubstr("layer_mm"));
   EXPECT_THAT(why(R"({"fit":1})"), HasSubstr("fit: must be true or false"));
-  EXPECT_THAT(why(R"({"up":"w"})"), HasSubstr("x, -x, y, -y, z, -z"));
+  EXPECT_THAT(why(R"({"mirror":"w"})"), HasSubstr("x, y, z"));
+  EXPECT_THAT(why(R"({"up":"x","rotate":"0,0,90"})"), HasSubstr("cannot be stated together with up"));
   EXPECT_THAT(why(R"({"fit":true,"height_mm":3})"), HasSubstr("cannot be stated together with height_mm"));
   EXPECT_THAT(why(R"({"scale":2,"units":"mm"})"), HasSubstr("cannot be stated together with scale"));
+  // The scan site reads these.
+  const auto refusal = [](std::string_view json) { return job_parameters_from(json, machine()).error().what; };
+  EXPECT_THAT(refusal(R"({"up":"w"})"), HasSubstr("x, -x, y, -y, z, -z"));
+  EXPECT_THAT(refusal(R"({"rotate":"1,2"})"), HasSubstr("three angles"));
+  EXPECT_THAT(refusal(R"({"scale_axes":"2,1,1"})"), HasSubstr("0.8 to 1.25"));
+  EXPECT_THAT(refusal(R"({"position":"here"})"), HasSubstr("numbers with commas"));
   EXPECT_THAT(why("[]"), HasSubstr("not a JSON object"));
 }
 

@@ -191,7 +191,7 @@ TEST(SliceScan, MakesAReliefAsThickAsAskedBehindWhatWasScanned) {
 TEST(SliceScan, ScalesASheetSoThatItsHeightCountsItsBack) {
   SliceRequest request = request_for();
   request.thickness_mm = 3;
-  request.placement.up = UpAxis::PlusX;
+  request.placement.turn = turn_from_up("x").value();
   request.placement.height_mm = 5;
   const Outcome lying = slice(text_of(relief()), request);
   ASSERT_TRUE(lying.report) << lying.report.error().what;

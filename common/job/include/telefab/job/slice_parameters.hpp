@@ -19,6 +19,10 @@ struct SliceParameters {
   bool fit = false;
   std::optional<std::string> units;
   std::optional<std::string> up;
+  std::optional<std::string> rotate;
+  std::optional<std::string> mirror;
+  std::optional<std::string> scale_axes;
+  std::optional<std::string> position;
   std::optional<std::string> crop;
   std::optional<std::string> pieces;
   bool sample_faces = false;

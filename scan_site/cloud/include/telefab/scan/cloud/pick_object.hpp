@@ -21,13 +21,20 @@ struct SurfaceGraph;
 /// "all" (0), "largest" (1) or how many of the largest. Fails: InvalidInput.
 [[nodiscard]] Result<std::uint32_t> pieces_from(std::string_view text);
 
+/// A box in a frame of its own.
+struct FramedBox {
+  Eigen::Matrix<double, 3, 4> to_frame;  ///< takes places of the cloud there
+  Box3 box;                              ///< in that frame
+  [[nodiscard]] bool contains(const Vec3& place) const;
+};
+
 /// What of a cloud is the object.
 struct PickOptions {
   std::optional<Box3> crop;    ///< points outside are left out first of all
   std::uint32_t pieces = 0;    ///< so many of the largest pieces stay, and the ground they stand on goes; 0: all
   bool keep_outliers = false;  ///< strays stay
   /// What lies outside was found to be off the surface by whoever made one of the points; strays too.
-  std::optional<Box3> surface_box = std::nullopt;
+  std::optional<FramedBox> surface_box = std::nullopt;
 };
 
 /// Points that links between neighbours join.

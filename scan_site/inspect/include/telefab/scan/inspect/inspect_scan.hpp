@@ -32,6 +32,7 @@ struct Inspection {
   KernelChoice kernel;
   std::string surface;
   Vec3 size_mm = Vec3::Zero();
+  PlacementOptions placement;         ///< as it was placed
   PickReport pick;                    ///< what was left out before the size was taken
   std::vector<std::string> warnings;  ///< about the file, what was left out and the size, for people
   std::string normals_json;

@@ -14,6 +14,7 @@
 #include <telefab/geometry/layer.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/scan/mls/mls_field.hpp>
+#include <telefab/scan/placing/turn.hpp>
 #include <telefab/scan/slicing/prepare_scan.hpp>
 #include <vector>
 
@@ -25,23 +26,39 @@ enum class TraceMethod : std::uint8_t { Auto = 1, Reeb = 2, Grid = 3 };
 /// "auto", "reeb", "grid"; InvalidInput lists them.
 [[nodiscard]] Result<TraceMethod> trace_method_from(std::string_view name);
 
-/// Axis of the scan's frame that points up on the platform. The others turn with it, nothing is mirrored.
-enum class UpAxis : std::uint8_t { PlusX = 1, MinusX = 2, PlusY = 3, MinusY = 4, PlusZ = 5, MinusZ = 6 };
-/// "x", "-x", "y", "-y", "z", "-z"; InvalidInput lists them.
-[[nodiscard]] Result<UpAxis> up_axis_from(std::string_view name);
+/// Axis of the scan's frame that changes its sign.
+enum class MirrorAxis : std::uint8_t { X = 1, Y = 2, Z = 3 };
+/// "x", "y", "z"; InvalidInput lists them.
+[[nodiscard]] Result<MirrorAxis> mirror_axis_from(std::string_view name);
+/// "X,Y,Z", the factors of PlacementOptions::axis_scale. Fails: InvalidInput.
+[[nodiscard]] Result<Vec3> axis_scale_from(std::string_view text);
+/// "X,Y", millimetres on the platform (PlacementOptions::position_mm). Fails: InvalidInput.
+[[nodiscard]] Result<Point2> position_from(std::string_view text);
 
-/// Everything that decides the layers. At most one of height, scale and fit; none: the file's own size.
-/// How large a scan is made, and how it stands. Of height, scale and fit at most one.
+/// How large a scan is made, and how it stands: mirrored, then turned, then scaled as a whole, then by axis, then
+/// moved. Of height, scale and fit at most one; none: the file's own size.
 struct PlacementOptions {
-  std::optional<double> height_mm;  ///< > 0; the scan's z extent becomes this
-  std::optional<double> scale;      ///< > 0; millimetres per unit of the file
-  std::optional<double> unit_mm;    ///< > 0; millimetres in a unit of the file; none: as the file states it, or one
-  bool fit = false;                 ///< as large as the machine holds, with supports and a margin of 1 % on every side
-  UpAxis up = UpAxis::PlusZ;        ///< turned before it is scaled: heights are along this axis
+  std::optional<double> height_mm;   ///< > 0; the scan's z extent becomes this, before axis_scale
+  std::optional<double> scale;       ///< > 0; millimetres per unit of the file
+  std::optional<double> unit_mm;     ///< > 0; millimetres in a unit of the file; none: as the file states it, or one
+  bool fit = false;                  ///< as large as the machine holds, with supports and a margin of 1 % on every side
+  std::optional<MirrorAxis> mirror;  ///< the other hand of the object: this axis of the scan changes its sign
+  Turn turn;                         ///< of the mirrored scan: heights are along what is then z
+  /// [0.8, 1.25] each; along x, y and z of the build frame, against shrinkage. Sizes asked for are those before.
+  Vec3 axis_scale = Vec3::Ones();
+  std::optional<Point2> position_mm;  ///< of the middle of the part's box on the platform; none: its middle
   /// Fails: InvalidInput.
   [[nodiscard]] Result<void> validate() const;
 };
 
+/// What was done to the scan besides scaling it as a whole, for people: "turned by 90,0,0 degrees, mirrored in x".
+/// Empty where nothing was.
+[[nodiscard]] std::string sentence_of(const PlacementOptions& placement);
+/// One JSON object in the words that ask for it: rotate, mirror, scale_axes, position_mm; the middle one and the last
+/// where they are set.
+[[nodiscard]] std::string to_json(const PlacementOptions& placement);
+
+/// Everything that decides the layers.
 struct SliceRequest {
   MachineProfile machine;
   IntakeOptions intake;  ///< which points are the object; strays stay where `mls` keeps its outliers
@@ -115,6 +132,7 @@ struct SliceReport {
   std::string surface;  ///< name of the surface kind
   std::string method;
   std::array<double, 3> size_mm{};  ///< of the placed scan
+  PlacementOptions placement;       ///< as it was placed
   PickReport pick;                  ///< what was left out before the size was taken; frame and unit of the file
   std::string normals_json;         ///< report of the normals, as they came
   std::uint32_t layers_cut = 0;
@@ -149,7 +167,7 @@ struct LayerCosts {
 /// An error ends the slicing and becomes its result.
 using LayerSink = std::function<Result<void>(const StackHeader&, Layer&&)>;
 
-/// Scan file to layers: read, normals, placement (centred on the platform, bottom at z = 0), surface, topology,
+/// Scan file to layers: read, normals, placement (bottom at z = 0), surface, topology,
 /// contours. Same request and bytes, same layers on any number of threads, and for any range of layers.
 /// Fails: InvalidInput (the file, the request, a part larger than the machine: both sizes in the message; a size that
 /// is hardly meant where neither the file nor the request states a unit or a size; no contour at all, or in less than
