@@ -7,6 +7,7 @@
 #include <cmath>
 #include <telefab/geometry/limits.hpp>
 #include <telefab/scan/cloud/units.hpp>
+#include <telefab/scan/placing/room.hpp>
 
 namespace telefab::scan {
 
@@ -29,7 +30,6 @@ struct Frame {
   [[nodiscard]] bool is_none() const { return places == Eigen::Matrix3d::Identity(); }
 };
 
-constexpr double kFitMargin = 0.01;  // of the room, kept free on every side
 /// The scale decides how far a sheet's back reaches beyond its front, and that decides the scale: settled in so many
 /// steps.
 constexpr int kSheetSteps = 4;
@@ -83,17 +83,14 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   Vec3 size = box.size();
   if (!min.allFinite() || !size.allFinite())
     return fail(ErrorCode::InvalidInput, "the scan has coordinates that are not finite");
-  const MachineProfile::Platform& platform = request.machine.platform;
-  const Vec3 room{platform.width_mm, platform.depth_mm, platform.z_travel_mm};
+  const Vec3 room = room_of(request.machine);
   const double unit_mm = request.placement.unit_mm.value_or(scan.unit_mm.value_or(1));
   const auto scale_for = [&](const Vec3& beyond_mm) -> double {
     if (request.placement.height_mm)
       return (*request.placement.height_mm * request.placement.axis_scale.z() - beyond_mm.z()) / size.z();
     if (request.placement.scale) return *request.placement.scale;
     if (!request.placement.fit) return unit_mm;
-    // The surface swells beyond its samples, by a share of their spacing that is not known yet, and supports lift it.
-    const Vec3 used = (1 - 2 * kFitMargin) * room - Vec3{0, 0, request.machine.supports.lift_off_mm};
-    return (used.cwiseMax(room / 2) - beyond_mm).cwiseQuotient(size).minCoeff();
+    return fitted_scale(request.machine, size, beyond_mm);
   };
   double scale = scale_for(Vec3::Zero());
   if (request.thickness_mm) {
