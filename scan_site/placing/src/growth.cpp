@@ -21,6 +21,12 @@ constexpr double kArmShare = 0.8;
 constexpr double kArmSlope = 1.2;
 /// Pieces of the plates that join feet no farther apart than so many foot radii.
 constexpr double kPlateRadii = 6;
+/// A lifted part keeps its middle inside its footing by this share of its height, with so many more anchors at most, on
+/// this share of its height; how much lower a place has to be to be worth a millimetre.
+constexpr double kLeastLean = 0.05;
+constexpr int kMostStabilising = 9;
+constexpr double kStabilisedShare = 0.3;
+constexpr double kStabilisedRise = 0.02;
 
 struct Pixel {
   int x = 0, y = 0;
@@ -113,17 +119,25 @@ std::vector<Eigen::Vector2d> hull_of(std::vector<Eigen::Vector2d> places) {
   return ring;
 }
 
-/// How far inside the hull of a footing a place lies; negative outside.
-double inside_by(const std::vector<Eigen::Vector2d>& hull, const Eigen::Vector2d& place) {
-  if (hull.empty()) return -std::numeric_limits<double>::infinity();
-  double least = std::numeric_limits<double>::infinity();
+/// How far inside the hull of a footing a place lies, negative outside, and the way out at the nearest place.
+std::pair<double, Eigen::Vector2d> inside_by(const std::vector<Eigen::Vector2d>& hull, const Eigen::Vector2d& place) {
+  double nearest = std::numeric_limits<double>::infinity();
+  Eigen::Vector2d way = Eigen::Vector2d::UnitX();
+  bool is_inside = hull.size() >= 3;
   for (std::size_t i = 0; i < hull.size(); ++i) {
-    const Eigen::Vector2d a = hull[i], along = hull[(i + 1) % hull.size()] - a;
-    const double length = along.norm();
-    if (length == 0) return -(place - a).norm();
-    least = std::min(least, (along.x() * (place - a).y() - along.y() * (place - a).x()) / length);
+    const Eigen::Vector2d a = hull[i], along = hull[(i + 1) % hull.size()] - a, to = place - a;
+    const double length2 = along.squaredNorm();
+    const double share = length2 > 0 ? std::clamp(to.dot(along) / length2, 0.0, 1.0) : 0.0;
+    const Eigen::Vector2d off = to - share * along;
+    if (along.x() * to.y() - along.y() * to.x() < 0) is_inside = false;
+    if (off.norm() >= nearest) continue;
+    nearest = off.norm();
+    if (length2 > 0)
+      way = Eigen::Vector2d{along.y(), -along.x()} / std::sqrt(length2);
+    else if (nearest > 0)
+      way = off / nearest;
   }
-  return hull.size() < 3 ? -std::abs(least) : least;
+  return {is_inside ? nearest : -nearest, way};
 }
 
 class Growth {
@@ -164,6 +178,10 @@ class Growth {
 
     find_free_columns();
     for (int k = 0; k < nz_; ++k) hold_layer(k, f);
+    weigh();
+    if (f.is_lifted) stabilise();
+    f.anchors = static_cast<std::uint32_t>(all_.size());
+    for (const Anchor& a : all_) support(a.at, a.k);
     f.support_mm3 = volume_mm3_ + plates_mm3();
     if (!in_full) return f;
     f.trapped_mm3 = trapped_mm3(f.is_lifted);
@@ -172,6 +190,15 @@ class Growth {
   }
 
  private:
+  struct Anchor {
+    Pixel at;
+    int k = 0;
+  };
+  struct Mass {
+    double pixels = 0;
+    Eigen::Vector2d moment = Eigen::Vector2d::Zero();  ///< pixels times millimetres
+  };
+
   [[nodiscard]] std::span<char> layer(int k) {
     return std::span{solid_}.subspan(pixels_ * static_cast<std::size_t>(k), pixels_);
   }
@@ -247,7 +274,7 @@ class Growth {
         any = true;
     }
     const double reach_px = s_.anchor_distance_mm / h_;
-    std::erase_if(anchors_, [&](const Anchor& a) { return k - a.k >= reach_px || !here[index(a.at)]; });
+    std::erase_if(standing_, [&](const Anchor& a) { return k - a.k >= reach_px || !here[index(a.at)]; });
     if (!any) return;
     std::vector<std::vector<Pixel>> open(pieces.count + 1);
     for (int y = 0; y < ny_; ++y)
@@ -263,7 +290,7 @@ class Growth {
       std::vector<Pixel>& rest = open[piece];
       if (rest.empty()) continue;
       bool is_held = attached[piece] > 0;
-      for (const Anchor& a : anchors_) {
+      for (const Anchor& a : standing_) {
         if (pieces.of[index(a.at)] != piece) continue;
         is_held = true;
         const double rise = k - a.k, across = std::sqrt(reach_px * reach_px - rise * rise);
@@ -274,9 +301,8 @@ class Growth {
       while (!rest.empty()) {
         const Pixel at = middle_about(rest, reach_px);
         std::erase_if(rest, [&](Pixel p) { return distance_px(p, at) <= reach_px; });
-        anchors_.push_back({at, k});
-        ++f.anchors;
-        support(at, k);
+        standing_.push_back({at, k});
+        all_.push_back({at, k});
       }
     }
   }
@@ -327,7 +353,7 @@ class Growth {
         const double foot = std::min(s_.base_thickness_mm + s_.foot_radius_mm, joint);
         volume_mm3_ += frustum_mm3(std::hypot(rho, contact - joint), r, s_.tip_radius_mm) +
                        frustum_mm3(foot, s_.foot_radius_mm, r) + pin_mm3(joint - foot, r);
-        feet_.emplace_back((q.x - 0.5) * h_, (q.y - 0.5) * h_);
+        feet_.push_back(place_mm(q));
         return;
       }
     }
@@ -405,30 +431,104 @@ class Growth {
     return static_cast<double>(most) * h_ * h_ * h_;
   }
 
-  double stability(const std::vector<char>& first, bool is_lifted) {
-    Vec3 middle = Vec3::Zero();
-    double n = 0;
-    for (int k = 0; k < nz_; ++k)
+  /// The layer up to which a growing part leans over most.
+  struct Lean {
+    double slack_mm = std::numeric_limits<double>::infinity();
+    int k = 0;
+    Eigen::Vector2d centre = Eigen::Vector2d::Zero(), way = Eigen::Vector2d::UnitX();
+  };
+
+  [[nodiscard]] Eigen::Vector2d place_mm(Pixel p) const { return {(p.x - 0.5) * h_, (p.y - 0.5) * h_}; }
+
+  void weigh() {
+    for (int k = 0; k < nz_; ++k) {
+      Mass& mass = masses_.emplace_back();
       for (int y = 0; y < ny_; ++y)
         for (int x = 0; x < nx_; ++x)
-          if (is_solid({x, y}, k)) {
-            middle += Vec3{x - 0.5, y - 0.5, k + 0.5};
-            ++n;
+          if (layer(k)[index({x, y})]) {
+            mass.moment += place_mm({x, y});
+            ++mass.pixels;
           }
-    if (n == 0) return 0;
-    middle *= h_ / n;
+    }
+  }
+
+  /// As the planner does: the middle of what has grown against the hull of what holds it, a share of its height inside.
+  [[nodiscard]] Lean worst_lean(std::vector<Anchor> anchors, std::vector<Eigen::Vector2d> hull) const {
+    std::stable_sort(anchors.begin(), anchors.end(), [](const Anchor& a, const Anchor& b) { return a.k < b.k; });
+    Lean worst;
+    std::size_t next = 0;
+    double pixels = 0, rise = 0;
+    Eigen::Vector2d moment = Eigen::Vector2d::Zero();
+    for (int k = 0; k < nz_; ++k) {
+      const std::size_t before = next;
+      for (; next < anchors.size() && anchors[next].k <= k; ++next) hull.push_back(place_mm(anchors[next].at));
+      if (next != before) hull = hull_of(std::move(hull));
+      const Mass& mass = masses_[static_cast<std::size_t>(k)];
+      pixels += mass.pixels;
+      rise += mass.pixels * (k + 0.5) * h_;
+      moment += mass.moment;
+      if (!(pixels > 0) || hull.empty()) continue;
+      const Eigen::Vector2d centre = moment / pixels;
+      const auto [inside, way] = inside_by(hull, centre);
+      const double slack = inside + s_.tip_radius_mm - kLeastLean * rise / pixels;
+      if (slack < worst.slack_mm) worst = {slack, k, centre, way};
+    }
+    return worst;
+  }
+
+  /// Anchors on the underside of a lifted part that would lean over.
+  void stabilise() {
+    Lean now = worst_lean(all_, {});
+    if (!(now.slack_mm < 0)) return;
+    const double most_mm = std::max(kStabilisedShare * box_.size().z(), 2 * s_.anchor_distance_mm);
+    std::vector<Anchor> places;
+    for (int k = 1; k < nz_ && k * h_ <= most_mm; ++k)
+      for (int y = 1; y + 1 < ny_; ++y)
+        for (int x = 1; x + 1 < nx_; ++x)
+          if (is_solid({x, y}, k) && !is_solid({x, y}, k - 1) &&
+              (!is_solid({x - 1, y}, k) || !is_solid({x + 1, y}, k) || !is_solid({x, y - 1}, k) ||
+               !is_solid({x, y + 1}, k)))
+            places.push_back({{x, y}, k});
+    for (int added = 0; added < kMostStabilising && now.slack_mm < 0; ++added) {
+      const Anchor* best = nullptr;
+      double most = 0;
+      for (const Anchor& place : places) {
+        if (place.k > now.k) continue;
+        const double gain = (place_mm(place.at) - now.centre).dot(now.way);
+        const double worth =
+            std::min(gain, 2 * std::abs(now.slack_mm) + 4 * s_.tip_radius_mm) - kStabilisedRise * place.k * h_;
+        if (best == nullptr || worth > most) best = &place, most = worth;
+      }
+      if (best == nullptr) return;
+      all_.push_back(*best);
+      const Lean then = worst_lean(all_, {});
+      if (then.slack_mm <= now.slack_mm && added >= 2 && then.k == now.k) {
+        all_.pop_back();
+        return;
+      }
+      std::erase_if(places, [&, at = all_.back().at](const Anchor& place) {
+        return distance_px(place.at, at) * h_ < 4 * s_.tip_radius_mm;
+      });
+      now = then;
+    }
+  }
+
+  [[nodiscard]] double stability(const std::vector<char>& first, bool is_lifted) const {
+    Eigen::Vector2d moment = Eigen::Vector2d::Zero();
+    double pixels = 0, rise = 0;
+    for (int k = 0; k < nz_; ++k) {
+      const Mass& mass = masses_[static_cast<std::size_t>(k)];
+      moment += mass.moment;
+      pixels += mass.pixels;
+      rise += mass.pixels * (k + 0.5) * h_;
+    }
     std::vector<Eigen::Vector2d> footing = feet_;
     for (int y = 0; !is_lifted && y < ny_; ++y)
       for (int x = 0; x < nx_; ++x)
-        if (first[index({x, y})]) footing.emplace_back((x - 0.5) * h_, (y - 0.5) * h_);
-    if (footing.empty()) return 0;
-    return inside_by(hull_of(std::move(footing)), middle.head<2>()) / std::max(h_, middle.z() + lift_mm_);
+        if (first[index({x, y})]) footing.push_back(place_mm({x, y}));
+    if (footing.empty() || pixels == 0) return 0;
+    return inside_by(hull_of(std::move(footing)), moment / pixels).first / (rise / pixels + lift_mm_);
   }
-
-  struct Anchor {
-    Pixel at;
-    int k = 0;
-  };
 
   const SolidGrid& grid_;
   const MachineProfile& machine_;
@@ -442,7 +542,9 @@ class Growth {
   std::vector<char> solid_;
   std::vector<int> free_below_;
   double lift_mm_ = 0;
-  std::vector<Anchor> anchors_;  ///< that still have material over them
+  std::vector<Anchor> standing_;  ///< that still have material over them
+  std::vector<Anchor> all_;
+  std::vector<Mass> masses_;  ///< of the layers
   std::vector<Eigen::Vector2d> feet_;
   double volume_mm3_ = 0;
 };

@@ -266,7 +266,8 @@ Result<std::vector<Standing>> judged_standings(const PointCloud& cloud, const St
   // The best by the coarse grid are judged on the fine one, and the file's own way always.
   std::vector<std::size_t> chosen;
   for (const std::size_t k : order_of(rated, options.goal))
-    if (const std::size_t i = fitting[k]; chosen.size() < options.in_full || stood[i].source == StandingSource::AsInFile)
+    if (const std::size_t i = fitting[k];
+        chosen.size() < options.in_full || stood[i].source == StandingSource::AsInFile)
       chosen.push_back(i);
   std::vector<Standing> judged(chosen.size());
   tbb::parallel_for(std::size_t{0}, chosen.size(), [&](std::size_t k) {

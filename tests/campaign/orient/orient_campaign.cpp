@@ -27,7 +27,7 @@ struct Setup {
   std::vector<fs::path> scans;
   std::string machine = "machine-a";
   double largest_mm = 40;
-  double layer_mm = 0.1;
+  double layer_mm = 0;  ///< 0: the machine's
   std::uint32_t spread = 40;
   std::size_t shortlist = 12;
   bool all = false;
@@ -90,6 +90,7 @@ double rank_correlation(const std::vector<std::pair<double, double>>& pairs) {
 }
 
 Result<void> run_one(const fs::path& path, const Setup& setup, const MachineProfile& machine) {
+  const double layer_mm = setup.layer_mm > 0 ? setup.layer_mm : machine.layers.thickness_mm;
   const auto bytes = read_file(path, kMaxBytes);
   if (!bytes) return tl::unexpected{bytes.error()};
   const std::string name = path.filename().string();
@@ -101,10 +102,10 @@ Result<void> run_one(const fs::path& path, const Setup& setup, const MachineProf
   scan::SliceRequest request;
   request.machine = machine;
   request.placement.scale = scale;
-  request.layer_mm = setup.layer_mm;
+  request.layer_mm = layer_mm;
   scan::StandingOptions options;
   options.machine = machine;
-  options.layer_mm = setup.layer_mm;
+  options.layer_mm = layer_mm;
   options.scale = scale;
 
   const double began = now_s();
