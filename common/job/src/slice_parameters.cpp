@@ -52,10 +52,12 @@ const std::array kTable{
                    .not_with = {"scale"}},
     SliceParameter{.key = "up",
                    .field = &P::up,
-                   .help = "what of the scan points up: one of its axes, or a direction X,Y,Z",
+                   .help = "what of the scan points up: one of its axes, a direction X,Y,Z, or auto: chosen from all "
+                           "directions for least supports (also auto:supports), auto:height or auto:quality (least "
+                           "surface that supports and steps mark)",
                    .fallback = "z",
-                   .form = "x | -x | y | -y | z | -z | X,Y,Z",
-                   .example = "0,-1,1"},
+                   .form = "x | -x | y | -y | z | -z | X,Y,Z | auto | auto:supports | auto:height | auto:quality",
+                   .example = "auto:height"},
     SliceParameter{.key = "rotate",
                    .field = &P::rotate,
                    .help = "turn the scan: X,Y,Z in degrees about its fixed axes, first x, then y, then z; or the nine "

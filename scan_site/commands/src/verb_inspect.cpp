@@ -41,6 +41,7 @@ void print_table(const Inspection& inspection, double noise_mm) {
                            inspection.size_mm.x(), inspection.size_mm.y(), inspection.size_mm.z()));
   if (const std::string placed = sentence_of(inspection.placement); !placed.empty())
     write_output(fmt::format("{}\n", placed));
+  if (inspection.chosen) write_output(fmt::format("{}\n", sentence_of(*inspection.chosen)));
   write_output(fmt::format("kernel {:.3f} mm{}, spacing {:.3f} mm, noise {:.3f} mm, {} samples dropped, surface {}\n",
                            k.kernel_mm, k.adaptive ? " (median, by local spacing)" : "", k.spacing_mm, k.noise_mm,
                            k.dropped_samples, inspection.surface));
@@ -88,6 +89,8 @@ void print_table(const Inspection& inspection, double noise_mm) {
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (o.asked.fit && o.machine.name.empty())
     return fail(ErrorCode::InvalidInput, "--fit needs a --machine to fit into");
+  if (o.asked.up && o.asked.up->starts_with("auto") && o.machine.name.empty())
+    return fail(ErrorCode::InvalidInput, "--up auto needs the --machine whose supports are to be few");
   if (o.asked.position && o.machine.name.empty())
     return fail(ErrorCode::InvalidInput, "--position needs the platform of a --machine");
   std::optional<MachineProfile> machine;

@@ -208,6 +208,7 @@ void print_summary(const SliceReport& report) {
                            report.size_mm[0], report.size_mm[1], report.size_mm[2], report.header.machine));
   if (const std::string placed = sentence_of(report.placement); !placed.empty())
     write_output(fmt::format("{}\n", placed));
+  if (report.chosen) write_output(fmt::format("{}\n", sentence_of(*report.chosen)));
   write_output(fmt::format("kernel {:.3f} mm{} at a spacing of {:.3f} mm, surface {}\n", report.kernel.kernel_mm,
                            report.kernel.adaptive ? " (median, by local spacing)" : "", report.kernel.spacing_mm,
                            report.surface));

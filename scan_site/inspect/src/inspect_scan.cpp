@@ -51,6 +51,7 @@ Result<Inspection> inspect_scan(std::span<const std::byte> scan, std::string_vie
                     .surface = std::string{name_of(request.mls.surface)},
                     .size_mm = surface->placed.size_mm,
                     .placement = surface->placed.options,
+                    .chosen = surface->chosen,
                     .pick = prepared.pick,
                     .warnings = std::move(warnings),
                     .normals_json = to_json(prepared.normals),
@@ -69,6 +70,7 @@ std::string to_json(const Inspection& inspection) {
   json["points"] = inspection.points;
   json["size_mm"] = place(inspection.size_mm);
   json["placing"] = json_or_discarded(to_json(inspection.placement));
+  json["chosen_standing"] = inspection.chosen ? json_or_discarded(to_json(*inspection.chosen)) : Json(nullptr);
   json["surface"] = inspection.surface;
   const KernelChoice& k = inspection.kernel;
   json["kernel"] = {{"kernel_mm", k.kernel_mm}, {"adaptive", k.adaptive},     {"spacing_mm", k.spacing_mm},

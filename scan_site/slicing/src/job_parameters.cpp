@@ -27,9 +27,23 @@ Result<Coding> coding_from(std::string_view name) {
   return fail(ErrorCode::InvalidInput, "coding: exact and curve are known");
 }
 
+/// A direction, or what one shall be chosen for.
+Result<void> take_up(const std::optional<std::string>& word, PlacementOptions& placement) {
+  constexpr std::string_view kAuto = "auto";
+  if (!word || !word->starts_with(kAuto)) return take(word, turn_from_up, placement.turn);
+  const std::string_view goal = std::string_view{*word}.substr(kAuto.size());
+  placement.stand_for = StandFor::Supports;
+  if (goal.empty()) return {};
+  if (goal[0] != ':') return fail(ErrorCode::InvalidInput, fmt::format("up: \"{}\" is not auto or auto:GOAL", *word));
+  const auto chosen = stand_for_from(goal.substr(1));
+  if (!chosen) return fail_in("up", chosen.error());
+  placement.stand_for = *chosen;
+  return {};
+}
+
 Result<void> take_words(const SliceParameters& asked, SliceRequest& slice) {
   if (auto ok = take(asked.units, millimetres_per, slice.placement.unit_mm); !ok) return ok;
-  if (auto ok = take(asked.up, turn_from_up, slice.placement.turn); !ok) return ok;
+  if (auto ok = take_up(asked.up, slice.placement); !ok) return ok;
   if (auto ok = take(asked.rotate, turn_from_rotate, slice.placement.turn); !ok) return ok;
   if (auto ok = take(asked.mirror, mirror_axis_from, slice.placement.mirror); !ok) return ok;
   if (auto ok = take(asked.scale_axes, axis_scale_from, slice.placement.axis_scale); !ok) return ok;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <telefab/scan/slicing/placed_surface.hpp>
+#include <telefab/scan/slicing/standings.hpp>
 
 #include <fmt/format.h>
 
@@ -52,7 +53,15 @@ Result<PlacedSurface> attempt(std::span<const std::byte> scan, std::string_view 
   auto prepared = prepare_scan(scan, name, intake, progress, clock, stop);
   if (!prepared) return tl::unexpected{prepared.error()};
   PlacedSurface made;
-  auto placed = place_on_platform(std::move(prepared->cloud), request);
+  SliceRequest wanted = request;
+  if (const auto goal = request.placement.stand_for) {
+    auto chosen = chosen_standing(prepared->cloud, request, *goal, stop);
+    if (!chosen) return fail_in(name, chosen.error());
+    wanted.placement.turn = chosen->standing.turn;
+    made.chosen = std::move(*chosen);
+    clock.lap("choosing how it stands");
+  }
+  auto placed = place_on_platform(std::move(prepared->cloud), wanted);
   if (!placed) return fail_in(name, placed.error());
   made.prepared = std::move(*prepared);
   made.placed = std::move(*placed);

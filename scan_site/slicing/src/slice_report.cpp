@@ -54,6 +54,7 @@ std::string to_json(const SliceReport& report) {
       {"points", report.points},
       {"size_mm", report.size_mm},
       {"placing", parsed(to_json(report.placement))},
+      {"chosen_standing", report.chosen ? parsed(to_json(*report.chosen)) : ordered_json(nullptr)},
       {"scan_to_build", rows},
       {"layer_mm", h.layer_thickness_mm},
       {"layers", h.layer_count},

@@ -291,6 +291,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   result.normals_json = to_json(prepared.normals);
   result.warnings = prepared.warnings;
   result.placement = placed->options;
+  result.chosen = surface->chosen;
   result.size_mm = {placed->size_mm.x(), placed->size_mm.y(), placed->size_mm.z()};
   if (placed->scale_warning) {
     if (!placed->unit_is_stated)
@@ -441,6 +442,9 @@ Result<void> complete_gaps_as(std::string_view text, SliceRequest& request) {
 
 Result<void> SliceRequest::validate() const {
   if (auto ok = placement.validate(); !ok) return ok;
+  if (placement.stand_for && flat_base)
+    return fail(ErrorCode::InvalidInput,
+                "a flat base is cut where the scan stands: say which way is up, it cannot be chosen");
   if (!positive(layer_mm, 1))
     return fail(ErrorCode::InvalidInput, fmt::format("layer thickness {} mm is not in (0, 1]", *layer_mm));
   if (!positive(thickness_mm, kMaxCoordinateMm))

@@ -27,8 +27,10 @@ std::string fingerprint(const JobParameters& p) {
          number(s.speck_px2) + std::to_string(s.placement.fit) + std::to_string(s.complete) +
          std::to_string(s.flat_base) + std::to_string(s.intake.pick.crop ? s.intake.pick.crop->max.z() : 0) +
          std::to_string(s.intake.pick.pieces) + std::to_string(s.intake.sample_faces) +
-         std::to_string(s.mls.drop_outliers) + to_json(s.placement) + std::to_string(static_cast<int>(s.method)) +
-         std::to_string(static_cast<int>(s.mls.surface)) + std::to_string(static_cast<int>(p.codec.coding));
+         std::to_string(s.mls.drop_outliers) + to_json(s.placement) +
+         std::to_string(static_cast<int>(s.placement.stand_for.value_or(StandFor{}))) +
+         std::to_string(static_cast<int>(s.method)) + std::to_string(static_cast<int>(s.mls.surface)) +
+         std::to_string(static_cast<int>(p.codec.coding));
 }
 
 // A knob that is in the table and reaches nothing could be submitted and would be ignored.
@@ -99,6 +101,9 @@ TEST(SliceParameters, WrongOnesAreRefusedByName) {
   // The scan site reads these.
   const auto refusal = [](std::string_view json) { return job_parameters_from(json, machine()).error().what; };
   EXPECT_THAT(refusal(R"({"up":"w"})"), HasSubstr("x, -x, y, -y, z, -z"));
+  EXPECT_THAT(refusal(R"({"up":"auto:speed"})"), HasSubstr("supports, height, quality"));
+  EXPECT_THAT(refusal(R"({"up":"automatic"})"), HasSubstr("auto:GOAL"));
+  EXPECT_THAT(refusal(R"({"up":"auto","base":"flat"})"), HasSubstr("which way is up"));
   EXPECT_THAT(refusal(R"({"rotate":"1,2"})"), HasSubstr("three angles"));
   EXPECT_THAT(refusal(R"({"scale_axes":"2,1,1"})"), HasSubstr("0.8 to 1.25"));
   EXPECT_THAT(refusal(R"({"position":"here"})"), HasSubstr("numbers with commas"));

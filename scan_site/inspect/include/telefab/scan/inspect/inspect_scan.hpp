@@ -32,9 +32,10 @@ struct Inspection {
   KernelChoice kernel;
   std::string surface;
   Vec3 size_mm = Vec3::Zero();
-  PlacementOptions placement;         ///< as it was placed
-  PickReport pick;                    ///< what was left out before the size was taken
-  std::vector<std::string> warnings;  ///< about the file, what was left out and the size, for people
+  PlacementOptions placement;            ///< as it was placed
+  std::optional<ChosenStanding> chosen;  ///< where its turn was chosen here
+  PickReport pick;                       ///< what was left out before the size was taken
+  std::vector<std::string> warnings;     ///< about the file, what was left out and the size, for people
   std::string normals_json;
   std::vector<Vec3> samples;  ///< that carry the surface, build frame
   std::vector<Vec3> normals;  ///< one a sample, unit, outward

@@ -17,8 +17,9 @@ struct DoubledPlace {
 
 /// A scan on the platform and the surface its samples carry.
 struct PlacedSurface {
-  PreparedScan prepared;  ///< without its cloud
-  Placement placed;       ///< its cloud has no points: the field holds them
+  PreparedScan prepared;                 ///< without its cloud
+  std::optional<ChosenStanding> chosen;  ///< where the request let it be
+  Placement placed;                      ///< its cloud has no points: the field holds them
   std::unique_ptr<MlsField> field;
   std::vector<DoubledPlace> doubled;  ///< from below
 };

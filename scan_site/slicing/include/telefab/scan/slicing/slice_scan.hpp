@@ -14,6 +14,7 @@
 #include <telefab/geometry/layer.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/scan/mls/mls_field.hpp>
+#include <telefab/scan/placing/standing.hpp>
 #include <telefab/scan/placing/turn.hpp>
 #include <telefab/scan/slicing/prepare_scan.hpp>
 #include <vector>
@@ -44,12 +45,24 @@ struct PlacementOptions {
   bool fit = false;                  ///< as large as the machine holds, with supports and a margin of 1 % on every side
   std::optional<MirrorAxis> mirror;  ///< the other hand of the object: this axis of the scan changes its sign
   Turn turn;                         ///< of the mirrored scan: heights are along what is then z
+  std::optional<StandFor> stand_for;  ///< the turn is chosen for this, whatever `turn` says
   /// [0.8, 1.25] each; along x, y and z of the build frame, against shrinkage. Sizes asked for are those before.
   Vec3 axis_scale = Vec3::Ones();
   std::optional<Point2> position_mm;  ///< of the middle of the part's box on the platform; none: its middle
   /// Fails: InvalidInput.
   [[nodiscard]] Result<void> validate() const;
 };
+
+/// A way to stand that was chosen from all directions.
+struct ChosenStanding {
+  StandFor goal = StandFor::Supports;
+  Standing standing;
+  std::optional<StandingFigures> as_in_file;  ///< none where it does not fit that way
+};
+/// What was chosen and why, for people.
+[[nodiscard]] std::string sentence_of(const ChosenStanding& chosen);
+/// One JSON object, fixed key order: goal, source and figures of the chosen way, and those of the file's own.
+[[nodiscard]] std::string to_json(const ChosenStanding& chosen);
 
 /// What was done to the scan besides scaling it as a whole, for people: "turned by 90,0,0 degrees, mirrored in x".
 /// Empty where nothing was.
@@ -131,10 +144,11 @@ struct SliceReport {
   KernelChoice kernel;
   std::string surface;  ///< name of the surface kind
   std::string method;
-  std::array<double, 3> size_mm{};  ///< of the placed scan
-  PlacementOptions placement;       ///< as it was placed
-  PickReport pick;                  ///< what was left out before the size was taken; frame and unit of the file
-  std::string normals_json;         ///< report of the normals, as they came
+  std::array<double, 3> size_mm{};       ///< of the placed scan
+  PlacementOptions placement;            ///< as it was placed
+  std::optional<ChosenStanding> chosen;  ///< where its turn was chosen here
+  PickReport pick;                       ///< what was left out before the size was taken; frame and unit of the file
+  std::string normals_json;              ///< report of the normals, as they came
   std::uint32_t layers_cut = 0;
   std::uint32_t certified = 0;  ///< measured or completed
   std::uint32_t completed = 0;  ///< of the certified: with stretches the scan does not show

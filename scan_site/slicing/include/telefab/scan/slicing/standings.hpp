@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <telefab/scan/placing/standing.hpp>
+#include <telefab/scan/slicing/slice_scan.hpp>
+
+namespace telefab::scan {
+
+/// The ways in which a prepared scan could stand for this request, the best for the goal first (judged_standings): with
+/// its machine, layers, size and mirror. `turn` and `position_mm` do not matter. Fails as judged_standings does.
+[[nodiscard]] Result<std::vector<Standing>> standings_of(const PointCloud& prepared, const SliceRequest& request,
+                                                         StandFor goal, const ShareSink& progress,
+                                                         std::stop_token stop);
+
+/// The best of them.
+[[nodiscard]] Result<ChosenStanding> chosen_standing(const PointCloud& prepared, const SliceRequest& request,
+                                                     StandFor goal, std::stop_token stop);
+
+}  // namespace telefab::scan

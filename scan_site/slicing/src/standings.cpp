@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/scan/slicing/standings.hpp>
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
+
+namespace telefab::scan {
+namespace {
+
+PointCloud mirrored(PointCloud cloud, MirrorAxis axis) {
+  const auto a = static_cast<Eigen::Index>(axis) - 1;
+  cloud.origin[a] = -cloud.origin[a];
+  for (auto& p : cloud.points) p[a] = -p[a];
+  for (auto& n : cloud.normals) n[a] = -n[a];
+  return cloud;
+}
+
+std::string text_of(const StandingFigures& f) {
+  const double share = f.part_mm3 > 0 ? 100 * f.support_mm3 / f.part_mm3 : 0;
+  return fmt::format("{:.0f} mm3 of supports ({:.1f} % of the part), {} anchors, {:.1f} mm high", f.support_mm3, share,
+                     f.anchors, f.size_mm.z());
+}
+
+nlohmann::ordered_json json_of(const StandingFigures& f) {
+  return {{"size_mm", {f.size_mm.x(), f.size_mm.y(), f.size_mm.z()}},
+          {"layers", f.layers},
+          {"part_mm3", f.part_mm3},
+          {"support_mm3", f.support_mm3},
+          {"anchors", f.anchors},
+          {"overhang_mm2", f.overhang_mm2},
+          {"stepped_mm2", f.stepped_mm2},
+          {"lifted", f.is_lifted},
+          {"trapped_mm3", f.trapped_mm3},
+          {"stability", f.stability}};
+}
+
+}  // namespace
+
+Result<std::vector<Standing>> standings_of(const PointCloud& prepared, const SliceRequest& request, StandFor goal,
+                                           const ShareSink& progress, std::stop_token stop) {
+  const PlacementOptions& placement = request.placement;
+  StandingOptions options;
+  options.machine = request.machine;
+  options.layer_mm = request.layer_mm.value_or(request.machine.layers.thickness_mm);
+  options.height_mm = placement.height_mm;
+  options.scale = placement.scale.value_or(placement.unit_mm.value_or(prepared.unit_mm.value_or(1)));
+  options.fit = placement.fit;
+  options.axis_scale = placement.axis_scale;
+  options.thickness_mm = request.thickness_mm;
+  options.goal = goal;
+  if (!placement.mirror) return judged_standings(prepared, options, progress, stop);
+  return judged_standings(mirrored(prepared, *placement.mirror), options, progress, stop);
+}
+
+Result<ChosenStanding> chosen_standing(const PointCloud& prepared, const SliceRequest& request, StandFor goal,
+                                       std::stop_token stop) {
+  const auto standings = standings_of(prepared, request, goal, {}, stop);
+  if (!standings) return tl::unexpected{standings.error()};
+  ChosenStanding chosen{goal, standings->front(), {}};
+  for (const Standing& s : *standings)
+    if (s.source == StandingSource::AsInFile) chosen.as_in_file = s.figures;
+  return chosen;
+}
+
+std::string sentence_of(const ChosenStanding& chosen) {
+  const std::string best = fmt::format("chosen to stand for {} ({}): about {}", name_of(chosen.goal),
+                                       name_of(chosen.standing.source), text_of(chosen.standing.figures));
+  if (chosen.standing.source == StandingSource::AsInFile) return best;
+  return best + (chosen.as_in_file ? "; as it lies in its file " + text_of(*chosen.as_in_file)
+                                   : std::string{"; as it lies in its file it does not fit"});
+}
+
+std::string to_json(const ChosenStanding& chosen) {
+  return json_text(nlohmann::ordered_json{
+      {"for", name_of(chosen.goal)},
+      {"source", name_of(chosen.standing.source)},
+      {"estimate", json_of(chosen.standing.figures)},
+      {"as_in_file", chosen.as_in_file ? json_of(*chosen.as_in_file) : nlohmann::ordered_json(nullptr)}});
+}
+
+}  // namespace telefab::scan
