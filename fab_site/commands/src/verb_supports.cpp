@@ -3,8 +3,10 @@
 
 #include <filesystem>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <telefab/base/file.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/fab/formats/mesh_export.hpp>
@@ -25,6 +27,7 @@ struct Options {
   std::string out, preview, structure, model;
   std::optional<std::uint32_t> layer;
   int threads = 0;
+  bool json = false;
 };
 
 Result<SupportOptions> support_options(const Options& o) {
@@ -53,6 +56,23 @@ std::uint32_t layer_to_show(const Options& o, const SupportPlan& plan) {
   return best;
 }
 
+/// The figures for programs, fixed key order.
+std::string figures_json(const SupportPlan& plan, double thickness_mm) {
+  const SupportFigures& f = plan.figures();
+  const nlohmann::ordered_json figures{{"anchors", plan.anchors().size()},
+                                       {"layers_with_regions", f.layers_with_regions},
+                                       {"to_support_mm2", f.to_support_mm2},
+                                       {"pins_on_part", f.feet_on_part},
+                                       {"thin_pins", f.thin_pins},
+                                       {"braces", f.braces},
+                                       {"stabilising", f.stabilising},
+                                       {"stability_mm", f.stability_mm},
+                                       {"support_mm3", f.support_mm3},
+                                       {"part_mm3", f.part_mm3},
+                                       {"lifted_mm", plan.elevation_layers() * thickness_mm}};
+  return json_text(figures);
+}
+
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const auto options = support_options(o);
   if (!options) return tl::unexpected{options.error()};
@@ -65,11 +85,15 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!plan) return tl::unexpected{plan.error()};
   const double thickness_mm = stack->header().layer_thickness_mm;
   const SupportFigures& f = plan->figures();
-  write_output(fmt::format("{} anchors on {} layers; {} pins stand on the part, {} of the pins are thin, {} braces\n",
-                           plan->anchors().size(), f.layers_with_regions, f.feet_on_part, f.thin_pins, f.braces));
-  write_output(fmt::format("supports {:.1f} mm3, {:.1f} % of the part's {:.1f} mm3; lifted by {:.2f} mm\n",
-                           f.support_mm3, f.part_mm3 > 0 ? 100 * f.support_mm3 / f.part_mm3 : 0.0, f.part_mm3,
-                           plan->elevation_layers() * thickness_mm));
+  if (o.json) write_output(figures_json(*plan, thickness_mm) + "\n");
+  const auto say = [&](const std::string& line) {
+    if (!o.json) write_output(line);
+  };
+  say(fmt::format("{} anchors on {} layers; {} pins stand on the part, {} of the pins are thin, {} braces\n",
+                  plan->anchors().size(), f.layers_with_regions, f.feet_on_part, f.thin_pins, f.braces));
+  say(fmt::format("supports {:.1f} mm3, {:.1f} % of the part's {:.1f} mm3; lifted by {:.2f} mm\n", f.support_mm3,
+                  f.part_mm3 > 0 ? 100 * f.support_mm3 / f.part_mm3 : 0.0, f.part_mm3,
+                  plan->elevation_layers() * thickness_mm));
   if (!o.out.empty()) {
     const std::string text = to_json(*plan);
     if (auto ok = write_file_atomically(o.out, text); !ok) return tl::unexpected{ok.error()};
@@ -80,7 +104,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     if (!regions) return tl::unexpected{regions.error()};
     const Millimetres reach{machine->supports.anchor_distance_mm};
     const auto near = anchors_at(*plan, LayerIndex{layer}, thickness_mm, reach);
-    write_output(fmt::format(
+    say(fmt::format(
         "layer {} at {:.3f} mm: attached {:.2f}, self-supported {:.2f}, to support {:.2f} mm2, {} anchors\n", layer,
         cut_height_mm(LayerIndex{layer}, thickness_mm), regions->attached.area_mm2(),
         subtract(regions->self_supported, regions->attached).area_mm2(), regions->to_support.area_mm2(), near.size()));
@@ -116,6 +140,7 @@ VerbBody declare_supports(VerbOptions& options) {
   options.add("--model", o->model,
               "the part with its supports in colours, for a viewer: 3MF if the name ends so, else PLY");
   options.add("--out", o->out, "anchors and primitives as JSON, as supports.json of a plan");
+  options.flag("--json", o->json, "print the figures as JSON");
   options.add("--threads", o->threads, "0: all cores; the supports are the same for any number")
       .within(0, 1024)
       .shows_default();

@@ -276,9 +276,14 @@ Result<std::vector<Standing>> judged_standings(const PointCloud& cloud, const St
     tell(4);
   });
   if (stop.stop_requested()) return cancelled("judging directions");
+  rank(judged, options.goal);
+  return judged;
+}
+
+void rank(std::vector<Standing>& standings, StandFor goal) {
   std::vector<Standing> sorted;
-  for (const std::size_t k : order_of(judged, options.goal)) sorted.push_back(judged[k]);
-  return sorted;
+  for (const std::size_t k : order_of(standings, goal)) sorted.push_back(standings[k]);
+  standings = std::move(sorted);
 }
 
 std::vector<Standing> best_apart(const std::vector<Standing>& judged, std::size_t most, double apart_deg) {

@@ -38,6 +38,8 @@ nlohmann::ordered_json json_of(const StandingFigures& f) {
 
 }  // namespace
 
+std::string to_json(const StandingFigures& figures) { return json_text(json_of(figures)); }
+
 Result<std::vector<Standing>> standings_of(const PointCloud& prepared, const SliceRequest& request, StandFor goal,
                                            const ShareSink& progress, std::stop_token stop) {
   const PlacementOptions& placement = request.placement;

@@ -76,6 +76,9 @@ using ShareSink = std::function<void(double)>;
 [[nodiscard]] Result<std::vector<Standing>> judged_standings(const PointCloud& cloud, const StandingOptions& options,
                                                              const ShareSink& progress, std::stop_token stop);
 
+/// Sets the costs and sorts, the best first; equal ones stay in their order.
+void rank(std::vector<Standing>& standings, StandFor goal);
+
 /// The best few whose directions differ by so many degrees, in their order.
 [[nodiscard]] std::vector<Standing> best_apart(const std::vector<Standing>& judged, std::size_t most, double apart_deg);
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <string>
 #include <telefab/scan/placing/standing.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 
@@ -14,5 +15,8 @@ namespace telefab::scan {
 /// The best of them.
 [[nodiscard]] Result<ChosenStanding> chosen_standing(const PointCloud& prepared, const SliceRequest& request,
                                                      StandFor goal, std::stop_token stop);
+
+/// One JSON object, fixed key order.
+[[nodiscard]] std::string to_json(const StandingFigures& figures);
 
 }  // namespace telefab::scan

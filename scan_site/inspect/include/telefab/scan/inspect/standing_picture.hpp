@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <span>
+#include <string>
+#include <telefab/image/png.hpp>
+#include <telefab/scan/cloud/point_cloud.hpp>
+#include <telefab/scan/placing/turn.hpp>
+#include <vector>
+
+namespace telefab::scan {
+
+/// A way to stand, and the lines that are written below its picture; the first is the heading.
+struct StandingTile {
+  Turn turn;
+  std::vector<std::string> lines;
+};
+
+/// The object as it would stand, once for each tile, three in a row, from in front and a little above, on the line of
+/// the platform; all equally large. Undersides so flat that supports have to hold them are red. `cloud` has normals;
+/// one that is mirrored is drawn mirrored. RGB.
+[[nodiscard]] Image draw_standings(const PointCloud& cloud, std::span<const StandingTile> tiles);
+
+}  // namespace telefab::scan

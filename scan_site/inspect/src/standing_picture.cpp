@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/scan/inspect/standing_picture.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <telefab/image/canvas.hpp>
+
+namespace telefab::scan {
+namespace {
+
+constexpr std::uint32_t kPart = 380;  ///< side of the square that a part is drawn in
+constexpr std::uint32_t kGap = 16;
+constexpr double kLine = 20;
+constexpr double kHeading = 26;
+constexpr std::uint32_t kColumns = 3;
+constexpr double kMargin = 0.06;
+/// Looked at from the front turned to the left, and from above.
+constexpr double kTurned = 25 * std::numbers::pi / 180;
+constexpr double kAbove = 15 * std::numbers::pi / 180;
+/// Undersides within 30 degrees of level.
+constexpr double kUnderNz = -0.866;
+constexpr Colour kPaper{250, 250, 248};
+constexpr Colour kInk{40, 44, 52};
+constexpr Colour kPlatform{168, 172, 180};
+/// Points that a picture of this size can show.
+constexpr std::size_t kMostPoints = 150'000;
+
+struct View {
+  Vec3 right, up, towards;
+};
+
+View view() {
+  const double ct = std::cos(kTurned), st = std::sin(kTurned), ca = std::cos(kAbove), sa = std::sin(kAbove);
+  return {{ct, st, 0}, {-sa * st, sa * ct, ca}, {ca * st, -ca * ct, sa}};
+}
+
+struct Splats {
+  Image image{kPart, kPart, 3, {}};
+  std::vector<double> depth;
+
+  Splats() : depth(std::size_t{kPart} * kPart, -std::numeric_limits<double>::infinity()) {
+    for (std::size_t i = 0; i < depth.size(); ++i)
+      image.pixels.insert(image.pixels.end(), {kPaper.red, kPaper.green, kPaper.blue});
+  }
+  void put(double x, double y, double towards, int radius, Colour colour) {
+    const int cx = static_cast<int>(std::floor(x)), cy = static_cast<int>(std::floor(y));
+    for (int py = std::max(0, cy - radius); py <= std::min<int>(kPart - 1, cy + radius); ++py)
+      for (int px = std::max(0, cx - radius); px <= std::min<int>(kPart - 1, cx + radius); ++px) {
+        const std::size_t at = static_cast<std::size_t>(py) * kPart + static_cast<std::size_t>(px);
+        if (towards <= depth[at]) continue;
+        depth[at] = towards;
+        image.pixels[3 * at] = colour.red;
+        image.pixels[3 * at + 1] = colour.green;
+        image.pixels[3 * at + 2] = colour.blue;
+      }
+  }
+};
+
+Colour shaded(Colour colour, double light) {
+  const auto dim = [&](std::uint8_t v) { return static_cast<std::uint8_t>(v * light + 0.5); };
+  return {dim(colour.red), dim(colour.green), dim(colour.blue)};
+}
+
+Image part_picture(const PointCloud& cloud, std::size_t step, const Eigen::Matrix3d& turn, double diagonal) {
+  const View eye = view();
+  Box3 box = Box3::nothing();
+  std::vector<Vec3> places;
+  for (std::size_t i = 0; i < cloud.size(); i += step) {
+    places.push_back(turn * cloud.points[i].cast<double>());
+    box.include(places.back());
+  }
+  const double scale = (1 - 2 * kMargin) * kPart / diagonal;
+  // The middle of the footprint stands in the middle; the part's lowest place above the margin.
+  const Vec3 foot{box.middle().x(), box.middle().y(), box.min.z()};
+  const double floor_px = kPart * (1 - kMargin) - 0.5 * scale * std::sin(kAbove) * box.size().head<2>().norm();
+  const double density = 0.5 * scale * scale * diagonal * diagonal / static_cast<double>(places.size());
+  const int radius = std::clamp(static_cast<int>(std::lround(0.6 * std::sqrt(density))), 1, 6);
+  const Vec3 light = (eye.towards - 0.5 * eye.right + 0.6 * eye.up).normalized();
+  Splats splats;
+  for (std::size_t k = 0; k < places.size(); ++k) {
+    const Vec3 n = turn * cloud.normals[k * step].cast<double>();
+    if (n.dot(eye.towards) < -0.1) continue;
+    const Vec3 d = places[k] - foot;
+    const Colour colour = n.z() < kUnderNz ? Colour{226, 74, 60} : Colour{196, 204, 214};
+    splats.put(kPart / 2.0 + scale * d.dot(eye.right), floor_px - scale * d.dot(eye.up), d.dot(eye.towards), radius,
+               shaded(colour, 0.3 + 0.7 * std::max(0.0, n.dot(light))));
+  }
+  return splats.image;
+}
+
+}  // namespace
+
+Image draw_standings(const PointCloud& cloud, std::span<const StandingTile> tiles) {
+  std::size_t lines = 1;
+  for (const StandingTile& tile : tiles) lines = std::max(lines, tile.lines.size());
+  const auto columns = static_cast<std::uint32_t>(std::clamp<std::size_t>(tiles.size(), 1, kColumns));
+  const auto rows = static_cast<std::uint32_t>((std::max<std::size_t>(1, tiles.size()) + columns - 1) / columns);
+  const double text = kHeading + kLine * static_cast<double>(lines - 1) + 10;
+  const double tile_height = kPart + text + kGap;
+  Canvas canvas{columns * (kPart + kGap) + kGap, static_cast<std::uint32_t>(rows * tile_height) + kGap, kPaper};
+  Box3 box = Box3::nothing();
+  for (const auto& p : cloud.points) box.include(Vec3{p.cast<double>()});
+  const double diagonal = cloud.points.empty() ? 1 : std::max(1e-12, box.size().norm());
+  const std::size_t step = (cloud.size() + kMostPoints - 1) / kMostPoints;
+  for (std::size_t i = 0; i < tiles.size(); ++i) {
+    const double left = kGap + static_cast<double>(i % columns) * (kPart + kGap);
+    const double top = kGap + static_cast<double>(i / columns) * tile_height;
+    if (!cloud.points.empty() && cloud.has_normals())
+      canvas.paste(part_picture(cloud, step, tiles[i].turn.matrix(), diagonal), {left, top}, kPart, kPart);
+    const double ground = top + kPart + 2;
+    canvas.line({left, ground}, {left + kPart, ground}, kPlatform, 3);
+    double y = ground;
+    for (std::size_t line = 0; line < tiles[i].lines.size(); ++line) {
+      y += line == 0 ? kHeading : kLine;
+      canvas.text({left + 2, y}, tiles[i].lines[line], kInk, line == 0 ? 16 : 12);
+    }
+  }
+  return canvas.image();
+}
+
+}  // namespace telefab::scan
