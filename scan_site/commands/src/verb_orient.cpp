@@ -29,7 +29,7 @@ constexpr std::array<std::string_view, 13> kSizing{
     "height_mm", "scale",        "fit",          "units",    "mirror",   "scale_axes",   "crop",
     "pieces",    "sample_faces", "thickness_mm", "layer_mm", "complete", "keep_outliers"};
 /// Directions that are sliced and planned before one is the best.
-constexpr std::size_t kShortlist = 12;
+constexpr std::size_t kShortlist = 8;
 /// They differ by so much.
 constexpr double kApartDeg = 20;
 /// Thicker layers judge a tall part as well, and sooner.
@@ -176,13 +176,11 @@ nlohmann::ordered_json json_of(const Candidate& c) {
 std::vector<std::string> caption(const std::string& rank, const Candidate& c) {
   const StandingFigures& f = c.standing.figures;
   std::vector<std::string> lines{
-      fmt::format("{}: {:.0f} mm3 of supports ({:.1f} %)", rank, f.support_mm3, share(f.support_mm3, f.part_mm3)),
-      fmt::format("{} anchors, {:.0f} mm2 overhang, {:.1f} mm high, {} layers", f.anchors, f.overhang_mm2,
-                  f.size_mm.z(), f.layers)};
-  std::string third = fmt::format("stability {:.2f}", f.stability);
-  if (f.trapped_mm3 >= 1) third += fmt::format(", {:.0f} mm3 trapped", f.trapped_mm3);
-  if (c.slices) third += fmt::format(", {:.1f} % of the layers doubtful", doubtful_percent(*c.slices));
-  lines.push_back(third);
+      fmt::format("{}: {:.0f} mm3 supports, {:.1f} %", rank, f.support_mm3, share(f.support_mm3, f.part_mm3)),
+      fmt::format("{} anchors, {:.0f} mm2 overhang", f.anchors, f.overhang_mm2),
+      fmt::format("{:.1f} mm high, {} layers", f.size_mm.z(), f.layers),
+      fmt::format("stability {:.2f}, {:.0f} mm3 trapped", f.stability, f.trapped_mm3)};
+  if (c.slices) lines.push_back(fmt::format("{:.1f} % of the layers doubtful", doubtful_percent(*c.slices)));
   lines.push_back("--rotate " + rotate_text(c.standing.turn));
   return lines;
 }
@@ -192,7 +190,7 @@ Result<void> write_picture(const std::string& path, const PointCloud& cloud, con
   std::vector<StandingTile> tiles;
   for (std::size_t i = 0; i < best.size(); ++i)
     tiles.push_back({best[i].standing.turn, caption(std::to_string(i + 1), best[i])});
-  if (as_in_file) tiles.push_back({as_in_file->standing.turn, caption("as in the file", *as_in_file)});
+  if (as_in_file) tiles.push_back({as_in_file->standing.turn, caption("file", *as_in_file)});
   const auto png = encode_png(draw_standings(cloud, tiles));
   if (!png) return tl::unexpected{png.error()};
   return write_file_atomically(path, *png);

@@ -14,11 +14,12 @@ constexpr std::uint32_t kPart = 380;  ///< side of the square that a part is dra
 constexpr std::uint32_t kGap = 16;
 constexpr double kLine = 20;
 constexpr double kHeading = 26;
-constexpr std::uint32_t kColumns = 3;
+/// Up to six pictures in rows of three, more in rows of four.
+constexpr std::size_t kInThrees = 6;
 constexpr double kMargin = 0.06;
-/// Looked at from the front turned to the left, and from above.
+/// Looked at from the front turned to the left, and from a little below: undersides are the question.
 constexpr double kTurned = 25 * std::numbers::pi / 180;
-constexpr double kAbove = 15 * std::numbers::pi / 180;
+constexpr double kAbove = -12 * std::numbers::pi / 180;
 /// Undersides within 30 degrees of level.
 constexpr double kUnderNz = -0.866;
 constexpr Colour kPaper{250, 250, 248};
@@ -63,29 +64,36 @@ Colour shaded(Colour colour, double light) {
   return {dim(colour.red), dim(colour.green), dim(colour.blue)};
 }
 
-Image part_picture(const PointCloud& cloud, std::size_t step, const Eigen::Matrix3d& turn, double diagonal) {
-  const View eye = view();
+/// Where a part's points are seen, from some place of the cloud's frame.
+Box3 seen_box(const PointCloud& cloud, std::size_t step, const Eigen::Matrix3d& turn, const View& eye) {
   Box3 box = Box3::nothing();
-  std::vector<Vec3> places;
   for (std::size_t i = 0; i < cloud.size(); i += step) {
-    places.push_back(turn * cloud.points[i].cast<double>());
-    box.include(places.back());
+    const Vec3 p = turn * cloud.points[i].cast<double>();
+    box.include(Vec3{p.dot(eye.right), p.dot(eye.up), p.dot(eye.towards)});
   }
-  const double scale = (1 - 2 * kMargin) * kPart / diagonal;
-  // The middle of the footprint stands in the middle; the part's lowest place above the margin.
-  const Vec3 foot{box.middle().x(), box.middle().y(), box.min.z()};
-  const double floor_px = kPart * (1 - kMargin) - 0.5 * scale * std::sin(kAbove) * box.size().head<2>().norm();
-  const double density = 0.5 * scale * scale * diagonal * diagonal / static_cast<double>(places.size());
-  const int radius = std::clamp(static_cast<int>(std::lround(0.6 * std::sqrt(density))), 1, 6);
+  return box;
+}
+
+Image part_picture(const PointCloud& cloud, std::size_t step, const Eigen::Matrix3d& turn, double px_per_unit) {
+  const View eye = view();
+  const Box3 box = seen_box(cloud, step, turn, eye);
+  // Dots as wide as the points of half the silhouette lie apart.
+  const double seen_px = px_per_unit * px_per_unit * box.size().x() * box.size().y();
+  const double apart = std::sqrt(seen_px * static_cast<double>(step) / static_cast<double>(cloud.size()));
+  const int radius = std::clamp(static_cast<int>(std::lround(0.8 * apart)), 1, 8);
+  const double floor_px = kPart - 1 - radius;
   const Vec3 light = (eye.towards - 0.5 * eye.right + 0.6 * eye.up).normalized();
   Splats splats;
-  for (std::size_t k = 0; k < places.size(); ++k) {
-    const Vec3 n = turn * cloud.normals[k * step].cast<double>();
+  for (std::size_t i = 0; i < cloud.size(); i += step) {
+    const Vec3 n = turn * cloud.normals[i].cast<double>();
     if (n.dot(eye.towards) < -0.1) continue;
-    const Vec3 d = places[k] - foot;
-    const Colour colour = n.z() < kUnderNz ? Colour{226, 74, 60} : Colour{196, 204, 214};
-    splats.put(kPart / 2.0 + scale * d.dot(eye.right), floor_px - scale * d.dot(eye.up), d.dot(eye.towards), radius,
-               shaded(colour, 0.3 + 0.7 * std::max(0.0, n.dot(light))));
+    const Vec3 p = turn * cloud.points[i].cast<double>();
+    const bool is_under = n.z() < kUnderNz;
+    const Colour colour = is_under ? Colour{226, 74, 60} : Colour{196, 204, 214};
+    const double least_light = is_under ? 0.7 : 0.3;
+    splats.put(kPart / 2.0 + px_per_unit * (p.dot(eye.right) - box.middle().x()),
+               floor_px - px_per_unit * (p.dot(eye.up) - box.min.y()), p.dot(eye.towards), radius,
+               shaded(colour, least_light + (1 - least_light) * std::max(0.0, n.dot(light))));
   }
   return splats.image;
 }
@@ -95,20 +103,24 @@ Image part_picture(const PointCloud& cloud, std::size_t step, const Eigen::Matri
 Image draw_standings(const PointCloud& cloud, std::span<const StandingTile> tiles) {
   std::size_t lines = 1;
   for (const StandingTile& tile : tiles) lines = std::max(lines, tile.lines.size());
-  const auto columns = static_cast<std::uint32_t>(std::clamp<std::size_t>(tiles.size(), 1, kColumns));
+  const auto columns =
+      static_cast<std::uint32_t>(std::clamp<std::size_t>(tiles.size(), 1, tiles.size() <= kInThrees ? 3 : 4));
   const auto rows = static_cast<std::uint32_t>((std::max<std::size_t>(1, tiles.size()) + columns - 1) / columns);
   const double text = kHeading + kLine * static_cast<double>(lines - 1) + 10;
   const double tile_height = kPart + text + kGap;
   Canvas canvas{columns * (kPart + kGap) + kGap, static_cast<std::uint32_t>(rows * tile_height) + kGap, kPaper};
-  Box3 box = Box3::nothing();
-  for (const auto& p : cloud.points) box.include(Vec3{p.cast<double>()});
-  const double diagonal = cloud.points.empty() ? 1 : std::max(1e-12, box.size().norm());
-  const std::size_t step = (cloud.size() + kMostPoints - 1) / kMostPoints;
+  const std::size_t step = std::max<std::size_t>(1, (cloud.size() + kMostPoints - 1) / kMostPoints);
+  const bool is_drawn = !cloud.points.empty() && cloud.has_normals();
+  double largest = 0;
+  for (const StandingTile& tile : tiles)
+    if (is_drawn)
+      largest = std::max(largest, seen_box(cloud, step, tile.turn.matrix(), view()).size().head<2>().maxCoeff());
   for (std::size_t i = 0; i < tiles.size(); ++i) {
     const double left = kGap + static_cast<double>(i % columns) * (kPart + kGap);
     const double top = kGap + static_cast<double>(i / columns) * tile_height;
-    if (!cloud.points.empty() && cloud.has_normals())
-      canvas.paste(part_picture(cloud, step, tiles[i].turn.matrix(), diagonal), {left, top}, kPart, kPart);
+    if (is_drawn && largest > 0)
+      canvas.paste(part_picture(cloud, step, tiles[i].turn.matrix(), (1 - 2 * kMargin) * kPart / largest), {left, top},
+                   kPart, kPart);
     const double ground = top + kPart + 2;
     canvas.line({left, ground}, {left + kPart, ground}, kPlatform, 3);
     double y = ground;

@@ -33,8 +33,7 @@ constexpr double kDegree = std::numbers::pi / 180;
 constexpr std::size_t kMostSamples = 120'000;
 /// Samples that the rectangle around a part is found from.
 constexpr std::size_t kOutlineSamples = 2'000;
-/// Corners of the grid; one that is thinned judges all directions, and the whole one the best of them.
-constexpr double kCorners = 800'000;
+/// A grid that is thinned so judges all directions, and the whole one the best of them.
 constexpr int kThinned = 2;
 /// Faces show steps that look up or down by more than this and are not level.
 constexpr double kSteppedNz = 0.5;
@@ -212,6 +211,8 @@ Result<void> StandingOptions::validate() const {
   if (!(axis_scale.minCoeff() > 0)) return fail(ErrorCode::InvalidInput, "an axis is scaled by more than 0");
   if (in_full < 1 || in_full > 5000)
     return fail(ErrorCode::InvalidInput, fmt::format("{} directions in full; from 1 to 5000 are possible", in_full));
+  if (!(corners >= 1e4 && corners <= 1e8))
+    return fail(ErrorCode::InvalidInput, fmt::format("a grid of {} corners; from 1e4 to 1e8 are possible", corners));
   if (directions < 1 || directions > 5000)
     return fail(ErrorCode::InvalidInput, fmt::format("{} directions; from 1 to 5000 are possible", directions));
   return {};
@@ -226,7 +227,7 @@ Result<std::vector<Standing>> judged_standings(const PointCloud& cloud, const St
       samples_of(cloud, options.thickness_mm ? *options.thickness_mm / scale_as_in_file(cloud, options) : 0, stop);
   if (!samples) return tl::unexpected{samples.error()};
   if (stop.stop_requested()) return cancelled("filling the part");
-  const SolidGrid fine{samples->points, samples->normals, samples->areas, kCorners};
+  const SolidGrid fine{samples->points, samples->normals, samples->areas, options.corners};
   const SolidGrid coarse = fine.thinned(kThinned);
   const Judge judge{cloud, std::move(*samples), options};
 

@@ -29,7 +29,7 @@ struct Setup {
   double largest_mm = 40;
   double layer_mm = 0;  ///< 0: the machine's
   std::uint32_t spread = 40;
-  std::size_t shortlist = 12;
+  std::size_t shortlist = 8;
   bool all = false;
   bool estimate_only = false;
 };
@@ -102,6 +102,8 @@ Result<void> run_one(const fs::path& path, const Setup& setup, const MachineProf
   scan::SliceRequest request;
   request.machine = machine;
   request.placement.scale = scale;
+  // Contours alone are asked for, no certificates.
+  request.method = scan::TraceMethod::Grid;
   request.layer_mm = layer_mm;
   scan::StandingOptions options;
   options.machine = machine;

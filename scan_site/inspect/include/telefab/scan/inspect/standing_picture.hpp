@@ -15,7 +15,7 @@ struct StandingTile {
   std::vector<std::string> lines;
 };
 
-/// The object as it would stand, once for each tile, three in a row, from in front and a little above, on the line of
+/// The object as it would stand, once for each tile, from in front and a little below, on the line of
 /// the platform; all equally large. Undersides so flat that supports have to hold them are red. `cloud` has normals;
 /// one that is mirrored is drawn mirrored. RGB.
 [[nodiscard]] Image draw_standings(const PointCloud& cloud, std::span<const StandingTile> tiles);

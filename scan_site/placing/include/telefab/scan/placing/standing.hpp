@@ -32,6 +32,7 @@ struct StandingOptions {
   StandFor goal = StandFor::Supports;
   std::uint32_t directions = 300;  ///< [1, 5000]; spread evenly; axes and flat sides come on top
   std::uint32_t in_full = 60;      ///< [1, 5000]; so many of the best are judged on the fine grid
+  double corners = 800'000;        ///< [1e4, 1e8]; of the fine grid
   [[nodiscard]] Result<void> validate() const;
 };
 
