@@ -41,6 +41,7 @@ struct Options {
   SliceParameters asked;
   std::string by = "supports";
   std::uint32_t best = 6;
+  std::uint32_t directions = 300;
   std::string planner, picture;
   bool json = false;
   unsigned threads = 0;
@@ -242,7 +243,8 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!prepared) return tl::unexpected{prepared.error()};
   for (const std::string& warning : prepared->warnings) write_note(fmt::format("warning: {}\n", warning));
   const auto all = standings_of(
-      prepared->cloud, request, *goal, [&](double done) { bar.show("judging directions", done); }, stop);
+      prepared->cloud, request, {*goal, o.directions}, [&](double done) { bar.show("judging directions", done); },
+      stop);
   if (!all) return fail_in(name_of_file(o.cloud), all.error());
 
   std::vector<Candidate> candidates;
@@ -321,6 +323,11 @@ VerbBody declare_orient(VerbOptions& options) {
       .shows_default();
   options.add("--best", o->best, "how many ways to stand are shown; they differ by 20 degrees and more")
       .within(1, 12)
+      .shows_default();
+  options
+      .add("--directions", o->directions,
+           "how many directions are judged, spread evenly; axes and flat sides come on top")
+      .within(1, 5000)
       .shows_default();
   options.add("--planner", o->planner,
               "the program that judges the shortlist by planning its supports, or none: an estimate judges; default: "

@@ -40,8 +40,9 @@ nlohmann::ordered_json json_of(const StandingFigures& f) {
 
 std::string to_json(const StandingFigures& figures) { return json_text(json_of(figures)); }
 
-Result<std::vector<Standing>> standings_of(const PointCloud& prepared, const SliceRequest& request, StandFor goal,
-                                           const ShareSink& progress, std::stop_token stop) {
+Result<std::vector<Standing>> standings_of(const PointCloud& prepared, const SliceRequest& request,
+                                           const StandingSearch& search, const ShareSink& progress,
+                                           std::stop_token stop) {
   const PlacementOptions& placement = request.placement;
   StandingOptions options;
   options.machine = request.machine;
@@ -51,14 +52,15 @@ Result<std::vector<Standing>> standings_of(const PointCloud& prepared, const Sli
   options.fit = placement.fit;
   options.axis_scale = placement.axis_scale;
   options.thickness_mm = request.thickness_mm;
-  options.goal = goal;
+  options.goal = search.goal;
+  options.directions = search.directions;
   if (!placement.mirror) return judged_standings(prepared, options, progress, stop);
   return judged_standings(mirrored(prepared, *placement.mirror), options, progress, stop);
 }
 
 Result<ChosenStanding> chosen_standing(const PointCloud& prepared, const SliceRequest& request, StandFor goal,
                                        std::stop_token stop) {
-  const auto standings = standings_of(prepared, request, goal, {}, stop);
+  const auto standings = standings_of(prepared, request, {.goal = goal}, {}, stop);
   if (!standings) return tl::unexpected{standings.error()};
   ChosenStanding chosen{goal, standings->front(), {}};
   for (const Standing& s : *standings)

@@ -144,7 +144,8 @@ TEST(SliceParameterOptions, AreTheSameForSliceAndSubmitAndMostOfThemForInspect) 
       EXPECT_EQ(option->second.choices, (std::set<std::string>{row.choices.begin(), row.choices.end()})) << row.key;
     }
   }
-  for (const char* placing : {"--height-mm", "--scale", "--fit", "--units", "--up", "--surface", "--kernel-mm"})
+  for (const char* placing : {"--height-mm", "--scale", "--fit", "--units", "--up", "--rotate", "--mirror",
+                              "--scale-axes", "--position", "--surface", "--kernel-mm"})
     EXPECT_TRUE(inspect.options.contains(placing)) << placing;
 }
 

@@ -42,6 +42,20 @@ TEST_F(Fax, PrintsASubmittedScanAndBringsTheReportsBack) {
   EXPECT_THAT(text_of(out / "preview.png"), testing::StartsWith("\x89PNG"));
 }
 
+TEST_F(Fax, ChoosesHowAScanStandsWhereItIsAskedTo) {
+  start_both();
+  const Outcome done = telefab({"submit", torus().string(), "--machine", "toy", "--height-mm", "4", "--up",
+                                "auto:quality", "--mirror", "x", "--watch", "--json"});
+  ASSERT_EQ(done.code, 0) << done.errors;
+  const auto out = folder() / "out";
+  ASSERT_EQ(telefab({"report", json::parse(done.output)["id"], "--out", out.string()}).code, 0);
+  const json report = json::parse(text_of(out / "slice.json"));
+  EXPECT_EQ(report["chosen_standing"]["for"], "quality");
+  EXPECT_EQ(report["placing"]["mirror"], "x");
+  EXPECT_TRUE(report["placing"]["rotate"].is_string());
+  EXPECT_NEAR(report["size_mm"][2].get<double>(), 4, 1e-6);
+}
+
 TEST_F(Fax, PlansTheContoursAsTheyWereCodedAndKeepsThemSo) {
   start_both();
   const std::string job = submit_torus();

@@ -5,7 +5,9 @@
 
 #include <cmath>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <numbers>
+#include <telefab/base/exit_code.hpp>
 #include <telefab/test/scratch_folder.hpp>
 #include <telefab/test/toy.hpp>
 #include <telefab/test/two_sites.hpp>
@@ -65,6 +67,25 @@ TEST_F(Alone, TakesTheProfilesThatLieBesideTheProgram) {
   ASSERT_EQ(own.code, 0) << own.errors;
   EXPECT_TRUE(own.output.starts_with("toy")) << own.output;
   EXPECT_THAT(own.output, testing::Not(testing::HasSubstr("machine-a")));
+}
+
+TEST_F(Alone, OrientAsksThePlannerThatLiesBesideItAndDoesWithout) {
+  const Words ask{"orient",       "ball.xyz", "--machine", "machine-b", "--height-mm", "3",
+                  "--directions", "4",        "--best",    "2",         "--json"};
+  const auto judged_by = [](const Outcome& outcome) {
+    EXPECT_EQ(outcome.code, 0) << outcome.errors;
+    const auto json = nlohmann::json::parse(outcome.output, nullptr, false);
+    EXPECT_FALSE(json.is_discarded()) << outcome.output;
+    return json.is_discarded() ? std::string{} : json["best"][0]["judged_by"].get<std::string>();
+  };
+  EXPECT_EQ(judged_by(ran("telefab-scan", ask)), "planner");
+  fs::remove(root_ / "bin/telefab-fab");
+  EXPECT_EQ(judged_by(ran("telefab-scan", ask)), "estimate");
+  Words missing = ask;
+  missing.insert(missing.end(), {"--planner", "./telefab-fab"});
+  const Outcome refused = ran("telefab-scan", missing);
+  EXPECT_EQ(refused.code, static_cast<int>(exit_code_for(ErrorCode::NotFound))) << refused.errors;
+  EXPECT_THAT(refused.errors, testing::HasSubstr("no program ./telefab-fab"));
 }
 
 }  // namespace

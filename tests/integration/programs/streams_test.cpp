@@ -124,6 +124,8 @@ class Programs : public TwoSites {
             {{"clean", torus().string(), "--out", at("clean.ply")}},
             {{"slice", torus().string(), "--machine", "toy", "--machines", m, "--height-mm", "4", "--out", stack()}},
             {{"inspect", torus().string()}},
+            {{"orient", torus().string(), "--machine", "toy", "--machines", m, "--height-mm", "4", "--directions", "1",
+              "--best", "1", "--planner", "none"}},
             {{"measure", torus().string(), torus().string()}},
             {{"machines", "--machines", m}},
             {{"logs", job_, "--data", at("scan")}},

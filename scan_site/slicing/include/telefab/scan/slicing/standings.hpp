@@ -6,10 +6,16 @@
 
 namespace telefab::scan {
 
+/// What is sought.
+struct StandingSearch {
+  StandFor goal = StandFor::Supports;
+  std::uint32_t directions = 300;  ///< as in StandingOptions
+};
+
 /// The ways in which a prepared scan could stand for this request, the best for the goal first (judged_standings): with
 /// its machine, layers, size and mirror. `turn` and `position_mm` do not matter. Fails as judged_standings does.
 [[nodiscard]] Result<std::vector<Standing>> standings_of(const PointCloud& prepared, const SliceRequest& request,
-                                                         StandFor goal, const ShareSink& progress,
+                                                         const StandingSearch& search, const ShareSink& progress,
                                                          std::stop_token stop);
 
 /// The best of them.
