@@ -86,14 +86,15 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const double thickness_mm = stack->header().layer_thickness_mm;
   const SupportFigures& f = plan->figures();
   if (o.json) write_output(figures_json(*plan, thickness_mm) + "\n");
-  const auto say = [&](const std::string& line) {
+  const auto print_unless_json = [&](const std::string& line) {
     if (!o.json) write_output(line);
   };
-  say(fmt::format("{} anchors on {} layers; {} pins stand on the part, {} of the pins are thin, {} braces\n",
+  print_unless_json(
+      fmt::format("{} anchors on {} layers; {} pins stand on the part, {} of the pins are thin, {} braces\n",
                   plan->anchors().size(), f.layers_with_regions, f.feet_on_part, f.thin_pins, f.braces));
-  say(fmt::format("supports {:.1f} mm3, {:.1f} % of the part's {:.1f} mm3; lifted by {:.2f} mm\n", f.support_mm3,
-                  f.part_mm3 > 0 ? 100 * f.support_mm3 / f.part_mm3 : 0.0, f.part_mm3,
-                  plan->elevation_layers() * thickness_mm));
+  print_unless_json(fmt::format("supports {:.1f} mm3, {:.1f} % of the part's {:.1f} mm3; lifted by {:.2f} mm\n",
+                                f.support_mm3, f.part_mm3 > 0 ? 100 * f.support_mm3 / f.part_mm3 : 0.0, f.part_mm3,
+                                plan->elevation_layers() * thickness_mm));
   if (!o.out.empty()) {
     const std::string text = to_json(*plan);
     if (auto ok = write_file_atomically(o.out, text); !ok) return tl::unexpected{ok.error()};
@@ -104,7 +105,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     if (!regions) return tl::unexpected{regions.error()};
     const Millimetres reach{machine->supports.anchor_distance_mm};
     const auto near = anchors_at(*plan, LayerIndex{layer}, thickness_mm, reach);
-    say(fmt::format(
+    print_unless_json(fmt::format(
         "layer {} at {:.3f} mm: attached {:.2f}, self-supported {:.2f}, to support {:.2f} mm2, {} anchors\n", layer,
         cut_height_mm(LayerIndex{layer}, thickness_mm), regions->attached.area_mm2(),
         subtract(regions->self_supported, regions->attached).area_mm2(), regions->to_support.area_mm2(), near.size()));

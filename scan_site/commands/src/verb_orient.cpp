@@ -14,6 +14,7 @@
 #include <telefab/command_line/slice_options.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/inspect/standing_picture.hpp>
+#include <telefab/scan/placing/standing.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
 #include <telefab/scan/slicing/standings.hpp>
 

@@ -232,11 +232,11 @@ Result<std::vector<Standing>> judged_standings(const PointCloud& cloud, const St
   const Judge judge{cloud, std::move(*samples), options};
 
   const auto directions = directions_of(judge.samples().normals, judge.samples().areas, options.directions);
-  std::mutex told;
+  std::mutex mutex;
   std::size_t done = 0;
   const std::size_t all = directions.size() + options.in_full * 4;
-  const auto tell = [&](std::size_t worth) {
-    const std::lock_guard lock{told};
+  const auto advance = [&](std::size_t worth) {
+    const std::lock_guard lock{mutex};
     done += worth;
     if (progress) progress(std::min(1.0, static_cast<double>(done) / static_cast<double>(all)));
   };
@@ -248,7 +248,7 @@ Result<std::vector<Standing>> judged_standings(const PointCloud& cloud, const St
     if (!made) return;
     stood[i] = *made;
     if (made->fits) first[i] = judge.judged(*made, coarse, false);
-    tell(1);
+    advance(1);
   });
   if (stop.stop_requested()) return cancelled("judging directions");
   std::vector<std::size_t> fitting;
@@ -274,7 +274,7 @@ Result<std::vector<Standing>> judged_standings(const PointCloud& cloud, const St
   tbb::parallel_for(std::size_t{0}, chosen.size(), [&](std::size_t k) {
     if (stop.stop_requested()) return;
     judged[k] = judge.judged(stood[chosen[k]], fine, true);
-    tell(4);
+    advance(4);
   });
   if (stop.stop_requested()) return cancelled("judging directions");
   rank(judged, options.goal);

@@ -28,7 +28,7 @@ Result<Coding> coding_from(std::string_view name) {
 }
 
 /// A direction, or what one shall be chosen for.
-Result<void> take_up(const std::optional<std::string>& word, PlacementOptions& placement) {
+Result<void> read_up(const std::optional<std::string>& word, PlacementOptions& placement) {
   constexpr std::string_view kAuto = "auto";
   if (!word || !word->starts_with(kAuto)) return take(word, turn_from_up, placement.turn);
   const std::string_view goal = std::string_view{*word}.substr(kAuto.size());
@@ -43,7 +43,7 @@ Result<void> take_up(const std::optional<std::string>& word, PlacementOptions& p
 
 Result<void> take_words(const SliceParameters& asked, SliceRequest& slice) {
   if (auto ok = take(asked.units, millimetres_per, slice.placement.unit_mm); !ok) return ok;
-  if (auto ok = take_up(asked.up, slice.placement); !ok) return ok;
+  if (auto ok = read_up(asked.up, slice.placement); !ok) return ok;
   if (auto ok = take(asked.rotate, turn_from_rotate, slice.placement.turn); !ok) return ok;
   if (auto ok = take(asked.mirror, mirror_axis_from, slice.placement.mirror); !ok) return ok;
   if (auto ok = take(asked.scale_axes, axis_scale_from, slice.placement.axis_scale); !ok) return ok;
