@@ -284,12 +284,8 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
                                 ? fmt::format("{} on layers of {:g} mm", (*planner)->program(), *request.layer_mm)
                                 : std::string{"an estimate from points; the program telefab-fab would judge better"};
   if (!o.picture.empty()) {
-    PointCloud cloud = prepared->cloud;
-    if (const auto& mirror = request.placement.mirror) {
-      const auto a = static_cast<Eigen::Index>(*mirror) - 1;
-      for (auto& p : cloud.points) p[a] = -p[a];
-      for (auto& n : cloud.normals) n[a] = -n[a];
-    }
+    const auto& mirror = request.placement.mirror;
+    const PointCloud cloud = mirror ? mirrored(prepared->cloud, *mirror) : prepared->cloud;
     if (auto ok = write_picture(o.picture, cloud, candidates, as_in_file ? &*as_in_file : nullptr); !ok)
       return tl::unexpected{ok.error()};
   }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <telefab/scan/completion/winding_tree.hpp>
 
 namespace telefab::scan {
@@ -14,11 +15,13 @@ using Eigen::Vector3f;
 constexpr int kBrick = 4;
 /// Corners this near to a sample, in pitches, ask for the distance; the others for the side alone.
 constexpr float kNear = 2.5F;
+/// Corners that are asked before somebody may stop it; blocks of the tree divide it.
+constexpr std::size_t kPortion = 65'536;
 
 }  // namespace
 
 SolidGrid::SolidGrid(const std::vector<Vector3f>& points, const std::vector<Vector3f>& normals,
-                     const std::vector<float>& areas, double corners) {
+                     const std::vector<float>& areas, double corners, const std::stop_token& stop) {
   Vector3f low = points.front(), high = points.front();
   for (const Vector3f& p : points) {
     low = low.cwiseMin(p);
@@ -65,15 +68,24 @@ SolidGrid::SolidGrid(const std::vector<Vector3f>& points, const std::vector<Vect
               (near[i] ? near_at : far_at).push_back(i);
             }
   const WindingTree tree{points, normals, areas};
-  const auto wides = tree.wides(near_places);
-  for (std::size_t k = 0; k < near_at.size(); ++k) {
-    const WideField& f = wides[k];
-    const float side = 2 * kBand * pitch_ * (0.5F - f.winding);
-    distance_[near_at[k]] =
-        std::clamp(f.agreement * f.value + (1 - f.agreement) * side, -kBand * pitch_, kBand * pitch_);
-  }
-  const auto windings = tree.windings(far_places);
-  for (std::size_t k = 0; k < far_at.size(); ++k) distance_[far_at[k]] = (windings[k] > 0.5F ? -kBand : kBand) * pitch_;
+  const auto in_portions = [&](std::size_t count, auto&& ask) {
+    for (std::size_t from = 0; from < count && !stop.stop_requested(); from += kPortion)
+      ask(from, std::min(kPortion, count - from));
+  };
+  in_portions(near_at.size(), [&](std::size_t from, std::size_t count) {
+    const auto wides = tree.wides(std::span{near_places}.subspan(from, count));
+    for (std::size_t k = 0; k < count; ++k) {
+      const WideField& f = wides[k];
+      const float side = 2 * kBand * pitch_ * (0.5F - f.winding);
+      distance_[near_at[from + k]] =
+          std::clamp(f.agreement * f.value + (1 - f.agreement) * side, -kBand * pitch_, kBand * pitch_);
+    }
+  });
+  in_portions(far_at.size(), [&](std::size_t from, std::size_t count) {
+    const auto windings = tree.windings(std::span{far_places}.subspan(from, count));
+    for (std::size_t k = 0; k < count; ++k)
+      distance_[far_at[from + k]] = (windings[k] > 0.5F ? -kBand : kBand) * pitch_;
+  });
 }
 
 SolidGrid SolidGrid::thinned(int step) const {

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <stop_token>
 #include <telefab/scan/cloud/point_cloud.hpp>
 #include <vector>
 
@@ -19,9 +20,9 @@ class SolidGrid {
     Eigen::Vector3f gradient = Eigen::Vector3f::Zero();
   };
 
-  /// About so many corners. One normal and one area a point.
+  /// About so many corners. One normal and one area a point. Once it is stopped the rest stays outside.
   SolidGrid(const std::vector<Eigen::Vector3f>& points, const std::vector<Eigen::Vector3f>& normals,
-            const std::vector<float>& areas, double corners);
+            const std::vector<float>& areas, double corners, const std::stop_token& stop);
   /// Every `step`-th corner.
   [[nodiscard]] SolidGrid thinned(int step) const;
 

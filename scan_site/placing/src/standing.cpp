@@ -226,8 +226,8 @@ Result<std::vector<Standing>> judged_standings(const PointCloud& cloud, const St
   auto samples =
       samples_of(cloud, options.thickness_mm ? *options.thickness_mm / scale_as_in_file(cloud, options) : 0, stop);
   if (!samples) return tl::unexpected{samples.error()};
+  const SolidGrid fine{samples->points, samples->normals, samples->areas, options.corners, stop};
   if (stop.stop_requested()) return cancelled("filling the part");
-  const SolidGrid fine{samples->points, samples->normals, samples->areas, options.corners};
   const SolidGrid coarse = fine.thinned(kThinned);
   const Judge judge{cloud, std::move(*samples), options};
 

@@ -9,14 +9,6 @@
 namespace telefab::scan {
 namespace {
 
-PointCloud mirrored(PointCloud cloud, MirrorAxis axis) {
-  const auto a = static_cast<Eigen::Index>(axis) - 1;
-  cloud.origin[a] = -cloud.origin[a];
-  for (auto& p : cloud.points) p[a] = -p[a];
-  for (auto& n : cloud.normals) n[a] = -n[a];
-  return cloud;
-}
-
 std::string text_of(const StandingFigures& f) {
   const double share = f.part_mm3 > 0 ? 100 * f.support_mm3 / f.part_mm3 : 0;
   return fmt::format("{:.0f} mm3 of supports ({:.1f} % of the part), {} anchors, {:.1f} mm high", f.support_mm3, share,
@@ -37,6 +29,14 @@ nlohmann::ordered_json json_of(const StandingFigures& f) {
 }
 
 }  // namespace
+
+PointCloud mirrored(PointCloud cloud, MirrorAxis axis) {
+  const auto a = static_cast<Eigen::Index>(axis) - 1;
+  cloud.origin[a] = -cloud.origin[a];
+  for (auto& p : cloud.points) p[a] = -p[a];
+  for (auto& n : cloud.normals) n[a] = -n[a];
+  return cloud;
+}
 
 std::string to_json(const StandingFigures& figures) { return json_text(json_of(figures)); }
 

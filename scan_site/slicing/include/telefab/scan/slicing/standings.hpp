@@ -6,6 +6,9 @@
 
 namespace telefab::scan {
 
+/// The other hand of a cloud, as placement makes it.
+[[nodiscard]] PointCloud mirrored(PointCloud cloud, MirrorAxis axis);
+
 /// What is sought.
 struct StandingSearch {
   StandFor goal = StandFor::Supports;
