@@ -2,9 +2,11 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <telefab/scan/inspect/inspect_scan.hpp>
+#include <telefab/scan/inspect/standing_picture.hpp>
 #include <telefab/test/surface_samples.hpp>
 
 namespace telefab::test {
@@ -109,6 +111,46 @@ TEST(Inspection, RefusesHeightAndScaleTogether) {
       inspect_scan(std::as_bytes(std::span{text}), "a.xyz", {.placement = {.height_mm = 10.0, .scale = 2.0}}, {}, {});
   ASSERT_FALSE(result);
   EXPECT_EQ(result.error().code, ErrorCode::InvalidInput);
+}
+
+/// A square plate, its one side up.
+scan::PointCloud plate() {
+  scan::PointCloud cloud;
+  for (int x = 0; x < 100; ++x)
+    for (int y = 0; y < 100; ++y) {
+      cloud.points.emplace_back(0.1F * static_cast<float>(x), 0.1F * static_cast<float>(y), 0.F);
+      cloud.normals.emplace_back(0.F, 0.F, 1.F);
+    }
+  return cloud;
+}
+
+std::size_t red_pixels(const Image& image) {
+  std::size_t red = 0;
+  for (std::size_t i = 0; i + 2 < image.pixels.size(); i += 3)
+    red += image.pixels[i] > 140 && image.pixels[i] > 2 * image.pixels[i + 1];
+  return red;
+}
+
+TEST(StandingPicture, ShowsUndersidesRed) {
+  const scan::PointCloud cloud = plate();
+  const auto lying = [&](const char* rotate) {
+    const std::array tiles{scan::StandingTile{scan::turn_from_rotate(rotate).value(), {"1: 0 mm3", "second line"}}};
+    return scan::draw_standings(cloud, tiles);
+  };
+  EXPECT_EQ(red_pixels(lying("0,0,0")), 0U);
+  EXPECT_GT(red_pixels(lying("180,0,0")), 1000U);
+  EXPECT_EQ(red_pixels(lying("90,0,0")), 0U) << "a wall hangs over nothing";
+}
+
+TEST(StandingPicture, GrowsByRowsOfTiles) {
+  const std::vector<scan::StandingTile> tiles(7, {scan::Turn{}, {"way"}});
+  const Image one = scan::draw_standings(plate(), std::span{tiles}.first(1));
+  const Image six = scan::draw_standings(plate(), std::span{tiles}.first(6));
+  const Image seven = scan::draw_standings(plate(), tiles);
+  EXPECT_GT(six.width_px, 2 * one.width_px);
+  EXPECT_GT(six.height_px, 3 * one.height_px / 2);
+  EXPECT_GT(seven.width_px, six.width_px);
+  EXPECT_EQ(seven.height_px, six.height_px);
 }
 
 }  // namespace

@@ -88,5 +88,18 @@ TEST_F(Alone, OrientAsksThePlannerThatLiesBesideItAndDoesWithout) {
   EXPECT_THAT(refused.errors, testing::HasSubstr("no program ./telefab-fab"));
 }
 
+TEST_F(Alone, PlatformsAndSupportsAreThoseOfAMachine) {
+  const auto refusal = [&](const Words& words) {
+    Words inspect{"inspect", "ball.xyz"};
+    inspect.insert(inspect.end(), words.begin(), words.end());
+    const Outcome outcome = ran("telefab-scan", inspect);
+    EXPECT_EQ(outcome.code, static_cast<int>(ExitCode::Refused)) << outcome.output;
+    return outcome.errors;
+  };
+  EXPECT_THAT(refusal({"--up", "auto"}), testing::HasSubstr("--machine"));
+  EXPECT_THAT(refusal({"--position", "3,4"}), testing::HasSubstr("--machine"));
+  EXPECT_THAT(refusal({"--rotate", "1,0,0,0,1,0,0,0,-1"}), testing::HasSubstr("mirror"));
+}
+
 }  // namespace
 }  // namespace telefab::test
