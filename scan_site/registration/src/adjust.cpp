@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "free_space.hpp"
+
 namespace telefab::scan {
 namespace {
 
@@ -87,40 +89,14 @@ Result<std::vector<std::vector<Match>>> adjust_all(std::span<const RangeImage> v
 
 std::optional<double> conflict_share(std::span<const RangeImage> views, std::span<const RigidMotion> poses,
                                      double clearance) {
-  std::size_t judged = 0, conflicting = 0;
-  for (std::size_t j = 0; j < views.size(); ++j) {
-    const RangeImage& judge = views[j];
-    if (!judge.projection) continue;
-    const ParallelProjection& eye = *judge.projection;
-    const RigidMotion into = poses[j].inverse();
+  FreeSpace found;
+  for (std::size_t j = 0; j < views.size(); ++j)
     for (std::size_t i = 0; i < views.size(); ++i) {
       if (i == j) continue;
       const std::size_t step = std::max<std::size_t>(1, views[i].points.size() / 1000);
-      for (std::size_t k = 0; k < views[i].points.size(); k += step) {
-        if (!(views[i].weight[k] > 0.2F)) continue;
-        const Vec3 p = into * (poses[i] * views[i].points[k].cast<double>());
-        const double row = eye.row.head<3>().dot(p) + eye.row[3], column = eye.column.head<3>().dot(p) + eye.column[3];
-        if (!(row >= 1) || !(column >= 1) || row >= judge.view.rows - 2 || column >= judge.view.columns - 2) continue;
-        // all cells about must have been seen, else the point may stand at a depth edge
-        double nearest = -1e300;
-        bool is_whole = true;
-        for (int dr = -1; dr <= 1; ++dr)
-          for (int dc = -1; dc <= 1; ++dc) {
-            const std::int32_t cell = judge.view.at(static_cast<std::uint32_t>(std::lround(row) + dr),
-                                                    static_cast<std::uint32_t>(std::lround(column) + dc));
-            is_whole &= cell >= 0 && judge.weight[static_cast<std::size_t>(cell)] > 0.2F;
-            if (cell >= 0)
-              nearest = std::max(nearest,
-                                 eye.towards_scanner.dot(judge.points[static_cast<std::size_t>(cell)].cast<double>()));
-          }
-        if (!is_whole) continue;
-        ++judged;
-        conflicting += eye.towards_scanner.dot(p) > nearest + clearance ? 1 : 0;
-      }
+      found += judge_points(views[i].points, views[i].weight, step, poses[j].inverse() * poses[i], views[j], clearance);
     }
-  }
-  if (judged < 200) return std::nullopt;
-  return static_cast<double>(conflicting) / static_cast<double>(judged);
+  return found.conflict();
 }
 
 }  // namespace telefab::scan

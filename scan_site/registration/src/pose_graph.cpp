@@ -1,0 +1,490 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pose_graph.hpp"
+
+#include <tbb/parallel_for.h>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "free_space.hpp"
+
+namespace telefab::scan {
+namespace {
+
+constexpr double kCellsAcross = 60;              ///< of the diagonal of a typical series
+constexpr std::uint32_t kDrawsOfSeries = 150'000, kDrawsOfViews = 50'000;
+constexpr std::size_t kAlignedOfSeries = 16, kAlignedOfViews = 6;
+constexpr std::size_t kFreeMeans = 300;          ///< means of either side held against the other's views
+constexpr double kCoarseClearance = 1.5;         ///< cells
+constexpr double kFirstReach = 2.5;              ///< cells
+constexpr double kLastReach = 3;                 ///< spacings
+constexpr double kSameTurnDeg = 3, kSameShift = 3;  ///< degrees, spacings: one pose
+constexpr double kCycleTurnDeg = 3, kCycleShift = 5;
+constexpr double kLeastOverlap = 0.12;           ///< of an edge worth keeping
+constexpr double kScoreRms = 0.3;                ///< spacings at which a fit counts for half
+constexpr double kScoreConflict = 5;
+constexpr double kSupportedOverlap = 0.15;       ///< enough where third views say the same
+constexpr std::size_t kHypothesesOfBodies = 6;
+constexpr double kEqualOverlap = 0.8, kEqualRms = 1.5, kEqualConflict = 0.005;
+constexpr double kCorrelated = 2.5;              ///< noise between two views over that between the halves of one
+constexpr double kSameScanRms = 0.25;            ///< of the noise: only the same points fit so well
+constexpr double kSameScanOverlap = 0.97;
+constexpr double kOntoItself = 0.8;              ///< share of the whole that a symmetry carries onto itself
+
+/// Side of the box that holds all but one in a hundred of the points on each side: strays must not set the size.
+double robust_diagonal(std::span<const Eigen::Vector3f> points) {
+  Vec3 size = Vec3::Zero();
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<float> along;
+    along.reserve(points.size());
+    for (const Eigen::Vector3f& p : points) along.push_back(p[axis]);
+    std::sort(along.begin(), along.end());
+    const std::size_t cut = along.size() / 100;
+    if (!along.empty()) size[axis] = static_cast<double>(along[along.size() - 1 - cut] - along[cut]);
+  }
+  return size.norm();
+}
+
+double median_of(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+double conflict_of_means(const ViewSet& set, const CoarseShape& seen, const ViewGroup& by,
+                         const RigidMotion& seen_to_by, double clearance) {
+  FreeSpace found;
+  const std::size_t step = std::max<std::size_t>(1, seen.means().points.size() / kFreeMeans);
+  for (std::size_t m = 0; m < by.members().size(); ++m)
+    found += judge_points(seen.means().points, {}, step, by.poses()[m].inverse() * seen_to_by,
+                          set.views[by.members()[m]], clearance);
+  return found.judged == 0 ? 0 : static_cast<double>(found.conflicting) / static_cast<double>(found.judged);
+}
+
+/// What one half of a view's points leaves against the other half: white noise and the grid, but not what bends a
+/// whole view.
+double rms_of_halves(const RangeImage& view, double reach) {
+  OrientedPoints even, odd;
+  std::vector<float> even_weight, odd_weight;
+  const auto put = [&](std::size_t i, bool is_even) {
+    OrientedPoints& half = is_even ? even : odd;
+    half.points.push_back(view.points[i]);
+    half.normals.push_back(view.normals[i]);
+    (is_even ? even_weight : odd_weight).push_back(view.weight[i]);
+  };
+  if (view.view.point_at.empty()) {
+    for (std::size_t i = 0; i < view.points.size(); ++i) put(i, i % 2 == 0);
+  } else {
+    for (std::uint32_t r = 0; r < view.view.rows; ++r)
+      for (std::uint32_t c = 0; c < view.view.columns; ++c)
+        if (const std::int32_t i = view.view.at(r, c); i >= 0) put(static_cast<std::size_t>(i), (r + c) % 2 == 0);
+  }
+  if (even.points.empty() || odd.points.empty()) return 0;
+  const AlignTarget target{even.points, even.normals};
+  return rms_of(find_matches(odd.points, odd.normals, odd_weight, RigidMotion::Identity(), target, even_weight,
+                             RigidMotion::Identity(), reach, std::max<std::size_t>(1, odd.points.size() / 3000)));
+}
+
+}  // namespace
+
+PoseGraph::PoseGraph(std::span<const RangeImage> views, const std::vector<ViewSeries>& series,
+                     std::vector<SeriesReport>& reports, const JoinOptions& options)
+    : views_{views}, series_{series}, reports_{reports}, options_{options} {
+  targets_.reserve(views.size());
+  double spacing = 0;
+  for (const RangeImage& v : views) {
+    targets_.emplace_back(v.points, v.normals);
+    spacing = std::max(spacing, static_cast<double>(v.spacing));
+  }
+  set_ = {views_, targets_, spacing};
+  groups_.resize(series.size());
+  own_noise_.resize(series.size());
+  tbb::parallel_for(std::size_t{0}, series.size(), [&](std::size_t s) {
+    if (reports_[s].verdict == JoinVerdict::SameScan) return;
+    groups_[s] = std::make_unique<ViewGroup>(set_, series[s].views, series[s].poses);
+    if (series[s].views.size() > 1) own_noise_[s] = rms_within(set_, *groups_[s]);
+  });
+  std::vector<double> diagonals;
+  for (const auto& group : groups_)
+    if (group) diagonals.push_back(robust_diagonal(group->surface().points));
+  cell_ = std::max(2 * spacing, median_of(diagonals) / kCellsAcross);
+}
+
+double PoseGraph::score_of(const PoseFigures& f) const {
+  const double fit = f.rms / (kScoreRms * set_.spacing);
+  return f.overlap * std::max(0.0, 1 - kScoreConflict * f.conflict.value_or(0)) / (1 + fit * fit);
+}
+
+Result<void> PoseGraph::find_candidates(const ProgressSink& progress, const std::stop_token& stop) {
+  telefab::report(progress, WorkStage::AligningPairs, 0);
+  coarse_.resize(groups_.size());
+  tbb::parallel_for(std::size_t{0}, groups_.size(), [&](std::size_t s) {
+    if (groups_[s] && !stop.stop_requested()) coarse_[s] = std::make_unique<CoarseShape>(groups_[s]->surface(), cell_);
+  });
+  std::vector<std::pair<std::size_t, std::size_t>> pairs;
+  for (std::size_t a = 0; a < groups_.size(); ++a)
+    for (std::size_t b = a + 1; b < groups_.size(); ++b)
+      if (groups_[a] && groups_[b]) pairs.emplace_back(a, b);
+  std::vector<std::vector<Candidate>> found(pairs.size());
+  constexpr std::size_t kBatch = 8;  // between two reports
+  for (std::size_t first = 0; first < pairs.size(); first += kBatch) {
+    if (stop.stop_requested()) return cancelled("searching poses");
+    telefab::report(progress, WorkStage::AligningPairs, static_cast<double>(first) / static_cast<double>(pairs.size()));
+    tbb::parallel_for(first, std::min(first + kBatch, pairs.size()),
+                      [&](std::size_t p) { found[p] = candidates_of(pairs[p].first, pairs[p].second, stop); });
+  }
+  if (stop.stop_requested()) return cancelled("searching poses");
+  for (const auto& some : found) candidates_.insert(candidates_.end(), some.begin(), some.end());
+  coarse_.clear();
+  count_support();
+  set_noise();
+  return {};
+}
+
+std::vector<PoseGraph::Candidate> PoseGraph::candidates_of(std::size_t a, std::size_t b,
+                                                           const std::stop_token& stop) const {
+  const ViewGroup &to = *groups_[a], &from = *groups_[b];
+  const bool is_of_views = to.members().size() == 1 && from.members().size() == 1;
+  const std::vector<CoarsePose> coarse = search_poses(
+      *coarse_[b], *coarse_[a], {.draws = is_of_views ? kDrawsOfViews : kDrawsOfSeries, .seed = options_.seed}, stop);
+  std::vector<std::pair<double, std::size_t>> order(coarse.size());
+  tbb::parallel_for(std::size_t{0}, coarse.size(), [&](std::size_t i) {
+    const double clearance = kCoarseClearance * cell_;
+    const double conflict =
+        std::max(conflict_of_means(set_, *coarse_[b], to, coarse[i].motion, clearance),
+                 conflict_of_means(set_, *coarse_[a], from, coarse[i].motion.inverse(), clearance));
+    order[i] = {-coarse[i].share * (1 - 3 * conflict), i};
+  });
+  std::sort(order.begin(), order.end());
+  order.resize(std::min(order.size(), is_of_views ? kAlignedOfViews : kAlignedOfSeries));
+
+  // A short fit tells which of them meet; only different ones are worth a long one.
+  const auto aligned = [&](std::span<const RigidMotion> starts, double reach, int rounds, std::size_t samples) {
+    std::vector<std::optional<Alignment>> fits(starts.size());
+    tbb::parallel_for(std::size_t{0}, starts.size(), [&](std::size_t i) {
+      auto fit = align(from.surface().points, from.surface().normals, to.target(), starts[i],
+                       {.first_distance = reach,
+                        .last_distance = kLastReach * set_.spacing,
+                        .max_rounds = rounds,
+                        .samples = samples},
+                       stop);
+      if (fit && fit->overlap >= kLeastOverlap / 2) fits[i] = *fit;
+    });
+    std::vector<RigidMotion> distinct;
+    for (const auto& fit : fits)
+      if (fit && std::ranges::none_of(distinct, [&](const RigidMotion& m) {
+            const MotionDifference d = difference(m, fit->motion, from.middle());
+            return d.degrees < kSameTurnDeg && d.shift < kSameShift * set_.spacing;
+          }))
+        distinct.push_back(fit->motion);
+    return distinct;
+  };
+  std::vector<RigidMotion> starts;
+  for (const auto& [weight, i] : order) starts.push_back(coarse[i].motion);
+  const auto met = aligned(starts, kFirstReach * cell_, 14, 600);
+  std::vector<Candidate> found;
+  for (const RigidMotion& motion : aligned(met, 2 * kLastReach * set_.spacing, 30, 1500)) {
+    Candidate c{a, b, motion, figures_of(set_, to, from, motion)};
+    c.score = score_of(c.figures);
+    if (c.figures.overlap >= kLeastOverlap) found.push_back(c);
+  }
+  std::stable_sort(found.begin(), found.end(), [](const Candidate& l, const Candidate& r) { return l.score > r.score; });
+  return found;
+}
+
+void PoseGraph::count_support() {
+  std::map<std::pair<std::size_t, std::size_t>, std::vector<std::size_t>> of_pair;
+  for (std::size_t c = 0; c < candidates_.size(); ++c) of_pair[{candidates_[c].a, candidates_[c].b}].push_back(c);
+  // the motions from b to a, whichever way about they were found
+  const auto motions = [&](std::size_t a, std::size_t b) {
+    std::vector<RigidMotion> list;
+    const auto found = of_pair.find({std::min(a, b), std::max(a, b)});
+    if (found == of_pair.end()) return list;
+    for (const std::size_t c : found->second)
+      list.push_back(a < b ? candidates_[c].b_to_a : candidates_[c].b_to_a.inverse());
+    return list;
+  };
+  for (Candidate& c : candidates_)
+    for (std::size_t k = 0; k < groups_.size(); ++k) {
+      if (k == c.a || k == c.b) continue;
+      const auto first = motions(c.a, k), second = motions(k, c.b);
+      const bool agrees = std::ranges::any_of(first, [&](const RigidMotion& k_to_a) {
+        return std::ranges::any_of(second, [&](const RigidMotion& b_to_k) {
+          const MotionDifference d = difference(k_to_a * b_to_k, c.b_to_a, groups_[c.b]->middle());
+          return d.degrees < kCycleTurnDeg && d.shift < kCycleShift * set_.spacing;
+        });
+      });
+      c.support += agrees ? 1 : 0;
+    }
+}
+
+void PoseGraph::set_noise() {
+  std::vector<double> measured;
+  for (const auto& own : own_noise_)
+    if (own) measured.push_back(*own);
+  if (measured.empty())
+    for (const Candidate& c : candidates_)
+      if (c.support >= 2 && c.figures.conflict.value_or(0) <= options_.max_conflict) measured.push_back(c.figures.rms);
+  if (measured.empty())
+    for (const RangeImage& view : views_)
+      measured.push_back(kCorrelated * rms_of_halves(view, kLastReach * set_.spacing));
+  noise_ = median_of(measured);
+}
+
+double PoseGraph::noise_of(std::size_t series) const { return own_noise_[series].value_or(noise_); }
+
+std::size_t PoseGraph::support_between(const Body& a, const Body& b) const {
+  std::size_t most = 0;
+  for (const Candidate& c : candidates_) {
+    const auto in = [&](const Body& body, std::size_t s) { return std::ranges::find(body.series, s) != body.series.end(); };
+    if ((in(a, c.a) && in(b, c.b)) || (in(a, c.b) && in(b, c.a))) most = std::max(most, c.support);
+  }
+  return most;
+}
+
+std::vector<PoseGraph::Hypothesis> PoseGraph::hypotheses(const Body& a, const Body& b,
+                                                         const std::stop_token& stop) const {
+  struct Start {
+    RigidMotion motion;
+    double score = 0;
+    const Candidate* only = nullptr;
+  };
+  std::vector<Start> starts;
+  const auto place = [](const Body& body, std::size_t s) {
+    return body.poses[static_cast<std::size_t>(std::ranges::find(body.series, s) - body.series.begin())];
+  };
+  const auto in = [](const Body& body, std::size_t s) { return std::ranges::find(body.series, s) != body.series.end(); };
+  for (const Candidate& c : candidates_) {
+    if (in(a, c.a) && in(b, c.b))
+      starts.push_back({place(a, c.a) * c.b_to_a * place(b, c.b).inverse(), c.score, &c});
+    else if (in(a, c.b) && in(b, c.a))
+      starts.push_back({place(a, c.b) * c.b_to_a.inverse() * place(b, c.a).inverse(), c.score, &c});
+  }
+  std::stable_sort(starts.begin(), starts.end(), [](const Start& l, const Start& r) { return l.score > r.score; });
+  const bool is_known = a.series.size() == 1 && b.series.size() == 1;  // aligned and judged already
+  std::vector<Hypothesis> distinct;
+  const auto add = [&](const RigidMotion& motion) {
+    const bool is_new = std::ranges::none_of(distinct, [&](const Hypothesis& h) {
+      const MotionDifference d = difference(h.b_to_a, motion, b.group->middle());
+      return d.degrees < kSameTurnDeg && d.shift < kSameShift * set_.spacing;
+    });
+    if (is_new) distinct.push_back({motion, {}, 0});
+    return is_new;
+  };
+  if (is_known) {
+    for (const Start& s : starts)
+      if (add(s.motion)) distinct.back().figures = s.only->figures;
+  } else {
+    std::vector<RigidMotion> wide;  // many pairs of views propose one and the same
+    for (const Start& s : starts) {
+      const bool is_new = std::ranges::none_of(wide, [&](const RigidMotion& m) {
+        const MotionDifference d = difference(m, s.motion, b.group->middle());
+        return d.degrees < 2 * kSameTurnDeg && d.shift < 3 * kSameShift * set_.spacing;
+      });
+      if (is_new) wide.push_back(s.motion);
+      if (wide.size() == kHypothesesOfBodies) break;
+    }
+    std::vector<std::optional<RigidMotion>> fits(wide.size());
+    tbb::parallel_for(std::size_t{0}, wide.size(), [&](std::size_t i) {
+      const auto fit = align(b.group->surface().points, b.group->surface().normals, a.group->target(), wide[i],
+                             {.first_distance = 3 * kLastReach * set_.spacing,
+                              .last_distance = kLastReach * set_.spacing,
+                              .max_rounds = 20,
+                              .samples = 1500},
+                             stop);
+      if (fit) fits[i] = fit->motion;
+    });
+    for (const auto& fit : fits)
+      if (fit) add(*fit);
+    tbb::parallel_for(std::size_t{0}, distinct.size(), [&](std::size_t i) {
+      distinct[i].figures = figures_of(set_, *a.group, *b.group, distinct[i].b_to_a);
+    });
+  }
+  for (Hypothesis& h : distinct) h.score = score_of(h.figures);
+  std::stable_sort(distinct.begin(), distinct.end(),
+                   [](const Hypothesis& l, const Hypothesis& r) { return l.score > r.score; });
+  return distinct;
+}
+
+JoinVerdict PoseGraph::judge(const PoseFigures& f, double noise, std::size_t support) const {
+  if (f.overlap < kLeastOverlap) return JoinVerdict::NoPose;
+  if (f.rms > options_.max_rms_ratio * noise) return JoinVerdict::Misfit;
+  if (f.conflict.value_or(0) > options_.max_conflict) return JoinVerdict::SeenThrough;
+  if (f.overlap < (support > 0 ? std::min(kSupportedOverlap, options_.min_overlap) : options_.min_overlap))
+    return JoinVerdict::ThinOverlap;
+  if (f.stiffness < options_.min_stiffness) return JoinVerdict::Slides;
+  return JoinVerdict::Fits;
+}
+
+PoseGraph::Attempt PoseGraph::attempt(const Body& a, const Body& b, const std::stop_token& stop) const {
+  Attempt found;
+  double noise = 0;
+  for (const Body* body : {&a, &b})
+    for (const std::size_t s : body->series) noise = std::max(noise, noise_of(s));
+  found.noise = noise;
+  const std::vector<Hypothesis> list = hypotheses(a, b, stop);
+  if (list.empty()) return found;
+  found.best = list.front();
+  found.runner_up = list.size() > 1 && list[0].score > 0 ? list[1].score / list[0].score : 0;
+  found.verdict = judge(found.best.figures, noise, support_between(a, b));
+  if (found.verdict != JoinVerdict::Fits) return found;
+  const PoseFigures& best = found.best.figures;
+  if (best.rms < kSameScanRms * noise && best.overlap > kSameScanOverlap && a.group->members().size() == 1 &&
+      b.group->members().size() == 1) {
+    found.verdict = JoinVerdict::SameScan;
+    return found;
+  }
+  bool is_symmetry = true;
+  std::unique_ptr<ViewGroup> whole;
+  for (std::size_t i = 1; i < list.size(); ++i) {
+    const PoseFigures& other = list[i].figures;
+    if (other.overlap < kEqualOverlap * best.overlap || other.rms > kEqualRms * best.rms ||
+        other.conflict.value_or(0) > best.conflict.value_or(0) + kEqualConflict)
+      continue;
+    const RigidMotion between = list[i].b_to_a * found.best.b_to_a.inverse();
+    found.equal_turns_deg.push_back(Eigen::AngleAxisd{between.rotation()}.angle() * 180 / std::numbers::pi);
+    if (!options_.accept_symmetry) continue;
+    if (!whole) whole = std::make_unique<ViewGroup>(united(set_, *a.group, *b.group, found.best.b_to_a));
+    is_symmetry = is_symmetry && carries_onto_itself(*whole, between, noise);
+  }
+  if (!found.equal_turns_deg.empty() && !(options_.accept_symmetry && is_symmetry))
+    found.verdict = JoinVerdict::Ambiguous;
+  return found;
+}
+
+bool PoseGraph::carries_onto_itself(const ViewGroup& whole, const RigidMotion& motion, double noise) const {
+  const PoseFigures figures = figures_of(set_, whole, whole, motion);
+  return figures.overlap >= kOntoItself && figures.rms <= options_.max_rms_ratio * noise &&
+         figures.conflict.value_or(0) <= options_.max_conflict;
+}
+
+void PoseGraph::merge(std::size_t a, std::size_t b, const RigidMotion& b_to_a) {
+  Body &into = bodies_[a], &from = bodies_[b];
+  into.group = std::make_unique<ViewGroup>(united(set_, *into.group, *from.group, b_to_a));
+  for (std::size_t i = 0; i < from.series.size(); ++i) {
+    into.series.push_back(from.series[i]);
+    into.poses.push_back(b_to_a * from.poses[i]);
+  }
+  bodies_.erase(bodies_.begin() + static_cast<std::ptrdiff_t>(b));
+}
+
+void PoseGraph::report(std::size_t series, const Attempt& found) {
+  SeriesReport& r = reports_[series];
+  r.verdict = found.verdict;
+  r.overlap = found.best.figures.overlap;
+  r.rms = found.best.figures.rms;
+  r.noise = found.noise;
+  r.conflict = found.best.figures.conflict;
+  r.stiffness = found.best.figures.stiffness;
+  r.runner_up = found.runner_up;
+  r.equal_turns_deg = found.equal_turns_deg;
+}
+
+Result<void> PoseGraph::join_best_first(const std::stop_token& stop) {
+  for (std::size_t s = 0; s < groups_.size(); ++s)
+    if (groups_[s])
+      bodies_.push_back({{s}, {RigidMotion::Identity()}, std::make_unique<ViewGroup>(set_, groups_[s]->members(), groups_[s]->poses())});
+  // What was tried stays tried until one of the two has grown; a body is known by its series.
+  std::map<std::pair<std::vector<std::size_t>, std::vector<std::size_t>>, Attempt> tried;
+  const auto body_of = [&](std::size_t s) {
+    return static_cast<std::size_t>(std::ranges::find_if(bodies_, [&](const Body& b) { return std::ranges::find(b.series, s) != b.series.end(); }) - bodies_.begin());
+  };
+  std::vector<std::size_t> order(candidates_.size());
+  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t l, std::size_t r) {
+    const auto rank = [&](std::size_t i) { return candidates_[i].score * static_cast<double>(1 + candidates_[i].support); };
+    return rank(l) > rank(r);
+  });
+  for (bool has_grown = true; has_grown;) {
+    has_grown = false;
+    for (const std::size_t c : order) {
+      if (stop.stop_requested()) return cancelled("joining views");
+      const std::size_t first = body_of(candidates_[c].a), second = body_of(candidates_[c].b);
+      const std::size_t a = std::min(first, second), b = std::max(first, second);
+      if (a == b || b == bodies_.size()) continue;  // joined already, or a copy
+      const auto key = std::make_pair(bodies_[a].series, bodies_[b].series);
+      if (tried.contains(key)) continue;
+      const Attempt& found = tried[key] = attempt(bodies_[a], bodies_[b], stop);
+      if (found.verdict == JoinVerdict::SameScan && bodies_[b].series.size() == 1) {
+        const std::size_t copy = bodies_[b].series[0];
+        report(copy, found);
+        reports_[copy].same_as = bodies_[a].series[0];
+        bodies_.erase(bodies_.begin() + static_cast<std::ptrdiff_t>(b));
+        has_grown = true;
+        break;
+      }
+      if (found.verdict != JoinVerdict::Fits) continue;
+      for (const std::size_t s : bodies_[a].series)
+        if (bodies_[a].series.size() == 1) report(s, found);
+      for (const std::size_t s : bodies_[b].series) report(s, found);
+      merge(a, b, found.best.b_to_a);
+      has_grown = true;
+      break;
+    }
+  }
+  std::stable_sort(bodies_.begin(), bodies_.end(), [](const Body& l, const Body& r) { return l.group->members().size() > r.group->members().size(); });
+  for (std::size_t b = 1; b < bodies_.size(); ++b) {
+    const Attempt found = attempt(bodies_[0], bodies_[b], stop);
+    for (const std::size_t s : bodies_[b].series) report(s, found);
+  }
+  reports_[bodies_[0].series[0]].verdict = JoinVerdict::Fits;  // what the others are held against
+  bodies_.resize(1);
+  return {};
+}
+
+std::vector<std::pair<std::size_t, RigidMotion>> PoseGraph::poses() const {
+  std::vector<std::pair<std::size_t, RigidMotion>> list;
+  const ViewGroup& group = *bodies_[0].group;
+  for (std::size_t m = 0; m < group.members().size(); ++m) list.emplace_back(group.members()[m], group.poses()[m]);
+  std::sort(list.begin(), list.end(), [](const auto& l, const auto& r) { return l.first < r.first; });
+  return list;
+}
+
+bool PoseGraph::drop_what_misfits(std::span<const RigidMotion> adjusted) {
+  Body& body = bodies_[0];
+  std::map<std::size_t, RigidMotion> pose_of;
+  const auto before = poses();
+  for (std::size_t i = 0; i < before.size(); ++i) pose_of[before[i].first] = adjusted[i];
+  const auto group_of = [&](const std::vector<std::size_t>& members) {
+    std::vector<RigidMotion> there;
+    for (const std::size_t v : members) there.push_back(pose_of.at(v));
+    return ViewGroup{set_, members, std::move(there)};
+  };
+  const auto without = [&](std::size_t series) {
+    std::vector<std::size_t> rest;
+    for (const std::size_t s : body.series)
+      if (s != series) rest.insert(rest.end(), series_[s].views.begin(), series_[s].views.end());
+    return rest;
+  };
+  std::optional<std::size_t> worst;
+  double least = 0;
+  std::vector<JoinVerdict> verdicts(body.series.size());
+  std::vector<PoseFigures> figures(body.series.size());
+  tbb::parallel_for(std::size_t{0}, body.series.size(), [&](std::size_t i) {
+    const std::size_t s = body.series[i];
+    figures[i] = figures_of(set_, group_of(without(s)), group_of(series_[s].views), RigidMotion::Identity());
+    verdicts[i] = judge(figures[i], std::max(noise_of(s), noise_), body.series.size() > 2 ? 1 : 0);
+  });
+  for (std::size_t i = 0; i < body.series.size(); ++i) {
+    SeriesReport& r = reports_[body.series[i]];
+    r.overlap = figures[i].overlap;
+    r.rms = figures[i].rms;
+    r.noise = std::max(noise_of(body.series[i]), noise_);
+    r.conflict = figures[i].conflict;
+    r.stiffness = figures[i].stiffness;
+    if (verdicts[i] == JoinVerdict::Fits) continue;
+    const double score = score_of(figures[i]);
+    if (worst && score >= least) continue;
+    worst = i;
+    least = score;
+  }
+  if (!worst) return false;
+  const std::size_t dropped = body.series[*worst];
+  reports_[dropped].verdict = verdicts[*worst];
+  const std::vector<std::size_t> rest = without(dropped);
+  body.series.erase(body.series.begin() + static_cast<std::ptrdiff_t>(*worst));
+  body.group = std::make_unique<ViewGroup>(group_of(rest));
+  return true;
+}
+
+}  // namespace telefab::scan
