@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/scan/cloud/ground.hpp>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -75,6 +77,13 @@ std::optional<GroundPlane> find_ground(std::span<const Eigen::Vector3f> points, 
   const Eigen::Vector3d u = best.up.unitOrthogonal(), v = best.up.cross(u);
   if (footprint_of(off, u, v) > kMostFootprint * footprint_of(on, u, v)) return std::nullopt;
   return best;
+}
+
+std::optional<GroundPlane> find_ground(std::span<const Eigen::Vector3f> points, std::stop_token stop) {
+  constexpr std::size_t kNeighbours = 16;
+  const auto graph = build_surface_graph(points, kNeighbours, stop);
+  if (!graph) return std::nullopt;
+  return find_ground(points, *graph);
 }
 
 }  // namespace telefab::scan

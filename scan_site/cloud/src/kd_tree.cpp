@@ -2,6 +2,7 @@
 #include <telefab/scan/cloud/kd_tree.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <nanoflann.hpp>
 
@@ -44,6 +45,27 @@ class NearestSet {
   std::size_t count_ = 0;
 };
 
+/// The nearest within a bound, which lets the search leave out all that lies farther from the start.
+class NearestWithin {
+ public:
+  using DistanceType = float;
+  explicit NearestWithin(float squared_reach) : bound_{std::nextafter(squared_reach, std::numeric_limits<float>::max())} {}
+  [[nodiscard]] std::size_t size() const { return found_ ? 1 : 0; }
+  [[nodiscard]] bool full() const { return true; }
+  [[nodiscard]] float worstDist() const { return bound_; }
+  bool addPoint(float squared_distance, std::uint32_t index) {
+    if (squared_distance >= bound_) return true;
+    bound_ = squared_distance;
+    found_ = Neighbour{index, squared_distance};
+    return true;
+  }
+  [[nodiscard]] const std::optional<Neighbour>& found() const { return found_; }
+
+ private:
+  float bound_;
+  std::optional<Neighbour> found_;
+};
+
 }  // namespace
 
 struct KdTree::Index {
@@ -73,6 +95,13 @@ Neighbour KdTree::nearest(const Eigen::Vector3f& query) const {
   Neighbour found;
   nearest(query, {&found, 1});
   return found;
+}
+
+std::optional<Neighbour> KdTree::nearest_within(const Eigen::Vector3f& query, float reach) const {
+  if (size() == 0) return std::nullopt;
+  NearestWithin set{reach * reach};
+  index_->tree.findNeighbors(set, query.data(), nanoflann::SearchParams{});
+  return set.found();
 }
 
 std::vector<Neighbour> KdTree::within(const Eigen::Vector3f& query, float radius) const {

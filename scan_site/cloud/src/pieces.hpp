@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <telefab/scan/cloud/ground.hpp>
 #include <telefab/scan/cloud/pick_object.hpp>
 #include <vector>
 
@@ -25,12 +26,7 @@ struct PieceMap {
 [[nodiscard]] PieceMap find_pieces(std::span<const Eigen::Vector3f> points, const SurfaceGraph& graph,
                                    const std::vector<bool>& apart);
 
-/// A plane that holds many of the points, beyond all others on every side, with the others on one side of it.
-struct GroundPlane {
-  Eigen::Vector3d place, up;
-  double share = 0;
-  double thickness = 0;  ///< points nearer to the plane than this are of it
-};
+/// As ground.hpp says, with the graph there is.
 [[nodiscard]] std::optional<GroundPlane> find_ground(std::span<const Eigen::Vector3f> points,
                                                      const SurfaceGraph& graph);
 

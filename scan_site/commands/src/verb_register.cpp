@@ -10,9 +10,11 @@
 #include <telefab/scan/formats/registration_note.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/measure/point_picture.hpp>
+#include <telefab/scan/registration/join_scans.hpp>
 #include <telefab/scan/registration/merge_views.hpp>
 #include <telefab/scan/registration/pose_file.hpp>
 #include <telefab/scan/registration/register_views.hpp>
+#include <telefab/scan/slicing/orient_cloud.hpp>
 
 #include "cloud_files.hpp"
 #include "verbs.hpp"
@@ -25,9 +27,10 @@ constexpr PointColour kSound{205, 200, 190}, kDoubled{200, 60, 30};
 struct Options {
   std::vector<std::string> inputs;
   std::string out, report, picture, poses, poses_out, axis, units;
-  double step_deg = 0;
+  std::vector<double> steps_deg;
   std::optional<double> budget, cut_below;
-  bool upright = false;
+  std::uint64_t seed = 1;
+  bool upright = false, keep_table = false, accept_symmetry = false;
   bool json = false;
 };
 
@@ -53,66 +56,138 @@ bool comes_before(const std::string& l, const std::string& r) {
   return l.size() - a < r.size() - b;
 }
 
-/// Files as given; folders by their scan files in natural order.
-Result<std::vector<std::string>> files_of(const Options& o) {
+/// What one word of the command names.
+struct Input {
+  std::string name;
+  bool is_folder = false;
   std::vector<std::string> files;
-  for (const std::string& input : o.inputs) {
+};
+
+/// Files as given; folders by their scan files in natural order.
+Result<std::vector<Input>> inputs_of(const Options& o) {
+  std::vector<Input> inputs;
+  for (const std::string& word : o.inputs) {
+    Input input{.name = word};
     std::error_code fault;
-    if (!std::filesystem::is_directory(input, fault)) {
-      files.push_back(input);
+    input.is_folder = std::filesystem::is_directory(word, fault);
+    if (!input.is_folder) {
+      input.files.push_back(word);
+      inputs.push_back(std::move(input));
       continue;
     }
-    std::vector<std::string> found;
-    for (const auto& entry : std::filesystem::directory_iterator{input, fault}) {
+    for (const auto& entry : std::filesystem::directory_iterator{word, fault}) {
       const std::string suffix = entry.path().extension().string();
       if (suffix == ".ply" || suffix == ".ptx" || suffix == ".pcd" || suffix == ".e57")
-        found.push_back(entry.path().string());
+        input.files.push_back(entry.path().string());
     }
-    if (fault) return fail(ErrorCode::NotPermitted, fmt::format("{}: {}", input, fault.message()));
-    std::sort(found.begin(), found.end(), comes_before);
-    files.insert(files.end(), found.begin(), found.end());
+    if (fault) return fail(ErrorCode::NotPermitted, fmt::format("{}: {}", word, fault.message()));
+    std::sort(input.files.begin(), input.files.end(), comes_before);
+    inputs.push_back(std::move(input));
   }
-  return files;
+  return inputs;
 }
 
 struct Views {
   std::vector<RangeImage> images;
+  std::vector<ScanGroup> groups;  ///< one an input
+  bool is_one_turn = false;       ///< or poses are known: registered as they come
   std::optional<double> unit_mm;  ///< as the user or all files state it
 };
 
+/// Without a step and poses, and with several folders or a file beside a folder, things are to be joined.
+bool is_one_turn(const Options& o, const std::vector<Input>& inputs) {
+  if (!o.poses.empty()) return true;
+  const bool has_folder = std::ranges::any_of(inputs, [](const Input& i) { return i.is_folder; });
+  return !o.steps_deg.empty() && (inputs.size() == 1 || !has_folder);
+}
+
+/// The step of every input: one for all folders, or one a folder in their order; 0 for files.
+Result<std::vector<double>> steps_of(const Options& o, const std::vector<Input>& inputs) {
+  const auto folders =
+      static_cast<std::size_t>(std::ranges::count_if(inputs, [](const Input& i) { return i.is_folder; }));
+  if (o.steps_deg.size() > 1 && o.steps_deg.size() != folders)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("--step-deg has {} steps for {} folders; give one for all, or one a folder (0: not known)",
+                            o.steps_deg.size(), folders));
+  std::vector<double> steps;
+  std::size_t folder = 0;
+  for (const Input& input : inputs) {
+    if (o.steps_deg.empty() || !input.is_folder) {
+      steps.push_back(0);
+      continue;
+    }
+    steps.push_back(o.steps_deg[o.steps_deg.size() == 1 ? 0 : folder++]);
+    if (!(steps.back() >= 0 && steps.back() <= 180))
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("a step of {} degrees; above 0 and up to 180 is possible", steps.back()));
+  }
+  return steps;
+}
+
+/// The views of one file, called `name`; a cloud without a grid is one too where views are joined.
+Result<void> add_views(const std::string& path, const std::string& name, const Options& o, bool may_be_cloud,
+                       Views& views, const std::string& first, std::stop_token stop) {
+  const auto bytes = read_file(path, kMaxScanFileBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  auto file = read_scan_file(*bytes, name_of_file(path), {}, stop);
+  if (!file) return tl::unexpected{file.error()};
+  if (o.units.empty()) {
+    if (views.images.empty()) views.unit_mm = file->cloud.unit_mm;
+    if (views.unit_mm != file->cloud.unit_mm)
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("{} and {} do not state the same unit; say --units", path, first));
+  }
+  if (file->views.empty() && may_be_cloud) {
+    auto oriented = orient_cloud(std::move(file->cloud), stop);
+    if (!oriented) return fail_in(name, oriented.error());
+    auto image = make_gridless_image(oriented->cloud, name);
+    if (!image) return tl::unexpected{image.error()};
+    views.images.push_back(std::move(*image));
+    return {};
+  }
+  for (std::size_t v = 0; v < std::max<std::size_t>(1, file->views.size()); ++v) {
+    auto image = make_range_image(*file, v, file->views.size() > 1 ? fmt::format("{}#{}", name, v) : name);
+    if (!image) return tl::unexpected{image.error()};
+    views.images.push_back(std::move(*image));
+  }
+  return {};
+}
+
 Result<Views> load_views(const Options& o, std::stop_token stop) {
-  const auto files = files_of(o);
-  if (!files) return tl::unexpected{files.error()};
+  const auto inputs = inputs_of(o);
+  if (!inputs) return tl::unexpected{inputs.error()};
+  const auto steps = steps_of(o, *inputs);
+  if (!steps) return tl::unexpected{steps.error()};
   Views views;
+  views.is_one_turn = is_one_turn(o, *inputs);
   if (!o.units.empty()) {
     const auto unit = millimetres_per(o.units);
     if (!unit) return tl::unexpected{unit.error()};
     views.unit_mm = *unit;
   }
-  for (const std::string& path : *files) {
-    const auto bytes = read_file(path, kMaxScanFileBytes);
-    if (!bytes) return tl::unexpected{bytes.error()};
-    const auto file = read_scan_file(*bytes, name_of_file(path), {}, stop);
-    if (!file) return tl::unexpected{file.error()};
-    if (o.units.empty()) {
-      if (views.images.empty()) views.unit_mm = file->cloud.unit_mm;
-      if (views.unit_mm != file->cloud.unit_mm)
-        return fail(ErrorCode::InvalidInput,
-                    fmt::format("{} and {} do not state the same unit; say --units", path, files->front()));
+  std::string first;
+  for (std::size_t i = 0; i < inputs->size(); ++i) {
+    const Input& input = (*inputs)[i];
+    const std::size_t begin = views.images.size();
+    // two folders may each have a view_000.ply
+    const bool names_folder = input.is_folder && inputs->size() > 1 && !views.is_one_turn;
+    for (const std::string& path : input.files) {
+      if (first.empty()) first = path;
+      const std::string name = names_folder
+                                   ? name_of_file(std::filesystem::path{path}.parent_path()) + "/" + name_of_file(path)
+                                   : name_of_file(path);
+      const bool may_be_cloud = !views.is_one_turn && (*steps)[i] == 0;
+      if (auto added = add_views(path, name, o, may_be_cloud, views, first, stop); !added)
+        return tl::unexpected{added.error()};
     }
-    for (std::size_t v = 0; v < std::max<std::size_t>(1, file->views.size()); ++v) {
-      const std::string name = name_of_file(path);
-      auto image = make_range_image(*file, v, file->views.size() > 1 ? fmt::format("{}#{}", name, v) : name);
-      if (!image) return tl::unexpected{image.error()};
-      views.images.push_back(std::move(*image));
-    }
+    views.groups.push_back({(*inputs)[i].name, begin, views.images.size() - begin, (*steps)[i]});
   }
   return views;
 }
 
 Result<RegisterOptions> options_from(const Options& o, const std::vector<RangeImage>& views) {
   RegisterOptions r;
-  r.step_deg = o.step_deg;
+  r.step_deg = o.steps_deg.empty() ? 0 : o.steps_deg.front();
   if (o.axis == "x")
     r.axis_direction = Vec3::UnitX();
   else if (o.axis == "y")
@@ -140,8 +215,21 @@ Result<RegisterOptions> options_from(const Options& o, const std::vector<RangeIm
   return r;
 }
 
-std::string report_of(const Registration& r, const DoubledSheets& sheets, const MergeReport& merge,
+/// What a registration of any kind hands on to the merge.
+struct Registered {
+  Registration registration;
+  RigidMotion frame = RigidMotion::Identity();  ///< of view 0 to that of the result
+  std::optional<Vec3> up;                       ///< frame of view 0; unset: nothing was turned
+  std::optional<JoinedScans> joined;
+};
+
+std::string report_of(const Registered& registered, const DoubledSheets& sheets, const MergeReport& merge,
                       const std::vector<RangeImage>& views) {
+  const Registration& r = registered.registration;
+  std::string joins;
+  if (registered.joined)
+    joins = fmt::format(R"("noise":{:.6g},"table_points":{},"series":{},)", registered.joined->joined.noise,
+                        registered.joined->table_points, to_json(registered.joined->joined.series));
   std::string links;
   for (const LinkReport& l : r.links)
     links += fmt::format(
@@ -155,21 +243,64 @@ std::string report_of(const Registration& r, const DoubledSheets& sheets, const 
                     doubled.empty() ? "" : ",", views[d.first].name, views[d.second].name, d.apart, d.share,
                     d.place.x(), d.place.y(), d.place.z());
   return fmt::format(
-      R"({{"views":{},"axis_direction":[{:.6f},{:.6f},{:.6f}],"axis_point":[{:.6g},{:.6g},{:.6g}],"rms":{:.6g},"median_offset":{:.6g},"closure_deg":{:.4f},"closure_shift":{:.6g},"conflict":{:.5f},"links":[{}],"doubled_sheets":[{}],"merge":{}}})",
+      R"({{"views":{},"axis_direction":[{:.6f},{:.6f},{:.6f}],"axis_point":[{:.6g},{:.6g},{:.6g}],"rms":{:.6g},"median_offset":{:.6g},"closure_deg":{:.4f},"closure_shift":{:.6g},"conflict":{:.5f},{}"links":[{}],"doubled_sheets":[{}],"merge":{}}})",
       r.poses.size(), r.axis.direction.x(), r.axis.direction.y(), r.axis.direction.z(), r.axis.point.x(),
-      r.axis.point.y(), r.axis.point.z(), r.rms, r.median_offset, r.closure.degrees, r.closure.shift, r.conflict, links,
-      doubled, to_json(merge));
+      r.axis.point.y(), r.axis.point.z(), r.rms, r.median_offset, r.closure.degrees, r.closure.shift, r.conflict, joins,
+      links, doubled, to_json(merge));
 }
 
-/// Where the result stands: the frame of the poses it started from, or of view 0, turned until the table is level.
-RigidMotion frame_of(const Options& o, const RegisterOptions& options, const Registration& registered) {
-  RigidMotion frame =
-      options.start.empty() ? RigidMotion::Identity() : options.start[0] * registered.poses[0].inverse();
-  if (!o.upright) return frame;
+/// Progress on a terminal: a line a stage, and for each tenth of a long one.
+ProgressSink notes_of_progress() {
+  if (!on_terminal()) return {};
+  return [last = std::string{}](const Progress& p) mutable {
+    const int tenths = static_cast<int>(10 * p.fraction);
+    std::string line = tenths > 0 && p.stage == WorkStage::AligningPairs
+                           ? fmt::format("{}, {} %\n", label_of(p.stage), 10 * tenths)
+                           : fmt::format("{}\n", label_of(p.stage));
+    if (line != last) write_note(line);
+    last = std::move(line);
+  };
+}
+
+/// One turn, or poses to start from.
+Result<Registered> register_turn(const Options& o, Views& views, const RegisterOptions& options, std::stop_token stop) {
+  auto found = register_views(views.images, options, notes_of_progress(), stop);
+  if (!found) return tl::unexpected{found.error()};
+  Registered result{.registration = std::move(*found)};
+  const Registration& r = result.registration;
+  if (!options.start.empty()) result.frame = options.start[0] * r.poses[0].inverse();
+  result.up = r.axis.direction;
   // Scanners stand upright, so of the axis' two senses the one nearer to the rows' upward direction is up.
-  Vec3 up = registered.axis.direction;
-  if (up.y() < 0) up = -up;
-  return RigidMotion{Eigen::Quaterniond::FromTwoVectors(up, Vec3::UnitZ())};
+  if (o.upright && r.axis.direction.y() < 0) result.up = Vec3{-r.axis.direction};
+  return result;
+}
+
+/// Several series, single views, clouds: in any poses.
+Result<Registered> join(const Options& o, Views& views, const RegisterOptions& options, std::stop_token stop) {
+  JoinScansOptions join{.axis_direction = options.axis_direction, .keep_table = o.keep_table, .cut_below = o.cut_below};
+  join.join.max_rms = options.max_rms;
+  join.join.accept_symmetry = o.accept_symmetry;
+  join.join.seed = o.seed;
+  auto found = join_scans(views.images, views.groups, join, notes_of_progress(), stop);
+  if (!found) return tl::unexpected{found.error()};
+  if (o.upright && !found->up)
+    return fail(ErrorCode::InvalidInput,
+                "--upright turns the axis of a turn upward, and no turn was given; leave it out, or say --step-deg");
+  for (const std::string& note : found->notes) write_note(fmt::format("note: {}\n", note));
+  Registered result{.registration = found->joined.registration, .up = found->up};
+  if (found->axis) result.registration.axis = *found->axis;
+  result.joined = std::move(*found);
+  return result;
+}
+
+void write_series_table(const JoinedScans& joined) {
+  write_output(
+      fmt::format("\n{:<28} joined        overlap   rms / noise   conflict   stiffness   next best\n", "series"));
+  for (const SeriesReport& r : joined.joined.series)
+    write_output(fmt::format("{:<28} {:<12} {:5.1f} %   {:11.2f}   {:>8}   {:9.4f}   {:9.2f}\n", r.name,
+                             name_of(r.verdict), 100 * r.overlap, r.noise > 0 ? r.rms / r.noise : 0,
+                             r.conflict ? fmt::format("{:.2f} %", 100 * *r.conflict) : "untested", r.stiffness,
+                             r.runner_up));
 }
 
 void move(PointCloud& cloud, const RigidMotion& motion) {
@@ -184,16 +315,16 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   std::vector<RangeImage>* const views = &loaded->images;
   const auto options = options_from(o, *views);
   if (!options) return tl::unexpected{options.error()};
-  const ProgressSink progress = [](const Progress& p) { write_note(fmt::format("{}\n", label_of(p.stage))); };
-  auto registered = register_views(*views, *options, on_terminal() ? progress : ProgressSink{}, stop);
+  auto registered = loaded->is_one_turn ? register_turn(o, *loaded, *options, stop) : join(o, *loaded, *options, stop);
   if (!registered) return tl::unexpected{registered.error()};
-  const auto sheets = settle_doubled_sheets(*views, registered->poses, stop);
-  if (!sheets) return tl::unexpected{sheets.error()};
-  auto merged = merge_views(*views, registered->poses,
-                            {.up = registered->axis.direction, .cut_below = o.cut_below, .sheets = &*sheets}, stop);
+  const Registration& registration = registered->registration;
+  MergeOptions merging;
+  if (loaded->is_one_turn) merging = {.up = registration.axis.direction, .cut_below = o.cut_below};
+  auto merged = merge_views(*views, registration.poses, merging, stop);
   if (!merged) return tl::unexpected{merged.error()};
   PointCloud cloud = std::move(merged->cloud);
-  const RigidMotion frame = frame_of(o, *options, *registered);
+  RigidMotion frame = registered->frame;
+  if (o.upright) frame = RigidMotion{Eigen::Quaterniond::FromTwoVectors(*registered->up, Vec3::UnitZ())};
   move(cloud, frame);
   const double unit_mm = loaded->unit_mm.value_or(1);
   if (loaded->unit_mm) {
@@ -201,7 +332,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     if (const auto warning = scale_warning(cloud, unit_mm)) write_note(fmt::format("note: {}\n", *warning));
   }
   if (auto ok = write_file_atomically(
-          o.out, write_ply(cloud, {}, registration_note(views->size(), registered->rms * unit_mm)));
+          o.out, write_ply(cloud, {}, registration_note(views->size(), registration.rms * unit_mm)));
       !ok)
     return tl::unexpected{ok.error()};
   const std::string report = report_of(*registered, *sheets, merged->report, *views) + "\n";
@@ -209,7 +340,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     if (auto ok = write_file_atomically(o.report, report); !ok) return tl::unexpected{ok.error()};
   if (!o.poses_out.empty()) {
     std::vector<NamedPose> poses;
-    for (std::size_t i = 0; i < views->size(); ++i) poses.push_back({(*views)[i].name, frame * registered->poses[i]});
+    for (std::size_t i = 0; i < views->size(); ++i) poses.push_back({(*views)[i].name, frame * registration.poses[i]});
     if (auto ok = write_file_atomically(o.poses_out, to_pose_file(poses)); !ok) return tl::unexpected{ok.error()};
   }
   if (!o.picture.empty()) {
@@ -228,14 +359,15 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     return ExitCode::Ok;
   }
   write_output(fmt::format("{:<28} {:<28} overlap   pair rms     rms\n", "view", "against"));
-  for (const LinkReport& l : registered->links)
+  for (const LinkReport& l : registration.links)
     write_output(fmt::format("{:<28} {:<28} {:5.1f} %   {:.3e}   {:.3e}\n", (*views)[l.from].name, (*views)[l.to].name,
                              100 * l.overlap, l.pair_rms, l.rms));
   write_output(fmt::format(
       "{} views, rms {:.4g} (budget {:.4g}), median {:.4g}, closure {:.3f} degrees and {:.4g}, conflicts {:.2f} %\n{} "
       "points written\n",
-      views->size(), registered->rms, options->max_rms, registered->median_offset, registered->closure.degrees,
-      registered->closure.shift, 100 * registered->conflict, cloud.size()));
+      views->size(), registration.rms, options->max_rms, registration.median_offset, registration.closure.degrees,
+      registration.closure.shift, 100 * registration.conflict, cloud.size()));
+  if (registered->joined) write_series_table(*registered->joined);
   return ExitCode::Ok;
 }
 
@@ -245,11 +377,16 @@ VerbBody declare_register(VerbOptions& options) {
   auto o = std::make_shared<Options>();
   options
       .add("VIEWS", o->inputs,
-           "range images in the order of the turn, or a folder of them: PLY with range_grid, PTX, organised PCD, "
-           "E57 with rows and columns")
+           "range images, or folders of them: PLY with range_grid, PTX, organised PCD, E57 with rows and columns. With "
+           "--step-deg every folder is one turn of the table in its order, and several, of the object turned over, are "
+           "joined; without it views stand in any order and pose, clouds without a grid among them")
       .required();
   options.add("--out", o->out, "the merged, oriented cloud, PLY").required();
-  options.add("--step-deg", o->step_deg, "turn of the table from one view to the next, degrees");
+  options
+      .add("--step-deg", o->steps_deg,
+           "turn of the table from one view to the next, degrees; one for all folders, or one a folder as 60,45 (0: "
+           "not known)")
+      .separated_by(',');
   options.add("--axis", o->axis, "direction of the table's axis: x, y or z; unset: searched");
   const Option poses =
       options.add("--poses", o->poses,
@@ -259,11 +396,17 @@ VerbBody declare_register(VerbOptions& options) {
   options.add("--budget", o->budget,
               "largest rms between the views, unit of the files; worse is refused. Unset: 0.6 grid spacings");
   options.add("--cut-below", o->cut_below,
-              "removes the stand: what is lower than this above the lowest point, along the axis");
+              "removes the stand: what is lower than this above the lowest point, along the axis of each turn");
   options.add(
       "--units", o->units,
       "unit of the files (mm, cm, m, in); the result is in mm. Unset: what they state (E57: m), or lengths stay as "
       "they are");
+  options.flag(
+      "--keep-table", o->keep_table,
+      "keeps the table below the object; unset: it is found in every turn and left out before turns are joined");
+  options.flag("--accept-symmetry", o->accept_symmetry,
+               "where a scan fits in several ways that each carry the whole body onto itself, take one of them");
+  options.add("--seed", o->seed, "of the search for poses; same seed, same result").shows_default();
   options.add("--report", o->report, "every pair and the merge, JSON");
   options.add("--poses-out", o->poses_out, "the poses found, Stanford .conf");
   options.add("--picture", o->picture, "the merged cloud from four sides, PNG; red: two sheets");

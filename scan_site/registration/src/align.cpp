@@ -50,6 +50,7 @@ std::vector<Match> find_matches(std::span<const Eigen::Vector3f> points, std::sp
                                 const RigidMotion& target_to_world, double max_distance, std::size_t step) {
   const RigidMotion into_target = target_to_world.inverse() * source_to_world;
   const Eigen::Matrix3f turn = into_target.rotation().cast<float>();
+  const Eigen::Matrix3d turn_to_world = target_to_world.rotation();
   const std::size_t count = (points.size() + step - 1) / step;
   std::vector<std::optional<Match>> found(count);
   tbb::parallel_for(tbb::blocked_range<std::size_t>{0, count, 256}, [&](const auto& range) {
@@ -58,13 +59,13 @@ std::vector<Match> find_matches(std::span<const Eigen::Vector3f> points, std::sp
       const float weight = weights.empty() ? 1.F : weights[i];
       if (!(weight > 0)) continue;
       const Vec3 here = into_target * points[i].cast<double>();
-      const Neighbour near = target.tree.nearest(here.cast<float>());
-      if (near.squared_distance > max_distance * max_distance) continue;
-      if (!usable.empty() && !(usable[near.index] > 0)) continue;
-      if ((turn * normals[i]).dot(target.normals[near.index]) < kLeastNormalCosine) continue;
+      const auto near = target.tree.nearest_within(here.cast<float>(), static_cast<float>(max_distance));
+      if (!near) continue;
+      if (!usable.empty() && !(usable[near->index] > 0)) continue;
+      if ((turn * normals[i]).dot(target.normals[near->index]) < kLeastNormalCosine) continue;
       found[s] =
-          Match{target_to_world * here, target_to_world * target.points[near.index].cast<double>(),
-                target_to_world.rotation() * target.normals[near.index].cast<double>(), static_cast<double>(weight)};
+          Match{target_to_world * here, target_to_world * target.points[near->index].cast<double>(),
+                turn_to_world * target.normals[near->index].cast<double>(), static_cast<double>(weight)};
     }
   });
   std::vector<Match> matches;

@@ -144,7 +144,7 @@ Result<Joined> join_views(std::vector<RangeImage>& views, const std::vector<View
     result.registration = std::move(*adjusted);
     // all together may say what two alone could not
     if (!graph.drop_what_misfits(result.registration.poses)) {
-      result.noise = graph.noise();
+      result.noise = graph.noise().rms;
       views = std::move(kept);
       return result;
     }
@@ -193,9 +193,9 @@ std::string to_json(const std::vector<SeriesReport>& series) {
     std::string turns;
     for (const double t : r.equal_turns_deg) turns += fmt::format("{}{:.2f}", turns.empty() ? "" : ",", t);
     text += fmt::format(
-        R"({}{{"name":"{}","views":{},"joined":{},"verdict":"{}","same_as":{},"overlap":{:.4f},"rms":{:.6g},"noise":{:.6g},"conflict":{},"stiffness":{:.5f},"runner_up":{:.4f},"equal_turns_deg":[{}]}})",
+        R"({}{{"name":"{}","views":{},"joined":{},"verdict":"{}","same_as":{},"overlap":{:.4f},"rms":{:.6g},"patch_rms":{:.6g},"noise":{:.6g},"patch_noise":{:.6g},"conflict":{},"stiffness":{:.5f},"runner_up":{:.4f},"equal_turns_deg":[{}]}})",
         text.empty() ? "" : ",", r.name, r.views, r.is_joined(), name_of(r.verdict),
-        r.same_as ? fmt::format("\"{}\"", series[*r.same_as].name) : "null", r.overlap, r.rms, r.noise,
+        r.same_as ? fmt::format("\"{}\"", series[*r.same_as].name) : "null", r.overlap, r.rms, r.patch_rms, r.noise, r.patch_noise,
         r.conflict ? fmt::format("{:.5f}", *r.conflict) : "null", r.stiffness, r.runner_up, turns);
   }
   return "[" + text + "]";

@@ -14,6 +14,7 @@ namespace {
 constexpr double kCellsAcross = 60;              ///< of the diagonal of a typical series
 constexpr std::uint32_t kDrawsOfSeries = 150'000, kDrawsOfViews = 50'000;
 constexpr std::size_t kAlignedOfSeries = 16, kAlignedOfViews = 6;
+constexpr std::size_t kAlignedOfClouds = 32;     ///< no eye sorts out those that only lie on each other
 constexpr std::size_t kFreeMeans = 300;          ///< means of either side held against the other's views
 constexpr double kCoarseClearance = 1.5;         ///< cells
 constexpr double kFirstReach = 2.5;              ///< cells
@@ -26,7 +27,12 @@ constexpr double kScoreConflict = 5;
 constexpr double kSupportedOverlap = 0.15;       ///< enough where third views say the same
 constexpr std::size_t kHypothesesOfBodies = 6;
 constexpr double kEqualOverlap = 0.8, kEqualRms = 1.5, kEqualConflict = 0.005;
-constexpr double kCorrelated = 2.5;              ///< noise between two views over that between the halves of one
+constexpr double kCorrelated = 2.5;              ///< noise between two views over that between the halves of one,
+constexpr double kCorrelatedPatches = 4;         ///< and of its patches
+constexpr double kSpreadOfPairs = 1.4;           ///< of the noise between single views, pair by pair,
+constexpr double kSpreadOfViews = 1.15;          ///< and of each against all others
+constexpr double kExactPairs = 0.25;             ///< share of the pairs found that are surely exact
+constexpr std::size_t kLeastForMedian = 5;       ///< views of which one that is wrong does not set the median
 constexpr double kSameScanRms = 0.25;            ///< of the noise: only the same points fit so well
 constexpr double kSameScanOverlap = 0.97;
 constexpr double kOntoItself = 0.8;              ///< share of the whole that a symmetry carries onto itself
@@ -45,11 +51,14 @@ double robust_diagonal(std::span<const Eigen::Vector3f> points) {
   return size.norm();
 }
 
-double median_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+/// The value that this share of them is below.
+double quantile(std::vector<double> values, double share) {
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size()));
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
 }
+
+double median_of(std::vector<double> values) { return quantile(std::move(values), 0.5); }
 
 double conflict_of_means(const ViewSet& set, const CoarseShape& seen, const ViewGroup& by,
                          const RigidMotion& seen_to_by, double clearance) {
@@ -59,30 +68,6 @@ double conflict_of_means(const ViewSet& set, const CoarseShape& seen, const View
     found += judge_points(seen.means().points, {}, step, by.poses()[m].inverse() * seen_to_by,
                           set.views[by.members()[m]], clearance);
   return found.judged == 0 ? 0 : static_cast<double>(found.conflicting) / static_cast<double>(found.judged);
-}
-
-/// What one half of a view's points leaves against the other half: white noise and the grid, but not what bends a
-/// whole view.
-double rms_of_halves(const RangeImage& view, double reach) {
-  OrientedPoints even, odd;
-  std::vector<float> even_weight, odd_weight;
-  const auto put = [&](std::size_t i, bool is_even) {
-    OrientedPoints& half = is_even ? even : odd;
-    half.points.push_back(view.points[i]);
-    half.normals.push_back(view.normals[i]);
-    (is_even ? even_weight : odd_weight).push_back(view.weight[i]);
-  };
-  if (view.view.point_at.empty()) {
-    for (std::size_t i = 0; i < view.points.size(); ++i) put(i, i % 2 == 0);
-  } else {
-    for (std::uint32_t r = 0; r < view.view.rows; ++r)
-      for (std::uint32_t c = 0; c < view.view.columns; ++c)
-        if (const std::int32_t i = view.view.at(r, c); i >= 0) put(static_cast<std::size_t>(i), (r + c) % 2 == 0);
-  }
-  if (even.points.empty() || odd.points.empty()) return 0;
-  const AlignTarget target{even.points, even.normals};
-  return rms_of(find_matches(odd.points, odd.normals, odd_weight, RigidMotion::Identity(), target, even_weight,
-                             RigidMotion::Identity(), reach, std::max<std::size_t>(1, odd.points.size() / 3000)));
 }
 
 }  // namespace
@@ -102,7 +87,7 @@ PoseGraph::PoseGraph(std::span<const RangeImage> views, const std::vector<ViewSe
   tbb::parallel_for(std::size_t{0}, series.size(), [&](std::size_t s) {
     if (reports_[s].verdict == JoinVerdict::SameScan) return;
     groups_[s] = std::make_unique<ViewGroup>(set_, series[s].views, series[s].poses);
-    if (series[s].views.size() > 1) own_noise_[s] = rms_within(set_, *groups_[s]);
+    if (series[s].views.size() > 1) own_noise_[s] = fit_within(set_, *groups_[s]);
   });
   std::vector<double> diagonals;
   for (const auto& group : groups_)
@@ -111,7 +96,7 @@ PoseGraph::PoseGraph(std::span<const RangeImage> views, const std::vector<ViewSe
 }
 
 double PoseGraph::score_of(const PoseFigures& f) const {
-  const double fit = f.rms / (kScoreRms * set_.spacing);
+  const double fit = f.fit.rms / (kScoreRms * set_.spacing);
   return f.overlap * std::max(0.0, 1 - kScoreConflict * f.conflict.value_or(0)) / (1 + fit * fit);
 }
 
@@ -144,7 +129,10 @@ Result<void> PoseGraph::find_candidates(const ProgressSink& progress, const std:
 std::vector<PoseGraph::Candidate> PoseGraph::candidates_of(std::size_t a, std::size_t b,
                                                            const std::stop_token& stop) const {
   const ViewGroup &to = *groups_[a], &from = *groups_[b];
-  const bool is_of_views = to.members().size() == 1 && from.members().size() == 1;
+  const auto is_view = [&](const ViewGroup& g) {
+    return g.members().size() == 1 && !views_[g.members()[0]].view.point_at.empty();
+  };
+  const bool is_of_views = is_view(to) && is_view(from);  // a cloud may be of many views
   const std::vector<CoarsePose> coarse = search_poses(
       *coarse_[b], *coarse_[a], {.draws = is_of_views ? kDrawsOfViews : kDrawsOfSeries, .seed = options_.seed}, stop);
   std::vector<std::pair<double, std::size_t>> order(coarse.size());
@@ -156,7 +144,13 @@ std::vector<PoseGraph::Candidate> PoseGraph::candidates_of(std::size_t a, std::s
     order[i] = {-coarse[i].share * (1 - 3 * conflict), i};
   });
   std::sort(order.begin(), order.end());
-  order.resize(std::min(order.size(), is_of_views ? kAlignedOfViews : kAlignedOfSeries));
+  const auto has_eye = [&](const ViewGroup& g) {
+    return std::ranges::any_of(g.members(), [&](std::size_t v) { return views_[v].projection.has_value(); });
+  };
+  const std::size_t most = is_of_views                      ? kAlignedOfViews
+                           : has_eye(to) || has_eye(from) ? kAlignedOfSeries
+                                                            : kAlignedOfClouds;
+  order.resize(std::min(order.size(), most));
 
   // A short fit tells which of them meet; only different ones are worth a long one.
   const auto aligned = [&](std::span<const RigidMotion> starts, double reach, int rounds, std::size_t samples) {
@@ -219,19 +213,36 @@ void PoseGraph::count_support() {
 }
 
 void PoseGraph::set_noise() {
-  std::vector<double> measured;
+  std::vector<SurfaceFit> measured;
   for (const auto& own : own_noise_)
     if (own) measured.push_back(*own);
+  noise_is_own_ = !measured.empty();
+  // Of pairs of views some are right but not exact, so their better ones tell.
+  const double share = noise_is_own_ ? 0.5 : kExactPairs;
   if (measured.empty())
     for (const Candidate& c : candidates_)
-      if (c.support >= 2 && c.figures.conflict.value_or(0) <= options_.max_conflict) measured.push_back(c.figures.rms);
+      if (c.support >= 2 && c.figures.conflict.value_or(0) <= options_.max_conflict) measured.push_back(c.figures.fit);
   if (measured.empty())
-    for (const RangeImage& view : views_)
-      measured.push_back(kCorrelated * rms_of_halves(view, kLastReach * set_.spacing));
-  noise_ = median_of(measured);
+    for (const RangeImage& view : views_) {
+      const SurfaceFit halves = fit_of_halves(view, set_.spacing);
+      measured.push_back({kCorrelated * halves.rms, kCorrelatedPatches * halves.patch_rms});
+    }
+  std::vector<double> rms, patch_rms;
+  for (const SurfaceFit& fit : measured) {
+    rms.push_back(fit.rms);
+    patch_rms.push_back(fit.patch_rms);
+  }
+  noise_ = {quantile(std::move(rms), share), quantile(std::move(patch_rms), share)};
 }
 
-double PoseGraph::noise_of(std::size_t series) const { return own_noise_[series].value_or(noise_); }
+SurfaceFit PoseGraph::noise_of(std::span<const std::size_t> series) const {
+  SurfaceFit most;
+  for (const std::size_t s : series) {
+    const SurfaceFit own = own_noise_[s].value_or(noise_);
+    most = {std::max(most.rms, own.rms), std::max(most.patch_rms, own.patch_rms)};
+  }
+  return most;
+}
 
 std::size_t PoseGraph::support_between(const Body& a, const Body& b) const {
   std::size_t most = 0;
@@ -306,30 +317,34 @@ std::vector<PoseGraph::Hypothesis> PoseGraph::hypotheses(const Body& a, const Bo
   return distinct;
 }
 
-JoinVerdict PoseGraph::judge(const PoseFigures& f, double noise, std::size_t support) const {
+JoinVerdict PoseGraph::judge(const PoseFigures& f, const SurfaceFit& noise, double spread,
+                             std::size_t support) const {
   if (f.overlap < kLeastOverlap) return JoinVerdict::NoPose;
-  if (f.rms > options_.max_rms_ratio * noise) return JoinVerdict::Misfit;
+  // What slides fits less well too: the first cause is said.
+  if (f.stiffness < options_.min_stiffness && f.fit.rms <= 2 * spread * options_.max_rms_ratio * noise.rms)
+    return JoinVerdict::Slides;
+  if (f.fit.rms > spread * options_.max_rms_ratio * noise.rms ||
+      f.fit.patch_rms > spread * options_.max_rms_ratio * noise.patch_rms)
+    return JoinVerdict::Misfit;
   if (f.conflict.value_or(0) > options_.max_conflict) return JoinVerdict::SeenThrough;
   if (f.overlap < (support > 0 ? std::min(kSupportedOverlap, options_.min_overlap) : options_.min_overlap))
     return JoinVerdict::ThinOverlap;
-  if (f.stiffness < options_.min_stiffness) return JoinVerdict::Slides;
   return JoinVerdict::Fits;
 }
 
 PoseGraph::Attempt PoseGraph::attempt(const Body& a, const Body& b, const std::stop_token& stop) const {
   Attempt found;
-  double noise = 0;
-  for (const Body* body : {&a, &b})
-    for (const std::size_t s : body->series) noise = std::max(noise, noise_of(s));
+  const SurfaceFit of_a = noise_of(a.series), of_b = noise_of(b.series);
+  const SurfaceFit noise{std::max(of_a.rms, of_b.rms), std::max(of_a.patch_rms, of_b.patch_rms)};
   found.noise = noise;
   const std::vector<Hypothesis> list = hypotheses(a, b, stop);
   if (list.empty()) return found;
   found.best = list.front();
   found.runner_up = list.size() > 1 && list[0].score > 0 ? list[1].score / list[0].score : 0;
-  found.verdict = judge(found.best.figures, noise, support_between(a, b));
+  found.verdict = judge(found.best.figures, noise, noise_is_own_ ? 1 : kSpreadOfPairs, support_between(a, b));
   if (found.verdict != JoinVerdict::Fits) return found;
   const PoseFigures& best = found.best.figures;
-  if (best.rms < kSameScanRms * noise && best.overlap > kSameScanOverlap && a.group->members().size() == 1 &&
+  if (best.fit.rms < kSameScanRms * noise.rms && best.overlap > kSameScanOverlap && a.group->members().size() == 1 &&
       b.group->members().size() == 1) {
     found.verdict = JoinVerdict::SameScan;
     return found;
@@ -338,7 +353,7 @@ PoseGraph::Attempt PoseGraph::attempt(const Body& a, const Body& b, const std::s
   std::unique_ptr<ViewGroup> whole;
   for (std::size_t i = 1; i < list.size(); ++i) {
     const PoseFigures& other = list[i].figures;
-    if (other.overlap < kEqualOverlap * best.overlap || other.rms > kEqualRms * best.rms ||
+    if (other.overlap < kEqualOverlap * best.overlap || other.fit.rms > kEqualRms * best.fit.rms ||
         other.conflict.value_or(0) > best.conflict.value_or(0) + kEqualConflict)
       continue;
     const RigidMotion between = list[i].b_to_a * found.best.b_to_a.inverse();
@@ -352,9 +367,10 @@ PoseGraph::Attempt PoseGraph::attempt(const Body& a, const Body& b, const std::s
   return found;
 }
 
-bool PoseGraph::carries_onto_itself(const ViewGroup& whole, const RigidMotion& motion, double noise) const {
+bool PoseGraph::carries_onto_itself(const ViewGroup& whole, const RigidMotion& motion,
+                                    const SurfaceFit& noise) const {
   const PoseFigures figures = figures_of(set_, whole, whole, motion);
-  return figures.overlap >= kOntoItself && figures.rms <= options_.max_rms_ratio * noise &&
+  return figures.overlap >= kOntoItself && figures.fit.rms <= options_.max_rms_ratio * noise.rms &&
          figures.conflict.value_or(0) <= options_.max_conflict;
 }
 
@@ -372,8 +388,10 @@ void PoseGraph::report(std::size_t series, const Attempt& found) {
   SeriesReport& r = reports_[series];
   r.verdict = found.verdict;
   r.overlap = found.best.figures.overlap;
-  r.rms = found.best.figures.rms;
-  r.noise = found.noise;
+  r.rms = found.best.figures.fit.rms;
+  r.patch_rms = found.best.figures.fit.patch_rms;
+  r.noise = found.noise.rms;
+  r.patch_noise = found.noise.patch_rms;
   r.conflict = found.best.figures.conflict;
   r.stiffness = found.best.figures.stiffness;
   r.runner_up = found.runner_up;
@@ -463,13 +481,29 @@ bool PoseGraph::drop_what_misfits(std::span<const RigidMotion> adjusted) {
   tbb::parallel_for(std::size_t{0}, body.series.size(), [&](std::size_t i) {
     const std::size_t s = body.series[i];
     figures[i] = figures_of(set_, group_of(without(s)), group_of(series_[s].views), RigidMotion::Identity());
-    verdicts[i] = judge(figures[i], std::max(noise_of(s), noise_), body.series.size() > 2 ? 1 : 0);
   });
+  SurfaceFit noise = noise_of(body.series);
+  double spread = noise_is_own_ ? 1 : kSpreadOfPairs;
+  if (!noise_is_own_ && body.series.size() >= kLeastForMedian) {
+    // Against all others together right views differ less from each other than pair by pair.
+    std::vector<double> rms, patch_rms;
+    for (const PoseFigures& f : figures) {
+      rms.push_back(f.fit.rms);
+      patch_rms.push_back(f.fit.patch_rms);
+    }
+    noise = {std::min(median_of(rms), kSpreadOfPairs * noise_.rms),
+             std::min(median_of(patch_rms), kSpreadOfPairs * noise_.patch_rms)};
+    spread = kSpreadOfViews;
+  }
+  for (std::size_t i = 0; i < body.series.size(); ++i)
+    verdicts[i] = judge(figures[i], noise, spread, body.series.size() > 2 ? 1 : 0);
   for (std::size_t i = 0; i < body.series.size(); ++i) {
     SeriesReport& r = reports_[body.series[i]];
     r.overlap = figures[i].overlap;
-    r.rms = figures[i].rms;
-    r.noise = std::max(noise_of(body.series[i]), noise_);
+    r.rms = figures[i].fit.rms;
+    r.patch_rms = figures[i].fit.patch_rms;
+    r.noise = noise.rms;
+    r.patch_noise = noise.patch_rms;
     r.conflict = figures[i].conflict;
     r.stiffness = figures[i].stiffness;
     if (verdicts[i] == JoinVerdict::Fits) continue;

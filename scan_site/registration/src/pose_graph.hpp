@@ -30,7 +30,7 @@ class PoseGraph {
   /// Judges every series of the body against the rest of it at adjusted poses (in the order of `poses()`); leaves out
   /// the one that misfits most. False: all fit.
   [[nodiscard]] bool drop_what_misfits(std::span<const RigidMotion> adjusted);
-  [[nodiscard]] double noise() const { return noise_; }
+  [[nodiscard]] const SurfaceFit& noise() const { return noise_; }
 
  private:
   struct Candidate {
@@ -56,19 +56,21 @@ class PoseGraph {
     Hypothesis best;
     double runner_up = 0;
     std::vector<double> equal_turns_deg;
-    double noise = 0;
+    SurfaceFit noise;
   };
 
   [[nodiscard]] std::vector<Candidate> candidates_of(std::size_t a, std::size_t b, const std::stop_token& stop) const;
   void set_noise();
   void count_support();
   [[nodiscard]] double score_of(const PoseFigures& figures) const;
-  [[nodiscard]] double noise_of(std::size_t series) const;
+  [[nodiscard]] SurfaceFit noise_of(std::span<const std::size_t> series) const;
   [[nodiscard]] std::vector<Hypothesis> hypotheses(const Body& a, const Body& b, const std::stop_token& stop) const;
   [[nodiscard]] Attempt attempt(const Body& a, const Body& b, const std::stop_token& stop) const;
-  [[nodiscard]] JoinVerdict judge(const PoseFigures& figures, double noise, std::size_t support) const;
+  [[nodiscard]] JoinVerdict judge(const PoseFigures& figures, const SurfaceFit& noise, double spread,
+                                  std::size_t support) const;
   [[nodiscard]] std::size_t support_between(const Body& a, const Body& b) const;
-  [[nodiscard]] bool carries_onto_itself(const ViewGroup& whole, const RigidMotion& motion, double noise) const;
+  [[nodiscard]] bool carries_onto_itself(const ViewGroup& whole, const RigidMotion& motion,
+                                         const SurfaceFit& noise) const;
   void merge(std::size_t a, std::size_t b, const RigidMotion& b_to_a);
   void report(std::size_t series, const Attempt& found);
 
@@ -81,8 +83,9 @@ class PoseGraph {
   double cell_ = 0;
   std::vector<std::unique_ptr<ViewGroup>> groups_;  ///< one a series; none for a copy
   std::vector<std::unique_ptr<CoarseShape>> coarse_;  ///< one a series, while candidates are searched
-  std::vector<std::optional<double>> own_noise_;    ///< one a series, of those with several views
-  double noise_ = 0;
+  std::vector<std::optional<SurfaceFit>> own_noise_;    ///< one a series, of those with several views
+  SurfaceFit noise_;  ///< of the whole scan
+  bool noise_is_own_ = false;  ///< of turns; else pooled over pairs of single views
   std::vector<Candidate> candidates_;
   std::vector<Body> bodies_;
 };

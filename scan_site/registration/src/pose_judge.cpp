@@ -4,6 +4,8 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <tuple>
 
 #include "free_space.hpp"
 
@@ -12,12 +14,15 @@ namespace {
 
 constexpr double kReach = 3;               ///< spacings: how near counts as the same surface
 constexpr double kClearance = 3;           ///< spacings in front of what was seen
-constexpr std::size_t kSamples = 6000;     ///< points of a body that look for matches
-constexpr std::size_t kFreeSamples = 6000; ///< and that are held against the other's views
+constexpr std::size_t kSamples = 2000;      ///< points that look for matches, each way,
+constexpr std::size_t kSamplesOfPair = 500;  ///< and more for each pair of views: patches must average
 constexpr std::size_t kLeastMatches = 30;
+constexpr double kPatch = 6;  ///< spacings: large enough for noise to average out, small against the shape
+constexpr std::size_t kLeastInPatch = 4;
 
-std::size_t step_for(const RangeImage& view, std::size_t samples, std::size_t views) {
-  return std::max<std::size_t>(1, view.points.size() * views / samples);
+/// Every how many'th point of a view takes part where so many pairs of views are compared.
+std::size_t step_for(const RangeImage& view, std::size_t pairs) {
+  return std::max<std::size_t>(1, view.points.size() * pairs / (kSamples + kSamplesOfPair * pairs));
 }
 
 /// Tukey's weights about one scale for all matches, as the adjustment uses them.
@@ -32,6 +37,42 @@ void reweight(std::vector<Match>& matches) {
     const double t = m.offset() / tukey;
     m.weight *= std::abs(t) < 1 ? (1 - t * t) * (1 - t * t) : 0;
   }
+}
+
+/// Matches between two sides, found from either. Patches are cubes, one for each way a surface may face.
+struct TwoWayMatches {
+  std::vector<Match> all;
+  std::vector<double> sense;  ///< of each: 1 found from the one side, -1 from the other; offset * sense is one distance
+  void add(const std::vector<Match>& some, double sign) {
+    all.insert(all.end(), some.begin(), some.end());
+    sense.resize(all.size(), sign);
+  }
+};
+
+SurfaceFit fit_of(const TwoWayMatches& matches, double cube) {
+  struct Patch {
+    double weight = 0, offset = 0;
+    std::size_t count = 0;
+  };
+  std::map<std::tuple<std::int64_t, std::int64_t, std::int64_t, int>, Patch> patches;
+  for (std::size_t i = 0; i < matches.all.size(); ++i) {
+    const Match& m = matches.all[i];
+    Eigen::Index axis = 0;
+    m.normal.cwiseAbs().maxCoeff(&axis);
+    const auto cell = [&](double c) { return static_cast<std::int64_t>(std::floor(c / cube)); };
+    Patch& patch = patches[{cell(m.target.x()), cell(m.target.y()), cell(m.target.z()),
+                            static_cast<int>(2 * axis) + (m.normal[axis] < 0 ? 1 : 0)}];
+    patch.weight += m.weight;
+    patch.offset += m.weight * m.offset() * matches.sense[i];
+    ++patch.count;
+  }
+  double square = 0, weight = 0;
+  for (const auto& [place, patch] : patches) {
+    if (patch.count < kLeastInPatch || !(patch.weight > 0)) continue;
+    square += patch.offset * patch.offset / patch.weight;
+    weight += patch.weight;
+  }
+  return {rms_of(matches.all), weight > 0 ? std::sqrt(square / weight) : 0};
 }
 
 double stiffness_of(std::span<const Match> matches) {
@@ -56,11 +97,10 @@ double stiffness_of(std::span<const Match> matches) {
   return std::max(0.0, Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>>{normal / weight}.eigenvalues()[0]);
 }
 
-void match_views(const ViewSet& set, std::size_t from, const RigidMotion& from_pose, std::size_t to,
-                 const RigidMotion& to_pose, std::size_t step, std::vector<Match>& matches) {
-  const auto some = find_matches(set.views[from].points, set.views[from].normals, set.views[from].weight, from_pose,
-                                 set.targets[to], set.views[to].weight, to_pose, kReach * set.spacing, step);
-  matches.insert(matches.end(), some.begin(), some.end());
+std::vector<Match> match_views(const ViewSet& set, std::size_t from, const RigidMotion& from_pose, std::size_t to,
+                               const RigidMotion& to_pose, std::size_t step) {
+  return find_matches(set.views[from].points, set.views[from].normals, set.views[from].weight, from_pose,
+                      set.targets[to], set.views[to].weight, to_pose, kReach * set.spacing, step);
 }
 
 /// Share of a's surface that lies on b's.
@@ -76,44 +116,73 @@ double overlap_of(const ViewGroup& a, const ViewGroup& b, const RigidMotion& a_t
 
 PoseFigures figures_of(const ViewSet& set, const ViewGroup& a, const ViewGroup& b, const RigidMotion& b_to_a) {
   PoseFigures figures;
-  std::vector<Match> matches;
+  TwoWayMatches matches;
   FreeSpace free;
-  const std::size_t pairs_a = a.members().size(), pairs_b = b.members().size();
-  for (std::size_t i = 0; i < pairs_a; ++i)
-    for (std::size_t j = 0; j < pairs_b; ++j) {
+  const std::size_t pairs = a.members().size() * b.members().size();
+  for (std::size_t i = 0; i < a.members().size(); ++i)
+    for (std::size_t j = 0; j < b.members().size(); ++j) {
       const std::size_t va = a.members()[i], vb = b.members()[j];
       const RigidMotion &pose_a = a.poses()[i], pose_b = b_to_a * b.poses()[j];
       const RangeImage &view_a = set.views[va], &view_b = set.views[vb];
-      match_views(set, va, pose_a, vb, pose_b, step_for(view_a, kSamples, pairs_a * pairs_b), matches);
-      match_views(set, vb, pose_b, va, pose_a, step_for(view_b, kSamples, pairs_a * pairs_b), matches);
+      matches.add(match_views(set, va, pose_a, vb, pose_b, step_for(view_a, pairs)), 1);
+      matches.add(match_views(set, vb, pose_b, va, pose_a, step_for(view_b, pairs)), -1);
       const double clearance = kClearance * set.spacing;
-      free += judge_points(view_a.points, view_a.weight, step_for(view_a, kFreeSamples, pairs_a * pairs_b),
+      free += judge_points(view_a.points, view_a.weight, step_for(view_a, pairs),
                            pose_b.inverse() * pose_a, view_b, clearance);
-      free += judge_points(view_b.points, view_b.weight, step_for(view_b, kFreeSamples, pairs_a * pairs_b),
+      free += judge_points(view_b.points, view_b.weight, step_for(view_b, pairs),
                            pose_a.inverse() * pose_b, view_a, clearance);
     }
   figures.conflict = free.conflict();
   figures.overlap = a.surface().points.size() < b.surface().points.size()
                         ? overlap_of(a, b, b_to_a.inverse(), kReach * set.spacing)
                         : overlap_of(b, a, b_to_a, kReach * set.spacing);
-  if (matches.size() < kLeastMatches) return {.overlap = 0, .conflict = figures.conflict};
-  reweight(matches);
-  figures.rms = rms_of(matches);
-  figures.stiffness = stiffness_of(matches);
+  if (matches.all.size() < kLeastMatches) return {.overlap = 0, .conflict = figures.conflict};
+  reweight(matches.all);
+  figures.fit = fit_of(matches, kPatch * set.spacing);
+  figures.stiffness = stiffness_of(matches.all);
   return figures;
 }
 
-std::optional<double> rms_within(const ViewSet& set, const ViewGroup& group) {
-  std::vector<Match> matches;
+std::optional<SurfaceFit> fit_within(const ViewSet& set, const ViewGroup& group) {
+  TwoWayMatches matches;
   const std::size_t count = group.members().size();
   for (std::size_t i = 0; i < count; ++i)
     for (std::size_t j = 0; j < count; ++j)
       if (i != j)
-        match_views(set, group.members()[i], group.poses()[i], group.members()[j], group.poses()[j],
-                    step_for(set.views[group.members()[i]], kSamples, count * count), matches);
-  if (matches.size() < kLeastMatches) return std::nullopt;
-  reweight(matches);
-  return rms_of(matches);
+        matches.add(match_views(set, group.members()[i], group.poses()[i], group.members()[j], group.poses()[j],
+                                step_for(set.views[group.members()[i]], count * count)),
+                    i < j ? 1 : -1);
+  if (matches.all.size() < kLeastMatches) return std::nullopt;
+  reweight(matches.all);
+  return fit_of(matches, kPatch * set.spacing);
+}
+
+SurfaceFit fit_of_halves(const RangeImage& view, double spacing) {
+  OrientedPoints even, odd;
+  std::vector<float> even_weight, odd_weight;
+  const auto put = [&](std::size_t i, bool is_even) {
+    OrientedPoints& half = is_even ? even : odd;
+    half.points.push_back(view.points[i]);
+    half.normals.push_back(view.normals[i]);
+    (is_even ? even_weight : odd_weight).push_back(view.weight[i]);
+  };
+  if (view.view.point_at.empty()) {
+    for (std::size_t i = 0; i < view.points.size(); ++i) put(i, i % 2 == 0);
+  } else {
+    for (std::uint32_t r = 0; r < view.view.rows; ++r)
+      for (std::uint32_t c = 0; c < view.view.columns; ++c)
+        if (const std::int32_t i = view.view.at(r, c); i >= 0) put(static_cast<std::size_t>(i), (r + c) % 2 == 0);
+  }
+  if (even.points.empty() || odd.points.empty()) return {};
+  const AlignTarget target{even.points, even.normals};
+  TwoWayMatches matches;
+  matches.add(find_matches(odd.points, odd.normals, odd_weight, RigidMotion::Identity(), target, even_weight,
+                           RigidMotion::Identity(), kReach * spacing,
+                           std::max<std::size_t>(1, odd.points.size() / (2 * kSamples))),
+              1);
+  if (matches.all.size() < kLeastMatches) return {};
+  reweight(matches.all);
+  return fit_of(matches, kPatch * spacing);
 }
 
 }  // namespace telefab::scan

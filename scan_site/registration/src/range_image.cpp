@@ -4,13 +4,16 @@
 #include <fmt/format.h>
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <telefab/scan/cloud/kd_tree.hpp>
 
 namespace telefab::scan {
 namespace {
 
 constexpr float kDepthEdge = 4;  ///< in spacings: a longer step between neighbouring cells is an edge, not a surface
 constexpr double kMaxResidualPx = 1.5;
+constexpr std::size_t kLeastPoints = 100;
 
 struct Grid {
   const RangeView& view;
@@ -158,10 +161,56 @@ Result<RangeImage> make_range_image(const ScanFile& file, std::size_t view_index
       image.weight.push_back(at_edge ? 0.F
                                      : static_cast<float>(std::clamp(to_eye.dot(normal.cast<double>()), 0.0, 1.0)));
     }
-  if (image.points.size() < 100)
+  if (image.points.size() < kLeastPoints)
     return fail(ErrorCode::InvalidInput,
                 fmt::format("{}: only {} usable points in the range grid", image.name, image.points.size()));
   return image;
+}
+
+Result<RangeImage> make_gridless_image(const PointCloud& cloud, std::string name) {
+  RangeImage image;
+  image.name = std::move(name);
+  if (!cloud.has_normals()) return fail(ErrorCode::InvalidInput, fmt::format("{}: no normals", image.name));
+  const Eigen::Vector3f origin = cloud.origin.cast<float>();
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    if (!(cloud.normals[i].squaredNorm() > 0)) continue;
+    image.points.emplace_back(cloud.points[i] + origin);
+    image.normals.push_back(cloud.normals[i].normalized());
+  }
+  if (image.points.size() < kLeastPoints)
+    return fail(ErrorCode::InvalidInput, fmt::format("{}: only {} points with normals", image.name, image.points.size()));
+  image.weight.assign(image.points.size(), 1.F);
+  const KdTree tree{image.points};
+  std::vector<float> steps;
+  const std::size_t stride = std::max<std::size_t>(1, image.points.size() / 5000);
+  for (std::size_t i = 0; i < image.points.size(); i += stride) {
+    std::array<Neighbour, 3> near{};
+    if (tree.nearest(image.points[i], near) == near.size()) steps.push_back(std::sqrt(near[2].squared_distance));
+  }
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+  std::nth_element(steps.begin(), middle, steps.end());
+  image.spacing = *middle;
+  if (!(image.spacing > 0))
+    return fail(ErrorCode::InvalidInput, fmt::format("{}: the points lie on each other", image.name));
+  return image;
+}
+
+void keep_points(RangeImage& image, const std::vector<bool>& keep) {
+  std::vector<std::int32_t> moved(image.points.size(), RangeView::kEmpty);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < image.points.size(); ++i) {
+    if (!keep[i]) continue;
+    moved[i] = static_cast<std::int32_t>(kept);
+    image.points[kept] = image.points[i];
+    image.normals[kept] = image.normals[i];
+    image.weight[kept] = image.weight[i];
+    ++kept;
+  }
+  image.points.resize(kept);
+  image.normals.resize(kept);
+  image.weight.resize(kept);
+  for (std::int32_t& cell : image.view.point_at)
+    if (cell >= 0) cell = moved[static_cast<std::size_t>(cell)];
 }
 
 void face_away(RangeImage& image) {

@@ -61,9 +61,9 @@ void compare(const scan::Joined& joined, const std::vector<scan::RigidMotion>& t
                         std::ranges::all_of(trial.mm, [](double d) { return d < kRightMm; });
   trial.outcome = is_right ? Outcome::Right : Outcome::Wrong;
   for (const auto& s : joined.series)
-    trial.reason += fmt::format(" [{} {}: overlap {:.2f} rms/noise {:.2f} conflict {} stiffness {:.4f} runner-up {:.2f}]",
+    trial.reason += fmt::format(" [{} {}: overlap {:.2f} rms/noise {:.2f} {:.2f} conflict {} stiffness {:.4f} runner-up {:.2f}]",
                                 s.name, scan::name_of(s.verdict), s.overlap, s.noise > 0 ? s.rms / s.noise : 0,
-                                s.conflict ? fmt::format("{:.4f}", *s.conflict) : "-", s.stiffness, s.runner_up);
+                                s.patch_noise > 0 ? s.patch_rms / s.patch_noise : 0, s.conflict ? fmt::format("{:.4f}", *s.conflict) : "-", s.stiffness, s.runner_up);
 }
 
 /// Registers a turn on its own; nothing if that is refused.
@@ -172,8 +172,8 @@ Trial try_shuffled(const Turn& turn, const std::vector<scan::RangeImage>& strang
   trial.reason = fmt::format(" {} of {} joined, noise {:.3f} spacings;", joined->kept.size(), series.size(),
                              joined->noise / spacing);
   for (const auto& s : joined->series)
-    if (!s.is_joined()) trial.reason += fmt::format(" [{} {}: rms/noise {:.2f} overlap {:.2f}]", s.name, scan::name_of(s.verdict), s.noise > 0 ? s.rms / s.noise : 0, s.overlap);
-    else trial.reason += fmt::format(" ({:.2f} {:.2f} {:.4f} {:.3f})", s.noise > 0 ? s.rms / s.noise : 0, s.overlap, s.conflict.value_or(-1), s.stiffness);
+    if (!s.is_joined()) trial.reason += fmt::format(" [{} {}: rms/noise {:.2f} {:.2f} overlap {:.2f}]", s.name, scan::name_of(s.verdict), s.noise > 0 ? s.rms / s.noise : 0, s.patch_noise > 0 ? s.patch_rms / s.patch_noise : 0, s.overlap);
+    else trial.reason += fmt::format(" ({:.2f} {:.2f} {:.2f} {:.4f} {:.3f})", s.noise > 0 ? s.rms / s.noise : 0, s.patch_noise > 0 ? s.patch_rms / s.patch_noise : 0, s.overlap, s.conflict.value_or(-1), s.stiffness);
   return trial;
 }
 

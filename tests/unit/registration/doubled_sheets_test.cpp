@@ -6,7 +6,7 @@
 #include <oneapi/tbb/global_control.h>
 #include <telefab/scan/registration/merge_views.hpp>
 
-#include "lump_scene.hpp"
+#include "lump.hpp"
 
 namespace telefab::scan {
 namespace {
@@ -14,7 +14,8 @@ namespace {
 constexpr double kPitch = 0.6;
 
 Scene turn_with_noise(double noise_mm) {
-  Scene s = scene({.step_deg = 60, .pitch_mm = kPitch, .tilt_deg = 0, .noise_mm = noise_mm, .mixed_share = 0.3});
+  Scene s = scene_of(lump_mesh(),
+                     {.step_deg = 60, .pitch_mm = kPitch, .tilt_deg = 0, .noise_mm = noise_mm, .mixed_share = 0.3});
   // The lump's grid runs the other way about: register_views would find that out.
   for (RangeImage& image : s.images) face_away(image);
   return s;

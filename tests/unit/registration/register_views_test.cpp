@@ -4,15 +4,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <cmath>
-#include <numbers>
 #include <telefab/scan/digitize/digitize.hpp>
 #include <telefab/scan/registration/merge_views.hpp>
 #include <telefab/scan/registration/pose_file.hpp>
 
-#include "lump_scene.hpp"
+#include "lump.hpp"
 
 namespace telefab::scan {
 namespace {
+
+Scene scene(const DigitizeOptions& options) { return scene_of(lump_mesh(), options); }
 
 void expect_poses(const Scene& s, const Registration& r, double degrees, double shift_mm) {
   for (std::size_t i = 0; i < s.truth.size(); ++i) {

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -32,6 +33,8 @@ class KdTree {
   std::size_t nearest(const Eigen::Vector3f& query, std::span<Neighbour> found) const;
   /// The nearest point. The tree must not be empty.
   [[nodiscard]] Neighbour nearest(const Eigen::Vector3f& query) const;
+  /// The nearest point if it is not farther than `reach`. Cheaper than nearest() where many queries are far away.
+  [[nodiscard]] std::optional<Neighbour> nearest_within(const Eigen::Vector3f& query, float reach) const;
   /// All points nearer than `radius`, nearest first.
   [[nodiscard]] std::vector<Neighbour> within(const Eigen::Vector3f& query, float radius) const;
   /// The points in the order of the tree's leaves: neighbours in it are neighbours in space.

@@ -38,7 +38,8 @@ struct SeriesReport {
   std::optional<std::size_t> same_as;  ///< SameScan: index of the series it repeats
   double overlap = 0;                  ///< share of the smaller surface that lies on the other
   double rms = 0;                      ///< point to plane against the others' views, unit of the files
-  double noise = 0;                    ///< the same between views whose poses are right: the scan's own
+  double patch_rms = 0;                ///< the same of means over patches of six spacings
+  double noise = 0, patch_noise = 0;   ///< both between views whose poses are right: the scan's own
   std::optional<double> conflict;      ///< share of points that others saw through; unset: free space not tested
   double stiffness = 0;                ///< least eigenvalue of the fit, 0 to 1/3; near 0 it may slide
   double runner_up = 0;                ///< score of the next best pose over that of the best; 0: there is none
@@ -49,9 +50,9 @@ struct SeriesReport {
 struct JoinOptions {
   double max_rms = 0;            ///< > 0; budget of the whole, unit of the files
   double min_overlap = 0.25;     ///< (0, 1]; of one series with the others
-  double max_rms_ratio = 1.6;    ///< > 1; rms over the scan's own noise
+  double max_rms_ratio = 1.35;   ///< > 1; rms and patch rms over the scan's own of turns; for single views somewhat more
   double max_conflict = 0.005;   ///< [0, 1]; of one series with the others
-  double min_stiffness = 0.003;  ///< [0, 1/3]
+  double min_stiffness = 0.0015; ///< [0, 1/3]
   bool accept_symmetry = false;  ///< takes the best of equal poses if each carries the whole onto itself
   std::uint64_t seed = 1;        ///< of the search; same input, same seed, same answer
   [[nodiscard]] Result<void> validate() const;

@@ -34,6 +34,13 @@ struct RangeImage {
 /// dropped. Fails: InvalidInput (no grid, fewer than 100 usable points).
 [[nodiscard]] Result<RangeImage> make_range_image(const ScanFile& file, std::size_t view, std::string name);
 
+/// Points of which no grid is known, as an image without cells: it matches others but sees through nothing. The normals
+/// are the cloud's. Fails: InvalidInput (no normals, fewer than 100 points).
+[[nodiscard]] Result<RangeImage> make_gridless_image(const PointCloud& cloud, std::string name);
+
+/// Takes points out; their cells become empty. `keep`: one a point.
+void keep_points(RangeImage& image, const std::vector<bool>& keep);
+
 /// Turns the normals and the scanner's direction round: for images whose grid runs the other way about.
 void face_away(RangeImage& image);
 
