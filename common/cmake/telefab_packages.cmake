@@ -45,3 +45,13 @@ if(TELEFAB_BENCH)
   find_package(benchmark REQUIRED)
   pkg_check_modules(umockdev IMPORTED_TARGET umockdev-1.0)
 endif()
+
+# PCL for its point features alone: find_package(PCL) would ask for all of it, VTK with it.
+find_path(TELEFAB_PCL_INCLUDE pcl/features/fpfh.h PATH_SUFFIXES pcl-1.15 pcl-1.14 pcl-1.13 pcl-1.12 REQUIRED)
+find_library(TELEFAB_PCL_FEATURES pcl_features REQUIRED)
+find_library(TELEFAB_PCL_SEARCH pcl_search REQUIRED)
+find_library(TELEFAB_PCL_COMMON pcl_common REQUIRED)
+add_library(telefab_pcl_features INTERFACE)
+target_include_directories(telefab_pcl_features SYSTEM INTERFACE ${TELEFAB_PCL_INCLUDE})
+target_link_libraries(telefab_pcl_features INTERFACE ${TELEFAB_PCL_FEATURES} ${TELEFAB_PCL_SEARCH} ${TELEFAB_PCL_COMMON}
+  Eigen3::Eigen)

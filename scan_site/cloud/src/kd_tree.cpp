@@ -49,7 +49,8 @@ class NearestSet {
 class NearestWithin {
  public:
   using DistanceType = float;
-  explicit NearestWithin(float squared_reach) : bound_{std::nextafter(squared_reach, std::numeric_limits<float>::max())} {}
+  explicit NearestWithin(float squared_reach)
+      : bound_{std::nextafter(squared_reach, std::numeric_limits<float>::max())} {}
   [[nodiscard]] std::size_t size() const { return found_ ? 1 : 0; }
   [[nodiscard]] bool full() const { return true; }
   [[nodiscard]] float worstDist() const { return bound_; }

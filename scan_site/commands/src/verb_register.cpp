@@ -228,7 +228,8 @@ std::string report_of(const Registered& registered, const DoubledSheets& sheets,
   const Registration& r = registered.registration;
   std::string joins;
   if (registered.joined)
-    joins = fmt::format(R"("noise":{:.6g},"table_points":{},"series":{},)", registered.joined->joined.noise,
+    joins = fmt::format(R"("noise":{:.6g},"noise_is_guessed":{},"table_points":{},"series":{},)",
+                        registered.joined->joined.noise, registered.joined->joined.noise_is_guessed,
                         registered.joined->table_points, to_json(registered.joined->joined.series));
   std::string links;
   for (const LinkReport& l : r.links)

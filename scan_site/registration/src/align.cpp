@@ -63,9 +63,8 @@ std::vector<Match> find_matches(std::span<const Eigen::Vector3f> points, std::sp
       if (!near) continue;
       if (!usable.empty() && !(usable[near->index] > 0)) continue;
       if ((turn * normals[i]).dot(target.normals[near->index]) < kLeastNormalCosine) continue;
-      found[s] =
-          Match{target_to_world * here, target_to_world * target.points[near->index].cast<double>(),
-                turn_to_world * target.normals[near->index].cast<double>(), static_cast<double>(weight)};
+      found[s] = Match{target_to_world * here, target_to_world * target.points[near->index].cast<double>(),
+                       turn_to_world * target.normals[near->index].cast<double>(), static_cast<double>(weight)};
     }
   });
   std::vector<Match> matches;

@@ -13,16 +13,16 @@
 namespace telefab::scan {
 namespace {
 
-constexpr float kLeastMeanNormal = 0.6F;    ///< shorter: the cube holds two sides of something
-constexpr float kDescriptorRadius = 6;      ///< cells
-constexpr std::size_t kBestOf = 8;          ///< correspondences are in each other's best so many
+constexpr float kLeastMeanNormal = 0.6F;  ///< shorter: the cube holds two sides of something
+constexpr float kDescriptorRadius = 6;    ///< cells
+constexpr std::size_t kBestOf = 8;        ///< correspondences are in each other's best so many
 constexpr std::size_t kLeastMeans = 50;
-constexpr int kReach = 2;                   ///< cells about a mean in which it is found
-constexpr float kLeastBase = 0.2F;          ///< of the diagonal: a shorter base turns the frame by noise
-constexpr float kMostStretch = 1.5F;        ///< cells between the two base lengths
-constexpr float kMostAngle = 0.25F;         ///< radians between the angles of base and normals
-constexpr float kFacesAlike = 0.9F;         ///< cosine of 26 degrees: normals after the move
-constexpr float kSameSurface = 0.8F;        ///< cosine for a mean to count as fitting
+constexpr int kReach = 2;                                  ///< cells about a mean in which it is found
+constexpr float kLeastBase = 0.2F;                         ///< of the diagonal: a shorter base turns the frame by noise
+constexpr float kMostStretch = 1.5F;                       ///< cells between the two base lengths
+constexpr float kMostAngle = 0.25F;                        ///< radians between the angles of base and normals
+constexpr float kFacesAlike = 0.9F;                        ///< cosine of 26 degrees: normals after the move
+constexpr float kSameSurface = 0.8F;                       ///< cosine for a mean to count as fitting
 constexpr std::size_t kFirstLook = 80, kSecondLook = 400;  ///< means a pose is verified on
 constexpr float kLeastShare = 0.12F;
 constexpr double kSameTurnDeg = 8, kSameShiftCells = 3;
@@ -125,10 +125,10 @@ class Consensus {
       const std::size_t i = k * means.points.size() / count;
       const std::int32_t hit = target_.near(draw.turn * means.points[i] + draw.shift);
       if (hit >= 0)
-        near += (draw.turn * means.normals[i]).dot(target_.means().normals[static_cast<std::size_t>(hit)]) >
-                        kSameSurface
-                    ? 1
-                    : 0;
+        near +=
+            (draw.turn * means.normals[i]).dot(target_.means().normals[static_cast<std::size_t>(hit)]) > kSameSurface
+                ? 1
+                : 0;
     }
     return static_cast<float>(near) / static_cast<float>(count);
   }
@@ -159,8 +159,8 @@ class Consensus {
     if ((draw.turn * s.normals[a.source]).dot(t.normals[a.target]) < kFacesAlike ||
         (draw.turn * s.normals[b.source]).dot(t.normals[b.target]) < kFacesAlike)
       return false;
-    draw.shift = (t.points[a.target] + t.points[b.target]) / 2 -
-                 draw.turn * ((s.points[a.source] + s.points[b.source]) / 2);
+    draw.shift =
+        (t.points[a.target] + t.points[b.target]) / 2 - draw.turn * ((s.points[a.source] + s.points[b.source]) / 2);
     return true;
   }
 
@@ -229,7 +229,10 @@ CoarseShape::CoarseShape(const OrientedPoints& from, double cell) : means_{cell_
   tbb::parallel_for(0, size_.z(), [&](int z) {
     for (int y = 0; y < size_.y(); ++y)
       for (int x = 0; x < size_.x(); ++x) {
-        const Eigen::Vector3f at = low_ + (Eigen::Array3f(static_cast<float>(x), static_cast<float>(y), static_cast<float>(z)) + 0.5F).matrix() * side;
+        const Eigen::Vector3f at =
+            low_ +
+            (Eigen::Array3f(static_cast<float>(x), static_cast<float>(y), static_cast<float>(z)) + 0.5F).matrix() *
+                side;
         const Neighbour n = tree.nearest(at);
         if (n.squared_distance < static_cast<float>(kReach * kReach) * side * side)
           nearest_[static_cast<std::size_t>((z * size_.y() + y) * size_.x() + x)] = static_cast<std::int32_t>(n.index);

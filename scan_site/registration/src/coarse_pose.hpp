@@ -47,7 +47,7 @@ class CoarseShape {
 
 struct CoarsePose {
   RigidMotion motion = RigidMotion::Identity();  ///< source to target
-  double share = 0;                              ///< of the source's means that lie near one of the target's that faces the same way
+  double share = 0;  ///< of the source's means that lie near one of the target's that faces the same way
 };
 
 struct CoarseOptions {

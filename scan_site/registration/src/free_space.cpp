@@ -42,8 +42,8 @@ FreeSpace judge_points(std::span<const Eigen::Vector3f> points, std::span<const 
                                                 static_cast<std::uint32_t>(std::lround(column) + dc));
         is_whole &= cell >= 0 && judge.weight[static_cast<std::size_t>(cell)] > kLeastWeight;
         if (cell >= 0)
-          nearest = std::max(nearest,
-                             eye.towards_scanner.dot(judge.points[static_cast<std::size_t>(cell)].cast<double>()));
+          nearest =
+              std::max(nearest, eye.towards_scanner.dot(judge.points[static_cast<std::size_t>(cell)].cast<double>()));
       }
     if (!is_whole) continue;
     ++found.judged;

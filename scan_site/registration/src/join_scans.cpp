@@ -28,8 +28,8 @@ Result<Registration> register_turn(std::span<RangeImage> views, const ScanGroup&
   if (!options.keep_table)
     if (const auto table = remove_table(views, stop)) {
       result.table_points += table->points;
-      result.notes.push_back(fmt::format("{}: {} points of the table it stands on are left out (--keep-table keeps them)",
-                                         group.name, table->points));
+      result.notes.push_back(fmt::format(
+          "{}: {} points of the table it stands on are left out (--keep-table keeps them)", group.name, table->points));
       if (!axis) axis = table->up;
     }
   if (auto enough = check_left(views, group); !enough) return tl::unexpected{enough.error()};
@@ -54,8 +54,8 @@ Result<JoinedScans> join_scans(std::vector<RangeImage>& views, const std::vector
   std::optional<TurnFound> first_turn;
   for (const ScanGroup& group : groups) {
     if (group.step_deg > 0 && group.count > 1) {
-      const auto turn = register_turn(std::span{views}.subspan(group.first, group.count), group, options, result,
-                                      progress, stop);
+      const auto turn =
+          register_turn(std::span{views}.subspan(group.first, group.count), group, options, result, progress, stop);
       if (!turn) return tl::unexpected{turn.error()};
       ViewSeries whole{group.name, {}, turn->poses};
       for (std::size_t i = 0; i < group.count; ++i) whole.views.push_back(group.first + i);
@@ -84,8 +84,13 @@ Result<JoinedScans> join_scans(std::vector<RangeImage>& views, const std::vector
       result.notes.push_back(fmt::format("{} fits in {} ways that give the same body; one of them is taken", r.name,
                                          r.equal_turns_deg.size() + 1));
   }
-  const bool untested = std::ranges::any_of(
-      all.series, [](const SeriesReport& r) { return r.is_joined() && !r.conflict; });
+  if (all.noise_is_guessed)
+    result.notes.push_back(
+        "the noise of the scan is guessed, no turn and no third view tells it: a copy that is mirrored or bent by "
+        "little "
+        "more may pass; look at the picture, or scan more views");
+  const bool untested =
+      std::ranges::any_of(all.series, [](const SeriesReport& r) { return r.is_joined() && !r.conflict; });
   if (untested)
     result.notes.push_back(
         "free space not tested for all: clouds and views through a lens do not say what they saw through; rms, overlap "

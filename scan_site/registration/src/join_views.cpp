@@ -76,7 +76,8 @@ Result<void> refuse_if_too_few(const std::vector<SeriesReport>& reports) {
     lost_series = lost_series || r.views > 1;
     reasons += fmt::format("{}{}", reasons.empty() ? "" : "; ", sentence_of(r, reports));
   }
-  if (bodies > 1 && !lost_series && static_cast<double>(joined) > kLeastShareJoined * static_cast<double>(views)) return {};
+  if (bodies > 1 && !lost_series && static_cast<double>(joined) > kLeastShareJoined * static_cast<double>(views))
+    return {};
   return fail(ErrorCode::NotConverged, fmt::format("the scans do not join: {}", reasons));
 }
 
@@ -145,6 +146,7 @@ Result<Joined> join_views(std::vector<RangeImage>& views, const std::vector<View
     // all together may say what two alone could not
     if (!graph.drop_what_misfits(result.registration.poses)) {
       result.noise = graph.noise().rms;
+      result.noise_is_guessed = graph.has_guessed_noise();
       views = std::move(kept);
       return result;
     }
@@ -158,30 +160,36 @@ std::string sentence_of(const SeriesReport& r, const std::vector<SeriesReport>& 
     case JoinVerdict::SameScan:
       return fmt::format("{} is the same scan as {}", r.name, r.same_as ? all[*r.same_as].name : "another one");
     case JoinVerdict::NoPose:
-      return fmt::format("no pose of {} fits any other: it shows another object, or too little of the same; scan views "
-                         "in between that show both sides",
-                         r.name);
+      return fmt::format(
+          "no pose of {} fits any other: it shows another object, or too little of the same; scan views "
+          "in between that show both sides",
+          r.name);
     case JoinVerdict::ThinOverlap:
-      return fmt::format("{} overlaps the others by {:.0f} % only at the best pose found: scan two more views that "
-                         "show both sides",
-                         r.name, 100 * r.overlap);
+      return fmt::format(
+          "{} overlaps the others by {:.0f} % only at the best pose found: scan two more views that "
+          "show both sides",
+          r.name, 100 * r.overlap);
     case JoinVerdict::Misfit:
-      return fmt::format("{} fits to {:.3g} only where the scan's own noise is {:.3g} (overlap {:.0f} %): another "
-                         "object, a mirrored or bent one, or too little overlap to find its pose; scan views in between",
-                         r.name, r.rms, r.noise, 100 * r.overlap);
+      return fmt::format(
+          "{} fits to {:.3g} only where the scan's own noise is {:.3g} (overlap {:.0f} %): another "
+          "object, a mirrored or bent one, or too little overlap to find its pose; scan views in between",
+          r.name, r.rms, r.noise, 100 * r.overlap);
     case JoinVerdict::SeenThrough:
-      return fmt::format("at the best pose found {:.1f} % of the points of {} stand where other views saw through: it "
-                         "does not fit; scan views in between",
-                         100 * r.conflict.value_or(0), r.name);
+      return fmt::format(
+          "at the best pose found {:.1f} % of the points of {} stand where other views saw through: it "
+          "does not fit; scan views in between",
+          100 * r.conflict.value_or(0), r.name);
     case JoinVerdict::Slides:
-      return fmt::format("{} may slide or turn on the others without a change (a body of revolution, or plain faces): "
-                         "scan views that show more shape, or put something with a shape beside it",
-                         r.name);
+      return fmt::format(
+          "{} may slide or turn on the others without a change (a body of revolution, or plain faces): "
+          "scan views that show more shape, or put something with a shape beside it",
+          r.name);
     case JoinVerdict::Ambiguous: {
       const std::vector<double> turns = distinct(r.equal_turns_deg);
-      return fmt::format("{} fits in {} ways that the scan cannot tell apart: turns of {} degrees; scan views that show "
-                         "the difference, or say --accept-symmetry if there is none",
-                         r.name, r.equal_turns_deg.size() + 1, list_of(turns));
+      return fmt::format(
+          "{} fits in {} ways that the scan cannot tell apart: turns of {} degrees; scan views that show "
+          "the difference, or say --accept-symmetry if there is none",
+          r.name, r.equal_turns_deg.size() + 1, list_of(turns));
     }
   }
   return "";
@@ -195,8 +203,8 @@ std::string to_json(const std::vector<SeriesReport>& series) {
     text += fmt::format(
         R"({}{{"name":"{}","views":{},"joined":{},"verdict":"{}","same_as":{},"overlap":{:.4f},"rms":{:.6g},"patch_rms":{:.6g},"noise":{:.6g},"patch_noise":{:.6g},"conflict":{},"stiffness":{:.5f},"runner_up":{:.4f},"equal_turns_deg":[{}]}})",
         text.empty() ? "" : ",", r.name, r.views, r.is_joined(), name_of(r.verdict),
-        r.same_as ? fmt::format("\"{}\"", series[*r.same_as].name) : "null", r.overlap, r.rms, r.patch_rms, r.noise, r.patch_noise,
-        r.conflict ? fmt::format("{:.5f}", *r.conflict) : "null", r.stiffness, r.runner_up, turns);
+        r.same_as ? fmt::format("\"{}\"", series[*r.same_as].name) : "null", r.overlap, r.rms, r.patch_rms, r.noise,
+        r.patch_noise, r.conflict ? fmt::format("{:.5f}", *r.conflict) : "null", r.stiffness, r.runner_up, turns);
   }
   return "[" + text + "]";
 }

@@ -11,31 +11,31 @@
 namespace telefab::scan {
 namespace {
 
-constexpr double kCellsAcross = 60;              ///< of the diagonal of a typical series
+constexpr double kCellsAcross = 60;  ///< of the diagonal of a typical series
 constexpr std::uint32_t kDrawsOfSeries = 150'000, kDrawsOfViews = 50'000;
 constexpr std::size_t kAlignedOfSeries = 16, kAlignedOfViews = 6;
-constexpr std::size_t kAlignedOfClouds = 32;     ///< no eye sorts out those that only lie on each other
-constexpr std::size_t kFreeMeans = 300;          ///< means of either side held against the other's views
-constexpr double kCoarseClearance = 1.5;         ///< cells
-constexpr double kFirstReach = 2.5;              ///< cells
-constexpr double kLastReach = 3;                 ///< spacings
+constexpr std::size_t kAlignedOfClouds = 32;        ///< no eye sorts out those that only lie on each other
+constexpr std::size_t kFreeMeans = 300;             ///< means of either side held against the other's views
+constexpr double kCoarseClearance = 1.5;            ///< cells
+constexpr double kFirstReach = 2.5;                 ///< cells
+constexpr double kLastReach = 3;                    ///< spacings
 constexpr double kSameTurnDeg = 3, kSameShift = 3;  ///< degrees, spacings: one pose
 constexpr double kCycleTurnDeg = 3, kCycleShift = 5;
-constexpr double kLeastOverlap = 0.12;           ///< of an edge worth keeping
-constexpr double kScoreRms = 0.3;                ///< spacings at which a fit counts for half
+constexpr double kLeastOverlap = 0.12;  ///< of an edge worth keeping
+constexpr double kScoreRms = 0.3;       ///< spacings at which a fit counts for half
 constexpr double kScoreConflict = 5;
-constexpr double kSupportedOverlap = 0.15;       ///< enough where third views say the same
+constexpr double kSupportedOverlap = 0.15;  ///< enough where third views say the same
 constexpr std::size_t kHypothesesOfBodies = 6;
 constexpr double kEqualOverlap = 0.8, kEqualRms = 1.5, kEqualConflict = 0.005;
-constexpr double kCorrelated = 2.5;              ///< noise between two views over that between the halves of one,
-constexpr double kCorrelatedPatches = 4;         ///< and of its patches
-constexpr double kSpreadOfPairs = 1.4;           ///< of the noise between single views, pair by pair,
-constexpr double kSpreadOfViews = 1.15;          ///< and of each against all others
-constexpr double kExactPairs = 0.25;             ///< share of the pairs found that are surely exact
-constexpr std::size_t kLeastForMedian = 5;       ///< views of which one that is wrong does not set the median
-constexpr double kSameScanRms = 0.25;            ///< of the noise: only the same points fit so well
+constexpr double kCorrelated = 2.5;         ///< noise between two views over that between the halves of one,
+constexpr double kCorrelatedPatches = 4;    ///< and of its patches
+constexpr double kSpreadOfPairs = 1.4;      ///< of the noise between single views, pair by pair,
+constexpr double kSpreadOfViews = 1.15;     ///< and of each against all others
+constexpr double kExactPairs = 0.25;        ///< share of the pairs found that are surely exact
+constexpr std::size_t kLeastForMedian = 5;  ///< views of which one that is wrong does not set the median
+constexpr double kSameScanRms = 0.25;       ///< of the noise: only the same points fit so well
 constexpr double kSameScanOverlap = 0.97;
-constexpr double kOntoItself = 0.8;              ///< share of the whole that a symmetry carries onto itself
+constexpr double kOntoItself = 0.8;  ///< share of the whole that a symmetry carries onto itself
 
 /// Side of the box that holds all but one in a hundred of the points on each side: strays must not set the size.
 double robust_diagonal(std::span<const Eigen::Vector3f> points) {
@@ -138,18 +138,17 @@ std::vector<PoseGraph::Candidate> PoseGraph::candidates_of(std::size_t a, std::s
   std::vector<std::pair<double, std::size_t>> order(coarse.size());
   tbb::parallel_for(std::size_t{0}, coarse.size(), [&](std::size_t i) {
     const double clearance = kCoarseClearance * cell_;
-    const double conflict =
-        std::max(conflict_of_means(set_, *coarse_[b], to, coarse[i].motion, clearance),
-                 conflict_of_means(set_, *coarse_[a], from, coarse[i].motion.inverse(), clearance));
+    const double conflict = std::max(conflict_of_means(set_, *coarse_[b], to, coarse[i].motion, clearance),
+                                     conflict_of_means(set_, *coarse_[a], from, coarse[i].motion.inverse(), clearance));
     order[i] = {-coarse[i].share * (1 - 3 * conflict), i};
   });
   std::sort(order.begin(), order.end());
   const auto has_eye = [&](const ViewGroup& g) {
     return std::ranges::any_of(g.members(), [&](std::size_t v) { return views_[v].projection.has_value(); });
   };
-  const std::size_t most = is_of_views                      ? kAlignedOfViews
+  const std::size_t most = is_of_views                    ? kAlignedOfViews
                            : has_eye(to) || has_eye(from) ? kAlignedOfSeries
-                                                            : kAlignedOfClouds;
+                                                          : kAlignedOfClouds;
   order.resize(std::min(order.size(), most));
 
   // A short fit tells which of them meet; only different ones are worth a long one.
@@ -182,7 +181,8 @@ std::vector<PoseGraph::Candidate> PoseGraph::candidates_of(std::size_t a, std::s
     c.score = score_of(c.figures);
     if (c.figures.overlap >= kLeastOverlap) found.push_back(c);
   }
-  std::stable_sort(found.begin(), found.end(), [](const Candidate& l, const Candidate& r) { return l.score > r.score; });
+  std::stable_sort(found.begin(), found.end(),
+                   [](const Candidate& l, const Candidate& r) { return l.score > r.score; });
   return found;
 }
 
@@ -216,17 +216,21 @@ void PoseGraph::set_noise() {
   std::vector<SurfaceFit> measured;
   for (const auto& own : own_noise_)
     if (own) measured.push_back(*own);
-  noise_is_own_ = !measured.empty();
-  // Of pairs of views some are right but not exact, so their better ones tell.
-  const double share = noise_is_own_ ? 0.5 : kExactPairs;
-  if (measured.empty())
+  noise_source_ = NoiseSource::Turns;
+  if (measured.empty()) {
+    noise_source_ = NoiseSource::Pairs;
     for (const Candidate& c : candidates_)
       if (c.support >= 2 && c.figures.conflict.value_or(0) <= options_.max_conflict) measured.push_back(c.figures.fit);
-  if (measured.empty())
+  }
+  // Of pairs of views some are right but not exact, so their better ones tell.
+  const double share = noise_source_ == NoiseSource::Pairs ? kExactPairs : 0.5;
+  if (measured.empty()) {
+    noise_source_ = NoiseSource::Halves;
     for (const RangeImage& view : views_) {
       const SurfaceFit halves = fit_of_halves(view, set_.spacing);
       measured.push_back({kCorrelated * halves.rms, kCorrelatedPatches * halves.patch_rms});
     }
+  }
   std::vector<double> rms, patch_rms;
   for (const SurfaceFit& fit : measured) {
     rms.push_back(fit.rms);
@@ -247,7 +251,9 @@ SurfaceFit PoseGraph::noise_of(std::span<const std::size_t> series) const {
 std::size_t PoseGraph::support_between(const Body& a, const Body& b) const {
   std::size_t most = 0;
   for (const Candidate& c : candidates_) {
-    const auto in = [&](const Body& body, std::size_t s) { return std::ranges::find(body.series, s) != body.series.end(); };
+    const auto in = [&](const Body& body, std::size_t s) {
+      return std::ranges::find(body.series, s) != body.series.end();
+    };
     if ((in(a, c.a) && in(b, c.b)) || (in(a, c.b) && in(b, c.a))) most = std::max(most, c.support);
   }
   return most;
@@ -264,7 +270,9 @@ std::vector<PoseGraph::Hypothesis> PoseGraph::hypotheses(const Body& a, const Bo
   const auto place = [](const Body& body, std::size_t s) {
     return body.poses[static_cast<std::size_t>(std::ranges::find(body.series, s) - body.series.begin())];
   };
-  const auto in = [](const Body& body, std::size_t s) { return std::ranges::find(body.series, s) != body.series.end(); };
+  const auto in = [](const Body& body, std::size_t s) {
+    return std::ranges::find(body.series, s) != body.series.end();
+  };
   for (const Candidate& c : candidates_) {
     if (in(a, c.a) && in(b, c.b))
       starts.push_back({place(a, c.a) * c.b_to_a * place(b, c.b).inverse(), c.score, &c});
@@ -317,8 +325,7 @@ std::vector<PoseGraph::Hypothesis> PoseGraph::hypotheses(const Body& a, const Bo
   return distinct;
 }
 
-JoinVerdict PoseGraph::judge(const PoseFigures& f, const SurfaceFit& noise, double spread,
-                             std::size_t support) const {
+JoinVerdict PoseGraph::judge(const PoseFigures& f, const SurfaceFit& noise, double spread, std::size_t support) const {
   if (f.overlap < kLeastOverlap) return JoinVerdict::NoPose;
   // What slides fits less well too: the first cause is said.
   if (f.stiffness < options_.min_stiffness && f.fit.rms <= 2 * spread * options_.max_rms_ratio * noise.rms)
@@ -341,7 +348,8 @@ PoseGraph::Attempt PoseGraph::attempt(const Body& a, const Body& b, const std::s
   if (list.empty()) return found;
   found.best = list.front();
   found.runner_up = list.size() > 1 && list[0].score > 0 ? list[1].score / list[0].score : 0;
-  found.verdict = judge(found.best.figures, noise, noise_is_own_ ? 1 : kSpreadOfPairs, support_between(a, b));
+  found.verdict =
+      judge(found.best.figures, noise, noise_source_ == NoiseSource::Pairs ? kSpreadOfPairs : 1, support_between(a, b));
   if (found.verdict != JoinVerdict::Fits) return found;
   const PoseFigures& best = found.best.figures;
   if (best.fit.rms < kSameScanRms * noise.rms && best.overlap > kSameScanOverlap && a.group->members().size() == 1 &&
@@ -367,8 +375,7 @@ PoseGraph::Attempt PoseGraph::attempt(const Body& a, const Body& b, const std::s
   return found;
 }
 
-bool PoseGraph::carries_onto_itself(const ViewGroup& whole, const RigidMotion& motion,
-                                    const SurfaceFit& noise) const {
+bool PoseGraph::carries_onto_itself(const ViewGroup& whole, const RigidMotion& motion, const SurfaceFit& noise) const {
   const PoseFigures figures = figures_of(set_, whole, whole, motion);
   return figures.overlap >= kOntoItself && figures.fit.rms <= options_.max_rms_ratio * noise.rms &&
          figures.conflict.value_or(0) <= options_.max_conflict;
@@ -401,16 +408,22 @@ void PoseGraph::report(std::size_t series, const Attempt& found) {
 Result<void> PoseGraph::join_best_first(const std::stop_token& stop) {
   for (std::size_t s = 0; s < groups_.size(); ++s)
     if (groups_[s])
-      bodies_.push_back({{s}, {RigidMotion::Identity()}, std::make_unique<ViewGroup>(set_, groups_[s]->members(), groups_[s]->poses())});
+      bodies_.push_back({{s},
+                         {RigidMotion::Identity()},
+                         std::make_unique<ViewGroup>(set_, groups_[s]->members(), groups_[s]->poses())});
   // What was tried stays tried until one of the two has grown; a body is known by its series.
   std::map<std::pair<std::vector<std::size_t>, std::vector<std::size_t>>, Attempt> tried;
   const auto body_of = [&](std::size_t s) {
-    return static_cast<std::size_t>(std::ranges::find_if(bodies_, [&](const Body& b) { return std::ranges::find(b.series, s) != b.series.end(); }) - bodies_.begin());
+    return static_cast<std::size_t>(
+        std::ranges::find_if(bodies_, [&](const Body& b) { return std::ranges::find(b.series, s) != b.series.end(); }) -
+        bodies_.begin());
   };
   std::vector<std::size_t> order(candidates_.size());
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
   std::stable_sort(order.begin(), order.end(), [&](std::size_t l, std::size_t r) {
-    const auto rank = [&](std::size_t i) { return candidates_[i].score * static_cast<double>(1 + candidates_[i].support); };
+    const auto rank = [&](std::size_t i) {
+      return candidates_[i].score * static_cast<double>(1 + candidates_[i].support);
+    };
     return rank(l) > rank(r);
   });
   for (bool has_grown = true; has_grown;) {
@@ -440,7 +453,8 @@ Result<void> PoseGraph::join_best_first(const std::stop_token& stop) {
       break;
     }
   }
-  std::stable_sort(bodies_.begin(), bodies_.end(), [](const Body& l, const Body& r) { return l.group->members().size() > r.group->members().size(); });
+  std::stable_sort(bodies_.begin(), bodies_.end(),
+                   [](const Body& l, const Body& r) { return l.group->members().size() > r.group->members().size(); });
   for (std::size_t b = 1; b < bodies_.size(); ++b) {
     const Attempt found = attempt(bodies_[0], bodies_[b], stop);
     for (const std::size_t s : bodies_[b].series) report(s, found);
@@ -483,8 +497,8 @@ bool PoseGraph::drop_what_misfits(std::span<const RigidMotion> adjusted) {
     figures[i] = figures_of(set_, group_of(without(s)), group_of(series_[s].views), RigidMotion::Identity());
   });
   SurfaceFit noise = noise_of(body.series);
-  double spread = noise_is_own_ ? 1 : kSpreadOfPairs;
-  if (!noise_is_own_ && body.series.size() >= kLeastForMedian) {
+  double spread = noise_source_ == NoiseSource::Pairs ? kSpreadOfPairs : 1;
+  if (noise_source_ == NoiseSource::Pairs && body.series.size() >= kLeastForMedian) {
     // Against all others together right views differ less from each other than pair by pair.
     std::vector<double> rms, patch_rms;
     for (const PoseFigures& f : figures) {

@@ -31,8 +31,12 @@ class PoseGraph {
   /// the one that misfits most. False: all fit.
   [[nodiscard]] bool drop_what_misfits(std::span<const RigidMotion> adjusted);
   [[nodiscard]] const SurfaceFit& noise() const { return noise_; }
+  /// The noise is guessed from single views: neither turns nor third views could tell it.
+  [[nodiscard]] bool has_guessed_noise() const { return noise_source_ == NoiseSource::Halves; }
 
  private:
+  /// Turns on their own; pairs of views that third ones confirm; the halves of single views.
+  enum class NoiseSource { Turns, Pairs, Halves };
   struct Candidate {
     std::size_t a = 0, b = 0;
     RigidMotion b_to_a;
@@ -81,11 +85,11 @@ class PoseGraph {
   std::vector<AlignTarget> targets_;
   ViewSet set_;
   double cell_ = 0;
-  std::vector<std::unique_ptr<ViewGroup>> groups_;  ///< one a series; none for a copy
+  std::vector<std::unique_ptr<ViewGroup>> groups_;    ///< one a series; none for a copy
   std::vector<std::unique_ptr<CoarseShape>> coarse_;  ///< one a series, while candidates are searched
-  std::vector<std::optional<SurfaceFit>> own_noise_;    ///< one a series, of those with several views
-  SurfaceFit noise_;  ///< of the whole scan
-  bool noise_is_own_ = false;  ///< of turns; else pooled over pairs of single views
+  std::vector<std::optional<SurfaceFit>> own_noise_;  ///< one a series, of those with several views
+  SurfaceFit noise_;                                  ///< of the whole scan
+  NoiseSource noise_source_ = NoiseSource::Halves;
   std::vector<Candidate> candidates_;
   std::vector<Body> bodies_;
 };

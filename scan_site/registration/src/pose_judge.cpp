@@ -12,9 +12,9 @@
 namespace telefab::scan {
 namespace {
 
-constexpr double kReach = 3;               ///< spacings: how near counts as the same surface
-constexpr double kClearance = 3;           ///< spacings in front of what was seen
-constexpr std::size_t kSamples = 2000;      ///< points that look for matches, each way,
+constexpr double kReach = 3;                 ///< spacings: how near counts as the same surface
+constexpr double kClearance = 3;             ///< spacings in front of what was seen
+constexpr std::size_t kSamples = 2000;       ///< points that look for matches, each way,
 constexpr std::size_t kSamplesOfPair = 500;  ///< and more for each pair of views: patches must average
 constexpr std::size_t kLeastMatches = 30;
 constexpr double kPatch = 6;  ///< spacings: large enough for noise to average out, small against the shape
@@ -127,10 +127,10 @@ PoseFigures figures_of(const ViewSet& set, const ViewGroup& a, const ViewGroup& 
       matches.add(match_views(set, va, pose_a, vb, pose_b, step_for(view_a, pairs)), 1);
       matches.add(match_views(set, vb, pose_b, va, pose_a, step_for(view_b, pairs)), -1);
       const double clearance = kClearance * set.spacing;
-      free += judge_points(view_a.points, view_a.weight, step_for(view_a, pairs),
-                           pose_b.inverse() * pose_a, view_b, clearance);
-      free += judge_points(view_b.points, view_b.weight, step_for(view_b, pairs),
-                           pose_a.inverse() * pose_b, view_a, clearance);
+      free += judge_points(view_a.points, view_a.weight, step_for(view_a, pairs), pose_b.inverse() * pose_a, view_b,
+                           clearance);
+      free += judge_points(view_b.points, view_b.weight, step_for(view_b, pairs), pose_a.inverse() * pose_b, view_a,
+                           clearance);
     }
   figures.conflict = free.conflict();
   figures.overlap = a.surface().points.size() < b.surface().points.size()

@@ -178,7 +178,8 @@ Result<RangeImage> make_gridless_image(const PointCloud& cloud, std::string name
     image.normals.push_back(cloud.normals[i].normalized());
   }
   if (image.points.size() < kLeastPoints)
-    return fail(ErrorCode::InvalidInput, fmt::format("{}: only {} points with normals", image.name, image.points.size()));
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("{}: only {} points with normals", image.name, image.points.size()));
   image.weight.assign(image.points.size(), 1.F);
   const KdTree tree{image.points};
   std::vector<float> steps;

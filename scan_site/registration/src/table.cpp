@@ -11,8 +11,8 @@
 namespace telefab::scan {
 namespace {
 
-constexpr double kFilletShare = 1.5;   ///< thicknesses above the plane that go with it: its noise and the seam
-constexpr double kSeenFromAbove = 0.8; ///< share of the plane's points whose normals face up
+constexpr double kFilletShare = 1.5;    ///< thicknesses above the plane that go with it: its noise and the seam
+constexpr double kSeenFromAbove = 0.8;  ///< share of the plane's points whose normals face up
 
 template <class Keep>
 std::size_t keep_where(std::span<RangeImage> views, std::span<const RigidMotion> poses, Keep keep) {
@@ -50,16 +50,16 @@ std::optional<Table> remove_table(std::span<RangeImage> views, const std::stop_t
   }
   if (static_cast<double>(facing) < kSeenFromAbove * static_cast<double>(on)) return std::nullopt;
   const std::vector<RigidMotion> still(views.size(), RigidMotion::Identity());
-  return Table{ground->up, keep_where(views, still, [&](const Vec3& p) {
-                 return height(p) > kFilletShare * ground->thickness;
-               })};
+  return Table{ground->up,
+               keep_where(views, still, [&](const Vec3& p) { return height(p) > kFilletShare * ground->thickness; })};
 }
 
 std::size_t cut_below(std::span<RangeImage> views, const Registration& turn, const Vec3& up, double height) {
   double lowest = std::numeric_limits<double>::max();
   for (std::size_t v = 0; v < views.size(); ++v)
     for (std::size_t i = 0; i < views[v].points.size(); ++i)
-      if (views[v].weight[i] > 0) lowest = std::min(lowest, (turn.poses[v] * views[v].points[i].cast<double>()).dot(up));
+      if (views[v].weight[i] > 0)
+        lowest = std::min(lowest, (turn.poses[v] * views[v].points[i].cast<double>()).dot(up));
   return keep_where(views, turn.poses, [&](const Vec3& p) { return p.dot(up) > lowest + height; });
 }
 

@@ -11,9 +11,10 @@ struct Table {
   std::size_t points = 0;   ///< taken out
 };
 
-/// Takes the table out of the views of a turn: the plane that stays where it is while what stands on it turns, seen from
-/// above and reaching out beyond all else. Everything down from it goes. For views whose scanner stood still, before
-/// their poses are known; the table would be the largest thing that matches at a wrong axis. Nothing: no table found.
+/// Takes the table out of the views of a turn: the plane that stays where it is while what stands on it turns, seen
+/// from above and reaching out beyond all else. Everything down from it goes. For views whose scanner stood still,
+/// before their poses are known; the table would be the largest thing that matches at a wrong axis. Nothing: no table
+/// found.
 [[nodiscard]] std::optional<Table> remove_table(std::span<RangeImage> views, const std::stop_token& stop);
 
 /// Takes out what is lower than `height` above the lowest point along `up` (unit): a stand, a clamp. Frame of view 0,

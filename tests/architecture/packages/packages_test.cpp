@@ -57,6 +57,7 @@ const std::vector<Library> kLibraries{
     {"libgtest-dev", "GTest", "GTest::gtest_main"},
     {"libgmock-dev", "GTest", "GTest::gmock"},
     {"libbenchmark-dev", "benchmark", "benchmark::benchmark_main"},
+    {"libpcl-dev", "pcl_features", "telefab_pcl_features"},
     {"libnanoflann-dev", "", "nanoflann.hpp"},
     {"libumockdev-dev", "umockdev", "PkgConfig::umockdev"},
 };

@@ -5,7 +5,9 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <ctime>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -34,12 +36,23 @@ struct Trial {
   Outcome outcome = Outcome::Refused;
   std::string reason;
   std::vector<double> degrees, mm;  ///< one a view but the first
-  double seconds = 0;
+  double seconds = 0, cpu_seconds = 0;
 };
 
-double now_s() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
+double now_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+
+/// Wall and processor time of the join alone.
+class Stopwatch {
+ public:
+  void read(Trial& trial) const {
+    trial.seconds = now_s() - wall_;
+    trial.cpu_seconds = static_cast<double>(std::clock() - cpu_) / CLOCKS_PER_SEC;
+  }
+
+ private:
+  double wall_ = now_s();
+  std::clock_t cpu_ = std::clock();
+};
 
 double median_of(std::vector<double> v) {
   if (v.empty()) return 0;
@@ -61,9 +74,11 @@ void compare(const scan::Joined& joined, const std::vector<scan::RigidMotion>& t
                         std::ranges::all_of(trial.mm, [](double d) { return d < kRightMm; });
   trial.outcome = is_right ? Outcome::Right : Outcome::Wrong;
   for (const auto& s : joined.series)
-    trial.reason += fmt::format(" [{} {}: overlap {:.2f} rms/noise {:.2f} {:.2f} conflict {} stiffness {:.4f} runner-up {:.2f}]",
-                                s.name, scan::name_of(s.verdict), s.overlap, s.noise > 0 ? s.rms / s.noise : 0,
-                                s.patch_noise > 0 ? s.patch_rms / s.patch_noise : 0, s.conflict ? fmt::format("{:.4f}", *s.conflict) : "-", s.stiffness, s.runner_up);
+    trial.reason +=
+        fmt::format(" [{} {}: overlap {:.2f} rms/noise {:.2f} {:.2f} conflict {} stiffness {:.4f} runner-up {:.2f}]",
+                    s.name, scan::name_of(s.verdict), s.overlap, s.noise > 0 ? s.rms / s.noise : 0,
+                    s.patch_noise > 0 ? s.patch_rms / s.patch_noise : 0,
+                    s.conflict ? fmt::format("{:.4f}", *s.conflict) : "-", s.stiffness, s.runner_up);
 }
 
 /// Registers a turn on its own; nothing if that is refused.
@@ -80,10 +95,10 @@ Trial join(std::vector<scan::RangeImage> images, const std::vector<scan::ViewSer
   Trial trial;
   double spacing = 0;
   for (const auto& image : images) spacing = std::max(spacing, static_cast<double>(image.spacing));
-  const double begin = now_s();
+  const Stopwatch watch;
   const auto joined = scan::join_views(
       images, series, {.max_rms = 0.6 * spacing, .accept_symmetry = settings.accept_symmetry, .seed = seed}, {}, {});
-  trial.seconds = now_s() - begin;
+  watch.read(trial);
   if (joined)
     compare(*joined, to_model, trial);
   else
@@ -107,7 +122,7 @@ Trial try_series(const scan::DigitizeModel& model, const scan::DigitizeModel* ot
   if (settings.set == "thin") options.keep = half_space(-40 * settings.overlap, false);
   Turn b = take_turn(settings.set == "mirror" ? mirrored(model) : other != nullptr ? *other : model, over, options);
   if (settings.set == "twice") b = a;
-  Trial trial{Outcome::TurnFailed, "", {}, {}, 0};
+  Trial trial{.outcome = Outcome::TurnFailed};
   if (a.images.size() < 6 || b.images.size() < 6) return trial;
   const auto first = series_of(a, "first", 0), second = series_of(b, "second", a.images.size());
   if (!first || !second) return trial;
@@ -148,9 +163,9 @@ Trial try_shuffled(const Turn& turn, const std::vector<scan::RangeImage>& strang
   Trial trial;
   double spacing = 0;
   for (const auto& image : images) spacing = std::max(spacing, static_cast<double>(image.spacing));
-  const double begin = now_s();
+  const Stopwatch watch;
   const auto joined = scan::join_views(images, series, {.max_rms = 0.6 * spacing, .seed = seed}, {}, {});
-  trial.seconds = now_s() - begin;
+  watch.read(trial);
   if (!joined) {
     trial.reason = " " + joined.error().what;
     return trial;
@@ -172,8 +187,14 @@ Trial try_shuffled(const Turn& turn, const std::vector<scan::RangeImage>& strang
   trial.reason = fmt::format(" {} of {} joined, noise {:.3f} spacings;", joined->kept.size(), series.size(),
                              joined->noise / spacing);
   for (const auto& s : joined->series)
-    if (!s.is_joined()) trial.reason += fmt::format(" [{} {}: rms/noise {:.2f} {:.2f} overlap {:.2f}]", s.name, scan::name_of(s.verdict), s.noise > 0 ? s.rms / s.noise : 0, s.patch_noise > 0 ? s.patch_rms / s.patch_noise : 0, s.overlap);
-    else trial.reason += fmt::format(" ({:.2f} {:.2f} {:.2f} {:.4f} {:.3f})", s.noise > 0 ? s.rms / s.noise : 0, s.patch_noise > 0 ? s.patch_rms / s.patch_noise : 0, s.overlap, s.conflict.value_or(-1), s.stiffness);
+    if (!s.is_joined())
+      trial.reason += fmt::format(" [{} {}: rms/noise {:.2f} {:.2f} overlap {:.2f}]", s.name, scan::name_of(s.verdict),
+                                  s.noise > 0 ? s.rms / s.noise : 0,
+                                  s.patch_noise > 0 ? s.patch_rms / s.patch_noise : 0, s.overlap);
+    else
+      trial.reason += fmt::format(" ({:.2f} {:.2f} {:.2f} {:.4f} {:.3f})", s.noise > 0 ? s.rms / s.noise : 0,
+                                  s.patch_noise > 0 ? s.patch_rms / s.patch_noise : 0, s.overlap,
+                                  s.conflict.value_or(-1), s.stiffness);
   return trial;
 }
 
@@ -196,7 +217,9 @@ Turn load_scans(const std::string& folder) {
   }
   auto copy = turn.images;
   const auto registered = scan::register_views(
-      copy, {.step_deg = 360.0 / static_cast<double>(copy.size()), .max_rms = 10 * static_cast<double>(copy[0].spacing)}, {}, {});
+      copy,
+      {.step_deg = 360.0 / static_cast<double>(copy.size()), .max_rms = 10 * static_cast<double>(copy[0].spacing)}, {},
+      {});
   if (!registered) {
     fmt::print(stderr, "{}: {}\n", folder, registered.error().what);
     std::exit(1);
@@ -207,24 +230,30 @@ Turn load_scans(const std::string& folder) {
 
 void print_row(const std::string& name, const std::vector<Trial>& trials) {
   std::map<Outcome, int> count;
-  std::vector<double> degrees, mm, seconds;
+  std::vector<double> degrees, mm, seconds, cpu;
   for (const Trial& t : trials) {
     ++count[t.outcome];
-    if (t.outcome != Outcome::TurnFailed) seconds.push_back(t.seconds);
+    if (t.outcome != Outcome::TurnFailed) {
+      seconds.push_back(t.seconds);
+      cpu.push_back(t.cpu_seconds);
+    }
     if (t.outcome != Outcome::Right) continue;
     degrees.insert(degrees.end(), t.degrees.begin(), t.degrees.end());
     mm.insert(mm.end(), t.mm.begin(), t.mm.end());
   }
-  fmt::print("| {} | {} | right {} | refused {} | WRONG {} | turn refused {} | {:.3f} (worst {:.3f}) degrees | {:.3f} (worst {:.3f}) mm | {:.1f} s |\n",
-             name, trials.size(), count[Outcome::Right], count[Outcome::Refused], count[Outcome::Wrong],
-             count[Outcome::TurnFailed], median_of(degrees), degrees.empty() ? 0 : *std::ranges::max_element(degrees),
-             median_of(mm), mm.empty() ? 0 : *std::ranges::max_element(mm), median_of(seconds));
+  fmt::print(
+      "| {} | {} | right {} | refused {} | WRONG {} | turn refused {} | {:.3f} (worst {:.3f}) degrees | {:.3f} (worst "
+      "{:.3f}) mm | {:.1f} s, {:.1f} CPU s |\n",
+      name, trials.size(), count[Outcome::Right], count[Outcome::Refused], count[Outcome::Wrong],
+      count[Outcome::TurnFailed], median_of(degrees), degrees.empty() ? 0 : *std::ranges::max_element(degrees),
+      median_of(mm), mm.empty() ? 0 : *std::ranges::max_element(mm), median_of(seconds), median_of(cpu));
 }
 
 void print_trial(const std::string& name, std::uint64_t seed, const Trial& t) {
   constexpr std::array kNames{"right", "WRONG", "refused", "turn refused"};
-  fmt::print("{} seed {}: {} {:.3f} degrees {:.3f} mm {:.1f} s{}\n", name, seed, kNames[static_cast<std::size_t>(t.outcome)],
-             median_of(t.degrees), median_of(t.mm), t.seconds, t.reason);
+  fmt::print("{} seed {}: {} {:.3f} degrees {:.3f} mm {:.1f} s {:.1f} CPU s{}\n", name, seed,
+             kNames[static_cast<std::size_t>(t.outcome)], median_of(t.degrees), median_of(t.mm), t.seconds,
+             t.cpu_seconds, t.reason);
   (void)std::fflush(stdout);
 }
 
@@ -280,11 +309,15 @@ int run(const Settings& settings) {
     for (std::size_t m = 0; m < models.size(); ++m) {
       if (settings.set.starts_with("shuffled")) {
         run_all(names[m], [&](std::uint64_t seed) {
-          const Turn turn = take_turn(models[m], scan::RigidMotion::Identity(), {.step_deg = 36, .noise_mm = settings.noise_mm, .seed = seed});
+          const Turn turn = take_turn(models[m], scan::RigidMotion::Identity(),
+                                      {.step_deg = 36, .noise_mm = settings.noise_mm, .seed = seed});
           std::vector<scan::RangeImage> strangers;
-          const scan::DigitizeModel model = settings.set == "shuffled-mirror" ? mirrored(models[m]) : models[(m + 1) % models.size()];
+          const scan::DigitizeModel model =
+              settings.set == "shuffled-mirror" ? mirrored(models[m]) : models[(m + 1) % models.size()];
           if (settings.set == "shuffled-other" || settings.set == "shuffled-mirror")
-            strangers.push_back(take_turn(model, scan::RigidMotion::Identity(), {.noise_mm = settings.noise_mm, .seed = seed + 77}).images[seed % 6]);
+            strangers.push_back(
+                take_turn(model, scan::RigidMotion::Identity(), {.noise_mm = settings.noise_mm, .seed = seed + 77})
+                    .images[seed % 6]);
           return try_shuffled(turn, strangers, settings, seed);
         });
         continue;
@@ -305,11 +338,12 @@ int main(int argc, char** argv) {
   telefab::campaign::Settings settings;
   CLI::App app{"Joins scans without poses and compares with the truth."};
   app.add_option("models", settings.models, "meshes, or knot, torus, sphere");
-  app.add_option("--set", settings.set,
-                 "two series: series, mirror (the second of the mirrored model), other (of the next model), thin (cut to "
-                 "--overlap), twice; single views of one turn: shuffled, shuffled-mirror, shuffled-other, shuffled-twice")
-      ->check(CLI::IsMember({"series", "mirror", "other", "thin", "twice", "shuffled", "shuffled-mirror", "shuffled-other",
-                             "shuffled-twice"}));
+  app.add_option(
+         "--set", settings.set,
+         "two series: series, mirror (the second of the mirrored model), other (of the next model), thin (cut to "
+         "--overlap), twice; single views of one turn: shuffled, shuffled-mirror, shuffled-other, shuffled-twice")
+      ->check(CLI::IsMember({"series", "mirror", "other", "thin", "twice", "shuffled", "shuffled-mirror",
+                             "shuffled-other", "shuffled-twice"}));
   app.add_option("--scans", settings.scans, "a folder of the range images of one turn, NAME_ANGLE.ply: shuffled");
   app.add_option("--turns", settings.turns, "trials a model, each of another seed");
   app.add_option("--first-seed", settings.first_seed, "seed of the first trial");

@@ -129,7 +129,8 @@ TEST(JoinScans, NamesTheWaysASymmetricBodyFitsAndTakesOneWhereAsked) {
   const auto refused = join_scans(scans.views, scans.groups, kJoin, {}, {});
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().code, ErrorCode::NotConverged);
-  EXPECT_THAT(refused.error().what, HasSubstr("over fits in 6 ways that the scan cannot tell apart: turns of 120 and 180 degrees"));
+  EXPECT_THAT(refused.error().what,
+              HasSubstr("over fits in 6 ways that the scan cannot tell apart: turns of 120 and 180 degrees"));
   JoinScansOptions options = kJoin;
   options.join.accept_symmetry = true;
   scans.views = views;
@@ -230,7 +231,8 @@ TEST(JoinScans, TakesTheTableOutOfEveryTurnBeforeTurnsAreJoined) {
     const auto corner = static_cast<std::uint32_t>(body.points.size());
     // an octagon, so that its outline is another one in every view
     for (int k = 0; k < 8; ++k)
-      body.points.emplace_back(70 * std::cos(k * std::numbers::pi / 4 + 0.2), 70 * std::sin(k * std::numbers::pi / 4 + 0.2), low);
+      body.points.emplace_back(70 * std::cos(k * std::numbers::pi / 4 + 0.2),
+                               70 * std::sin(k * std::numbers::pi / 4 + 0.2), low);
     for (std::uint32_t k = 1; k < 7; ++k) body.triangles.push_back({corner, corner + k, corner + k + 1});
     return body;
   };
@@ -266,13 +268,16 @@ TEST(JoinScans, JoinsCloudsWithoutGridsAndSaysThatFreeSpaceWasNotTested) {
     return std::move(*image);
   };
   std::vector<RangeImage> views;
-  views.push_back(part(all, [](const auto& p) { return p.z() < 14; }, RigidMotion::Identity(), "lower"));
-  views.push_back(part(again, [](const auto& p) { return p.z() > -14; }, turned_over(), "upper"));
+  views.push_back(part(
+      all, [](const auto& p) { return p.z() < 14; }, RigidMotion::Identity(), "lower"));
+  views.push_back(part(
+      again, [](const auto& p) { return p.z() > -14; }, turned_over(), "upper"));
   const auto found = join_scans(views, {{"lower", 0, 1, 0}, {"upper", 1, 1, 0}}, kJoin, {}, {});
   ASSERT_TRUE(found) << found.error().what;
   EXPECT_LT(difference(found->joined.registration.poses[1], turned_over().inverse(), Vec3::Zero()).degrees, 0.1);
   EXPECT_FALSE(found->joined.series[1].conflict);
   EXPECT_THAT(found->notes, testing::Contains(HasSubstr("free space not tested")));
+  EXPECT_THAT(found->notes, testing::Contains(HasSubstr("noise of the scan is guessed")));
 }
 
 TEST(JoinScans, RefusesOptionsThatMakeNoSense) {

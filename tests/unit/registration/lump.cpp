@@ -44,10 +44,10 @@ namespace {
 struct Bump {
   double theta, phi, height_mm, width_rad;
 };
-constexpr std::array kBumps{Bump{0.4, 0.3, 5, 0.30}, Bump{0.9, 2.2, -4, 0.25}, Bump{1.3, 0.9, 4, 0.20},
-                            Bump{1.5, 3.0, 6, 0.35}, Bump{1.1, 4.4, 3, 0.18},  Bump{1.8, 5.4, 5, 0.25},
-                            Bump{2.0, 1.7, -3, 0.20}, Bump{2.3, 3.9, 4, 0.30}, Bump{2.6, 0.2, 3, 0.20},
-                            Bump{0.8, 5.6, 3, 0.22}, Bump{1.7, 0.1, -4, 0.22}, Bump{2.7, 2.4, 5, 0.28}};
+constexpr std::array kBumps{Bump{0.4, 0.3, 5, 0.30},  Bump{0.9, 2.2, -4, 0.25}, Bump{1.3, 0.9, 4, 0.20},
+                            Bump{1.5, 3.0, 6, 0.35},  Bump{1.1, 4.4, 3, 0.18},  Bump{1.8, 5.4, 5, 0.25},
+                            Bump{2.0, 1.7, -3, 0.20}, Bump{2.3, 3.9, 4, 0.30},  Bump{2.6, 0.2, 3, 0.20},
+                            Bump{0.8, 5.6, 3, 0.22},  Bump{1.7, 0.1, -4, 0.22}, Bump{2.7, 2.4, 5, 0.28}};
 
 double height_at(const Bump& b, double theta, double phi, bool other_side) {
   const auto direction = [](double t, double p) {
