@@ -28,6 +28,29 @@ constexpr float kLeastShare = 0.12F;
 constexpr double kSameTurnDeg = 8, kSameShiftCells = 3;
 constexpr std::uint32_t kBlock = 2000;  ///< draws of one random sequence
 
+/// Leaves out what lies farther from the middle nine tenths than those are large: strays must not set the size.
+void leave_out_strays(OrientedPoints& means) {
+  Eigen::Vector3f low, high;
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    std::vector<float> along;
+    for (const Eigen::Vector3f& p : means.points) along.push_back(p[axis]);
+    std::sort(along.begin(), along.end());
+    low[axis] = along[along.size() / 20];
+    high[axis] = along[along.size() - 1 - along.size() / 20];
+  }
+  const float reach = (high - low).norm();
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < means.points.size(); ++i) {
+    const Eigen::Vector3f& p = means.points[i];
+    if ((p - p.cwiseMax(low).cwiseMin(high)).norm() > reach) continue;
+    means.points[kept] = p;
+    means.normals[kept] = means.normals[i];
+    ++kept;
+  }
+  means.points.resize(kept);
+  means.normals.resize(kept);
+}
+
 struct Correspondence {
   std::uint32_t source = 0, target = 0;
 };
@@ -180,9 +203,9 @@ RigidMotion motion_of(const Draw& draw) {
 }  // namespace
 
 OrientedPoints cell_means(const OrientedPoints& from, double cell) {
-  std::vector<std::tuple<std::int32_t, std::int32_t, std::int32_t, std::uint32_t>> order;
+  std::vector<std::tuple<std::int64_t, std::int64_t, std::int64_t, std::uint32_t>> order;
   order.reserve(from.points.size());
-  const auto index = [&](float c) { return static_cast<std::int32_t>(std::floor(static_cast<double>(c) / cell)); };
+  const auto index = [&](float c) { return static_cast<std::int64_t>(std::floor(static_cast<double>(c) / cell)); };
   for (std::uint32_t i = 0; i < from.points.size(); ++i) {
     const Eigen::Vector3f& p = from.points[i];
     order.emplace_back(index(p.x()), index(p.y()), index(p.z()), i);
@@ -212,6 +235,7 @@ OrientedPoints cell_means(const OrientedPoints& from, double cell) {
 
 CoarseShape::CoarseShape(const OrientedPoints& from, double cell) : means_{cell_means(from, cell)}, cell_{cell} {
   if (means_.points.empty()) return;
+  leave_out_strays(means_);
   Eigen::Vector3f low = means_.points[0], high = low;
   for (const Eigen::Vector3f& p : means_.points) {
     low = low.cwiseMin(p);
@@ -222,7 +246,11 @@ CoarseShape::CoarseShape(const OrientedPoints& from, double cell) : means_{cell_
   const KdTree tree{means_.points};
   descriptors_ = describe_points(means_.points, means_.normals, tree, kDescriptorRadius * static_cast<float>(cell));
 
-  const float side = static_cast<float>(cell);
+  // A shape much larger than the others must not take all the memory.
+  constexpr double kMostCubes = 2e7;
+  const Vec3 extent = (high - low).cast<double>().array() + 2 * (kReach + 1) * cell;
+  grid_ = static_cast<float>(std::max(cell, std::cbrt(extent.prod() / kMostCubes)));
+  const float side = grid_, within = kReach * std::max(side, static_cast<float>(cell));
   low_ = low.array() - (kReach + 0.5F) * side;
   size_ = ((high - low_) / side).array().floor().cast<int>() + kReach + 2;
   nearest_.assign(static_cast<std::size_t>(size_.prod()), -1);
@@ -234,14 +262,14 @@ CoarseShape::CoarseShape(const OrientedPoints& from, double cell) : means_{cell_
             (Eigen::Array3f(static_cast<float>(x), static_cast<float>(y), static_cast<float>(z)) + 0.5F).matrix() *
                 side;
         const Neighbour n = tree.nearest(at);
-        if (n.squared_distance < static_cast<float>(kReach * kReach) * side * side)
+        if (n.squared_distance < within * within)
           nearest_[static_cast<std::size_t>((z * size_.y() + y) * size_.x() + x)] = static_cast<std::int32_t>(n.index);
       }
   });
 }
 
 std::int32_t CoarseShape::near(const Eigen::Vector3f& place) const {
-  const Eigen::Array3f at = (place - low_).array() / static_cast<float>(cell_);
+  const Eigen::Array3f at = (place - low_).array() / grid_;
   if (!(at >= 0).all() || !(at < size_.cast<float>()).all()) return -1;
   const Eigen::Array3i cube = at.cast<int>();
   return nearest_[static_cast<std::size_t>((cube.z() * size_.y() + cube.y()) * size_.x() + cube.x())];

@@ -23,8 +23,8 @@ struct OrientedPoints {
 /// What the search for a pose needs of one shape. Move only.
 class CoarseShape {
  public:
-  /// `cell` > 0: side of the cubes, the same for both shapes of a search. Fails with nothing: a shape with fewer
-  /// than 50 cubes finds no pose.
+  /// `cell` > 0: side of the cubes, the same for both shapes of a search. A shape with fewer than 50 cubes finds no
+  /// pose.
   CoarseShape(const OrientedPoints& from, double cell);
 
   [[nodiscard]] const OrientedPoints& means() const { return means_; }
@@ -39,6 +39,7 @@ class CoarseShape {
   OrientedPoints means_;
   Descriptors descriptors_;
   double cell_ = 0, diagonal_ = 0;
+  float grid_ = 0;  ///< side of the cubes of `nearest_`
   Vec3 middle_ = Vec3::Zero();
   Eigen::Vector3f low_ = Eigen::Vector3f::Zero();
   Eigen::Array3i size_ = Eigen::Array3i::Zero();

@@ -362,6 +362,7 @@ PoseGraph::Attempt PoseGraph::attempt(const Body& a, const Body& b, const std::s
   for (std::size_t i = 1; i < list.size(); ++i) {
     const PoseFigures& other = list[i].figures;
     if (other.overlap < kEqualOverlap * best.overlap || other.fit.rms > kEqualRms * best.fit.rms ||
+        other.fit.patch_rms > kEqualRms * std::max(best.fit.patch_rms, noise.patch_rms) ||
         other.conflict.value_or(0) > best.conflict.value_or(0) + kEqualConflict)
       continue;
     const RigidMotion between = list[i].b_to_a * found.best.b_to_a.inverse();

@@ -132,7 +132,7 @@ Trial try_series(const scan::DigitizeModel& model, const scan::DigitizeModel* ot
 }
 
 /// The views of a scanned turn in any order; poses by the turn are the truth. What is put among them must stay out.
-Trial try_shuffled(const Turn& turn, const std::vector<scan::RangeImage>& strangers, const Settings& settings,
+Trial try_shuffled(const Turn& turn, const std::vector<scan::RangeImage>& foreign_views, const Settings& settings,
                    std::uint64_t seed) {
   std::mt19937_64 random{seed};
   std::vector<scan::RangeImage> images = turn.images;
@@ -143,9 +143,9 @@ Trial try_shuffled(const Turn& turn, const std::vector<scan::RangeImage>& strang
     to_model.push_back(to_model[copy]);
     images.back().name = "copy";
   }
-  for (const scan::RangeImage& s : strangers) {
+  for (const scan::RangeImage& s : foreign_views) {
     images.push_back(s);
-    images.back().name = "stranger";
+    images.back().name = "foreign";
     to_model.push_back(scan::RigidMotion::Identity());
   }
   for (std::size_t i = images.size() - 1; i > 0; --i) {
@@ -154,10 +154,10 @@ Trial try_shuffled(const Turn& turn, const std::vector<scan::RangeImage>& strang
     std::swap(to_model[i], to_model[j]);
   }
   std::vector<scan::ViewSeries> series;
-  std::vector<bool> is_stranger;
+  std::vector<bool> is_foreign;
   for (std::size_t i = 0; i < images.size(); ++i) {
     series.push_back({images[i].name, {i}, {scan::RigidMotion::Identity()}});
-    is_stranger.push_back(images[i].name == "stranger");
+    is_foreign.push_back(images[i].name == "foreign");
   }
   const double unit = static_cast<double>(images[0].spacing) < 0.01 ? 1000 : 1;  // metres: the truth is held in mm
   Trial trial;
@@ -170,10 +170,10 @@ Trial try_shuffled(const Turn& turn, const std::vector<scan::RangeImage>& strang
     trial.reason = " " + joined.error().what;
     return trial;
   }
-  bool has_stranger = false;
+  bool has_foreign = false;
   scan::RigidMotion first = to_model[joined->kept[0]].inverse();
   for (std::size_t i = 0; i < joined->kept.size(); ++i) {
-    has_stranger |= is_stranger[joined->kept[i]];
+    has_foreign |= is_foreign[joined->kept[i]];
     if (i == 0) continue;
     scan::Vec3 middle = scan::Vec3::Zero();
     for (const auto& p : images[i].points) middle += p.cast<double>() / static_cast<double>(images[i].points.size());
@@ -181,7 +181,7 @@ Trial try_shuffled(const Turn& turn, const std::vector<scan::RangeImage>& strang
     trial.degrees.push_back(d.degrees);
     trial.mm.push_back(d.shift * unit);
   }
-  const bool is_right = !has_stranger && std::ranges::all_of(trial.degrees, [](double d) { return d < 1; }) &&
+  const bool is_right = !has_foreign && std::ranges::all_of(trial.degrees, [](double d) { return d < 1; }) &&
                         std::ranges::all_of(trial.mm, [](double d) { return d < 1; });
   trial.outcome = is_right ? Outcome::Right : Outcome::Wrong;
   trial.reason = fmt::format(" {} of {} joined, noise {:.3f} spacings;", joined->kept.size(), series.size(),
@@ -277,20 +277,20 @@ int run(const Settings& settings) {
   if (!settings.scans.empty()) {
     const Turn turn = load_scans(settings.scans);
     run_all("shuffled scans", [&](std::uint64_t seed) {
-      std::vector<scan::RangeImage> strangers;
+      std::vector<scan::RangeImage> foreign_views;
       if (settings.set == "shuffled-other")
         for (std::size_t i = 0; i < 2 && !models.empty(); ++i) {
           scan::DigitizeModel model = models[(seed + i) % models.size()];
           const double unit = static_cast<double>(turn.images[0].spacing) / 0.6;
           auto views = take_turn(model, scan::RigidMotion::Identity(), {.noise_mm = settings.noise_mm, .seed = seed});
-          scan::RangeImage stranger = views.images[seed % views.images.size()];
-          for (auto& p : stranger.points) p *= static_cast<float>(unit);
-          stranger.spacing *= static_cast<float>(unit);
-          if (stranger.projection) {
-            stranger.projection->row.head<3>() /= unit;
-            stranger.projection->column.head<3>() /= unit;
+          scan::RangeImage foreign = views.images[seed % views.images.size()];
+          for (auto& p : foreign.points) p *= static_cast<float>(unit);
+          foreign.spacing *= static_cast<float>(unit);
+          if (foreign.projection) {
+            foreign.projection->row.head<3>() /= unit;
+            foreign.projection->column.head<3>() /= unit;
           }
-          strangers.push_back(std::move(stranger));
+          foreign_views.push_back(std::move(foreign));
         }
       if (settings.set == "shuffled-mirror") {
         scan::RangeImage m = turn.images[seed % turn.images.size()];
@@ -301,9 +301,9 @@ int run(const Settings& settings) {
           m.projection->column.x() *= -1;
           m.projection->towards_scanner.x() *= -1;
         }
-        strangers.push_back(std::move(m));
+        foreign_views.push_back(std::move(m));
       }
-      return try_shuffled(turn, strangers, settings, seed);
+      return try_shuffled(turn, foreign_views, settings, seed);
     });
   } else {
     for (std::size_t m = 0; m < models.size(); ++m) {
@@ -311,14 +311,14 @@ int run(const Settings& settings) {
         run_all(names[m], [&](std::uint64_t seed) {
           const Turn turn = take_turn(models[m], scan::RigidMotion::Identity(),
                                       {.step_deg = 36, .noise_mm = settings.noise_mm, .seed = seed});
-          std::vector<scan::RangeImage> strangers;
+          std::vector<scan::RangeImage> foreign_views;
           const scan::DigitizeModel model =
               settings.set == "shuffled-mirror" ? mirrored(models[m]) : models[(m + 1) % models.size()];
           if (settings.set == "shuffled-other" || settings.set == "shuffled-mirror")
-            strangers.push_back(
+            foreign_views.push_back(
                 take_turn(model, scan::RigidMotion::Identity(), {.noise_mm = settings.noise_mm, .seed = seed + 77})
                     .images[seed % 6]);
-          return try_shuffled(turn, strangers, settings, seed);
+          return try_shuffled(turn, foreign_views, settings, seed);
         });
         continue;
       }
