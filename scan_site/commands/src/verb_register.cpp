@@ -318,9 +318,14 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!options) return tl::unexpected{options.error()};
   auto registered = loaded->is_one_turn ? register_turn(o, *loaded, *options, stop) : join(o, *loaded, *options, stop);
   if (!registered) return tl::unexpected{registered.error()};
-  const Registration& registration = registered->registration;
-  MergeOptions merging;
-  if (loaded->is_one_turn) merging = {.up = registration.axis.direction, .cut_below = o.cut_below};
+  Registration& registration = registered->registration;
+  const auto sheets = settle_doubled_sheets(*views, registration.poses, stop);
+  if (!sheets) return tl::unexpected{sheets.error()};
+  MergeOptions merging{.sheets = &*sheets};
+  if (loaded->is_one_turn) {
+    merging.up = registration.axis.direction;
+    merging.cut_below = o.cut_below;
+  }
   auto merged = merge_views(*views, registration.poses, merging, stop);
   if (!merged) return tl::unexpected{merged.error()};
   PointCloud cloud = std::move(merged->cloud);
