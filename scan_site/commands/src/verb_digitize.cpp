@@ -8,6 +8,7 @@
 #include <telefab/scan/digitize/digitize.hpp>
 #include <telefab/scan/digitize/models.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
+#include <telefab/scan/placing/turn.hpp>
 #include <telefab/scan/registration/pose_file.hpp>
 
 #include "cloud_files.hpp"
@@ -17,7 +18,7 @@ namespace telefab::scan {
 namespace {
 
 struct Options {
-  std::string model, shape, folder, reference, units = "mm";
+  std::string model, shape, folder, reference, rotate, units = "mm";
   std::optional<double> scale, height_mm;
   std::vector<double> tilts_deg{0};
   DigitizeOptions digitize;
@@ -53,16 +54,25 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   std::error_code fault;
   std::filesystem::create_directories(o.folder, fault);
   if (fault) return fail(ErrorCode::NotPermitted, fmt::format("{}: {}", o.folder, fault.message()));
+  Turn laid;
+  if (!o.rotate.empty()) {
+    const auto turn = turn_from_rotate(o.rotate);
+    if (!turn) return fail_in("--rotate", turn.error());
+    laid = *turn;
+  }
+  DigitizeModel on_table = *model;
+  for (Vec3& p : on_table.points) p = laid.matrix() * p;
+  const RigidMotion to_model{Eigen::Matrix3d{laid.matrix().transpose()}};
   std::vector<NamedPose> poses;
   std::size_t points = 0;
   for (std::size_t turn = 0; turn < o.tilts_deg.size(); ++turn) {
     DigitizeOptions options = o.digitize;
     options.tilt_deg = o.tilts_deg[turn];
     options.seed += turn;
-    const auto views = digitize(*model, options, stop);
+    const auto views = digitize(on_table, options, stop);
     if (!views) return fail_in(o.shape.empty() ? name_of_file(o.model) : o.shape, views.error());
     for (const VirtualView& view : *views) {
-      poses.push_back({fmt::format("view_{:03}.ply", poses.size()), view.scanner_to_model});
+      poses.push_back({fmt::format("view_{:03}.ply", poses.size()), to_model * view.scanner_to_model});
       points += view.points.size();
       const auto ply = write_range_ply(view.points, view.view, "virtual range image, mm");
       if (auto ok = write_file_atomically(std::filesystem::path{o.folder} / poses.back().file, ply); !ok)
@@ -95,6 +105,9 @@ VerbBody declare_digitize(VerbOptions& options) {
       .above_zero()
       .excludes(scale);
   scale.above_zero();
+  options.add("--rotate", o->rotate,
+              "lay the model on another side first, X,Y,Z degrees about its axes as for slice: a series turned over; poses "
+              "and reference stay in the model's frame");
   options.add("--reference", o->reference,
               "also write points of the model itself, with normals, to measure against (PLY)");
   options.add("--step-deg", d.step_deg, "turn of the table between views").shows_default();
