@@ -98,7 +98,7 @@ struct Views {
 bool is_one_turn(const Options& o, const std::vector<Input>& inputs) {
   if (!o.poses.empty()) return true;
   const bool has_folder = std::ranges::any_of(inputs, [](const Input& i) { return i.is_folder; });
-  return !o.steps_deg.empty() && (inputs.size() == 1 || !has_folder);
+  return !o.steps_deg.empty() && o.steps_deg.front() != 0 && (inputs.size() == 1 || !has_folder);
 }
 
 /// The step of every input: one for all folders, or one a folder in their order; 0 for files.

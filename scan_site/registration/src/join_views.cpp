@@ -14,7 +14,7 @@ constexpr double kLeastShareJoined = 0.5;  ///< of the views; with fewer nobody 
 
 /// Turns the normals of single range images about if, all together, they face inward: every image of one scanner has
 /// the same sense.
-void settle_sense(std::vector<RangeImage>& views, const std::vector<ViewSeries>& series) {
+void face_outward(std::vector<RangeImage>& views, const std::vector<ViewSeries>& series) {
   double flux = 0;
   const auto may_be_turned = [&](const ViewSeries& s) {
     return s.views.size() == 1 && !views[s.views[0]].view.point_at.empty();
@@ -122,7 +122,7 @@ Result<Joined> join_views(std::vector<RangeImage>& views, const std::vector<View
   if (auto valid = options.validate(); !valid) return tl::unexpected{valid.error()};
   if (series.size() < 2)
     return fail(ErrorCode::InvalidInput, fmt::format("{} scan given; at least 2 are needed to join", series.size()));
-  settle_sense(views, series);
+  face_outward(views, series);
   Joined result;
   for (const ViewSeries& s : series) result.series.push_back({.name = s.name, .views = s.views.size()});
   mark_copies(views, series, result.series);
@@ -171,9 +171,10 @@ std::string sentence_of(const SeriesReport& r, const std::vector<SeriesReport>& 
           r.name, 100 * r.overlap);
     case JoinVerdict::Misfit:
       return fmt::format(
-          "{} fits to {:.3g} only where the scan's own noise is {:.3g} (overlap {:.0f} %): another "
-          "object, a mirrored or bent one, or too little overlap to find its pose; scan views in between",
-          r.name, r.rms, r.noise, 100 * r.overlap);
+          "{} fits to {:.3g} only where the scan's own noise is {:.3g} (its patches to {:.3g}, {:.3g}; "
+          "overlap {:.0f} %): another object, a mirrored or bent one, or too little overlap to find its "
+          "pose; scan views in between",
+          r.name, r.rms, r.noise, r.patch_rms, r.patch_noise, 100 * r.overlap);
     case JoinVerdict::SeenThrough:
       return fmt::format(
           "at the best pose found {:.1f} % of the points of {} stand where other views saw through: it "

@@ -2,7 +2,9 @@
 #include "pose_graph.hpp"
 
 #include <tbb/parallel_for.h>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -35,6 +37,9 @@ constexpr double kExactPairs = 0.25;        ///< share of the pairs found that a
 constexpr std::size_t kLeastForMedian = 5;  ///< views of which one that is wrong does not set the median
 constexpr double kSameScanRms = 0.25;       ///< of the noise: only the same points fit so well
 constexpr double kSameScanOverlap = 0.97;
+constexpr std::array kSymmetricTurnsDeg{180.0, 120.0, 90.0, 72.0, 60.0, 45.0};  ///< about the axes of inertia
+constexpr double kSweepDeg = 5, kAlikeInertia = 0.85;
+constexpr std::size_t kSymmetriesFitted = 24;
 constexpr double kOntoItself = 0.8;  ///< share of the whole that a symmetry carries onto itself
 
 /// Side of the box that holds all but one in a hundred of the points on each side: strays must not set the size.
@@ -176,7 +181,9 @@ std::vector<PoseGraph::Candidate> PoseGraph::candidates_of(std::size_t a, std::s
   for (const auto& [weight, i] : order) starts.push_back(coarse[i].motion);
   const auto met = aligned(starts, kFirstReach * cell_, 14, 600);
   std::vector<Candidate> found;
-  for (const RigidMotion& motion : aligned(met, 2 * kLastReach * set_.spacing, 30, 1500)) {
+  // What nearly slides needs many rounds, and of series there are few.
+  const double reach = 2 * kLastReach * set_.spacing;
+  for (const RigidMotion& motion : is_of_views ? aligned(met, reach, 30, 1500) : aligned(met, reach, 80, 4000)) {
     Candidate c{a, b, motion, figures_of(set_, to, from, motion)};
     c.score = score_of(c.figures);
     if (c.figures.overlap >= kLeastOverlap) found.push_back(c);
@@ -325,6 +332,75 @@ std::vector<PoseGraph::Hypothesis> PoseGraph::hypotheses(const Body& a, const Bo
   return distinct;
 }
 
+void PoseGraph::add_symmetries(const Body& a, const Body& b, std::vector<Hypothesis>& list,
+                               const std::stop_token& stop) const {
+  const ViewGroup whole = united(set_, *a.group, *b.group, list.front().b_to_a);
+  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
+  for (const Eigen::Vector3f& p : whole.surface().points) {
+    const Vec3 d = p.cast<double>() - whole.middle();
+    scatter += d * d.transpose();
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> inertia{scatter};
+  std::vector<RigidMotion> turns;
+  const auto turn = [&](const Vec3& axis, double degrees) {
+    turns.emplace_back(Eigen::Translation3d{whole.middle()} *
+                       Eigen::AngleAxisd{degrees * std::numbers::pi / 180, axis.normalized()} *
+                       Eigen::Translation3d{-whole.middle()});
+  };
+  for (int k = 0; k < 3; ++k) {
+    const Vec3 axis = inertia.eigenvectors().col(k), u = inertia.eigenvectors().col((k + 1) % 3),
+               v = inertia.eigenvectors().col((k + 2) % 3);
+    const double one = inertia.eigenvalues()[(k + 1) % 3], other = inertia.eigenvalues()[(k + 2) % 3];
+    for (const double degrees : kSymmetricTurnsDeg)
+      for (const double sense : {1.0, -1.0}) turn(axis, sense * degrees);
+    if (std::min(one, other) < kAlikeInertia * std::max(one, other)) continue;
+    // Wheels and the like: the axes across are anywhere, and the turns may be small ones.
+    for (double degrees = kSweepDeg; degrees < 360; degrees += kSweepDeg) turn(axis, degrees);
+    for (double degrees = 0; degrees < 180; degrees += kSweepDeg) {
+      const double angle = degrees * std::numbers::pi / 180;
+      turn(std::cos(angle) * u + std::sin(angle) * v, 180);
+    }
+  }
+  // Those at which most lies near at once are worth a fit.
+  std::vector<std::pair<std::size_t, std::size_t>> order(turns.size());
+  tbb::parallel_for(std::size_t{0}, turns.size(), [&](std::size_t i) {
+    const std::size_t step = std::max<std::size_t>(1, b.group->surface().points.size() / kFreeMeans);
+    const auto near =
+        find_matches(b.group->surface().points, b.group->surface().normals, {}, turns[i] * list.front().b_to_a,
+                     a.group->target(), {}, RigidMotion::Identity(), 2 * cell_, step);
+    order[i] = {turns.size() * kFreeMeans * 2 - near.size(), i};
+  });
+  std::sort(order.begin(), order.end());
+  std::vector<RigidMotion> starts;
+  for (const auto& [rank, i] : order)
+    if (starts.size() < kSymmetriesFitted) starts.push_back(turns[i] * list.front().b_to_a);
+  const auto fitted = [&](const RigidMotion& start, double reach, int rounds, std::size_t samples) {
+    return align(
+        b.group->surface().points, b.group->surface().normals, a.group->target(), start,
+        {.first_distance = reach, .last_distance = kLastReach * set_.spacing, .max_rounds = rounds, .samples = samples},
+        stop);
+  };
+  const auto own = fitted(list.front().b_to_a, kLastReach * set_.spacing, 1, 600);
+  if (!own) return;
+  std::vector<std::optional<Hypothesis>> found(starts.size());
+  tbb::parallel_for(std::size_t{0}, starts.size(), [&](std::size_t i) {
+    const auto first = fitted(starts[i], kFirstReach * cell_, 14, 600);
+    // what is equal in the end lies near already
+    if (!first || first->overlap < own->overlap / 2 || first->rms > 2 * kScoreRms * set_.spacing) return;
+    const auto last = fitted(first->motion, 2 * kLastReach * set_.spacing, 80, 4000);
+    if (last) found[i] = Hypothesis{last->motion, figures_of(set_, *a.group, *b.group, last->motion), 0};
+  });
+  for (auto& h : found) {
+    if (!h || std::ranges::any_of(list, [&](const Hypothesis& known) {
+          const MotionDifference d = difference(known.b_to_a, h->b_to_a, b.group->middle());
+          return d.degrees < kSameTurnDeg && d.shift < kSameShift * set_.spacing;
+        }))
+      continue;
+    h->score = score_of(h->figures);
+    list.push_back(*h);
+  }
+}
+
 JoinVerdict PoseGraph::judge(const PoseFigures& f, const SurfaceFit& noise, double spread, std::size_t support) const {
   if (f.overlap < kLeastOverlap) return JoinVerdict::NoPose;
   // What slides fits less well too: the first cause is said.
@@ -344,7 +420,7 @@ PoseGraph::Attempt PoseGraph::attempt(const Body& a, const Body& b, const std::s
   const SurfaceFit of_a = noise_of(a.series), of_b = noise_of(b.series);
   const SurfaceFit noise{std::max(of_a.rms, of_b.rms), std::max(of_a.patch_rms, of_b.patch_rms)};
   found.noise = noise;
-  const std::vector<Hypothesis> list = hypotheses(a, b, stop);
+  std::vector<Hypothesis> list = hypotheses(a, b, stop);
   if (list.empty()) return found;
   found.best = list.front();
   found.runner_up = list.size() > 1 && list[0].score > 0 ? list[1].score / list[0].score : 0;
@@ -357,6 +433,8 @@ PoseGraph::Attempt PoseGraph::attempt(const Body& a, const Body& b, const std::s
     found.verdict = JoinVerdict::SameScan;
     return found;
   }
+  // The search may have missed equal poses of a symmetric body, so they are looked for.
+  if (a.group->members().size() > 1 && b.group->members().size() > 1) add_symmetries(a, b, list, stop);
   bool is_symmetry = true;
   std::unique_ptr<ViewGroup> whole;
   for (std::size_t i = 1; i < list.size(); ++i) {
@@ -456,9 +534,14 @@ Result<void> PoseGraph::join_best_first(const std::stop_token& stop) {
   }
   std::stable_sort(bodies_.begin(), bodies_.end(),
                    [](const Body& l, const Body& r) { return l.group->members().size() > r.group->members().size(); });
-  for (std::size_t b = 1; b < bodies_.size(); ++b) {
+  for (std::size_t b = 1; b < bodies_.size();) {
     const Attempt found = attempt(bodies_[0], bodies_[b], stop);
     for (const std::size_t s : bodies_[b].series) report(s, found);
+    // seen from the larger one what just did not fit may just fit
+    if (found.verdict == JoinVerdict::Fits)
+      merge(0, b, found.best.b_to_a);
+    else
+      ++b;
   }
   reports_[bodies_[0].series[0]].verdict = JoinVerdict::Fits;  // what the others are held against
   bodies_.resize(1);

@@ -69,6 +69,8 @@ class PoseGraph {
   [[nodiscard]] double score_of(const PoseFigures& figures) const;
   [[nodiscard]] SurfaceFit noise_of(std::span<const std::size_t> series) const;
   [[nodiscard]] std::vector<Hypothesis> hypotheses(const Body& a, const Body& b, const std::stop_token& stop) const;
+  /// Turns of `b` about the whole's axes of inertia, where they fit, put behind the hypotheses there are.
+  void add_symmetries(const Body& a, const Body& b, std::vector<Hypothesis>& list, const std::stop_token& stop) const;
   [[nodiscard]] Attempt attempt(const Body& a, const Body& b, const std::stop_token& stop) const;
   [[nodiscard]] JoinVerdict judge(const PoseFigures& figures, const SurfaceFit& noise, double spread,
                                   std::size_t support) const;
