@@ -21,6 +21,8 @@ constexpr double kArmShare = 0.8;
 constexpr double kArmSlope = 1.2;
 /// Pieces of the plates that join feet no farther apart than so many foot radii.
 constexpr double kPlateRadii = 6;
+/// An island of fewer pixels is none before it has grown: the samples are no smoother than that.
+constexpr std::size_t kLeastIsland = 4;
 /// A lifted part keeps its middle inside its footing by this share of its height, with so many more anchors at most, on
 /// this share of its height; how much lower a place has to be to be worth a millimetre.
 constexpr double kLeastLean = 0.05;
@@ -250,13 +252,30 @@ class Growth {
             free_below_[index({x, y})] = std::min(free_below_[index({x, y})], lowest[index({x + d.x, y + d.y})]);
   }
 
-  /// Whether an underside holds itself from layer to layer of the print, beside an attached piece of that area.
-  [[nodiscard]] bool holds_itself(Pixel p, int k, double attached_mm2) const {
-    const double reach = std::min(s_.self_support_most_mm,
-                                  s_.self_support_mm * (1 + s_.self_support_growth_per_mm * std::sqrt(attached_mm2)));
+  /// How far a piece carries an overhang in one layer of the print, beside that much of it that is attached.
+  [[nodiscard]] double reach_mm(std::size_t attached) const {
+    const double area = static_cast<double>(attached) * h_ * h_;
+    return std::min(s_.self_support_most_mm,
+                    s_.self_support_mm * (1 + s_.self_support_growth_per_mm * std::sqrt(area)));
+  }
+
+  /// Whether an underside comes forward by no more than its reach from layer to layer of the print.
+  [[nodiscard]] bool is_steep(Pixel p, int k, double reach) const {
     const auto at = grid_.at(scan_place(p.x, p.y, (k + 0.5) * h_).cast<float>());
     const Vec3 normal = to_scan_.transpose() * at.gradient.cast<double>();
     return std::abs(normal.z()) * layer_mm_ <= normal.head<2>().norm() * reach;
+  }
+
+  /// Whether something lies within the reach that has material below it: that carries the pixel at once.
+  [[nodiscard]] bool is_carried(Pixel p, int k, double reach) const {
+    const double reach_px = reach / h_;
+    const int r = static_cast<int>(reach_px);
+    for (int dy = -r; dy <= r; ++dy)
+      for (int dx = -r; dx <= r; ++dx)
+        if (dx * dx + dy * dy <= reach_px * reach_px && is_solid({p.x + dx, p.y + dy}, k) &&
+            is_solid({p.x + dx, p.y + dy}, k - 1))
+          return true;
+    return false;
   }
 
   void hold_layer(int k, StandingFigures& f) {
@@ -282,13 +301,20 @@ class Growth {
         const std::size_t i = index({x, y});
         if (!here[i] || is_attached(i)) continue;
         const std::uint32_t piece = pieces.of[i];
-        if (attached[piece] > 0 && holds_itself({x, y}, k, static_cast<double>(attached[piece]) * h_ * h_)) continue;
-        f.overhang_mm2 += h_ * h_;
+        if (attached[piece] > 0)
+          if (const double reach = reach_mm(attached[piece]);
+              is_steep({x, y}, k, reach) || is_carried({x, y}, k, reach))
+            continue;
         open[piece].push_back({x, y});
       }
     for (std::uint32_t piece = 1; piece <= pieces.count; ++piece) {
       std::vector<Pixel>& rest = open[piece];
       if (rest.empty()) continue;
+      if (attached[piece] == 0 && rest.size() < kLeastIsland) {
+        for (const Pixel p : rest) here[index(p)] = 0;
+        continue;
+      }
+      f.overhang_mm2 += static_cast<double>(rest.size()) * h_ * h_;
       bool is_held = attached[piece] > 0;
       for (const Anchor& a : standing_) {
         if (pieces.of[index(a.at)] != piece) continue;

@@ -118,6 +118,13 @@ Result<void> run_one(const fs::path& path, const Setup& setup, const MachineProf
   if (setup.estimate_only) {
     fmt::print("{}: {:.2f} s\n", name, judged_s);
     for (const auto& s : few) print_row("chosen", s, fail(ErrorCode::NotFound, "-"));
+    if (!setup.all) return {};
+    options.directions = setup.spread;
+    options.in_full = 1000;
+    const auto spread = scan::judged_standings(prepared->cloud, options, {}, {});
+    if (!spread) return tl::unexpected{spread.error()};
+    for (const auto& s : *spread)
+      if (s.source == scan::StandingSource::Spread) print_row("spread", s, fail(ErrorCode::NotFound, "-"));
     return {};
   }
   const double planning = now_s();
