@@ -35,8 +35,6 @@ int main(int argc, char** argv) {
        declare_register,
        {{{"twelve views of a turntable, 30 degrees apart",
           "telefab-scan register views --step-deg 30 --upright --out statue.ply"},
-         {"views whose poses are known",
-          "telefab-scan register views --poses poses.conf --out statue.ply --picture statue.png"},
          {"two turns, the object laid on its side for the second: the underside is there",
           "telefab-scan register upright over --step-deg 60 --out statue.ply --report statue.json"},
          {"views or clouds from anywhere, in any order; what does not belong is left out by name",
