@@ -29,8 +29,8 @@ constexpr double kScoreConflict = 5;
 constexpr double kSupportedOverlap = 0.15;  ///< enough where third views say the same
 constexpr std::size_t kHypothesesOfBodies = 6;
 constexpr double kEqualOverlap = 0.8, kEqualRms = 1.5, kEqualConflict = 0.005;
-constexpr double kCorrelated = 2.5;         ///< noise between two views over that between the halves of one,
-constexpr double kCorrelatedPatches = 4;    ///< and of its patches
+constexpr double kCorrelated = 3;           ///< noise between two views over that between the halves of one,
+constexpr double kCorrelatedPatches = 7;    ///< and of its patches
 constexpr double kSpreadOfPairs = 1.4;      ///< of the noise between single views, pair by pair,
 constexpr double kSpreadOfViews = 1.15;     ///< and of each against all others
 constexpr double kExactPairs = 0.25;        ///< share of the pairs found that are surely exact
