@@ -298,7 +298,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
                               {"by", o.by},
                               {"judged_by", judge},
                               {"layer_mm", *request.layer_mm},
-                              {"directions", all->size()},
+                              {"judged_in_full", all->size()},
                               {"best", nlohmann::ordered_json::array()}};
   for (const Candidate& c : candidates) json["best"].push_back(json_of(c));
   json["as_in_file"] = as_in_file ? json_of(*as_in_file) : nlohmann::ordered_json(nullptr);

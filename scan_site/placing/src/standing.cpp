@@ -35,6 +35,8 @@ constexpr std::size_t kMostSamples = 120'000;
 constexpr std::size_t kOutlineSamples = 2'000;
 /// A grid that is thinned so judges all directions, and the whole one the best of them.
 constexpr int kThinned = 2;
+/// The planner steadies lifted parts alone: what stands on a side of its own and leaves that would fall over.
+constexpr double kFallsOver = 10;
 /// Faces show steps that look up or down by more than this and are not level.
 constexpr double kSteppedNz = 0.5;
 constexpr double kLevelNz = 0.9986;  // 3 degrees
@@ -167,6 +169,8 @@ std::vector<std::size_t> order_of(std::vector<Standing>& standings, StandFor goa
         break;
     }
   }
+  for (Standing& s : standings)
+    if (!s.figures.is_lifted && s.figures.stability < 0) s.cost += kFallsOver;
   std::vector<std::size_t> order(standings.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(),

@@ -165,6 +165,19 @@ TEST(Standing, CubeOnItsCornerGetsAnchorsThatSteadyIt) {
   EXPECT_GT(lifted, 0);
 }
 
+// It needs no supports that way, and would be the cheapest of all.
+TEST(Standing, WhatWouldFallOffItsFootIsNotChosen) {
+  std::vector<Box3> leaning;
+  for (int i = 0; i < 40; ++i) leaning.push_back({{0.6 * i, 0, 1.0 * i}, {0.6 * i + 10, 10, i + 1.0}});
+  const auto all = judged(body_of(leaning, 0.6), options());
+  const Standing* leans = as_in_file(all);
+  ASSERT_NE(leans, nullptr);
+  EXPECT_FALSE(leans->figures.is_lifted);
+  EXPECT_LT(leans->figures.stability, -0.1);
+  EXPECT_TRUE(all.front().figures.is_lifted || all.front().figures.stability >= 0);
+  EXPECT_GT(leans->cost, all.front().cost + 1);
+}
+
 TEST(Standing, SameOnAnyNumberOfThreads) {
   const PointCloud cloud = turned(table(), turn_from_rotate("20,30,40").value());
   const auto on = [&](int threads) {
