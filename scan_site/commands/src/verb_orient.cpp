@@ -134,7 +134,7 @@ void print_row(const std::string& rank, const Candidate& c) {
   if (c.slices)
     doubt =
         fmt::format("{:>7.1f} {:>7.1f}", doubtful_percent(*c.slices), share(c.slices->completed, c.slices->layers_cut));
-  write_output(fmt::format("{:>4} {:>9.1f} {:>6.1f} {:>7} {:>8.1f} {:>6.1f} {:>6} {:>8.1f} {:>6.2f} {}  {:<14} {}\n",
+  write_output(fmt::format("{:>4} {:>9.1f} {:>7.2f} {:>7} {:>8.1f} {:>6.1f} {:>6} {:>8.1f} {:>6.2f} {}  {:<14} {}\n",
                            rank, f.support_mm3, share(f.support_mm3, f.part_mm3), f.anchors, f.overhang_mm2,
                            f.size_mm.z(), f.layers, f.trapped_mm3, f.stability, doubt, name_of(c.standing.source),
                            rotate_text(c.standing.turn)));
@@ -144,10 +144,10 @@ void print_row(const std::string& rank, const Candidate& c) {
 void print_table(const std::vector<Candidate>& best, const Candidate* as_in_file, const Options& o,
                  const std::string& judge) {
   write_output(fmt::format("best for {}; supports judged by {}\n", o.by, judge));
-  write_output(fmt::format("{:>4} {:>9} {:>6} {:>7} {:>8} {:>6} {:>6} {:>8} {:>6} {:>7} {:>7}  {:<14} {}\n", "rank",
+  write_output(fmt::format("{:>4} {:>9} {:>7} {:>7} {:>8} {:>6} {:>6} {:>8} {:>6} {:>7} {:>7}  {:<14} {}\n", "rank",
                            "supports", "of part", "anchors", "overhang", "height", "layers", "trapped", "stable",
                            "doubt", "compl.", "found as", "--rotate"));
-  write_output(fmt::format("{:>4} {:>9} {:>6} {:>7} {:>8} {:>6} {:>6} {:>8} {:>6} {:>7} {:>7}\n", "", "mm3", "%", "",
+  write_output(fmt::format("{:>4} {:>9} {:>7} {:>7} {:>8} {:>6} {:>6} {:>8} {:>6} {:>7} {:>7}\n", "", "mm3", "%", "",
                            "mm2", "mm", "", "mm3", "", "%", "%"));
   for (std::size_t i = 0; i < best.size(); ++i) print_row(std::to_string(i + 1), best[i]);
   if (as_in_file) print_row("file", *as_in_file);
@@ -178,7 +178,7 @@ nlohmann::ordered_json json_of(const Candidate& c) {
 std::vector<std::string> caption(const std::string& rank, const Candidate& c) {
   const StandingFigures& f = c.standing.figures;
   std::vector<std::string> lines{
-      fmt::format("{}: {:.0f} mm3 supports, {:.1f} %", rank, f.support_mm3, share(f.support_mm3, f.part_mm3)),
+      fmt::format("{}: {:.0f} mm3 supports, {:.2f} %", rank, f.support_mm3, share(f.support_mm3, f.part_mm3)),
       fmt::format("{} anchors, {:.0f} mm2 overhang", f.anchors, f.overhang_mm2),
       fmt::format("{:.1f} mm high, {} layers", f.size_mm.z(), f.layers),
       fmt::format("stability {:.2f}, {:.0f} mm3 trapped", f.stability, f.trapped_mm3)};
