@@ -319,7 +319,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   auto registered = loaded->is_one_turn ? register_turn(o, *loaded, *options, stop) : join(o, *loaded, *options, stop);
   if (!registered) return tl::unexpected{registered.error()};
   Registration& registration = registered->registration;
-  const auto sheets = settle_doubled_sheets(*views, registration.poses, stop);
+  const auto sheets = reconcile_doubled_sheets(*views, registration.poses, stop);
   if (!sheets) return tl::unexpected{sheets.error()};
   MergeOptions merging{.sheets = &*sheets};
   if (loaded->is_one_turn) {

@@ -230,8 +230,8 @@ Result<DoubledSheets> find_doubled_sheets(std::span<const RangeImage> views, std
   return result;
 }
 
-Result<DoubledSheets> settle_doubled_sheets(std::span<const RangeImage> views, std::vector<RigidMotion>& poses,
-                                            std::stop_token stop) {
+Result<DoubledSheets> reconcile_doubled_sheets(std::span<const RangeImage> views, std::vector<RigidMotion>& poses,
+                                               std::stop_token stop) {
   auto found = find_doubled_sheets(views, poses, stop);
   if (!found || found->empty()) return found;
   std::vector<AlignTarget> targets;

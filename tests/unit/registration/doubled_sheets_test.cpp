@@ -64,12 +64,12 @@ TEST(DoubledSheets, AreNamedWithViewsDistanceAndShareFromOneSpacingAtAnyNoise) {
     }
 }
 
-TEST(DoubledSheets, AreSettledWhereAPoseWasWrong) {
+TEST(DoubledSheets, AreBroughtTogetherWhereAPoseWasWrong) {
   const Scene s = turn_with_noise(0.06);
   std::vector<RigidMotion> poses = moved(s, 2, 2 * kPitch);
-  const auto settled = settle_doubled_sheets(s.images, poses, {});
-  ASSERT_TRUE(settled) << settled.error().what;
-  EXPECT_TRUE(settled->empty());
+  const auto reconciled = reconcile_doubled_sheets(s.images, poses, {});
+  ASSERT_TRUE(reconciled) << reconciled.error().what;
+  EXPECT_TRUE(reconciled->empty());
   for (std::size_t i = 0; i < poses.size(); ++i)
     EXPECT_LT(difference(poses[i], s.truth[i], Vec3::Zero()).shift, 0.2) << i;
 }
@@ -78,10 +78,10 @@ TEST(DoubledSheets, StayMarkedInTheCloudWhereNoPoseMakesAViewFit) {
   Scene s = turn_with_noise(0.06);
   bend(s.images[2], 2.5);
   std::vector<RigidMotion> poses = s.truth;
-  const auto settled = settle_doubled_sheets(s.images, poses, {});
-  ASSERT_TRUE(settled) << settled.error().what;
-  ASSERT_FALSE(settled->empty());
-  const auto merged = merge_views(s.images, poses, {.sheets = &*settled}, {});
+  const auto reconciled = reconcile_doubled_sheets(s.images, poses, {});
+  ASSERT_TRUE(reconciled) << reconciled.error().what;
+  ASSERT_FALSE(reconciled->empty());
+  const auto merged = merge_views(s.images, poses, {.sheets = &*reconciled}, {});
   ASSERT_TRUE(merged) << merged.error().what;
   ASSERT_EQ(merged->cloud.sheets_apart.size(), merged->cloud.size());
   const auto marked = std::count_if(merged->cloud.sheets_apart.begin(), merged->cloud.sheets_apart.end(),

@@ -37,8 +37,8 @@ struct DoubledSheets {
 
 /// The same, and where sheets are doubled all poses are adjusted once more, with points matched as far apart as the
 /// sheets are; `poses` become those that leave less doubled. The first pose stays. Fails: as find_doubled_sheets.
-[[nodiscard]] Result<DoubledSheets> settle_doubled_sheets(std::span<const RangeImage> views,
-                                                          std::vector<RigidMotion>& poses, std::stop_token stop);
+[[nodiscard]] Result<DoubledSheets> reconcile_doubled_sheets(std::span<const RangeImage> views,
+                                                             std::vector<RigidMotion>& poses, std::stop_token stop);
 
 /// "view_3 and view_7 show two sheets 0.51 apart on 64 % of what both see"
 [[nodiscard]] std::string sentence_of(const DoubledPair& pair, std::span<const RangeImage> views);
