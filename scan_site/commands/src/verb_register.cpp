@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 #include <algorithm>
+#include <cctype>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -76,11 +77,19 @@ Result<std::vector<Input>> inputs_of(const Options& o) {
       continue;
     }
     for (const auto& entry : std::filesystem::directory_iterator{word, fault}) {
-      const std::string suffix = entry.path().extension().string();
+      std::string suffix = entry.path().extension().string();
+      std::transform(suffix.begin(), suffix.end(), suffix.begin(),
+                     [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
       if (suffix == ".ply" || suffix == ".ptx" || suffix == ".pcd" || suffix == ".e57")
         input.files.push_back(entry.path().string());
     }
     if (fault) return fail(ErrorCode::NotPermitted, fmt::format("{}: {}", word, fault.message()));
+    if (input.files.empty())
+      return fail(
+          ErrorCode::InvalidInput,
+          fmt::format("{}: no scan is in this folder; of a folder the files named *.ply, *.ptx, *.pcd and *.e57 "
+                      "are taken, others are named one by one",
+                      word));
     std::sort(input.files.begin(), input.files.end(), comes_before);
     inputs.push_back(std::move(input));
   }

@@ -101,5 +101,25 @@ TEST_F(Alone, PlatformsAndSupportsAreThoseOfAMachine) {
   EXPECT_THAT(refusal({"--rotate", "1,0,0,0,1,0,0,0,-1"}), testing::HasSubstr("mirror"));
 }
 
+TEST_F(Alone, RegisterTakesAFoldersScansInAnyLettersAndNamesOneWithout) {
+  fs::create_directories("views");
+  fs::create_directories("none");
+  const Outcome made = ran("telefab-scan", {"digitize", "--shape", "knot", "--height-mm", "20", "--step-deg", "60",
+                                            "--tilt-deg", "30", "--out", "views"});
+  ASSERT_EQ(made.code, 0) << made.errors;
+  for (int i = 0; i < 6; ++i)
+    fs::rename(fmt::format("views/view_{:03}.ply", i), fmt::format("views/VIEW_{:03}.PLY", i));
+  const Outcome joined = ran("telefab-scan", {"register", "views", "--step-deg", "60", "--out", "knot.ply", "--json"});
+  EXPECT_EQ(joined.code, 0) << joined.errors;
+  EXPECT_EQ(nlohmann::json::parse(joined.output)["views"], 6);
+  for (const Words& folders : {Words{"none"}, Words{"views", "none"}}) {
+    Words words{"register", "--out", "x.ply"};
+    words.insert(words.end(), folders.begin(), folders.end());
+    const Outcome refused = ran("telefab-scan", words);
+    EXPECT_EQ(refused.code, static_cast<int>(ExitCode::Refused)) << refused.output;
+    EXPECT_THAT(refused.errors, testing::HasSubstr("none: no scan is in this folder"));
+  }
+}
+
 }  // namespace
 }  // namespace telefab::test
