@@ -40,6 +40,7 @@ Result<DigitizeModel> load_model(const Options& o, std::stop_token stop) {
   } else {
     model.triangles = file->faces;
     for (const auto& p : file->cloud.points) model.points.emplace_back(file->cloud.origin + p.cast<double>());
+    if (face_outward(model)) write_note("note: the faces of the model look inward and are turned round\n");
   }
   for (Vec3& p : model.points) p *= *unit * o.scale.value_or(1);
   if (o.height_mm) scale_to_height(model, *o.height_mm);
@@ -79,6 +80,11 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
         return tl::unexpected{ok.error()};
     }
   }
+  if (points == 0)
+    return fail(
+        ErrorCode::InvalidInput,
+        "no view shows any of the model: its surface lies flatter to the scanner than --grazing-deg, or is finer "
+        "than --pitch-mm");
   if (auto ok = write_file_atomically(std::filesystem::path{o.folder} / "poses.conf", to_pose_file(poses)); !ok)
     return tl::unexpected{ok.error()};
   if (!o.reference.empty()) {
@@ -105,9 +111,10 @@ VerbBody declare_digitize(VerbOptions& options) {
       .above_zero()
       .excludes(scale);
   scale.above_zero();
-  options.add("--rotate", o->rotate,
-              "lay the model on another side first, X,Y,Z degrees about its axes as for slice: a series turned over; poses "
-              "and reference stay in the model's frame");
+  options.add(
+      "--rotate", o->rotate,
+      "lay the model on another side first, X,Y,Z degrees about its axes as for slice: a series turned over; poses "
+      "and reference stay in the model's frame");
   options.add("--reference", o->reference,
               "also write points of the model itself, with normals, to measure against (PLY)");
   options.add("--step-deg", d.step_deg, "turn of the table between views").shows_default();

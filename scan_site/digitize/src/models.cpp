@@ -95,6 +95,19 @@ Result<DigitizeModel> surfel_model(const PointCloud& cloud) {
   return model;
 }
 
+bool face_outward(DigitizeModel& model) {
+  if (model.points.empty()) return false;
+  // From a place in its middle, so that an open surface has a sign as well.
+  Vec3 middle = Vec3::Zero();
+  for (const Vec3& p : model.points) middle += p / static_cast<double>(model.points.size());
+  double volume = 0;
+  for (const auto& t : model.triangles)
+    volume += (model.points[t[0]] - middle).dot((model.points[t[1]] - middle).cross(model.points[t[2]] - middle));
+  if (volume >= 0) return false;
+  for (auto& t : model.triangles) std::swap(t[1], t[2]);
+  return true;
+}
+
 void scale_to_height(DigitizeModel& model, double height_mm) {
   double low = model.points.at(0).z(), high = low;
   for (const Vec3& p : model.points) {

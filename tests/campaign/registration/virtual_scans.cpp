@@ -41,10 +41,7 @@ scan::DigitizeModel load_model(const std::string& path) {
     for (const auto& p : file.cloud.points) model.points.emplace_back(file.cloud.origin + p.cast<double>());
     if (model.triangles.empty()) model = or_stop(scan::surfel_model(file.cloud), path);
   }
-  double volume = 0;
-  for (const auto& t : model.triangles) volume += model.points[t[0]].dot(model.points[t[1]].cross(model.points[t[2]]));
-  if (volume < 0)
-    for (auto& t : model.triangles) std::swap(t[1], t[2]);  // some meshes are inside out
+  scan::face_outward(model);
   const scan::Box3 box = box_of(model);
   for (scan::Vec3& p : model.points) p = (p - box.middle()) * (kSizeMm / box.size().maxCoeff());
   return model;

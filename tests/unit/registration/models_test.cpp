@@ -37,6 +37,17 @@ TEST(Models, EveryShapeIsClosedFacesOutwardAndHasTheHeightAskedFor) {
   EXPECT_EQ(shape_model("cube", 20).error().code, ErrorCode::InvalidInput);
 }
 
+TEST(Models, AnInsideOutOneIsTurnedRoundAndOthersStay) {
+  DigitizeModel model = *shape_model("knot", 30);
+  EXPECT_FALSE(face_outward(model));
+  const auto right = model.triangles;
+  for (auto& t : model.triangles) std::swap(t[0], t[2]);
+  for (Vec3& p : model.points) p += Vec3{500, -300, 80};
+  EXPECT_TRUE(face_outward(model));
+  EXPECT_GT(signed_volume(model), 0);
+  EXPECT_EQ(model.triangles.size(), right.size());
+}
+
 TEST(Models, ASurfelModelIsSeenWithoutGapsWhereItsCloudLies) {
   PointCloud cloud = reference_cloud(*shape_model("sphere", 20), 0.3, 1);
   const auto model = surfel_model(cloud);

@@ -17,6 +17,10 @@ namespace telefab::scan {
 /// edge stands out by about half a spacing. Fails: InvalidInput (no normals, fewer than 16 points).
 [[nodiscard]] Result<DigitizeModel> surfel_model(const PointCloud& cloud);
 
+/// Turns the triangles round where all of them together enclose a negative volume, as in meshes that are inside out:
+/// scanners see no surface from behind. Says whether it did.
+bool face_outward(DigitizeModel& model);
+
 /// Makes the model `height_mm` high along z, about the origin of its frame.
 void scale_to_height(DigitizeModel& model, double height_mm);
 
