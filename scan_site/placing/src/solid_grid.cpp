@@ -34,7 +34,7 @@ SolidGrid::SolidGrid(const std::vector<Vector3f>& points, const std::vector<Vect
   low_ = low - Vector3f::Constant(2 * pitch_);
   for (std::size_t a = 0; a < 3; ++a)
     count_[a] = static_cast<int>(std::ceil(size[static_cast<Eigen::Index>(a)] / pitch_)) + 5;
-  const auto [nx, ny, nz] = count_;
+  const int nx = count_[0], ny = count_[1], nz = count_[2];
   const auto index = [&](int x, int y, int z) {
     return static_cast<std::size_t>(x) +
            static_cast<std::size_t>(nx) *
