@@ -29,8 +29,11 @@ constexpr double kScoreConflict = 5;
 constexpr double kSupportedOverlap = 0.15;  ///< enough where third views say the same
 constexpr std::size_t kHypothesesOfBodies = 6;
 constexpr double kEqualOverlap = 0.8, kEqualRms = 1.5, kEqualConflict = 0.005;
-constexpr double kCorrelated = 3;           ///< noise between two views over that between the halves of one,
-constexpr double kCorrelatedPatches = 7;    ///< and of its patches
+constexpr double kCorrelated = 3;         ///< noise between two views over that between the halves of one,
+constexpr double kCorrelatedPatches = 7;  ///< and of its patches
+/// Scans without noise differ by how views sample a curve, and their patches, in spacings: less tells no shape from
+/// another.
+constexpr double kLeastRms = 0.02, kLeastPatches = 0.01;
 constexpr double kSpreadOfPairs = 1.4;      ///< of the noise between single views, pair by pair,
 constexpr double kSpreadOfViews = 1.15;     ///< and of each against all others
 constexpr double kExactPairs = 0.25;        ///< share of the pairs found that are surely exact
@@ -406,8 +409,10 @@ JoinVerdict PoseGraph::judge(const PoseFigures& f, const SurfaceFit& noise, doub
   // What slides fits less well too: the first cause is said.
   if (f.stiffness < options_.min_stiffness && f.fit.rms <= 2 * spread * options_.max_rms_ratio * noise.rms)
     return JoinVerdict::Slides;
-  if (f.fit.rms > spread * options_.max_rms_ratio * noise.rms ||
-      f.fit.patch_rms > spread * options_.max_rms_ratio * noise.patch_rms)
+  const double rms = std::max(noise.rms, kLeastRms * set_.spacing),
+               patch_rms = std::max(noise.patch_rms, kLeastPatches * set_.spacing);
+  if (f.fit.rms > spread * options_.max_rms_ratio * rms ||
+      f.fit.patch_rms > spread * options_.max_rms_ratio * patch_rms)
     return JoinVerdict::Misfit;
   if (f.conflict.value_or(0) > options_.max_conflict) return JoinVerdict::SeenThrough;
   if (f.overlap < (support > 0 ? std::min(kSupportedOverlap, options_.min_overlap) : options_.min_overlap))

@@ -107,6 +107,19 @@ TEST(JoinScans, JoinsTwoSeriesOfAnObjectTurnedOver) {
   EXPECT_GT(std::abs(found->up->y()), 0.99) << "the first turn's axis is upright in its scanner";
 }
 
+// The noise is nearly nothing then, and what is left is how two views sample a curve.
+TEST(JoinScans, JoinsSeriesWithoutAnyNoiseAndRefusesTheMirroredOne) {
+  DigitizeOptions clean = kTurn;
+  clean.noise_mm = 0;
+  clean.pitch_mm = 0.8;
+  Scans scans = two_series(knobbly_mesh(), knobbly_mesh(), clean);
+  const auto found = join_scans(scans.views, scans.groups, kJoin, {}, {});
+  ASSERT_TRUE(found) << found.error().what;
+  scans.expect_poses(*found, 0.1, 0.05);
+  Scans mirrored = two_series(near_symmetric_mesh(1), near_symmetric_mesh(-1), clean);
+  EXPECT_FALSE(join_scans(mirrored.views, mirrored.groups, kJoin, {}, {}));
+}
+
 TEST(JoinScans, JoinsViewsInAnyOrderAndPose) {
   Scans scans = views_in_any_order();
   const auto found = join_scans(scans.views, scans.groups, kJoin, {}, {});
