@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <telefab/base/disjoint_sets.hpp>
+#include <telefab/base/median.hpp>
 #include <telefab/scan/cloud/kd_tree.hpp>
 
 namespace telefab::scan {
@@ -50,12 +51,6 @@ std::vector<float> local_reaches(const SurfaceGraph& graph, std::span<const floa
     }
   });
   return local;
-}
-
-float median_of(std::vector<float> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 PieceMap numbered(DisjointSets& sets) {

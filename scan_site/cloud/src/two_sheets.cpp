@@ -9,6 +9,7 @@
 #include <cmath>
 #include <numbers>
 #include <optional>
+#include <telefab/base/median.hpp>
 #include <telefab/scan/cloud/kd_tree.hpp>
 #include <vector>
 
@@ -114,13 +115,6 @@ std::optional<Look> look_at(const PointCloud& cloud, const KdTree& tree, std::ui
   }
   if ((sides[0] - sides[1]).norm() > kApartAside) return std::nullopt;
   return look;
-}
-
-template <class T>
-T median_of(std::vector<T>& values) {
-  const auto half = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), half, values.end());
-  return *half;
 }
 
 /// How far apart the sheets are, as a place and most of those about it say; 0 where they say there is one.

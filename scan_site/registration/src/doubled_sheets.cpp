@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <telefab/base/median.hpp>
 #include <tuple>
 
 #include "adjust.hpp"
@@ -132,13 +133,6 @@ std::vector<Place> shared_places(const PlacedView& first, const KdTree& first_tr
   for (const auto& place : found)
     if (place) places.push_back(*place);
   return places;
-}
-
-template <class T>
-T median_of(std::vector<T> values) {
-  const auto half = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), half, values.end());
-  return *half;
 }
 
 /// How far apart the sheets are about each place; 0 where there is one sheet.

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <telefab/base/median.hpp>
 
 #include "free_space.hpp"
 
@@ -66,7 +67,11 @@ double quantile(std::vector<double> values, double share) {
   return *at;
 }
 
-double median_of(std::vector<double> values) { return quantile(std::move(values), 0.5); }
+/// Whether what a motion does at a place differs by less from what another does there.
+bool are_near(const RigidMotion& a, const RigidMotion& b, const Vec3& at, double degrees, double shift) {
+  const MotionDifference d = difference(a, b, at);
+  return d.degrees < degrees && d.shift < shift;
+}
 
 double conflict_of_means(const ViewSet& set, const CoarseShape& seen, const ViewGroup& by,
                          const RigidMotion& seen_to_by, double clearance) {
@@ -101,6 +106,10 @@ PoseGraph::PoseGraph(std::span<const RangeImage> views, const std::vector<ViewSe
   for (const auto& group : groups_)
     if (group) diagonals.push_back(robust_diagonal(group->surface().points));
   cell_ = std::max(2 * spacing, median_of(diagonals) / kCellsAcross);
+}
+
+bool PoseGraph::is_same_pose(const RigidMotion& a, const RigidMotion& b, const Vec3& at) const {
+  return are_near(a, b, at, kSameTurnDeg, kSameShift * set_.spacing);
 }
 
 double PoseGraph::score_of(const PoseFigures& f) const {
@@ -173,10 +182,8 @@ std::vector<PoseGraph::Candidate> PoseGraph::candidates_of(std::size_t a, std::s
     });
     std::vector<RigidMotion> distinct;
     for (const auto& fit : fits)
-      if (fit && std::ranges::none_of(distinct, [&](const RigidMotion& m) {
-            const MotionDifference d = difference(m, fit->motion, from.middle());
-            return d.degrees < kSameTurnDeg && d.shift < kSameShift * set_.spacing;
-          }))
+      if (fit && std::ranges::none_of(
+                     distinct, [&](const RigidMotion& m) { return is_same_pose(m, fit->motion, from.middle()); }))
         distinct.push_back(fit->motion);
     return distinct;
   };
@@ -214,8 +221,7 @@ void PoseGraph::count_support() {
       const auto first = motions(c.a, k), second = motions(k, c.b);
       const bool agrees = std::ranges::any_of(first, [&](const RigidMotion& k_to_a) {
         return std::ranges::any_of(second, [&](const RigidMotion& b_to_k) {
-          const MotionDifference d = difference(k_to_a * b_to_k, c.b_to_a, groups_[c.b]->middle());
-          return d.degrees < kCycleTurnDeg && d.shift < kCycleShift * set_.spacing;
+          return are_near(k_to_a * b_to_k, c.b_to_a, groups_[c.b]->middle(), kCycleTurnDeg, kCycleShift * set_.spacing);
         });
       });
       c.support += agrees ? 1 : 0;
@@ -293,10 +299,8 @@ std::vector<PoseGraph::Hypothesis> PoseGraph::hypotheses(const Body& a, const Bo
   const bool is_known = a.series.size() == 1 && b.series.size() == 1;  // aligned and judged already
   std::vector<Hypothesis> distinct;
   const auto add = [&](const RigidMotion& motion) {
-    const bool is_new = std::ranges::none_of(distinct, [&](const Hypothesis& h) {
-      const MotionDifference d = difference(h.b_to_a, motion, b.group->middle());
-      return d.degrees < kSameTurnDeg && d.shift < kSameShift * set_.spacing;
-    });
+    const bool is_new = std::ranges::none_of(
+        distinct, [&](const Hypothesis& h) { return is_same_pose(h.b_to_a, motion, b.group->middle()); });
     if (is_new) distinct.push_back({motion, {}, 0});
     return is_new;
   };
@@ -307,8 +311,7 @@ std::vector<PoseGraph::Hypothesis> PoseGraph::hypotheses(const Body& a, const Bo
     std::vector<RigidMotion> wide;  // many pairs of views propose one and the same
     for (const Start& s : starts) {
       const bool is_new = std::ranges::none_of(wide, [&](const RigidMotion& m) {
-        const MotionDifference d = difference(m, s.motion, b.group->middle());
-        return d.degrees < 2 * kSameTurnDeg && d.shift < 3 * kSameShift * set_.spacing;
+        return are_near(m, s.motion, b.group->middle(), 2 * kSameTurnDeg, 3 * kSameShift * set_.spacing);
       });
       if (is_new) wide.push_back(s.motion);
       if (wide.size() == kHypothesesOfBodies) break;
@@ -395,8 +398,7 @@ void PoseGraph::add_symmetries(const Body& a, const Body& b, std::vector<Hypothe
   });
   for (auto& h : found) {
     if (!h || std::ranges::any_of(list, [&](const Hypothesis& known) {
-          const MotionDifference d = difference(known.b_to_a, h->b_to_a, b.group->middle());
-          return d.degrees < kSameTurnDeg && d.shift < kSameShift * set_.spacing;
+          return is_same_pose(known.b_to_a, h->b_to_a, b.group->middle());
         }))
       continue;
     h->score = score_of(h->figures);

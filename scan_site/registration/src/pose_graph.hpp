@@ -67,6 +67,7 @@ class PoseGraph {
   void set_noise();
   void count_support();
   [[nodiscard]] double score_of(const PoseFigures& figures) const;
+  [[nodiscard]] bool is_same_pose(const RigidMotion& a, const RigidMotion& b, const Vec3& at) const;
   [[nodiscard]] SurfaceFit noise_of(std::span<const std::size_t> series) const;
   [[nodiscard]] std::vector<Hypothesis> hypotheses(const Body& a, const Body& b, const std::stop_token& stop) const;
   /// Turns of `b` about the whole's axes of inertia, where they fit, put behind the hypotheses there are.
