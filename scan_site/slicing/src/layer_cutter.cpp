@@ -372,16 +372,16 @@ std::optional<Doubt> LayerCutter::doubled_sheets(const Choice& made, double z_mm
   const double reach = setting_.doubled_reach_mm;
   const auto from = std::partition_point(setting_.doubled.begin(), setting_.doubled.end(),
                                          [&](const DoubledPlace& p) { return p.at_mm.z() < z_mm - reach; });
+  const auto until = std::partition_point(from, setting_.doubled.end(),
+                                          [&](const DoubledPlace& p) { return p.at_mm.z() <= z_mm + reach; });
   std::vector<Point2> places;
-  const DoubledPlace* farthest = nullptr;
-  std::vector<const DoubledPlace*> asked;
-  for (auto p = from; p != setting_.doubled.end() && p->at_mm.z() <= z_mm + reach; ++p) {
-    places.push_back({p->at_mm.x(), p->at_mm.y()});
-    asked.push_back(&*p);
-  }
+  for (auto p = from; p != until; ++p) places.push_back({p->at_mm.x(), p->at_mm.y()});
   const std::vector<bool> beside = where.add_beside(made.chosen().trace.contours, places, reach);
-  for (std::size_t i = 0; i < asked.size(); ++i)
-    if (beside[i] && (!farthest || asked[i]->apart_mm > farthest->apart_mm)) farthest = asked[i];
+  const DoubledPlace* farthest = nullptr;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const DoubledPlace& place = *(from + static_cast<std::ptrdiff_t>(i));
+    if (beside[i] && (!farthest || place.apart_mm > farthest->apart_mm)) farthest = &place;
+  }
   if (!farthest) return std::nullopt;
   return Doubt{.reason = DoubtReason::SheetsDoubled,
                .place = Point2{farthest->at_mm.x(), farthest->at_mm.y()},
