@@ -19,7 +19,7 @@ struct PixelSize {
 };
 
 /// A printer as both sites see it. Read from TOML; every key carries its unit, has a range, and an unknown key is an
-/// error. The table in machine_profile.cpp owns names, ranges and reasons; `describe_keys()` prints it.
+/// error. The table in profile_keys.cpp owns names, ranges and reasons; `describe_keys()` prints it.
 struct MachineProfile {
   std::string name;         ///< e.g. "machine-a"; [a-z0-9-]+
   std::string description;  ///< one line for people

@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "profile_keys.hpp"
+
+#include <fmt/format.h>
+
+namespace telefab {
+namespace {
+
+using P = MachineProfile;
+
+template <class Section, class Value>
+std::function<Value&(P&)> at(Section P::*section, Value Section::*value) {
+  return [=](P& profile) -> Value& { return profile.*section.*value; };
+}
+
+template <class Section, MachineWord Word>
+WordKey words(Section P::*section, Word Section::*value) {
+  return {[=](const P& profile) { return name_of(profile.*section.*value); },
+          [=](P& profile, std::string_view name) {
+            const auto word = machine_word_from<Word>(name);
+            if (word) profile.*section.*value = *word;
+            return word.has_value();
+          },
+          kMachineWords<Word>};
+}
+
+}  // namespace
+
+const std::vector<Key>& profile_keys() {
+  static const std::vector<Key> table{
+      {"platform", "width_mm", true, "along x, the mask's columns",
+       NumberKey{at(&P::platform, &P::Platform::width_mm), 0.1, 2000}},
+      {"platform", "depth_mm", true, "along y, the mask's rows",
+       NumberKey{at(&P::platform, &P::Platform::depth_mm), 0.1, 2000}},
+      {"platform", "z_travel_mm", true, "tallest part with its base",
+       NumberKey{at(&P::platform, &P::Platform::z_travel_mm), 0.1, 2000}},
+      {"platform", "most_peel_mm2", false,
+       "largest layer that its lift can pull off the vat; more holds the job; 0: not stated",
+       NumberKey{at(&P::platform, &P::Platform::most_peel_mm2), 0, 1e7}},
+      {"projection", "pixel_pitch_mm", true, "one pixel on the vat",
+       NumberKey{at(&P::projection, &P::Projection::pixel_pitch_mm), 0.001, 1}},
+      {"projection", "orientation", false, "what the optics do to a mask",
+       words(&P::projection, &P::Projection::orientation)},
+      {"projection", "controllers", false, "who drives which half of the mirrors",
+       words(&P::projection, &P::Projection::controllers)},
+      {"projection", "spread_px", false, "sigma of one pixel's Gaussian light spot",
+       NumberKey{at(&P::projection, &P::Projection::spread_px), 0.05, 5}},
+      {"projection", "gamma", false, "relative irradiance = (grey/255)^gamma, unless there is a curve",
+       NumberKey{at(&P::projection, &P::Projection::gamma), 0.3, 4}},
+      {"projection", "curve", false, "measured relative irradiance at equally spaced greys, instead of gamma",
+       CurveKey{at(&P::projection, &P::Projection::curve)}},
+      {"projection", "leak", false, "share of full irradiance that black leaks",
+       NumberKey{at(&P::projection, &P::Projection::leak), 0, 0.1}},
+      // Below a twentieth an edge has no light to speak of: that is a broken lens, not a field.
+      {"projection", "field", false, "share of the irradiance at the middles of equal cells, rows from back to front",
+       GridKey{at(&P::projection, &P::Projection::field), 0.05, 1}},
+      {"projection", "irradiance_mw_per_cm2", true, "of a white area on the vat",
+       NumberKey{at(&P::projection, &P::Projection::irradiance_mw_per_cm2), 0.01, 1000}},
+      {"layers", "thickness_mm", true, "height of one layer",
+       NumberKey{at(&P::layers, &P::Layers::thickness_mm), 0.001, 1}},
+      {"layers", "exposure_s", true, "of a normal layer",
+       NumberKey{at(&P::layers, &P::Layers::exposure_s), 0.001, 300}},
+      {"layers", "bottom_count", false, "layers with the longer exposure",
+       CountKey{at(&P::layers, &P::Layers::bottom_count), 0, 100}},
+      {"layers", "bottom_exposure_s", true, "of a bottom layer",
+       NumberKey{at(&P::layers, &P::Layers::bottom_exposure_s), 0.001, 600}},
+      {"resin", "name", false, "for people", TextKey{at(&P::resin, &P::Resin::name)}},
+      {"resin", "critical_dose_mj_per_cm2", false, "Ec",
+       NumberKey{at(&P::resin, &P::Resin::critical_dose_mj_per_cm2), 0.01, 10000}},
+      {"resin", "penetration_mm", false, "Dp", NumberKey{at(&P::resin, &P::Resin::penetration_mm), 0.001, 10}},
+      {"resin", "critical_dose_least_mj_per_cm2", false,
+       "Ec is this or more, with 95 % confidence: `calibrate fit` says so; 0: not measured",
+       NumberKey{at(&P::resin, &P::Resin::critical_dose_least_mj_per_cm2), 0, 10000}},
+      {"resin", "critical_dose_most_mj_per_cm2", false, "and this or less",
+       NumberKey{at(&P::resin, &P::Resin::critical_dose_most_mj_per_cm2), 0, 10000}},
+      {"resin", "penetration_least_mm", false,
+       "Dp is this or more, with 95 % confidence: `calibrate fit` says so; 0: not measured",
+       NumberKey{at(&P::resin, &P::Resin::penetration_least_mm), 0, 10}},
+      {"resin", "penetration_most_mm", false, "and this or less",
+       NumberKey{at(&P::resin, &P::Resin::penetration_most_mm), 0, 10}},
+      {"resin", "calibration_correlation", false, "of the errors of Dp and of the logarithm of Ec, which one fit found",
+       NumberKey{at(&P::resin, &P::Resin::calibration_correlation), -1, 1}},
+      {"resin", "vat_ml", false, "resin that the vat holds; a job that needs more is held; 0: not stated",
+       NumberKey{at(&P::resin, &P::Resin::vat_ml), 0, 1e6}},
+      {"resin", "green_strength_mpa", false,
+       "strength of printed resin before it is washed and cured; 0: not stated, then 10 is assumed, about half of the "
+       "softest figure found (18.6, Formlabs sheet of Durable, green); flexible resins: a quarter, assumed",
+       NumberKey{at(&P::resin, &P::Resin::green_strength_mpa), 0, 1000}},
+      {"supports", "self_support_mm", false,
+       "overhang per layer that a small attached region holds; less: more anchors",
+       NumberKey{at(&P::supports, &P::Supports::self_support_mm), 0, 10}},
+      {"supports", "self_support_growth_per_mm", false, "growth of that per sqrt of the attached area",
+       NumberKey{at(&P::supports, &P::Supports::self_support_growth_per_mm), 0, 1000}},
+      {"supports", "self_support_most_mm", false, "no attached region holds an overhang beyond this in one layer",
+       NumberKey{at(&P::supports, &P::Supports::self_support_most_mm), 0, 50}},
+      {"supports", "anchor_distance_mm", false, "every point to be supported lies this near an anchor",
+       NumberKey{at(&P::supports, &P::Supports::anchor_distance_mm), 0.05, 50}},
+      {"supports", "tip_radius_mm", false, "contact disc; smaller breaks off cleaner, below a pixel it may not cure",
+       NumberKey{at(&P::supports, &P::Supports::tip_radius_mm), 0.005, 5}},
+      {"supports", "pin_radius_mm", false, "shaft of a pin; thinner saves resin and gets more braces",
+       NumberKey{at(&P::supports, &P::Supports::pin_radius_mm), 0.01, 10}},
+      {"supports", "foot_radius_mm", false, "footing of a pin on the platform; wider holds against the peel",
+       NumberKey{at(&P::supports, &P::Supports::foot_radius_mm), 0.01, 20}},
+      {"supports", "clearance_mm", false, "between supports and part except at tips and feet",
+       NumberKey{at(&P::supports, &P::Supports::clearance_mm), 0, 10}},
+      {"supports", "brace_pitch_mm", false,
+       "vertical distance of slanted struts between pins that are too slender alone",
+       NumberKey{at(&P::supports, &P::Supports::brace_pitch_mm), 0.1, 200}},
+      {"supports", "slenderness", false, "free pin length over diameter at most",
+       NumberKey{at(&P::supports, &P::Supports::slenderness), 2, 500}},
+      {"supports", "base_thickness_mm", false,
+       "plate that joins the feet of a group, so that the peel does not lift one",
+       NumberKey{at(&P::supports, &P::Supports::base_thickness_mm), 0, 10}},
+      {"supports", "stand_area_share", false, "a first layer of at least this share of the largest needs no lift",
+       NumberKey{at(&P::supports, &P::Supports::stand_area_share), 0, 1}},
+      {"supports", "lift_off_mm", false, "height of a supported part above the platform: room for tips and a blade",
+       NumberKey{at(&P::supports, &P::Supports::lift_off_mm), 0, 50}},
+      {"supports", "safety", false, "strength over the stress that a plan may ask for; 2 is assumed",
+       NumberKey{at(&P::supports, &P::Supports::safety), 1, 100}},
+      {"supports", "fresh_share", false,
+       "strength of a tip some seconds after its exposure as share of the green strength; 0.5 is assumed: with it a "
+       "plan may ask for what PrusaSlicer's plans ask for",
+       NumberKey{at(&P::supports, &P::Supports::fresh_share), 0.01, 1}},
+      {"motion", "lift_mm", false, "peel: up by this after each exposure",
+       NumberKey{at(&P::motion, &P::Motion::lift_mm), 0, 100}},
+      {"motion", "lift_speed_mm_per_s", false, "while peeling",
+       NumberKey{at(&P::motion, &P::Motion::lift_speed_mm_per_s), 0.01, 100}},
+      {"motion", "lower_speed_mm_per_s", false, "back to the vat",
+       NumberKey{at(&P::motion, &P::Motion::lower_speed_mm_per_s), 0.01, 100}},
+      {"motion", "settle_s", false, "resin comes to rest", NumberKey{at(&P::motion, &P::Motion::settle_s), 0, 120}},
+      {"motion", "pull_kpa", false,
+       "pull of the film on the layer just exposed, over its area; measured elsewhere: ACF 12, FEP 12 to 18 "
+       "(AmeraLabs), PDMS 16 to 20 (Pan 2017); 0: not stated, then 20 is assumed; 10 where a gentle film or a tilt was "
+       "measured to be so, 50 for a worn or rigid window; printed from above: 1, assumed",
+       NumberKey{at(&P::motion, &P::Motion::pull_kpa), 0, 1000}},
+      {"motion", "push_kpa", false,
+       "sideways push on the layer just exposed, over its area, in any direction; 0 where a film is peeled; printed "
+       "from above with a blade or a dip: 0.5, assumed",
+       NumberKey{at(&P::motion, &P::Motion::push_kpa), 0, 1000}},
+      {"devices", "projector", false, "light engine", words(&P::devices, &P::Devices::projector)},
+      {"devices", "stage", false, "Z stage", words(&P::devices, &P::Devices::stage)},
+      {"devices", "speed_up", false, "virtual devices: simulated seconds per real second",
+       NumberKey{at(&P::devices, &P::Devices::speed_up), 1, 1e6}},
+      {"devices", "allowed_slowdown", false, "a job whose uploads stretch it beyond this is refused",
+       NumberKey{at(&P::devices, &P::Devices::allowed_slowdown), 1, 100}},
+      {"devices", "led_current", false, "dlpc900: never sent above",
+       CountKey{at(&P::devices, &P::Devices::led_current), 0, 255}},
+      {"devices", "led_colour", false, "dlpc900", words(&P::devices, &P::Devices::led_colour)},
+      {"devices", "led_polarity", false, "dlpc900: PWM polarity under which more current is more light on this board",
+       words(&P::devices, &P::Devices::led_polarity)},
+      {"devices", "led_off", false, "dlpc900: what darkens the LEDs of this board",
+       words(&P::devices, &P::Devices::led_off)},
+      {"devices", "led_cutoff", false,
+       "dlpc900 with led_off = \"enable-and-current\": what darkens the LEDs where this computer dies",
+       words(&P::devices, &P::Devices::led_cutoff)},
+      {"devices", "thermometer", false, "marlin: the sensor that is in the resin",
+       words(&P::devices, &P::Devices::thermometer)},
+      {"devices", "hottest_celsius", false, "resin above this stops the print, dark; 0: no limit",
+       NumberKey{at(&P::devices, &P::Devices::hottest_celsius), 0, 150}},
+      {"devices", "coldest_celsius", false, "resin below this stops the print, dark; 0: no limit",
+       NumberKey{at(&P::devices, &P::Devices::coldest_celsius), 0, 150}},
+      {"devices", "projector_serial", false, "dlpc900: its USB serial number",
+       TextKey{at(&P::devices, &P::Devices::projector_serial)}},
+      {"devices", "stage_serial", false, "USB serial number of the stage's tty",
+       TextKey{at(&P::devices, &P::Devices::stage_serial)}},
+  };
+  return table;
+}
+
+std::string range_of(const Key& key) {
+  if (const auto* n = std::get_if<NumberKey>(&key.kind)) return fmt::format("{} to {}", n->least, n->most);
+  if (const auto* c = std::get_if<CountKey>(&key.kind)) return fmt::format("{} to {}, whole", c->least, c->most);
+  if (std::holds_alternative<CurveKey>(key.kind))
+    return fmt::format("2 to {} numbers that never fall, the first 0, the last 1; or none", kMostCurve);
+  if (const auto* g = std::get_if<GridKey>(&key.kind))
+    return fmt::format("up to {0} rows of equal length up to {0}, numbers {1} to {2}; or none", kMostGridSide, g->least,
+                       g->most);
+  if (const auto* w = std::get_if<WordKey>(&key.kind)) return fmt::format("{}", fmt::join(w->all, " | "));
+  return "text";
+}
+
+std::string describe_keys() {
+  std::string text;
+  for (const Key& key : profile_keys())
+    text += fmt::format("{}.{}{}: {} ({})\n", key.section, key.name, key.required ? " (required)" : "", key.reason,
+                        range_of(key));
+  return text;
+}
+
+}  // namespace telefab
