@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Writes a .cpp that holds the machine profiles. In: OUT, FILES (paths, a;b;c).
+# Writes a .cpp that holds the profiles. In: OUT, FILES (paths, a;b;c), the last folder of each its kind.
 set(rows "")
 set(count 0)
 foreach(file IN LISTS FILES)
   file(READ ${file} text)
   get_filename_component(name ${file} NAME)
-  string(APPEND rows "    {\"${name}\", R\"profile(${text})profile\"},\n")
+  get_filename_component(folder ${file} DIRECTORY)
+  get_filename_component(folder ${folder} NAME)
+  string(APPEND rows "    {\"${folder}\", \"${name}\", R\"profile(${text})profile\"},\n")
   math(EXPR count "${count} + 1")
 endforeach()
 file(WRITE ${OUT} "// Made by embed_profiles.cmake.
@@ -16,12 +18,12 @@ file(WRITE ${OUT} "// Made by embed_profiles.cmake.
 namespace telefab {
 namespace {
 
-constexpr std::array<std::pair<std::string_view, std::string_view>, ${count}> kTexts{{
+constexpr std::array<BuiltinProfile, ${count}> kTexts{{
 ${rows}}};
 
 }  // namespace
 
-std::span<const std::pair<std::string_view, std::string_view>> builtin_profile_texts() { return kTexts; }
+std::span<const BuiltinProfile> builtin_profile_texts() { return kTexts; }
 
 }  // namespace telefab
 ")

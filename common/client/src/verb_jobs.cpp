@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
-#include <nlohmann/json.hpp>
-#include <telefab/base/json_text.hpp>
 #include <telefab/command_line/output.hpp>
-#include <telefab/machine/machine_profile.hpp>
 
 #include "common_options.hpp"
 #include "job_text.hpp"
@@ -85,41 +82,6 @@ VerbBody declare_watch(VerbOptions& options) {
     else
       write_output(summary_of(*job));
     return exit_code_of(*job);
-  };
-}
-
-VerbBody declare_machines(VerbOptions& options) {
-  auto o = std::make_shared<JobOptions>();
-  declare_common(options, o->common);
-  return [o](std::stop_token stop) -> Result<ExitCode> {
-    auto client = connect(o->common, std::move(stop));
-    if (!client) return tl::unexpected{client.error()};
-    auto machines = (*client)->ask<Machines>(AskMachines{(*client)->next_request()});
-    if (!machines) return tl::unexpected{machines.error()};
-    nlohmann::ordered_json list = nlohmann::ordered_json::array();
-    for (const std::string& toml : machines->machine_toml) {
-      auto machine = machine_profile_from_toml(toml, machines->origin);
-      if (!machine) return tl::unexpected{machine.error()};
-      const PixelSize size = machine->mask_size();
-      if (!o->common.json) {
-        write_output(fmt::format("{:<12} {} x {} px, layer {} mm: {}\n", machine->name, size.width_px, size.height_px,
-                                 machine->layers.thickness_mm, machine->description));
-        continue;
-      }
-      list.push_back({{"name", machine->name},
-                      {"description", machine->description},
-                      {"width_px", size.width_px},
-                      {"height_px", size.height_px},
-                      {"width_mm", machine->platform.width_mm},
-                      {"depth_mm", machine->platform.depth_mm},
-                      {"z_travel_mm", machine->platform.z_travel_mm},
-                      {"pixel_pitch_mm", machine->projection.pixel_pitch_mm},
-                      {"layer_mm", machine->layers.thickness_mm},
-                      {"exposure_s", machine->layers.exposure_s},
-                      {"origin", machines->origin}});
-    }
-    if (o->common.json) write_output(fmt::format("{}\n", json_text(list, 2)));
-    return ExitCode::Ok;
   };
 }
 

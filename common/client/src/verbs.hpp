@@ -9,6 +9,8 @@ namespace telefab::client {
 [[nodiscard]] VerbBody declare_status(VerbOptions& options);
 [[nodiscard]] VerbBody declare_watch(VerbOptions& options);
 [[nodiscard]] VerbBody declare_machines(VerbOptions& options);
+[[nodiscard]] VerbBody declare_resins(VerbOptions& options);
+[[nodiscard]] VerbBody declare_prints(VerbOptions& options);
 [[nodiscard]] VerbBody declare_approve(VerbOptions& options);
 [[nodiscard]] VerbBody declare_pause(VerbOptions& options);
 [[nodiscard]] VerbBody declare_resume(VerbOptions& options);

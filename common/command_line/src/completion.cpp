@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cctype>
 #include <telefab/command_line/manual.hpp>
 
 namespace telefab {
@@ -30,6 +32,21 @@ std::string verb_names(const ProgramManual& program) {
   return names;
 }
 
+/// The verb of this program whose --names are the values of an option: `machines` for MACHINE. Empty: none.
+std::string lister_of(const ProgramManual& program, const OptionManual& option) {
+  std::string verb = option.value + "s";
+  std::ranges::transform(verb, verb.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const auto lists = [&](const VerbManual& each) {
+    return each.name == verb && std::ranges::any_of(each.options, [](const auto& o) { return o.name == "--names"; });
+  };
+  return !option.positional && std::ranges::any_of(program.verbs, lists) ? verb : std::string{};
+}
+
+/// What prints the names; a site that does not answer is not waited for.
+std::string listing(const ProgramManual& program, const std::string& verb) {
+  return fmt::format("timeout 3 {} {} --names 2>/dev/null", program.name, verb);
+}
+
 std::string bash_script(const ProgramManual& program) {
   std::string script = fmt::format(
       "# bash completion for {0}\n{1}() {{\n  local word=${{COMP_WORDS[COMP_CWORD]}} "
@@ -38,10 +55,14 @@ std::string bash_script(const ProgramManual& program) {
       "  case $verb,$before in\n",
       program.name, function_name(program.name));
   for (const VerbManual& verb : program.verbs)
-    for (const OptionManual& option : verb.options)
+    for (const OptionManual& option : verb.options) {
       if (!option.positional && !option.choices.empty())
         script += fmt::format("    {},{}) mapfile -t COMPREPLY < <(compgen -W {} -- \"$word\"); return ;;\n", verb.name,
                               option.name, shell_quoted(fmt::format("{}", fmt::join(option.choices, " "))));
+      if (const std::string lister = lister_of(program, option); !lister.empty())
+        script += fmt::format("    {},{}) mapfile -t COMPREPLY < <(compgen -W \"$({})\" -- \"$word\"); return ;;\n",
+                              verb.name, option.name, listing(program, lister));
+    }
   script +=
       fmt::format("  esac\n  case $verb in\n    '') mapfile -t COMPREPLY < <(compgen -W {} -- \"$word\"); return ;;\n",
                   shell_quoted(verb_names(program) + " --help --version"));
@@ -73,10 +94,14 @@ std::string zsh_script(const ProgramManual& program) {
       "    )\n    _describe verb verbs\n    return\n  fi\n  local -a options=()\n  case $words[2],$words[CURRENT-1] "
       "in\n";
   for (const VerbManual& verb : program.verbs)
-    for (const OptionManual& option : verb.options)
+    for (const OptionManual& option : verb.options) {
       if (!option.positional && !option.choices.empty())
         script += fmt::format("    {},{}) compadd -- {}; return ;;\n", verb.name, option.name,
                               fmt::join(option.choices, " "));
+      if (const std::string lister = lister_of(program, option); !lister.empty())
+        script += fmt::format("    {},{}) compadd -- ${{(f)\"$({})\"}}; return ;;\n", verb.name, option.name,
+                              listing(program, lister));
+    }
   script += "  esac\n  case $words[2] in\n";
   for (const VerbManual& verb : program.verbs) {
     script += fmt::format("    {}) options=(\n", verb.name);
@@ -101,6 +126,8 @@ std::string fish_script(const ProgramManual& program) {
                             option.name.substr(option.name.find_first_not_of('-')));
       if (!option.choices.empty())
         script += fmt::format(" -x -a {}", shell_quoted(fmt::format("{}", fmt::join(option.choices, " "))));
+      else if (const std::string lister = lister_of(program, option); !lister.empty())
+        script += fmt::format(" -x -a {}", shell_quoted(fmt::format("({})", listing(program, lister))));
       else if (!option.value.empty())
         script += " -r";
       script += fmt::format(" -d {}\n", shell_quoted(option.description));

@@ -12,11 +12,16 @@ void declare_machine_folder(VerbOptions& options, std::string& folder) {
   options.add("--machines", folder,
               "folder of machine profiles (*.toml); default: the first of ~/.config/telefab/machines, "
               "/etc/telefab/machines, share/telefab/machines of the installation, machines beside the program, "
-              "deploy/config/machines; without any the profiles that are built in");
+              "deploy/config/machines; without any the profiles that are built in. Resins and prints are those of the "
+              "folders resins and prints beside it, and those that are built in");
 }
 
 void declare_machine_choice(VerbOptions& options, MachineChoice& choice, std::string_view help, MachineIs is) {
-  options.add("--machine", choice.name, std::string{help}).required(is == MachineIs::Required);
+  options.add("--machine", choice.name, std::string{help}).required(is == MachineIs::Required).names("MACHINE");
+  options.add("--resin", choice.resin, "which of `resins`; default: what the machine has loaded, or states itself")
+      .names("RESIN");
+  options.add("--print", choice.print, "which of `prints`: layers, supports and motion; default: as the machine states")
+      .names("PRINT");
   declare_machine_folder(options, choice.folder);
 }
 
@@ -38,31 +43,27 @@ std::vector<fs::path> machine_folders(const Surroundings& where) {
   return folders;
 }
 
-Result<MachineProfiles> machine_profiles(const std::string& folder) {
-  if (!folder.empty()) {
-    auto machines = load_machine_profiles(folder);
-    if (!machines) return tl::unexpected{machines.error()};
-    return MachineProfiles{std::move(*machines), folder};
-  }
-  for (const fs::path& place : machine_folders(surroundings())) {
-    if (!holds_machine_profiles(place)) continue;
-    auto machines = load_machine_profiles(place.string());
-    if (!machines) return tl::unexpected{machines.error()};
-    return MachineProfiles{std::move(*machines), place.string()};
-  }
-  auto machines = builtin_machine_profiles();
-  if (!machines) return tl::unexpected{machines.error()};
-  return MachineProfiles{std::move(*machines), "built in"};
+Result<KnownProfiles> known_profiles(const std::string& folder) {
+  std::string place = folder;
+  if (folder.empty())
+    for (const fs::path& each : machine_folders(surroundings())) {
+      if (!holds_profiles(each)) continue;
+      place = each.string();
+      break;
+    }
+  auto catalogue = place.empty() ? builtin_profiles() : load_profiles(place);
+  if (!catalogue) return tl::unexpected{catalogue.error()};
+  return KnownProfiles{std::move(*catalogue), place.empty() ? "built in" : place};
 }
 
 Result<MachineProfile> chosen_machine(const MachineChoice& choice, std::string_view otherwise) {
   const std::string_view name = choice.name.empty() ? otherwise : std::string_view{choice.name};
   if (name.empty()) return fail(ErrorCode::InvalidInput, "name the machine with --machine");
-  const auto known = machine_profiles(choice.folder);
+  const auto known = known_profiles(choice.folder);
   if (!known) return tl::unexpected{known.error()};
-  auto machine = find_machine(known->machines, name);
-  if (!machine) return fail_in("machine profiles, " + known->origin, machine.error());
-  return machine;
+  auto composed = known->catalogue.compose({std::string{name}, choice.resin, choice.print});
+  if (!composed) return fail_in("machine profiles, " + known->origin, composed.error());
+  return std::move(composed->profile);
 }
 
 }  // namespace telefab

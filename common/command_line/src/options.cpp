@@ -93,6 +93,11 @@ const Option& Option::one_of(std::vector<std::string> words) const {
   return *this;
 }
 
+const Option& Option::names(const std::string& what) const {
+  option_->type_name(what);
+  return *this;
+}
+
 const Option& Option::environment(const std::string& variable) const {
   option_->envname(variable);
   return *this;

@@ -2,11 +2,15 @@
 #pragma once
 #include <span>
 #include <string_view>
-#include <utility>
 
 namespace telefab {
 
-/// File names and texts of the profiles in deploy/config/machines; made by embed_profiles.cmake.
-[[nodiscard]] std::span<const std::pair<std::string_view, std::string_view>> builtin_profile_texts();
+struct BuiltinProfile {
+  std::string_view folder;  ///< "machines", "resins", "prints"
+  std::string_view file;    ///< "dlp6500.toml"
+  std::string_view text;
+};
+/// The profiles of deploy/config, by folder and file name. Made by embed_profiles.cmake.
+[[nodiscard]] std::span<const BuiltinProfile> builtin_profile_texts();
 
 }  // namespace telefab

@@ -6,6 +6,7 @@ namespace telefab {
 Digest digest_of_light(const MachineProfile& profile) {
   MachineProfile relevant = profile;
   relevant.description.clear();
+  relevant.assumed.clear();
   relevant.devices = {};
   relevant.devices.led_current = profile.devices.led_current;
   relevant.devices.led_colour = profile.devices.led_colour;

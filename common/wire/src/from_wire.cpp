@@ -58,14 +58,12 @@ Digest digest(Reading& reading, const std::string& from, std::string_view field)
 
 RequestId request(std::uint64_t from) { return static_cast<RequestId>(from); }
 
-template <class Proto>
-std::vector<std::string> machines(Reading& reading, const Proto& proto) {
-  expect(reading, static_cast<std::size_t>(proto.machine_toml_size()) <= kMaxMachines, "machine_toml",
-         "lists too many machines");
+template <class Texts>
+std::vector<std::string> profiles(Reading& reading, const Texts& from, std::string_view field) {
+  expect(reading, static_cast<std::size_t>(from.size()) <= kMaxProfiles, field, "lists too many profiles");
   std::vector<std::string> list;
   if (reading.fault) return list;
-  for (const std::string& toml : proto.machine_toml())
-    list.push_back(text(reading, toml, kMaxParametersBytes, "machine_toml"));
+  for (const std::string& toml : from) list.push_back(text(reading, toml, kMaxParametersBytes, field));
   return list;
 }
 
@@ -118,8 +116,10 @@ void read(Reading& reading, const v1::Hello& proto, Hello& value) {
   expect(reading, proto.side() >= 1 && proto.side() <= 3, "side", "is neither client nor scan site nor fab site");
   value.side = static_cast<Side>(proto.side());
   value.program = name(reading, proto.program(), "program");
-  value.machine_toml = machines(reading, proto);
+  value.machine_toml = profiles(reading, proto.machine_toml(), "machine_toml");
   value.start_policy = name(reading, proto.start_policy(), "start_policy");
+  value.resin_toml = profiles(reading, proto.resin_toml(), "resin_toml");
+  value.print_toml = profiles(reading, proto.print_toml(), "print_toml");
 }
 void read(Reading& reading, const v1::Fault& proto, Fault& value) {
   value.request = request(proto.request());
@@ -134,8 +134,10 @@ void read(Reading&, const v1::Pong&, Pong&) {}
 void read(Reading&, const v1::AskMachines& proto, AskMachines& value) { value.request = request(proto.request()); }
 void read(Reading& reading, const v1::Machines& proto, Machines& value) {
   value.request = request(proto.request());
-  value.machine_toml = machines(reading, proto);
+  value.machine_toml = profiles(reading, proto.machine_toml(), "machine_toml");
   value.origin = name(reading, proto.origin(), "origin");
+  value.resin_toml = profiles(reading, proto.resin_toml(), "resin_toml");
+  value.print_toml = profiles(reading, proto.print_toml(), "print_toml");
 }
 void read(Reading& reading, const v1::Submit& proto, Submit& value) {
   value.request = request(proto.request());

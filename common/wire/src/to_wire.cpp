@@ -61,6 +61,8 @@ void write(const Hello& value, v1::Hello& proto) {
   proto.set_program(value.program);
   for (const std::string& toml : value.machine_toml) proto.add_machine_toml(toml);
   proto.set_start_policy(value.start_policy);
+  for (const std::string& toml : value.resin_toml) proto.add_resin_toml(toml);
+  for (const std::string& toml : value.print_toml) proto.add_print_toml(toml);
 }
 void write(const Fault& value, v1::Fault& proto) {
   proto.set_request(number_of(value.request));
@@ -75,6 +77,8 @@ void write(const Machines& value, v1::Machines& proto) {
   proto.set_request(number_of(value.request));
   for (const std::string& toml : value.machine_toml) proto.add_machine_toml(toml);
   proto.set_origin(value.origin);
+  for (const std::string& toml : value.resin_toml) proto.add_resin_toml(toml);
+  for (const std::string& toml : value.print_toml) proto.add_print_toml(toml);
 }
 void write(const Submit& value, v1::Submit& proto) {
   proto.set_request(number_of(value.request));

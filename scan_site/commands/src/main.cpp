@@ -80,7 +80,18 @@ int main(int argc, char** argv) {
       {"machines",
        "list the machine profiles",
        telefab::declare_machines,
-       {{{"every key of a profile, its range and why", "telefab-scan machines --keys"}}}},
+       {{{"every key of a profile, its range and why", "telefab-scan machines --keys"},
+         {"every value of one with a resin, and where it comes from",
+          "telefab-scan machines --show elegoo-mars-3 --resin generic-blue"}}}},
+      {"resins",
+       "list the resin profiles",
+       telefab::declare_resins,
+       {{{"what is known of each, and what is assumed", "telefab-scan resins"},
+         {"every value of one", "telefab-scan resins --show formlabs-clear"}}}},
+      {"prints",
+       "list the profiles of ways to print",
+       telefab::declare_prints,
+       {{{"layers, supports and motion of one", "telefab-scan prints --show fine"}}}},
   };
   return telefab::run_program(text, verbs, argc, argv);
 }

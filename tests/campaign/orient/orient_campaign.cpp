@@ -12,7 +12,7 @@
 #include <telefab/base/clock.hpp>
 #include <telefab/base/file.hpp>
 #include <telefab/fab/support/support_plan.hpp>
-#include <telefab/machine/machine_profile.hpp>
+#include <telefab/machine/profile_catalogue.hpp>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/placing/standing.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
@@ -193,9 +193,9 @@ int run(int argc, char** argv) {
       return 1;
     }
   }
-  const auto machines = builtin_machine_profiles();
-  if (!machines) return 1;
-  const auto machine = find_machine(*machines, setup.machine);
+  const auto known = builtin_profiles();
+  if (!known) return 1;
+  const auto machine = find_machine(known->machines(), setup.machine);
   if (!machine) return 1;
   fmt::print(
       "supports in mm3 by the planner: of the first choice, of the best of the shortlist, of the best and of the "

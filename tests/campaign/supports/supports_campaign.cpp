@@ -17,7 +17,7 @@
 #include <telefab/fab/region/region.hpp>
 #include <telefab/fab/support/support_plan.hpp>
 #include <telefab/fab/verify/print_files.hpp>
-#include <telefab/machine/machine_profile.hpp>
+#include <telefab/machine/profile_catalogue.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
@@ -221,7 +221,7 @@ Result<std::size_t> row(const fs::path& scan, const MachineProfile& machine, int
 }
 
 int run(const Setup& setup) {
-  const auto profiles = load_machine_profiles(setup.profiles);
+  const auto profiles = load_profiles(setup.profiles).map([](const auto& known) { return known.machines(); });
   if (!profiles) {
     fmt::print(stderr, "{}\n", profiles.error().what);
     return 1;

@@ -58,8 +58,8 @@ Help read_help(const std::string& text) {
     } else if (std::regex_match(line, found, option)) {
       Option& known = help.options[found[1]];
       const std::string kind = found[2].str(), rest = line;
-      known.takes_value =
-          kind.starts_with("TEXT") || kind.starts_with("FLOAT") || kind.starts_with("INT") || kind.starts_with("UINT");
+      static const std::set<std::string> kinds{"TEXT", "FLOAT", "INT", "UINT", "MACHINE", "RESIN", "PRINT"};
+      known.takes_value = kinds.contains(kind.substr(0, kind.find(':')));
       known.required = rest.find("REQUIRED") != std::string::npos;
       std::smatch list;
       if (known.takes_value && std::regex_search(line, list, choices)) {

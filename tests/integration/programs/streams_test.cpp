@@ -128,6 +128,8 @@ class Programs : public TwoSites {
               "--best", "1", "--planner", "none"}},
             {{"measure", torus().string(), torus().string()}},
             {{"machines", "--machines", m}},
+            {{"resins", "--machines", m}},
+            {{"prints", "--machines", m}},
             {{"logs", job_, "--data", at("scan")}},
             {{"audit", "--data", at("scan")}},
             {{"tokens", "list", "--data", at("scan")}},
@@ -149,6 +151,8 @@ class Programs : public TwoSites {
              at("calibration")},
             {{"cover", at("square.json"), "--anchor-mm", "3"}},
             {{"machines", "--machines", m}},
+            {{"resins", "--machines", m}},
+            {{"prints", "--machines", m}},
             {{"probe", "--machine", "toy", "--machines", m}},
             {{"tokens", "list", "--data", at("fab")}},
             {{"logs", job_, "--data", at("fab")}},
@@ -167,6 +171,8 @@ class Programs : public TwoSites {
                              {{"cancel", job_}},
                              {{"report", job_, "--out", at("report")}},
                              {{"machines"}},
+                             {{"resins"}},
+                             {{"prints"}},
                              {{"forget", "nobody"}},
                              {{"cleared", "nobody"}}};  // a second time would find it empty
     for (Command& command : all) command.words.insert(command.words.end(), {"--site", fab_site()});

@@ -28,7 +28,7 @@ class MachineChoiceTest : public testing::Test {
   /// A profile of that name in the folder.
   static void keep(const fs::path& folder, const std::string& name) {
     fs::create_directories(folder);
-    MachineProfile machine = builtin_machine_profiles()->front();
+    MachineProfile machine = find_machine(builtin_profiles()->machines(), "dlp6500").value();
     machine.name = name;
     std::ofstream{folder / (name + ".toml")} << to_toml(machine);
   }
@@ -38,21 +38,21 @@ class MachineChoiceTest : public testing::Test {
 
 TEST_F(MachineChoiceTest, TakesTheUsersOwnProfilesAndNoOthersBesideThem) {
   keep(root_ / "telefab/machines", "mine");
-  const auto known = machine_profiles("");
+  const auto known = known_profiles("");
   ASSERT_TRUE(known) << known.error().what;
   EXPECT_EQ(known->origin, (root_ / "telefab/machines").string());
-  ASSERT_EQ(known->machines.size(), 1U);
+  ASSERT_EQ(known->catalogue.machines().size(), 1U);
   EXPECT_EQ(chosen_machine({"mine", ""})->name, "mine");
   EXPECT_THAT(chosen_machine({"machine-a", ""}).error().what, HasSubstr(known->origin));
 }
 
 TEST_F(MachineChoiceTest, PassesOverAFolderWithoutProfilesButNotOverABadOne) {
   fs::create_directories(root_ / "telefab/machines");
-  const auto passed = machine_profiles("");
+  const auto passed = known_profiles("");
   ASSERT_TRUE(passed) << passed.error().what;
   EXPECT_NE(passed->origin, (root_ / "telefab/machines").string());
   std::ofstream{root_ / "telefab/machines/bad.toml"} << "name = 3\n";
-  EXPECT_FALSE(machine_profiles(""));
+  EXPECT_FALSE(known_profiles(""));
 }
 
 TEST_F(MachineChoiceTest, PassesOverAHomeThatIsAnotherUsers) {
@@ -62,7 +62,7 @@ TEST_F(MachineChoiceTest, PassesOverAHomeThatIsAnotherUsers) {
   if (is_root) {
     ASSERT_EQ(seteuid(65534), 0);
   }
-  const auto passed = machine_profiles("");
+  const auto passed = known_profiles("");
   if (is_root) {
     ASSERT_EQ(seteuid(0), 0);
   }
@@ -74,8 +74,8 @@ TEST_F(MachineChoiceTest, PassesOverAHomeThatIsAnotherUsers) {
 TEST_F(MachineChoiceTest, AFolderThatIsNamedIsTheOnlyOneThereIs) {
   keep(root_ / "telefab/machines", "mine");
   keep(root_ / "given", "theirs");
-  EXPECT_EQ(machine_profiles((root_ / "given").string())->machines.front().name, "theirs");
-  EXPECT_EQ(machine_profiles((root_ / "nowhere").string()).error().code, ErrorCode::NotFound);
+  EXPECT_EQ(known_profiles((root_ / "given").string())->catalogue.machines().front().name, "theirs");
+  EXPECT_EQ(known_profiles((root_ / "nowhere").string()).error().code, ErrorCode::NotFound);
 }
 
 TEST_F(MachineChoiceTest, TheNameOfTheCommandLineGoesBeforeThatOfTheInput) {

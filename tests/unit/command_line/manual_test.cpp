@@ -51,6 +51,25 @@ std::string bash_offers(std::string_view words) {
   return code == 0 ? answer : "bash failed";
 }
 
+// The names are those that the verb prints when the shell asks, not those of the day the script was made.
+TEST(Completion, AsksTheVerbThatListsThemForNames) {
+  ProgramManual program = printer();
+  OptionManual names, machine, resin;
+  names.name = "--names";
+  machine.name = "--machine", machine.value = "MACHINE";
+  resin.name = "--resin", resin.value = "RESIN";
+  program.verbs[0].options = {machine, resin};
+  program.verbs[1] = {"machines", "lists", {names}};
+  EXPECT_THAT(completion_script(program, Shell::Bash),
+              HasSubstr("send,--machine) mapfile -t COMPREPLY < <(compgen -W \"$(timeout 3 prog-x machines --names"));
+  EXPECT_THAT(completion_script(program, Shell::Zsh),
+              HasSubstr("send,--machine) compadd -- ${(f)\"$(timeout 3 prog-x machines --names"));
+  EXPECT_THAT(completion_script(program, Shell::Fish),
+              HasSubstr("-l machine -x -a '(timeout 3 prog-x machines --names"));
+  for (const Shell shell : {Shell::Bash, Shell::Zsh, Shell::Fish})
+    EXPECT_THAT(completion_script(program, shell), testing::Not(HasSubstr("resins"))) << "no such verb";
+}
+
 TEST(ManPage, names_every_verb_option_choice_and_exit_code) {
   const std::string page = man_page(printer());
   EXPECT_THAT(page, HasSubstr(".TH PROG\\-X 1"));

@@ -2,7 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <cstdlib>
-#include <telefab/machine/machine_profile.hpp>
+#include <telefab/machine/profile_catalogue.hpp>
 #include <telefab/machine/profile_digest.hpp>
 
 namespace telefab {
@@ -12,8 +12,11 @@ using testing::HasSubstr;
 using testing::Not;
 
 std::vector<MachineProfile> shipped() {
-  return load_machine_profiles(std::string{std::getenv("TELEFAB_SOURCE")} + "/deploy/config/machines").value();
+  return load_profiles(std::string{std::getenv("TELEFAB_SOURCE")} + "/deploy/config/machines")->machines();
 }
+
+/// One that states most of what it has itself.
+MachineProfile whole() { return find_machine(shipped(), "dlp6500").value(); }
 
 TEST(MachineProfile, HasThePixelsOfThePapersMachines) {  // paper, Table 1; floor(platform / pitch)
   const auto machines = shipped();
@@ -29,13 +32,13 @@ TEST(MachineProfile, ComesBackFromItsOwnText) {
 }
 
 TEST(MachineProfile, BuiltInOnesAreThoseOfTheFolder) {
-  const auto builtin = builtin_machine_profiles();
+  const auto builtin = builtin_profiles();
   ASSERT_TRUE(builtin) << builtin.error().what;
-  EXPECT_EQ(*builtin, shipped());
+  EXPECT_EQ(builtin->machines(), shipped());
 }
 
 TEST(MachineProfile, CarriesByStrengthSafetyAndPullAndAsAssumedWhereItDoesNotSay) {
-  MachineProfile machine = shipped().front();
+  MachineProfile machine = whole();
   EXPECT_DOUBLE_EQ(machine.carried_demand(), 125);
   EXPECT_DOUBLE_EQ(machine.pull_of_film_kpa(), 20);
   EXPECT_FALSE(machine.states_what_carries());
@@ -66,7 +69,7 @@ std::string with(std::string toml, std::string_view section, std::string_view ke
 template <MachineWord Word, class Section>
 void takes_its_words_and_no_others(std::string_view section, std::string_view key, Section MachineProfile::*part,
                                    Word Section::*field) {
-  const std::string toml = to_toml(shipped().front());
+  const std::string toml = to_toml(whole());
   for (std::size_t i = 0; i < kMachineWords<Word>.size(); ++i) {
     const auto read = machine_profile_from_toml(with(toml, section, key, kMachineWords<Word>[i]), "text");
     ASSERT_TRUE(read) << read.error().what;
@@ -97,7 +100,7 @@ TEST(MachineProfile, TakesTheWordsOfEachEnumerationAndNoOthers) {
 }
 
 TEST(MachineProfile, KeepsAMeasuredCurveAndField) {
-  MachineProfile machine = shipped().front();
+  MachineProfile machine = whole();
   machine.projection.curve = {0, 0.125, 0.125, 1};
   machine.projection.field = {{0.75, 1}, {0.5, 0.8125}, {0.0625, 1}};
   EXPECT_EQ(machine_profile_from_toml(to_toml(machine), "text").value(), machine);
@@ -127,7 +130,7 @@ TEST(MachineProfile, FieldIsBilinearBetweenTheMiddlesOfItsCells) {
 }
 
 TEST(MachineProfile, RefusesCurvesThatFallAndFieldsThatAreNoGrid) {
-  const std::string good = to_toml(shipped().front());
+  const std::string good = to_toml(whole());
   for (const char* bad : {"curve = [0.0, 0.5, 0.4, 1.0]", "curve = [0.1, 1.0]", "curve = [0.0, 0.9]", "curve = [0.0]",
                           "curve = [0.0, nan, 1.0]", "curve = 2.2", "field = [[1.0, 1.0], [1.0]]", "field = [1.0, 0.9]",
                           "field = [[]]", "field = [[1.0, 0.01]]", "field = [[1.0, \"0.9\"]]"}) {
@@ -142,7 +145,7 @@ TEST(MachineProfile, RefusesCurvesThatFallAndFieldsThatAreNoGrid) {
 }
 
 TEST(MachineProfile, KnowsItsResinAsWellAsItsCalibrationSaysAndRefusesHalfAnInterval) {
-  MachineProfile machine = shipped().front();
+  MachineProfile machine = whole();
   EXPECT_FALSE(machine.states_calibration_band());
   machine.resin.critical_dose_mj_per_cm2 = 10;
   machine.resin.critical_dose_least_mj_per_cm2 = 9;
@@ -187,7 +190,7 @@ bottom_exposure_s = 16.0
 }
 
 TEST(MachineProfile, ShrinkageComesBackFromItsTextAndIsPartOfTheDigests) {
-  const MachineProfile plain = shipped().front();
+  const MachineProfile plain = whole();
   EXPECT_THAT(to_toml(plain), Not(HasSubstr("shrink")));
   for (const auto value : {&MachineProfile::Resin::shrink_x_percent, &MachineProfile::Resin::shrink_y_percent,
                            &MachineProfile::Resin::shrink_z_percent, &MachineProfile::Resin::hole_growth_mm}) {
@@ -207,7 +210,7 @@ TEST(MachineProfile, NamesTheLineOfAnUnknownKey) {
 }
 
 TEST(MachineProfile, RefusesValuesOutOfRangeNotFiniteOrOfTheWrongType) {
-  const std::string good = to_toml(shipped().front());
+  const std::string good = to_toml(whole());
   for (const char* bad : {"thickness_mm = 0.0", "thickness_mm = nan", "thickness_mm = \"0.1\"", "thickness_mm = -1",
                           "bottom_count = 2.5"}) {
     std::string text = good;

@@ -43,12 +43,18 @@ std::vector<Message> every_message() {
   const RequestId request{42};
   const Digest digest = digest_of(std::vector<std::byte>(3));
   const std::vector<std::byte> bytes(100, std::byte{0x5a});
-  return {Hello{kProtocolVersion, Side::FabSite, "telefab-fab 0.1.0", {"name = \"a\""}, "automatic"},
+  return {Hello{kProtocolVersion,
+                Side::FabSite,
+                "telefab-fab 0.1.0",
+                {"name = \"a\""},
+                "automatic",
+                {"name = \"r\""},
+                {"name = \"p\""}},
           Fault{request, {ErrorCode::Conflict, "job is done"}, "j1"},
           Ping{},
           Pong{},
           AskMachines{request},
-          Machines{request, {"name = \"a\"", "name = \"b\""}, "127.0.0.1"},
+          Machines{request, {"name = \"a\"", "name = \"b\""}, "127.0.0.1", {"name = \"r\""}, {"name = \"p\""}},
           Submit{request, "vase.ply", "machine-a", "{}", 1000, digest},
           UploadReady{request, 500},
           UploadBlock{request, 500, bytes},

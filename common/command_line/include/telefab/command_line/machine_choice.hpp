@@ -4,33 +4,36 @@
 #include <string>
 #include <string_view>
 #include <telefab/command_line/options.hpp>
-#include <telefab/machine/machine_profile.hpp>
+#include <telefab/machine/profile_catalogue.hpp>
 #include <vector>
 
 namespace telefab {
 
-/// Which machine a verb works for. Declared alike by every verb.
+/// Which machine a verb works for, with which resin and in which way it prints. Declared alike by every verb.
 struct MachineChoice {
-  std::string name;    ///< empty: what the verb's input was made for
-  std::string folder;  ///< of profiles; empty: they are searched, see machine_profiles
+  std::string name;        ///< empty: what the verb's input was made for
+  std::string folder;      ///< of profiles; empty: they are searched, see known_profiles
+  std::string resin = {};  ///< empty: what the machine has loaded, or states itself
+  std::string print = {};  ///< empty: as the machine states
 };
 enum class MachineIs : std::uint8_t { Optional = 1, Required = 2 };
 
-/// --machine, of which `help` says what for, and --machines. `choice` must outlive the parsing.
+/// --machine, of which `help` says what for, --resin, --print and --machines. `choice` must outlive the parsing.
 void declare_machine_choice(VerbOptions& options, MachineChoice& choice, std::string_view help, MachineIs is);
 /// --machines alone.
 void declare_machine_folder(VerbOptions& options, std::string& folder);
 
-struct MachineProfiles {
-  std::vector<MachineProfile> machines;
-  std::string origin;  ///< the folder, or "built in"
+struct KnownProfiles {
+  ProfileCatalogue catalogue;
+  std::string origin;  ///< the folder of the machines, or "built in"
 };
-/// Those of `folder`; where that is empty, of the first of machine_folders() that holds any, else the built-in ones.
-/// Never of two places at once, so that a site offers what stands in one folder. Fails as load_machine_profiles does.
-[[nodiscard]] Result<MachineProfiles> machine_profiles(const std::string& folder);
+/// The machines of `folder`; where that is empty, of the first of machine_folders() that holds any, else the built-in
+/// ones; with the resins and prints that load_profiles finds beside them. Machines never come from two places at once,
+/// so that a site offers what stands in one folder. Fails as load_profiles does.
+[[nodiscard]] Result<KnownProfiles> known_profiles(const std::string& folder);
 
-/// The profile that was chosen, or the one named `otherwise`. Fails as machine_profiles and find_machine do, and with
-/// InvalidInput where neither names one.
+/// The profile that was chosen, of the machine named `otherwise` where the choice names none. Fails as known_profiles
+/// and ProfileCatalogue::compose do, and with InvalidInput where neither names a machine.
 [[nodiscard]] Result<MachineProfile> chosen_machine(const MachineChoice& choice, std::string_view otherwise = {});
 
 /// Where this process stands: what the search depends on.

@@ -38,6 +38,9 @@ class Option {
   /// Only numbers for which this holds; `rule` says it in words: "above 0".
   const Option& such_that(const std::string& rule, std::function<bool(double)> holds) const;
   const Option& one_of(std::vector<std::string> words) const;
+  /// Help shows `what` for the value: "MACHINE". Where the program has a verb that lists such things, `machines`,
+  /// completion asks it for their names.
+  const Option& names(const std::string& what) const;
   /// A variable of the environment that stands in for the option.
   const Option& environment(const std::string& variable) const;
   /// Not both of them.

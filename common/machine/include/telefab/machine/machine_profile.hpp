@@ -2,7 +2,6 @@
 #pragma once
 #include <array>
 #include <cstdint>
-#include <filesystem>
 #include <string>
 #include <string_view>
 #include <telefab/base/digest.hpp>
@@ -18,17 +17,23 @@ struct PixelSize {
   friend bool operator==(const PixelSize&, const PixelSize&) = default;
 };
 
-/// A printer as both sites see it. Read from TOML; every key carries its unit, has a range, and an unknown key is an
-/// error. The table in profile_keys.cpp owns names, ranges and reasons; `describe_keys()` prints it.
+/// A printer with its resin and the way it prints, as both sites see it: read from one TOML file, or composed of
+/// several (profile_catalogue.hpp). Every key carries its unit, has a range, and an unknown key is an error. The table
+/// in profile_keys.cpp owns names, ranges and reasons; `describe_keys()` prints it.
 struct MachineProfile {
   std::string name;         ///< e.g. "machine-a"; [a-z0-9-]+
   std::string description;  ///< one line for people
+  /// Keys, as "resin.penetration_mm", whose values nobody has published or measured; in the order of the table. No part
+  /// of any digest.
+  std::vector<std::string> assumed;
 
   struct Platform {
-    double width_mm = 0;       ///< along x, the mask's columns
-    double depth_mm = 0;       ///< along y, the mask's rows
-    double z_travel_mm = 0;    ///< tallest part with its base
-    double most_peel_mm2 = 0;  ///< largest layer that its lift can pull off the vat; 0: not stated
+    double width_mm = 0;        ///< along x, the mask's columns
+    double depth_mm = 0;        ///< along y, the mask's rows
+    double z_travel_mm = 0;     ///< tallest part with its base
+    double most_peel_mm2 = 0;   ///< largest layer that its lift can pull off the vat; 0: not stated
+    double least_layer_mm = 0;  ///< thinnest layer; 0: not stated
+    double most_layer_mm = 0;   ///< thickest layer; 0: not stated
     friend bool operator==(const Platform&, const Platform&) = default;
   } platform;
 
@@ -47,6 +52,8 @@ struct MachineProfile {
     /// bilinear between, constant beyond the outer middles. Empty: 1 everywhere.
     std::vector<std::vector<double>> field;
     double irradiance_mw_per_cm2 = 0;  ///< of a white area on the vat where the field is 1
+    std::uint32_t width_px = 0;        ///< as the maker states them, and as mask_size() finds them; 0: not stated
+    std::uint32_t height_px = 0;
     friend bool operator==(const Projection&, const Projection&) = default;
   } projection;
 
@@ -55,6 +62,7 @@ struct MachineProfile {
     double exposure_s = 0;           ///< of a normal layer
     std::uint32_t bottom_count = 4;  ///< layers on the platform with the longer exposure
     double bottom_exposure_s = 0;
+    double bottom_factor = 8;  ///< bottom_exposure_s over exposure_s where the former is derived
     friend bool operator==(const Layers&, const Layers&) = default;
   } layers;
 
@@ -68,6 +76,11 @@ struct MachineProfile {
     double calibration_correlation = 0;  ///< [-1, 1]; of the errors of Dp and ln Ec: one fit found both
     double vat_ml = 0;                   ///< resin that the vat holds; 0: not stated
     double green_strength_mpa = 0;       ///< of printed resin before it is washed and cured; 0: not stated
+    std::string maker;
+    double viscosity_mpa_s = 0;   ///< at 25 degrees; 0: not stated
+    double density_g_per_ml = 0;  ///< of the liquid; 0: not stated
+    /// What the maker prints it at; 0: not stated.
+    double temperature_least_celsius = 0, temperature_most_celsius = 0;
     /// What a printed, washed and cured part lacks of its drawn length along each axis; below 0: it has grown. Frame of
     /// the platform.
     double shrink_x_percent = 0, shrink_y_percent = 0, shrink_z_percent = 0;
@@ -99,9 +112,10 @@ struct MachineProfile {
     double lift_mm = 5.0;  ///< peel: up by this after each exposure, then down again
     double lift_speed_mm_per_s = 2.0;
     double lower_speed_mm_per_s = 3.0;
-    double settle_s = 0.5;  ///< resin comes to rest
-    double pull_kpa = 0;    ///< of the film on the layer just exposed, over its area; 0: not stated
-    double push_kpa = 0;    ///< sideways, any direction: of a blade, a dip, a tilt
+    double settle_s = 0.5;           ///< resin comes to rest
+    double pull_kpa = 0;             ///< of the film on the layer just exposed, over its area; 0: not stated
+    double push_kpa = 0;             ///< sideways, any direction: of a blade, a dip, a tilt
+    double most_speed_mm_per_s = 0;  ///< no speed of the stage is above; 0: not stated
     friend bool operator==(const Motion&, const Motion&) = default;
   } motion;
 
@@ -132,7 +146,9 @@ struct MachineProfile {
   [[nodiscard]] double carried_demand() const;
   /// Whether a calibration says how well Ec and Dp are known.
   [[nodiscard]] bool states_calibration_band() const;
-  /// Whether pull and strength are stated, so that a print may be held against them.
+  /// Whether `key`, as "motion.pull_kpa", is among the assumed ones.
+  [[nodiscard]] bool is_assumed(std::string_view key) const;
+  /// Whether pull and strength are stated and not assumed, so that a print may be held against them.
   [[nodiscard]] bool states_what_carries() const;
   /// floor(platform / pitch), at least one pixel either way.
   [[nodiscard]] PixelSize mask_size() const;
@@ -153,22 +169,12 @@ struct MachineProfile {
 /// version wrote or digested stays the same text. from_toml(to_toml(p)) == p.
 [[nodiscard]] std::string to_toml(const MachineProfile& profile);
 
-/// The profile as both sites compare it, over its TOML text: what the virtual devices do is the fab's own matter.
+/// The profile as both sites compare it, over its TOML text: what the virtual devices do is the fab's own matter, and
+/// what is assumed changes nothing of a print.
 [[nodiscard]] Digest digest_of_profile(MachineProfile profile);
 
 /// One line a key: name, range, reason. For documentation and `--help`.
 [[nodiscard]] std::string describe_keys();
-
-/// Reads every *.toml of a folder, sorted by name. Fails on the first bad file, on two profiles of one name, and
-/// where there is none.
-[[nodiscard]] Result<std::vector<MachineProfile>> load_machine_profiles(const std::string& folder);
-
-/// Whether load_machine_profiles has something to read there, or to complain of: a folder that can be reached, but not
-/// be looked into.
-[[nodiscard]] bool holds_machine_profiles(const std::filesystem::path& folder);
-
-/// The profiles of deploy/config/machines, as they were when the program was built, sorted by file name.
-[[nodiscard]] Result<std::vector<MachineProfile>> builtin_machine_profiles();
 
 /// The profile of that name; InvalidInput lists the names there are.
 [[nodiscard]] Result<MachineProfile> find_machine(const std::vector<MachineProfile>& machines, std::string_view name);

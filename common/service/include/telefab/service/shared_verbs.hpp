@@ -11,8 +11,11 @@ namespace telefab {
 /// `audit --data DIR`: follows the audit log through all of its parts.
 [[nodiscard]] VerbBody declare_audit(VerbOptions& options);
 
-/// `machines`: the machine profiles of a folder, or every key a profile may have.
+/// `machines`: the machine profiles of a folder, one of them value by value, or every key a profile may have.
 [[nodiscard]] VerbBody declare_machines(VerbOptions& options);
+/// `resins`, `prints`: those beside it, and those that are built in.
+[[nodiscard]] VerbBody declare_resins(VerbOptions& options);
+[[nodiscard]] VerbBody declare_prints(VerbOptions& options);
 
 /// `tokens ACTION [NAME] --data DIR`: the tokens that operators sign in with at the page.
 [[nodiscard]] VerbBody declare_tokens(VerbOptions& options);

@@ -3,7 +3,7 @@
 #include <map>
 #include <optional>
 #include <stop_token>
-#include <telefab/machine/machine_profile.hpp>
+#include <telefab/machine/profile_catalogue.hpp>
 #include <telefab/service/data_folder.hpp>
 #include <telefab/service/disk_room.hpp>
 #include <telefab/service/job_service.hpp>
@@ -27,7 +27,7 @@ struct FoundJob {
 class Site {
  public:
   /// Looks at everything that was given but the addresses to listen on. `program`: "telefab-fab". The clock must
-  /// outlive the site. Fails as machine_profiles, DataFolder::open, JobTracker::open and trust_of do.
+  /// outlive the site. Fails as known_profiles, DataFolder::open, JobTracker::open and trust_of do.
   [[nodiscard]] static Result<std::unique_ptr<Site>> open(std::string program, const ServeOptions& options,
                                                           const Clock& clock);
   Site(const Site&) = delete;
@@ -41,8 +41,10 @@ class Site {
   [[nodiscard]] const std::string& program() const { return program_; }
   [[nodiscard]] const ServeOptions& options() const { return options_; }
   [[nodiscard]] const Clock& clock() const { return clock_; }
-  /// Those of --machines.
-  [[nodiscard]] const std::vector<MachineProfile>& machines() const { return machines_; }
+  /// Those of --machines, with resins and prints.
+  [[nodiscard]] const ProfileCatalogue& profiles() const { return profiles_; }
+  /// Every machine as it prints where a job chooses nothing.
+  [[nodiscard]] const std::vector<MachineProfile>& machines() const { return profiles_.machines(); }
   /// Null without --tls.
   [[nodiscard]] const std::shared_ptr<net::Trust>& trust() const { return trust_; }
   [[nodiscard]] const DataFolder& folder() const { return folder_; }
@@ -57,12 +59,12 @@ class Site {
   [[nodiscard]] Result<Job> forget(const std::string& job);
 
  private:
-  Site(std::string program, const ServeOptions& options, const Clock& clock, std::vector<MachineProfile> machines,
+  Site(std::string program, const ServeOptions& options, const Clock& clock, ProfileCatalogue profiles,
        DataFolder folder)
       : program_{std::move(program)},
         options_{options},
         clock_{clock},
-        machines_{std::move(machines)},
+        profiles_{std::move(profiles)},
         folder_{std::move(folder)} {}
   [[nodiscard]] Result<std::unique_ptr<WebServer>> open_page_of(SiteWork& work);
   void on_connection(SiteWork& work, const net::ConnectionPtr& connection);
@@ -80,7 +82,7 @@ class Site {
   std::string program_;
   ServeOptions options_;
   const Clock& clock_;
-  std::vector<MachineProfile> machines_;
+  ProfileCatalogue profiles_;
   DataFolder folder_;
   std::shared_ptr<net::Trust> trust_;
   std::unique_ptr<DiskRoom> room_;

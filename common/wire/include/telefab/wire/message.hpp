@@ -12,11 +12,11 @@
 // reader has to look again. Who says what to whom is in proto/README.md.
 namespace telefab {
 
-inline constexpr std::uint32_t kProtocolVersion = 4;
+inline constexpr std::uint32_t kProtocolVersion = 5;
 inline constexpr std::size_t kMaxNameBytes = 255;   ///< names of scans, files, machines, people
 inline constexpr std::size_t kMaxTextBytes = 4096;  ///< reasons and messages; longer ones are cut
 inline constexpr std::size_t kMaxParametersBytes = 16U << 10U;
-inline constexpr std::size_t kMaxMachines = 64;
+inline constexpr std::size_t kMaxProfiles = 256;  ///< of machines, of resins and of prints
 inline constexpr std::size_t kMaxJobsListed = 1000;
 inline constexpr std::uint64_t kMaxScanBytes = 8ULL << 30U;
 inline constexpr std::size_t kMaxBlockBytes = 1U << 20U;  ///< of an upload or a file
@@ -35,6 +35,8 @@ struct Hello {
   std::string program;
   std::vector<std::string> machine_toml;  ///< the fab's profiles
   std::string start_policy;               ///< the fab's: "automatic" or "on-approval"
+  std::vector<std::string> resin_toml = {};
+  std::vector<std::string> print_toml = {};
 };
 struct Fault {
   RequestId request{};
@@ -51,6 +53,8 @@ struct Machines {
   RequestId request{};
   std::vector<std::string> machine_toml;
   std::string origin;
+  std::vector<std::string> resin_toml = {};
+  std::vector<std::string> print_toml = {};
 };
 struct Submit {
   RequestId request{};
