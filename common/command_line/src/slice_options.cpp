@@ -14,20 +14,32 @@ Option declare(VerbOptions& options, SliceParameters& into, const SliceParameter
       return contains(range, value);
     });
   const Option choice = options.add(name, into.*std::get<SliceParameter::Choice>(row.field), help);
+  if (row.is_of_profile) choice.names(row.key == "resin" ? "RESIN" : "PRINT");
   if (!row.choices.empty()) choice.one_of({row.choices.begin(), row.choices.end()});
   return row.fallback.empty() ? choice : choice.shows_default(std::string{row.fallback});
+}
+
+template <class IsWanted>
+void declare_rows(VerbOptions& options, SliceParameters& into, const IsWanted& is_wanted) {
+  std::map<std::string_view, Option> declared;
+  for (const SliceParameter& row : slice_parameter_table()) {
+    if (!is_wanted(row)) continue;
+    const Option option = declared.emplace(row.key, declare(options, into, row)).first->second;
+    for (const std::string_view other : row.not_with)
+      if (const auto excluded = declared.find(other); excluded != declared.end()) option.excludes(excluded->second);
+  }
 }
 
 }  // namespace
 
 void declare_slice_parameters(VerbOptions& options, SliceParameters& into, std::span<const std::string_view> keys) {
-  std::map<std::string_view, Option> declared;
-  for (const SliceParameter& row : slice_parameter_table()) {
-    if (!keys.empty() && std::ranges::find(keys, row.key) == keys.end()) continue;
-    const Option option = declared.emplace(row.key, declare(options, into, row)).first->second;
-    for (const std::string_view other : row.not_with)
-      if (const auto excluded = declared.find(other); excluded != declared.end()) option.excludes(excluded->second);
-  }
+  declare_rows(options, into, [keys](const SliceParameter& row) {
+    return keys.empty() ? !row.is_of_profile : std::ranges::find(keys, row.key) != keys.end();
+  });
+}
+
+void declare_job_parameters(VerbOptions& options, SliceParameters& into) {
+  declare_rows(options, into, [](const SliceParameter&) { return true; });
 }
 
 }  // namespace telefab

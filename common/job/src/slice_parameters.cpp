@@ -30,6 +30,20 @@ constexpr Range kSpeck{.least = 0, .is_least_in = true, .most = 100};
 constexpr Range kUpToOne{.least = 0, .is_least_in = false, .most = 1};
 
 const std::array kTable{
+    SliceParameter{.key = "resin",
+                   .field = &P::resin,
+                   .help = "what is printed with, one of the fab's resins; default: what the machine has loaded, or "
+                           "states itself",
+                   .form = "a name of `telefab resins`",
+                   .example = "formlabs-clear",
+                   .is_of_profile = true},
+    SliceParameter{
+        .key = "print",
+        .field = &P::print,
+        .help = "layers, supports and motion, one of the fab's ways to print; default: as the machine states",
+        .form = "a name of `telefab prints`",
+        .example = "fine",
+        .is_of_profile = true},
     SliceParameter{.key = "height_mm",
                    .field = &P::height_mm,
                    .help = "scale the part to this height; default: the scan's own size",

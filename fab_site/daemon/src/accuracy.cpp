@@ -49,13 +49,28 @@ pid_t spawn(std::vector<std::string> words) {
 
 }  // namespace
 
-Result<void> keep_accuracy(const std::filesystem::path& job_folder, const std::string& machine,
+Result<void> keep_accuracy(const std::filesystem::path& job_folder, const ProfileChoice& printed_with,
                            const std::string& machine_folder, const std::stop_token& stop) {
   const auto report = job_folder / "report";
   if (auto made = make_folder(report); !made) return made;
-  const pid_t child = spawn({"telefab-fab", "predict", (job_folder / "plan").string(), "--machine", machine,
-                             "--machines", machine_folder, "--report", (report / "accuracy.json").string(), "--preview",
-                             (report / "accuracy.png").string(), "--spacing-px", "2", "--threads", "1"});
+  std::vector<std::string> words{"telefab-fab",
+                                 "predict",
+                                 (job_folder / "plan").string(),
+                                 "--machine",
+                                 printed_with.machine,
+                                 "--machines",
+                                 machine_folder,
+                                 "--report",
+                                 (report / "accuracy.json").string(),
+                                 "--preview",
+                                 (report / "accuracy.png").string(),
+                                 "--spacing-px",
+                                 "2",
+                                 "--threads",
+                                 "1"};
+  if (!printed_with.resin.empty()) words.insert(words.end(), {"--resin", printed_with.resin});
+  if (!printed_with.print.empty()) words.insert(words.end(), {"--print", printed_with.print});
+  const pid_t child = spawn(std::move(words));
   if (child < 0) return fail(ErrorCode::Internal, "the process for it could not be started");
   ::setpriority(PRIO_PROCESS, static_cast<id_t>(child), kLowPriority);
   std::ofstream{fmt::format("/proc/{}/oom_score_adj", child)} << 1000;

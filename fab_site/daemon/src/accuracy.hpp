@@ -4,6 +4,7 @@
 #include <stop_token>
 #include <string>
 #include <telefab/base/result.hpp>
+#include <telefab/machine/profile_catalogue.hpp>
 
 namespace telefab::fab {
 
@@ -12,7 +13,7 @@ namespace telefab::fab {
 /// first to go where memory runs out. Leaves report/accuracy.json, then report/accuracy.png in the job's folder. Blocks
 /// until it has ended, or was killed because of the token (Cancelled). Fails with Internal where it ends badly; its own
 /// words are on standard error.
-[[nodiscard]] Result<void> keep_accuracy(const std::filesystem::path& job_folder, const std::string& machine,
+[[nodiscard]] Result<void> keep_accuracy(const std::filesystem::path& job_folder, const ProfileChoice& printed_with,
                                          const std::string& machine_folder, const std::stop_token& stop);
 
 }  // namespace telefab::fab

@@ -6,6 +6,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/base/version.hpp>
 #include <telefab/service/log.hpp>
+#include <telefab/service/profile_choice.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -49,8 +50,14 @@ void FabSite::resume(const Job& job) {
 }
 
 Hello FabSite::hello() {
-  return {kProtocolVersion, Side::FabSite, fmt::format("telefab-fab {}", kVersion), machines().machine_toml,
-          start_on_approval_ ? "on-approval" : "automatic"};
+  Machines known = machines();
+  return {kProtocolVersion,
+          Side::FabSite,
+          fmt::format("telefab-fab {}", kVersion),
+          std::move(known.machine_toml),
+          start_on_approval_ ? "on-approval" : "automatic",
+          std::move(known.resin_toml),
+          std::move(known.print_toml)};
 }
 
 void FabSite::on_site(const net::ConnectionPtr& connection) {
@@ -87,12 +94,7 @@ void FabSite::end_when_dark(std::function<void()> ended) {
   site().loop().after(kDarkLookEvery, [this, ended = std::move(ended)] { end_when_dark(ended); });
 }
 
-Machines FabSite::machines() {
-  Machines machines;
-  for (const MachineProfile& machine : site().machines()) machines.machine_toml.push_back(to_toml(machine));
-  machines.origin = "this fab";
-  return machines;
-}
+Machines FabSite::machines() { return to_machines(site().profiles(), "this fab"); }
 
 Result<void> FabSite::may_submit(const Submit&) {
   return fail(ErrorCode::NotPermitted, "a fab takes layers, no scans: submit to a scan site");

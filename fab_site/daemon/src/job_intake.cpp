@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <telefab/fab/planning/plan_room.hpp>
+#include <telefab/service/profile_choice.hpp>
 #include <telefab/service/saved_message.hpp>
 #include <telefab/wire/job_signature.hpp>
 
@@ -29,8 +30,7 @@ Result<StackReceiver::OfferAnswer> JobIntake::take_offer(const Offer& offer, con
   const std::string& site = peer.name;
   const auto signer = keys_.check(offer, peer);
   if (!signer) return tl::unexpected{signer.error()};
-  const auto machine = find_machine(site_.machines(), offer.machine);
-  if (!machine) return tl::unexpected{machine.error()};
+  if (const auto known = find_machine(site_.machines(), offer.machine); !known) return tl::unexpected{known.error()};
   const auto job = site_.store().find(offer.job);
   if (!job && job.error().code != ErrorCode::NotFound)
     return put_off(offer.job, DeferReason::StorageFault, job.error().what);
@@ -48,9 +48,15 @@ Result<StackReceiver::OfferAnswer> JobIntake::take_offer(const Offer& offer, con
       return fail(ErrorCode::Conflict, fmt::format("replayed-job: job {} was another one", offer.job));
     return std::shared_ptr<Intake>{};
   }
+  // Of what is here already nothing is asked again: another resin in the vat is a matter of its print.
+  const auto machine = profile_of_job(site_.profiles(), offer.machine, offer.parameters);
+  if (!machine) return tl::unexpected{machine.error()};
   if (offer.profile != digest_of_profile(*machine) || offer.header.machine != machine->name)
-    return fail(ErrorCode::Conflict,
-                fmt::format("the profile of {} was changed since the scan was cut; submit it again", machine->name));
+    return fail(
+        ErrorCode::Conflict,
+        fmt::format(
+            "the profile of {} was changed since the scan was cut, or the sites are of two releases; submit it again",
+            machine->name));
   const auto live = live_.find(offer.job);
   if (live == live_.end() || !live->second.intake) {
     const auto room = site_.room().check(offer_room_bytes(offer.header));

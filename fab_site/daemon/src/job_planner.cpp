@@ -5,6 +5,7 @@
 
 #include <telefab/fab/planning/plan_room.hpp>
 #include <telefab/service/log.hpp>
+#include <telefab/service/profile_choice.hpp>
 
 #include "accuracy.hpp"
 #include "intake.hpp"
@@ -79,7 +80,7 @@ void JobPlanner::wait(const std::string& job, const Error& why) {
 Result<PlanOutcome> JobPlanner::attempt(const std::string& job, std::stop_token stop) {
   const auto found = site_.find(job);
   if (!found) return tl::unexpected{found.error()};
-  const auto machine = find_machine(site_.machines(), found->job.machine);
+  const auto machine = profile_of_job(site_.profiles(), found->job.machine, found->job.parameters);
   if (!machine) return tl::unexpected{machine.error()};
   const auto part = received_stack(found->folder);
   if (!part) return tl::unexpected{part.error()};
@@ -145,7 +146,9 @@ Result<void> JobPlanner::attempt_accuracy(const std::string& job, const std::sto
   if (!found) return tl::unexpected{found.error()};
   std::error_code error;
   if (std::filesystem::exists(found->folder / "report" / "accuracy.png", error)) return {};
-  return keep_accuracy(found->folder, found->job.machine, site_.options().machines, stop);
+  const auto choice = profile_choice_of(found->job.machine, found->job.parameters);
+  if (!choice) return tl::unexpected{choice.error()};
+  return keep_accuracy(found->folder, *choice, site_.options().machines, stop);
 }
 
 }  // namespace telefab::fab

@@ -5,6 +5,7 @@
 
 #include <telefab/fab/planning/preflight.hpp>
 #include <telefab/service/log.hpp>
+#include <telefab/service/profile_choice.hpp>
 
 #include "job_room.hpp"
 #include "upload.hpp"
@@ -153,7 +154,7 @@ void JobPrinter::try_again_later(const std::string& job) {
 Result<PrintRecord> JobPrinter::attempt(const std::string& job, PrintControl& control, const std::stop_token& stop) {
   const auto found = site_.find(job);
   if (!found) return tl::unexpected{found.error()};
-  const auto machine = find_machine(site_.machines(), found->job.machine);
+  const auto machine = profile_of_job(site_.profiles(), found->job.machine, found->job.parameters);
   if (!machine) return tl::unexpected{machine.error()};
   PrintPolicy policy;
   policy.maybe_exposed = at_start_.maybe_exposed;

@@ -111,16 +111,13 @@ void FabLink::handle(const Hello& hello) {
     connection_->close(to_frame(Fault{{}, other, {}}));
     return on_closed(other);
   }
-  std::vector<MachineProfile> machines;
-  for (const std::string& toml : hello.machine_toml) {
-    auto machine = machine_profile_from_toml(toml, net::to_text(options_.endpoint));
-    if (!machine) {
-      connection_->close(to_frame(Fault{{}, machine.error(), {}}));
-      return on_closed(machine.error());
-    }
-    machines.push_back(std::move(*machine));
+  auto profiles = ProfileCatalogue::from_texts(hello.machine_toml, hello.resin_toml, hello.print_toml,
+                                               "of the fab " + net::to_text(options_.endpoint));
+  if (!profiles) {
+    connection_->close(to_frame(Fault{{}, profiles.error(), {}}));
+    return on_closed(profiles.error());
   }
-  machines_ = std::move(machines);
+  profiles_ = std::move(*profiles);
   is_ready_ = true;
   connection_->set_ready();
   events_.changed(true, {});

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <map>
-#include <telefab/machine/machine_profile.hpp>
+#include <optional>
+#include <telefab/machine/profile_catalogue.hpp>
 #include <telefab/net/listener.hpp>
 #include <telefab/wire/message.hpp>
 
@@ -38,8 +39,8 @@ class FabLink {
 
   [[nodiscard]] bool is_up() const { return is_ready_; }
   [[nodiscard]] const std::string& why_down() const { return why_down_; }
-  /// What the fab said last; empty until it was reached once.
-  [[nodiscard]] const std::vector<MachineProfile>& machines() const { return machines_; }
+  /// What the fab said last; nothing until it was reached once.
+  [[nodiscard]] const std::optional<ProfileCatalogue>& profiles() const { return profiles_; }
 
   /// Why a job does not go out now: the fab is not reached, or puts it off; empty: it does.
   [[nodiscard]] std::string why_waiting(const std::string& job) const;
@@ -98,7 +99,7 @@ class FabLink {
   bool is_ready_ = false;
   std::string why_down_ = "not tried yet";
   Nanoseconds pause_{};
-  std::vector<MachineProfile> machines_;
+  std::optional<ProfileCatalogue> profiles_;
   std::map<std::string, Sending> jobs_;
   std::map<RequestId, Answer> questions_;
   std::uint64_t last_request_ = 0;

@@ -8,6 +8,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/base/version.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
+#include <telefab/service/profile_choice.hpp>
 #include <telefab/service/saved_message.hpp>
 
 #include "site_key.hpp"
@@ -74,19 +75,19 @@ void ScanSite::on_site(const net::ConnectionPtr& connection) {
   connection->close(to_frame(Fault{{}, {ErrorCode::ProtocolBroken, "handshake: only clients call a scan site"}, {}}));
 }
 
-const std::vector<MachineProfile>& ScanSite::known_machines() const {
-  return link_->machines().empty() ? site().machines() : link_->machines();
+const ProfileCatalogue& ScanSite::known_profiles() const {
+  const auto& fabs = link_->profiles();
+  return fabs && !fabs->machines().empty() ? *fabs : site().profiles();
 }
 
 Machines ScanSite::machines() {
-  Machines machines;
-  for (const MachineProfile& machine : known_machines()) machines.machine_toml.push_back(to_toml(machine));
-  machines.origin = link_->machines().empty() ? "this scan site; the fab was not reached yet" : "fab " + fab_;
-  return machines;
+  return to_machines(known_profiles(), &known_profiles() == &site().profiles()
+                                           ? "this scan site; the fab was not reached yet"
+                                           : "fab " + fab_);
 }
 
 Result<void> ScanSite::may_submit(const Submit& submit) {
-  const auto machine = find_machine(known_machines(), submit.machine);
+  const auto machine = profile_of_job(known_profiles(), submit.machine, submit.parameters);
   if (!machine) return tl::unexpected{machine.error()};
   if (auto parameters = job_parameters_from(submit.parameters, *machine); !parameters)
     return tl::unexpected{parameters.error()};
@@ -137,7 +138,7 @@ Result<void> ScanSite::resume_unfinished(const Job& job) {
   if (!spool) return tl::unexpected{spool.error()};
   if (const auto offer = saved_offer(*folder)) link_->add(*offer, *spool);
   if ((*spool)->with([](const ChunkSpool& each) { return each.finished().has_value(); })) return {};
-  auto machine = find_machine(known_machines(), job.machine);
+  auto machine = profile_of_job(known_profiles(), job.machine, job.parameters);
   if (!machine) return tl::unexpected{machine.error()};
   slicer_->add({job.id, job.name, job.owner, job.parameters, std::move(*machine), *folder});
   return {};

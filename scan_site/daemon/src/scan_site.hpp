@@ -39,7 +39,8 @@ class ScanSite final : public SiteWork {
   [[nodiscard]] Result<void> start(const std::string& fab_certificate);
   [[nodiscard]] SlicerEvents slicer_events();
   [[nodiscard]] FabLinkEvents link_events();
-  [[nodiscard]] const std::vector<MachineProfile>& known_machines() const;
+  /// The fab's; this site's own until the fab was reached once.
+  [[nodiscard]] const ProfileCatalogue& known_profiles() const;
   [[nodiscard]] Result<void> resume_unfinished(const Job& job);
   /// The job says why it waits, and is resumed again; nothing of it is lost.
   void wait_for_disk(const std::string& job, const Error& why);

@@ -83,6 +83,12 @@ Result<JobParameters> job_parameters_of(const SliceParameters& asked, const Mach
   slice.placement.height_mm = asked.height_mm;
   slice.placement.scale = asked.scale;
   slice.placement.fit = asked.fit;
+  const auto& limits = machine.platform;
+  if (asked.layer_mm &&
+      (*asked.layer_mm < limits.least_layer_mm || (limits.most_layer_mm > 0 && *asked.layer_mm > limits.most_layer_mm)))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("parameter layer_mm: {} is beyond what {} prints, {} to {} mm", *asked.layer_mm,
+                            machine.name, limits.least_layer_mm, limits.most_layer_mm));
   slice.thickness_mm = asked.thickness_mm;
   slice.layer_mm = asked.layer_mm;
   slice.chord_mm = asked.chord_mm;

@@ -7,9 +7,12 @@
 
 namespace telefab {
 
-/// An option for every row of slice_parameter_table(), or for those of some keys. `into` must outlive the parsing.
+/// An option for every row of slice_parameter_table() that chooses no profile, or for the rows of some keys; those of
+/// the profile come with declare_machine_choice. `into` must outlive the parsing.
 /// Ranges and words are for validate() to judge, here as at the site that gets them: a wrong value is refused, not a
 /// wrong line.
 void declare_slice_parameters(VerbOptions& options, SliceParameters& into, std::span<const std::string_view> keys = {});
+/// The same for every row: what may be asked of a job.
+void declare_job_parameters(VerbOptions& options, SliceParameters& into);
 
 }  // namespace telefab

@@ -11,9 +11,11 @@
 
 namespace telefab {
 
-/// What somebody may ask of the slicing of a scan, as it stands on a command line and travels with a job. What is not
-/// set is the scan site's to choose. Which values are legal says slice_parameter_table().
+/// What somebody may ask of a job, of the slicing of its scan before all, as it stands on a command line and travels
+/// with the job. What is not set is the sites' to choose. Which values are legal says slice_parameter_table().
 struct SliceParameters {
+  std::optional<std::string> resin;
+  std::optional<std::string> print;
   std::optional<double> height_mm;
   std::optional<double> scale;
   bool fit = false;
@@ -62,6 +64,9 @@ struct SliceParameter {
   std::string_view form = {};                      ///< of a text, "all | largest | N"; the scan site reads it
   std::string_view example = {};                   ///< of a text: a legal one that is not the fallback
   std::array<std::string_view, 2> not_with = {};   ///< keys it excludes, told at the later of the two rows
+  /// Chooses, with the machine, the profile that all else is read against. Verbs that take a machine declare it with
+  /// that.
+  bool is_of_profile = false;
 };
 
 /// In the order in which they are shown.
