@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
@@ -185,6 +186,20 @@ PreflightItem latitude_of(const ThinReport& thin, const std::optional<Calibratio
 }
 
 /// How the masks were made, and whether time was enough.
+/// What of the profile nobody vouches for.
+PreflightItem profile_of(const MachineProfile& machine) {
+  return {
+      "profile",
+      Verdict::NotKnown,
+      fmt::format("assumed, neither published nor measured: {}; calibrate, state what you found and take it off the "
+                  "profile's list `assumed`",
+                  fmt::join(machine.assumed, ", ")),
+      static_cast<double>(machine.assumed.size()),
+      "keys",
+      {},
+      {}};
+}
+
 PreflightItem masks_of(const PlanSummary& summary) {
   const BlendFigures& figures = summary.mask_figures;
   PreflightItem item{"masks", Verdict::Passed, {}, figures.residual_px(), "px", {}, {}};
@@ -262,6 +277,7 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
   const double resin_ml = summary.cured_mm3 / 1000;
   items.push_back(against("resin", resin_ml, "ml", machine.resin.vat_ml,
                           fmt::format("{:.1f} ml of resin, supports included", resin_ml), "resin.vat_ml"));
+  if (!machine.assumed.empty()) items.push_back(profile_of(machine));
   // What the pull asks of the print is known; what it asks of the lift only where the profile says it.
   if (machine.platform.most_peel_mm2 > 0) {
     PreflightItem pull =

@@ -40,6 +40,16 @@ TEST_F(PreflightTest, OfAPartThatStandsHoldsNothing) {
   EXPECT_EQ(item("islands").verdict, Verdict::Passed);
 }
 
+TEST_F(PreflightTest, NamesWhatOfTheProfileNobodyHasMeasuredAndHoldsNothingForIt) {
+  for (const PreflightItem& each : preflight_of(stack, machine, summary).items) EXPECT_NE(each.name, "profile");
+  machine.assumed = {"projection.irradiance_mw_per_cm2", "resin.penetration_mm"};
+  const PreflightItem profile = item("profile");
+  EXPECT_EQ(profile.verdict, Verdict::NotKnown);
+  EXPECT_EQ(profile.value, 2);
+  EXPECT_THAT(profile.text, HasSubstr("projection.irradiance_mw_per_cm2, resin.penetration_mm"));
+  EXPECT_FALSE(preflight_of(stack, machine, summary).holds());
+}
+
 TEST_F(PreflightTest, HoldsAJobForAnIslandAndNamesItsPlace) {
   summary.check.findings.push_back({Finding::Kind::Island, LayerIndex{2}, LayerIndex{3}, {1.5, 2.5}, 0.25});
   const PreflightItem islands = item("islands");

@@ -16,7 +16,7 @@ struct PreflightItem {
     Held = 3,      ///< the job waits until an operator approves it by name
     NotKnown = 4,  ///< the scan or the machine's profile does not say enough
   };
-  std::string name;  ///< "size", "certificates", "islands", "hollows", "carry", "resin", "time", ...
+  std::string name;  ///< "size", "certificates", "islands", "hollows", "carry", "resin", "profile", "time", ...
   Verdict verdict = Verdict::Passed;
   std::string text;  ///< for people, with the figure and its unit
   std::optional<double> value;
@@ -51,8 +51,8 @@ struct Preflight {
 
 /// Size, certificates, registration of the scan's views where it is stated, dose, walls and gaps too fine for the
 /// pixels or too weak for a small error of the dose, islands and loose supports, hollows
-/// that hold a vacuum or resin, whether the print carries the pull of the film, resin against the vat, peel area
-/// against the machine's limit where it has one, time. Pure.
+/// that hold a vacuum or resin, whether the print carries the pull of the film, resin against the vat, what of the
+/// profile is assumed, peel area against the machine's limit where it has one, time. Pure.
 [[nodiscard]] Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine,
                                      const PlanSummary& summary);
 
