@@ -323,6 +323,17 @@ MachineProfile calibrated(MachineProfile machine, const Calibration& c) {
     resin.penetration_most_mm = depth->most;
     resin.calibration_correlation = c.calibration_correlation;
   }
+  const auto measure = [&](bool is_measured, std::string_view key) {
+    if (is_measured) std::erase(machine.assumed, key);
+  };
+  measure(c.irradiance_mw_per_cm2.has_value(), "projection.irradiance_mw_per_cm2");
+  measure(c.gamma.has_value(), "projection.gamma");
+  measure(!c.curve.empty(), "projection.curve");
+  measure(c.leak.has_value(), "projection.leak");
+  measure(!c.field.empty(), "projection.field");
+  measure(c.spread_px.has_value(), "projection.spread_px");
+  measure(c.critical_dose_mj_per_cm2.has_value(), "resin.critical_dose_mj_per_cm2");
+  measure(c.penetration_mm.has_value(), "resin.penetration_mm");
   return machine;
 }
 

@@ -152,6 +152,9 @@ TEST(Calibration, FittedSectionsAreReadBackAsAProfile) {
   EXPECT_NEAR(c->field[1][2], 6.0 / 8, 1e-4);
   const MachineProfile machine = calibrated(plate_machine(), *c);
   EXPECT_EQ(machine_profile_from_toml(to_toml(machine), "text").value(), machine);
+  MachineProfile guessed = plate_machine();
+  guessed.assumed = {"projection.field", "resin.penetration_mm", "motion.pull_kpa"};
+  EXPECT_EQ(calibrated(guessed, *c).assumed, (std::vector<std::string>{"motion.pull_kpa"})) << "what was measured";
   const std::string text = to_toml_fragment(*c);
   EXPECT_THAT(text, HasSubstr("[projection]"));
   EXPECT_THAT(text, HasSubstr("penetration_mm = 0.1"));
