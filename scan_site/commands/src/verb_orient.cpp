@@ -95,7 +95,8 @@ Result<void> look_at(Candidate& candidate, const Bench& bench, std::stop_token s
   if (auto digest = writer->finish(); !digest) return tl::unexpected{digest.error()};
   const auto file = bench.folder / "stack.tfc";
   if (auto ok = write_file_atomically(file, stack); !ok) return ok;
-  const auto planned = bench.planner->supports(file, request.machine.name, bench.folder, request.threads, stop);
+  const auto planned =
+      bench.planner->supports(file, request.machine.name, bench.folder / "machines", request.threads, stop);
   if (!planned) {
     if (planned.error().code != ErrorCode::InvalidInput) return tl::unexpected{planned.error()};
     candidate.failure = planned.error().what;
@@ -263,7 +264,10 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
       std::min(1.0, std::max(request.layer_mm.value_or(machine->layers.thickness_mm), tallest / kMostLayers));
   const auto folder = WorkFolder::make();
   if (!folder) return tl::unexpected{folder.error()};
-  if (auto ok = write_file_atomically(folder->path() / "machine.toml", to_toml(*machine)); !ok)
+  // In a folder of its own: beside the work folder lie files of others.
+  std::error_code error;
+  std::filesystem::create_directory(folder->path() / "machines", error);
+  if (auto ok = write_file_atomically(folder->path() / "machines/machine.toml", to_toml(*machine)); !ok)
     return tl::unexpected{ok.error()};
   const Bench bench{*scan, name_of_file(o.cloud), request, *planner, folder->path()};
   for (std::size_t i = 0; i < candidates.size(); ++i) {
