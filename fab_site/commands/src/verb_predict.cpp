@@ -124,7 +124,7 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   print.supports = *supports;
   print.light = [&](LayerIndex index) -> Result<LitLayer> {
     LitLayer light;
-    const auto exposure = plan.layers[index.count()].exposure;
+    const auto exposure = plan.layers[index.count()].exposure_at_full_light();
     if (exposure.count() == 0) return light;
     auto mask = (*job)->mask(index);
     if (!mask) return tl::unexpected{mask.error()};
@@ -141,7 +141,7 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   auto prediction = predict_print(*model, print, options, progress_line(), stop);
   clear_progress();
   if (!prediction) return tl::unexpected{prediction.error()};
-  const double exposure_s = std::chrono::duration<double>(plan.layers.back().exposure).count();
+  const double exposure_s = std::chrono::duration<double>(plan.layers.back().exposure_at_full_light()).count();
   std::optional<PredictionBand> band;
   if (const auto calibration = calibration_band(*machine, machine->projection.irradiance_mw_per_cm2 * exposure_s))
     band = band_of(*prediction, *calibration);
@@ -152,7 +152,7 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
     print_figures(*prediction, *model, stack->has_value());
     if (band) print_band(*band);
   }
-  const double leaked = model->leaked_dose(plan.layers.back().exposure);
+  const double leaked = model->leaked_dose(plan.layers.back().exposure_at_full_light());
   if (leaked >= 0.5)
     write_note(fmt::format(
         "telefab-fab: black pixels leak {:.2f} of the critical dose in a tall print; all resin sets at 1\n", leaked));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <telefab/fab/drivers/dlpc900_projector.hpp>
 #include <telefab/fab/drivers/grbl_model.hpp>
@@ -26,7 +27,8 @@ int simulate(const char* folder) {
   auto job = PlannedJob::open(folder);
   if (!job) return complain(job.error());
   const PrintPlan& plan = (*job)->plan();
-  const double top_mm = plan.z_travel_mm + plan.motion.lift_mm;
+  double top_mm = plan.z_travel_mm;
+  for (const PlannedLayer& layer : plan.layers) top_mm = std::max(top_mm, plan.z_travel_mm + layer.motion.lift_mm);
   const std::uint8_t dmd = plan.mask_size.width_px <= 1920 && plan.mask_size.height_px <= 1080 ? 1 : 2;
 
   VirtualClock clock;

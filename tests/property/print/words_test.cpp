@@ -99,9 +99,9 @@ class CountedProjector final : public Projector {
   CountedProjector(Projector& inner, Operations& operations, std::function<void()> on_light)
       : inner_{inner}, operations_{operations}, on_light_{std::move(on_light)} {}
   const ProjectorFacts& facts() const override { return inner_.facts(); }
-  Result<void> load(const MaskView& m, Microseconds e) override {
+  Result<void> load(const MaskView& m, const LightOrder& light) override {
     operations_.operation();
-    return inner_.load(m, e);
+    return inner_.load(m, light);
   }
   Result<void> expose() override {
     operations_.operation();
