@@ -42,12 +42,17 @@ struct GridKey {
 inline constexpr std::size_t kMostCurve = 256;
 inline constexpr std::size_t kMostGridSide = 64;
 
+/// Whether a key is part of every profile's text, or only where it differs from its default: texts, and with them the
+/// digests, of profiles that know nothing of the key stay what they were.
+enum class Written : std::uint8_t { Always, UnlessDefault };
+
 struct Key {
   std::string_view section;
   std::string_view name;
   bool required;
   std::string_view reason;
   std::variant<NumberKey, CountKey, TextKey, WordKey, CurveKey, GridKey> kind;
+  Written written = Written::Always;
 };
 
 /// Every key of a profile, section by section: what reading, writing and `describe_keys()` go by.

@@ -177,6 +177,43 @@ Result<MachineProfile> read_table(const toml::table& root, std::string_view orig
   return profile;
 }
 
+std::string quoted_text(const std::string& text) {
+  std::string out = "\"";
+  for (const char c : text) {
+    if (c == '"' || c == '\\') out += '\\';
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f)
+      out += fmt::format("\\u{:04x}", static_cast<unsigned char>(c));
+    else
+      out += c;
+  }
+  return out + '"';
+}
+
+std::string number_text(double value) {
+  std::string out = fmt::format("{}", value);
+  return out.find_first_of(".e") == std::string::npos ? out + ".0" : out;
+}
+
+std::string list_text(const std::vector<double>& values) {
+  std::vector<std::string> items;
+  for (const double value : values) items.push_back(number_text(value));
+  return fmt::format("[{}]", fmt::join(items, ", "));
+}
+
+/// A key's value as TOML writes it. `profile` is not changed.
+std::string value_text(const Key& key, MachineProfile& profile) {
+  if (const auto* n = std::get_if<NumberKey>(&key.kind)) return number_text(n->field(profile));
+  if (const auto* c = std::get_if<CountKey>(&key.kind)) return fmt::format("{}", c->field(profile));
+  if (const auto* w = std::get_if<WordKey>(&key.kind)) return quoted_text(std::string{w->name(profile)});
+  if (const auto* c = std::get_if<CurveKey>(&key.kind)) return list_text(c->field(profile));
+  if (const auto* g = std::get_if<GridKey>(&key.kind)) {
+    std::vector<std::string> rows;
+    for (const auto& row : g->field(profile)) rows.push_back("  " + list_text(row));
+    return rows.empty() ? "[]" : fmt::format("[\n{},\n]", fmt::join(rows, ",\n"));
+  }
+  return quoted_text(std::get<TextKey>(key.kind).field(profile));
+}
+
 }  // namespace
 
 Result<MachineProfile> machine_profile_from_toml(std::string_view text, std::string_view origin) {
@@ -189,44 +226,15 @@ Result<MachineProfile> machine_profile_from_toml(std::string_view text, std::str
 
 std::string to_toml(const MachineProfile& profile) {
   MachineProfile copy = profile;
-  const auto quoted = [](const std::string& text) {
-    std::string out = "\"";
-    for (const char c : text) {
-      if (c == '"' || c == '\\') out += '\\';
-      if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f)
-        out += fmt::format("\\u{:04x}", static_cast<unsigned char>(c));
-      else
-        out += c;
-    }
-    return out + '"';
-  };
-  const auto number = [](double value) {
-    std::string out = fmt::format("{}", value);
-    return out.find_first_of(".e") == std::string::npos ? out + ".0" : out;
-  };
-  const auto list = [&](const std::vector<double>& values) {
-    std::vector<std::string> items;
-    for (const double value : values) items.push_back(number(value));
-    return fmt::format("[{}]", fmt::join(items, ", "));
-  };
-  std::string text = fmt::format("name = {}\ndescription = {}\n", quoted(copy.name), quoted(copy.description));
+  MachineProfile untouched;
+  std::string text =
+      fmt::format("name = {}\ndescription = {}\n", quoted_text(copy.name), quoted_text(copy.description));
   std::string_view section;
   for (const Key& key : profile_keys()) {
     if (key.section != section) text += fmt::format("\n[{}]\n", section = key.section);
-    if (const auto* n = std::get_if<NumberKey>(&key.kind))
-      text += fmt::format("{} = {}\n", key.name, number(n->field(copy)));
-    if (const auto* c = std::get_if<CountKey>(&key.kind)) text += fmt::format("{} = {}\n", key.name, c->field(copy));
-    if (const auto* t = std::get_if<TextKey>(&key.kind))
-      text += fmt::format("{} = {}\n", key.name, quoted(t->field(copy)));
-    if (const auto* w = std::get_if<WordKey>(&key.kind))
-      text += fmt::format("{} = {}\n", key.name, quoted(std::string{w->name(copy)}));
-    if (const auto* c = std::get_if<CurveKey>(&key.kind))
-      text += fmt::format("{} = {}\n", key.name, list(c->field(copy)));
-    if (const auto* g = std::get_if<GridKey>(&key.kind)) {
-      std::vector<std::string> rows;
-      for (const auto& row : g->field(copy)) rows.push_back("  " + list(row));
-      text += fmt::format("{} = [{}]\n", key.name, rows.empty() ? "" : fmt::format("\n{},\n", fmt::join(rows, ",\n")));
-    }
+    const std::string value = value_text(key, copy);
+    if (key.written == Written::Always || value != value_text(key, untouched))
+      text += fmt::format("{} = {}\n", key.name, value);
   }
   return text;
 }

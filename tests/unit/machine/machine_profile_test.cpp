@@ -3,11 +3,13 @@
 #include <gtest/gtest.h>
 #include <cstdlib>
 #include <telefab/machine/machine_profile.hpp>
+#include <telefab/machine/profile_digest.hpp>
 
 namespace telefab {
 namespace {
 
 using testing::HasSubstr;
+using testing::Not;
 
 std::vector<MachineProfile> shipped() {
   return load_machine_profiles(std::string{std::getenv("TELEFAB_SOURCE")} + "/deploy/config/machines").value();
@@ -222,6 +224,41 @@ TEST(MachineProfile, KnowsItsResinAsWellAsItsCalibrationSaysAndRefusesHalfAnInte
     ASSERT_FALSE(read) << least << " to " << most;
     EXPECT_THAT(read.error().what, HasSubstr("resin.penetration_mm must lie in its own interval"));
     EXPECT_THAT(read.error().what, HasSubstr("line "));
+  }
+}
+
+TEST(MachineProfile, KeepsTheDigestsOfATextThatKnowsNothingOfKeysThatCameLater) {
+  const auto old = machine_profile_from_toml(R"(name = "old"
+[platform]
+width_mm = 96.0
+depth_mm = 54.0
+z_travel_mm = 120.0
+[projection]
+pixel_pitch_mm = 0.05
+irradiance_mw_per_cm2 = 13.59
+[layers]
+thickness_mm = 0.05
+exposure_s = 2.0
+bottom_exposure_s = 16.0
+)",
+                                             "old.toml");
+  ASSERT_TRUE(old) << old.error().what;
+  // As found before there was shrinkage.
+  const std::string before = "8fca3ad47de3b18e1a9a73c0b003a83deaa1095bae8aab3c816f33309d98cf70";
+  EXPECT_EQ(to_hex(digest_of_profile(*old)), before);
+  EXPECT_EQ(to_hex(digest_of_light(*old)), before);
+}
+
+TEST(MachineProfile, ShrinkageComesBackFromItsTextAndIsPartOfTheDigests) {
+  const MachineProfile plain = shipped().front();
+  EXPECT_THAT(to_toml(plain), Not(HasSubstr("shrink")));
+  for (const auto value : {&MachineProfile::Resin::shrink_x_percent, &MachineProfile::Resin::shrink_y_percent,
+                           &MachineProfile::Resin::shrink_z_percent, &MachineProfile::Resin::hole_growth_mm}) {
+    MachineProfile machine = plain;
+    machine.resin.*value = -0.25;
+    EXPECT_EQ(machine_profile_from_toml(to_toml(machine), "text").value(), machine);
+    EXPECT_NE(digest_of_profile(machine), digest_of_profile(plain));
+    EXPECT_NE(digest_of_light(machine), digest_of_light(plain));
   }
 }
 

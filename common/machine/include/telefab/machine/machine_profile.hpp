@@ -71,6 +71,10 @@ struct MachineProfile {
     double calibration_correlation = 0;  ///< [-1, 1]; of the errors of Dp and ln Ec: one fit found both
     double vat_ml = 0;                   ///< resin that the vat holds; 0: not stated
     double green_strength_mpa = 0;       ///< of printed resin before it is washed and cured; 0: not stated
+    /// What a printed, washed and cured part lacks of its drawn length along each axis; below 0: it has grown. Frame of
+    /// the platform.
+    double shrink_x_percent = 0, shrink_y_percent = 0, shrink_z_percent = 0;
+    double hole_growth_mm = 0;  ///< to be added to the radius of a hole: upright holes come out smaller by so much
     friend bool operator==(const Resin&, const Resin&) = default;
   } resin;
 
@@ -188,7 +192,8 @@ struct MachineProfile {
 /// Fails with InvalidInput: `origin` (a path, for the message), line, key, what is wrong and the legal range.
 [[nodiscard]] Result<MachineProfile> machine_profile_from_toml(std::string_view text, std::string_view origin);
 
-/// The same profile as TOML with every key; from_toml(to_toml(p)) == p.
+/// The same profile as TOML with every key, but for those that came later and still hold their default: what an older
+/// version wrote or digested stays the same text. from_toml(to_toml(p)) == p.
 [[nodiscard]] std::string to_toml(const MachineProfile& profile);
 
 /// The profile as both sites compare it, over its TOML text: what the virtual devices do is the fab's own matter.
