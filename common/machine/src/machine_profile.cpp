@@ -65,6 +65,11 @@ MachineProfile MachineProfile::at_full_light() const {
   return full;
 }
 
+std::array<double, 3> MachineProfile::drawn_scale() const {
+  const auto longer = [](double shrink_percent) { return 100 / (100 - shrink_percent); };
+  return {longer(resin.shrink_x_percent), longer(resin.shrink_y_percent), longer(resin.shrink_z_percent)};
+}
+
 double MachineProfile::homing_mm_per_s() const {
   constexpr double kVirtual = 20, kReal = 2;
   if (motion.homing_speed_mm_per_s > 0) return motion.homing_speed_mm_per_s;

@@ -175,6 +175,8 @@ struct MachineProfile {
   [[nodiscard]] double light_share_of_layer(std::uint32_t print_layer) const;
   /// The same doses by exposures at full light: what computes doses goes by it. Of itself, itself.
   [[nodiscard]] MachineProfile at_full_light() const;
+  /// Along x, y and z of the platform: what is drawn so many times as long has the right length once it has shrunk.
+  [[nodiscard]] std::array<double, 3> drawn_scale() const;
   /// As stated, or assumed: 20 mm/s of a virtual stage, 2 mm/s of a real one.
   [[nodiscard]] double homing_mm_per_s() const;
   /// Largest of any layer.
