@@ -8,6 +8,7 @@
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/fab/cure/prediction.hpp>
+#include <telefab/fab/planning/drawn_contours.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/verify/print_files.hpp>
 
@@ -120,7 +121,13 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   PrintToPredict print;
   print.layers = static_cast<std::uint32_t>(plan.layers.size());
   print.elevation_layers = *elevation;
-  if (*stack) print.part = (*stack)->layers();
+  std::optional<LayerStack> drawn;  // as the masks were made of it
+  if (*stack) {
+    auto grown = with_grown_holes(**stack, Millimetres{machine->resin.hole_growth_mm});
+    if (!grown) return tl::unexpected{grown.error()};
+    drawn = std::move(*grown);
+    print.part = drawn->layers();
+  }
   print.supports = *supports;
   print.light = [&](LayerIndex index) -> Result<LitLayer> {
     LitLayer light;
