@@ -98,19 +98,19 @@ TEST(PrintRunner, TakesTheTimeItWasEstimatedToTakeWhateverTheMotion) {
       Bench b{40, acceleration};
       b.move_as(motion);
       const std::vector<Nanoseconds> left = time_left(b.plan, b.pace());
-      std::vector<std::pair<Nanoseconds, Nanoseconds>> told;
+      std::vector<std::pair<Nanoseconds, Nanoseconds>> listed;
       EXPECT_EQ(b.print([&](const PrintProgress& p) {
-                   if (p.phase == PrintPhase::Exposing) told.emplace_back(b.clock.now(), p.left);
+                   if (p.phase == PrintPhase::Exposing) listed.emplace_back(b.clock.now(), p.left);
                  }).outcome,
                 PrintOutcome::Done);
       const Nanoseconds took = b.clock.now();
       EXPECT_NEAR(double(took.count()) / double(print_time(b.plan, {}, b.pace(), {}).count()), 1, 0.02);
-      ASSERT_EQ(told.size(), 40u);
+      ASSERT_EQ(listed.size(), 40u);
       // At the beginning of an exposure its layer's approach is over already.
-      for (std::size_t k = 0; k < told.size(); ++k) {
-        EXPECT_EQ(told[k].second, left[k]);
-        const double still = double((told[k].second - approach_time(b.plan, LayerIndex{std::uint32_t(k)})).count());
-        EXPECT_NEAR(double((took - told[k].first).count()) * 1e-9, still * 1e-9, 0.02 * double(took.count()) * 1e-9);
+      for (std::size_t k = 0; k < listed.size(); ++k) {
+        EXPECT_EQ(listed[k].second, left[k]);
+        const double still = double((listed[k].second - approach_time(b.plan, LayerIndex{std::uint32_t(k)})).count());
+        EXPECT_NEAR(double((took - listed[k].first).count()) * 1e-9, still * 1e-9, 0.02 * double(took.count()) * 1e-9);
       }
     }
 }
