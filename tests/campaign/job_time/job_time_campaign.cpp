@@ -35,11 +35,14 @@ int simulate(const char* folder) {
   MachineLog log;
   Dlpc900Model model{dmd, 6, clock, &log};
   GrblModel board{top_mm, clock, &log};
+  board.set_acceleration(plan.acceleration_mm_per_s2);
   auto projector = Dlpc900Projector::open(std::make_unique<ModelUsb>(model, clock),
                                           {.mask = plan.mask_size, .led_current = 255}, clock);
   if (!projector) return complain(projector.error());
-  auto stage = SerialStage::open(std::make_unique<ModelLine>(board, clock),
-                                 {.top_mm = top_mm, .homing_mm_per_s = kHoming_mm_per_s}, clock);
+  auto stage = SerialStage::open(
+      std::make_unique<ModelLine>(board, clock),
+      {.top_mm = top_mm, .homing_mm_per_s = kHoming_mm_per_s, .acceleration_mm_per_s2 = plan.acceleration_mm_per_s2},
+      clock);
   if (!stage) return complain(stage.error());
   const auto admission = estimate_print(plan, {}, **job, **projector, **stage, {}, {});
   if (!admission) return complain(admission.error());
