@@ -8,6 +8,7 @@
 #include <set>
 #include <telefab/machine/machine_profile.hpp>
 
+#include "motion_misfit.hpp"
 #include "profile_keys.hpp"
 
 namespace telefab {
@@ -102,33 +103,6 @@ Result<void> check_calibration(const MachineProfile::Resin& resin, std::string_v
   return {};
 }
 
-/// Whatever layer it is: its parts lie within its lift and have a speed.
-Result<void> check_motion(const MachineProfile::Motion& motion, std::string_view origin,
-                          const toml::source_region& where) {
-  for (const bool is_bottom : {false, true})
-    for (const bool is_large : {false, motion.large_area_mm2 > 0}) {
-      const MachineProfile::Stroke s = motion.stroke_of(is_bottom, is_large);
-      const char* layers = is_bottom ? "a bottom layer" : is_large ? "a large layer" : "a layer";
-      if (s.lift_mm == 0 && s.tilt_s == 0)
-        return refuse(origin, where,
-                      fmt::format("{} has neither motion.lift_mm nor motion.tilt_s above 0, so its film "
-                                  "never comes off",
-                                  layers));
-      if (s.peel_mm > s.lift_mm)
-        return refuse(origin, where,
-                      fmt::format("of {} motion.peel_mm is {} mm, more than its motion.lift_mm of {} mm", layers,
-                                  s.peel_mm, s.lift_mm));
-      if (s.peel_mm > 0 && s.peel_speed_mm_per_s == 0)
-        return refuse(origin, where,
-                      fmt::format("{} has motion.peel_mm, so motion.peel_speed_mm_per_s must be stated", layers));
-      if (s.approach_mm > 0 && s.approach_speed_mm_per_s == 0)
-        return refuse(
-            origin, where,
-            fmt::format("{} has motion.approach_mm, so motion.approach_speed_mm_per_s must be stated", layers));
-    }
-  return {};
-}
-
 bool is_name(std::string_view text) {
   return !text.empty() && text.size() <= 64 && std::all_of(text.begin(), text.end(), [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';
@@ -168,9 +142,10 @@ Result<MachineProfile> read_table(const toml::table& root, std::string_view orig
   const auto* resin = root.get("resin");
   if (auto ok = check_calibration(profile.resin, origin, resin ? resin->source() : root.source()); !ok)
     return tl::unexpected{ok.error()};
-  const auto* motion = root.get("motion");
-  if (auto ok = check_motion(profile.motion, origin, motion ? motion->source() : root.source()); !ok)
-    return tl::unexpected{ok.error()};
+  if (const auto misfit = misfit_of(profile.motion)) {
+    const auto* motion = root.get("motion");
+    return refuse(origin, motion ? motion->source() : root.source(), *misfit);
+  }
   const PixelSize size = profile.mask_size();
   if (size.width_px > 65535 || size.height_px > 65535)
     return refuse(origin, root.source(), "more than 65535 pixels a side");
