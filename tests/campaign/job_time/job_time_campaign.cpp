@@ -16,7 +16,7 @@
 namespace telefab::fab {
 namespace {
 
-constexpr double kHoming_mm_per_s = 2;
+constexpr double kHoming_mm_per_s = 20;  ///< of the model of the board
 
 int complain(const Error& error) {
   fmt::print(stderr, "{}\n", error.what);
