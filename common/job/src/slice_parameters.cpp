@@ -85,8 +85,9 @@ const std::array kTable{
                    .choices = kMirrors},
     SliceParameter{.key = "scale_axes",
                    .field = &P::scale_axes,
-                   .help = "against shrinkage: larger by these factors along x, y and z of the platform, 0.8 to 1.25; "
-                           "a height or size asked for is the one before",
+                   .help =
+                       "larger by these factors along x, y and z of the platform, 0.8 to 1.25, on top of what "
+                       "makes good the shrinkage that the profile states; a height or size asked for is the one before",
                    .fallback = "1,1,1",
                    .form = "X,Y,Z",
                    .example = "1.02,1.02,1.015"},

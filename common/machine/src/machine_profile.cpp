@@ -33,6 +33,63 @@ bool MachineProfile::states_what_carries() const {
          !is_assumed("resin.green_strength_mpa");
 }
 
+MachineProfile::Stroke MachineProfile::Motion::stroke_of(bool is_bottom, bool is_large) const {
+  const auto pick = [&](double Stroke::*of, double of_all) {
+    if (is_bottom && bottom.*of > 0) return bottom.*of;
+    if (is_large && large.*of > 0) return large.*of;
+    return of_all;
+  };
+  return {.lift_mm = pick(&Stroke::lift_mm, lift_mm),
+          .lift_speed_mm_per_s = pick(&Stroke::lift_speed_mm_per_s, lift_speed_mm_per_s),
+          .peel_mm = pick(&Stroke::peel_mm, peel_mm),
+          .peel_speed_mm_per_s = pick(&Stroke::peel_speed_mm_per_s, peel_speed_mm_per_s),
+          .lower_speed_mm_per_s = pick(&Stroke::lower_speed_mm_per_s, lower_speed_mm_per_s),
+          .approach_mm = pick(&Stroke::approach_mm, approach_mm),
+          .approach_speed_mm_per_s = pick(&Stroke::approach_speed_mm_per_s, approach_speed_mm_per_s),
+          .settle_s = pick(&Stroke::settle_s, settle_s),
+          .wait_after_exposure_s = pick(&Stroke::wait_after_exposure_s, wait_after_exposure_s),
+          .wait_after_lift_s = pick(&Stroke::wait_after_lift_s, wait_after_lift_s),
+          .tilt_s = pick(&Stroke::tilt_s, tilt_s)};
+}
+
+double MachineProfile::exposure_of_layer_s(std::uint32_t print_layer) const {
+  if (print_layer < layers.bottom_count) return layers.bottom_exposure_s;
+  const std::uint32_t above = print_layer - layers.bottom_count;
+  if (above >= layers.transition_count) return layers.exposure_s;
+  // The dose falls in even steps; where all light is alike, so does the time.
+  const double from = layers.bottom_exposure_s * light_share_of_layer(0) / layers.light_share;
+  return from + (layers.exposure_s - from) * (above + 1) / (layers.transition_count + 1);
+}
+
+double MachineProfile::light_share_of_layer(std::uint32_t print_layer) const {
+  const bool is_bottom = print_layer < layers.bottom_count && layers.bottom_light_share > 0;
+  return is_bottom ? layers.bottom_light_share : layers.light_share;
+}
+
+MachineProfile MachineProfile::at_full_light() const {
+  MachineProfile full = *this;
+  full.layers.exposure_s *= layers.light_share;
+  full.layers.bottom_exposure_s *= light_share_of_layer(0);
+  full.layers.light_share = 1;
+  full.layers.bottom_light_share = 0;
+  return full;
+}
+
+std::array<double, 3> MachineProfile::drawn_scale() const {
+  const auto longer = [](double shrink_percent) { return 100 / (100 - shrink_percent); };
+  return {longer(resin.shrink_x_percent), longer(resin.shrink_y_percent), longer(resin.shrink_z_percent)};
+}
+
+double MachineProfile::homing_mm_per_s() const {
+  constexpr double kVirtual = 20, kReal = 2;
+  if (motion.homing_speed_mm_per_s > 0) return motion.homing_speed_mm_per_s;
+  return devices.stage == StageKind::Virtual ? kVirtual : kReal;
+}
+
+double MachineProfile::highest_lift_mm() const {
+  return std::max({motion.lift_mm, motion.large_area_mm2 > 0 ? motion.large.lift_mm : 0, motion.bottom.lift_mm});
+}
+
 PixelSize MachineProfile::mask_size() const {
   // 260 / 0.14 is 1857.14; a ratio that is whole but for rounding counts as whole.
   const auto pixels = [&](double side) {

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "motion_misfit.hpp"
+
 namespace telefab {
 namespace {
 
@@ -200,12 +202,21 @@ std::optional<Misfit> misfit_of(const MachineProfile& profile) {
       (profile.platform.most_layer_mm > 0 && thickness > profile.platform.most_layer_mm))
     return Misfit{"layers", fmt::format("layers.thickness_mm {} is beyond what {} prints, {} to {} mm", thickness,
                                         profile.name, profile.platform.least_layer_mm, profile.platform.most_layer_mm)};
+  if (auto what = misfit_of(profile.motion)) return Misfit{"motion", std::move(*what)};
   if (const double most = profile.motion.most_speed_mm_per_s; most > 0)
-    for (const auto& [name, speed] : {std::pair{"lift_speed_mm_per_s", profile.motion.lift_speed_mm_per_s},
-                                      {"lower_speed_mm_per_s", profile.motion.lower_speed_mm_per_s}})
-      if (speed > most)
-        return Misfit{"motion",
-                      fmt::format("motion.{} {} is above what {} moves at, {}", name, speed, profile.name, most)};
+    for (const auto& [is_bottom, is_large] : {std::pair{false, false}, {false, true}, {true, false}}) {
+      const MachineProfile::Stroke s = profile.motion.stroke_of(is_bottom, is_large);
+      for (const auto& [name, speed] : {std::pair{"lift_speed_mm_per_s", s.lift_speed_mm_per_s},
+                                        {"lower_speed_mm_per_s", s.lower_speed_mm_per_s},
+                                        {"peel_speed_mm_per_s", s.peel_speed_mm_per_s},
+                                        {"approach_speed_mm_per_s", s.approach_speed_mm_per_s}})
+        if (speed > most)
+          return Misfit{"motion", fmt::format("motion.{}{} {} is above what {} moves at, {}",
+                                              is_bottom  ? "bottom_"
+                                              : is_large ? "large_"
+                                                         : "",
+                                              name, speed, profile.name, most)};
+    }
   constexpr std::uint32_t kMostPixels = 65535;
   const PixelSize size = profile.mask_size();
   if (size.width_px > kMostPixels || size.height_px > kMostPixels)

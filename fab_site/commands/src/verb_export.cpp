@@ -130,8 +130,13 @@ Result<std::uint32_t> export_archive(MaskFormat format, Source& source, const Ma
   if (done->other_exposures != 0)
     write_note(
         fmt::format("telefab-fab: {} layers have an exposure of their own, which this format cannot say; they get the "
-                    "normal one\n",
+                    "normal one, or one of an SL1 printer's fade\n",
                     done->other_exposures));
+  if (done->other_motions != 0)
+    write_note(
+        fmt::format("telefab-fab: {} layers move or wait in a way of their own, which this format cannot say; "
+                    "they move as the others\n",
+                    done->other_motions));
   return done->layers;
 }
 

@@ -8,6 +8,7 @@
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/fab/cure/prediction.hpp>
+#include <telefab/fab/planning/drawn_contours.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/verify/print_files.hpp>
 
@@ -120,11 +121,17 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   PrintToPredict print;
   print.layers = static_cast<std::uint32_t>(plan.layers.size());
   print.elevation_layers = *elevation;
-  if (*stack) print.part = (*stack)->layers();
+  std::optional<LayerStack> drawn;  // as the masks were made of it
+  if (*stack) {
+    auto grown = with_grown_holes(**stack, Millimetres{machine->resin.hole_growth_mm});
+    if (!grown) return tl::unexpected{grown.error()};
+    drawn = std::move(*grown);
+    print.part = drawn->layers();
+  }
   print.supports = *supports;
   print.light = [&](LayerIndex index) -> Result<LitLayer> {
     LitLayer light;
-    const auto exposure = plan.layers[index.count()].exposure;
+    const auto exposure = plan.layers[index.count()].exposure_at_full_light();
     if (exposure.count() == 0) return light;
     auto mask = (*job)->mask(index);
     if (!mask) return tl::unexpected{mask.error()};
@@ -141,7 +148,7 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   auto prediction = predict_print(*model, print, options, progress_line(), stop);
   clear_progress();
   if (!prediction) return tl::unexpected{prediction.error()};
-  const double exposure_s = std::chrono::duration<double>(plan.layers.back().exposure).count();
+  const double exposure_s = std::chrono::duration<double>(plan.layers.back().exposure_at_full_light()).count();
   std::optional<PredictionBand> band;
   if (const auto calibration = calibration_band(*machine, machine->projection.irradiance_mw_per_cm2 * exposure_s))
     band = band_of(*prediction, *calibration);
@@ -152,7 +159,7 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
     print_figures(*prediction, *model, stack->has_value());
     if (band) print_band(*band);
   }
-  const double leaked = model->leaked_dose(plan.layers.back().exposure);
+  const double leaked = model->leaked_dose(plan.layers.back().exposure_at_full_light());
   if (leaked >= 0.5)
     write_note(fmt::format(
         "telefab-fab: black pixels leak {:.2f} of the critical dose in a tall print; all resin sets at 1\n", leaked));

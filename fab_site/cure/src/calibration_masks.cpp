@@ -94,7 +94,7 @@ Result<TestMasks> calibration_masks(const MachineProfile& machine) {
     for (int way = 0; way < 2; ++way) csv += fmt::format("lines,,,,{},,,contrast\n", period);
   double before = 0;
   for (int k = 0; k < kStairs; ++k) {
-    const double all = machine.layers.exposure_s * kStairShares[k];
+    const double all = machine.at_full_light().layers.exposure_s * kStairShares[k];
     tests.masks.push_back({fmt::format("stairs-{}.png", k), stairs(size, k), all - before,
                            fmt::format("patches {} to {}; patch {} has then had {:.3f} s", k, kStairs - 1, k, all)});
     csv += fmt::format("depth,,,,,{:.6g},,mm\n", all);

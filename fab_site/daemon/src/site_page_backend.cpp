@@ -10,6 +10,7 @@
 #include <telefab/base/json_text.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/print/print_record.hpp>
+#include <telefab/fab/print/print_time.hpp>
 #include <telefab/geometry/contour_lines.hpp>
 
 #include "intake.hpp"
@@ -81,8 +82,14 @@ const SitePageBackend::Light* SitePageBackend::light_of(const Job& job) {
   light.irradiance_mw_per_cm2 = machine->projection.irradiance_mw_per_cm2;
   for (const PlannedLayer& layer : plan->layers) {
     light.planned_s.push_back(std::chrono::duration<double>(layer.exposure).count());
-    light.layer_s.push_back(layer_seconds(plan->motion, layer.exposure) / machine->devices.speed_up);
+    light.share.push_back(layer.light_share);
   }
+  const auto real_seconds = [&](Nanoseconds time) {
+    return std::chrono::duration<double>(time).count() / machine->devices.speed_up;
+  };
+  const StagePace pace = stage_pace(*machine);
+  light.print_s = real_seconds(print_time(*plan, {}, pace, {}));
+  for (const Nanoseconds left : time_left(*plan, pace)) light.left_s.push_back(real_seconds(left));
   if (const auto written = text_of(*folder / "report" / "print.json"))
     if (const auto record = print_record_from_json(*written)) {
       light.measured_s.resize(light.planned_s.size());
@@ -125,11 +132,9 @@ JobView SitePageBackend::view_of(const Job& job) {
   if (const Light* light = light_of(job)) {
     const bool is_ahead = job.state == JobState::AwaitingApproval || job.state == JobState::Ready ||
                           job.state == JobState::Printing || job.state == JobState::Paused;
-    const std::size_t printed = std::min<std::size_t>(c.layers_printed, light->layer_s.size());
-    if (is_ahead)
-      view.seconds_left =
-          std::accumulate(light->layer_s.begin() + static_cast<std::ptrdiff_t>(printed), light->layer_s.end(), 0.0);
-    view.print_seconds = std::accumulate(light->layer_s.begin(), light->layer_s.end(), 0.0);
+    const std::size_t printed = std::min<std::size_t>(c.layers_printed, light->left_s.size() - 1);
+    if (is_ahead) view.seconds_left = printed == 0 ? light->print_s : light->left_s[printed];
+    view.print_seconds = light->print_s;
     view.planned_exposure_s = std::accumulate(light->planned_s.begin(), light->planned_s.end(), 0.0);
     for (const auto& seconds : light->measured_s) view.measured_exposure_s += seconds.value_or(0);
     view.retries = light->retries;
@@ -200,6 +205,7 @@ Result<std::string> SitePageBackend::exposures(std::string_view id) {
   };
   return json_text({{"irradiance_mw_per_cm2", light->irradiance_mw_per_cm2},
                     {"planned_s", light->planned_s},
+                    {"light_share", light->share},
                     {"measured_s", list(light->measured_s)},
                     {"resin_celsius", list(light->resin_celsius)}});
 }

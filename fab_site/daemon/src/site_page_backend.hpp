@@ -70,8 +70,10 @@ class SitePageBackend final : public PageBackend {
   };
   /// What a job's plan and record say of its light; kept, since neither changes once it is written.
   struct Light {
-    std::vector<double> layer_s;                    ///< lift, exposure and settling of each layer on this machine
-    std::vector<double> planned_s;                  ///< exposure of each layer
+    double print_s = 0;             ///< of the whole print on this machine
+    std::vector<double> left_s;     ///< of it when each layer is next; one more for the raising of the part
+    std::vector<double> share;      ///< of full light, by layer
+    std::vector<double> planned_s;  ///< exposure of each layer
     std::vector<std::optional<double>> measured_s;  ///< by layer; empty until printed
     std::vector<std::optional<double>> resin_celsius;
     std::uint32_t retries = 0;

@@ -209,7 +209,8 @@ void Dlpc900Model::end_light(Nanoseconds at) {
     if (dose_s_.empty()) dose_s_.resize(image_.rows.size());
     for (std::size_t i = 0; i < dose_s_.size(); ++i) dose_s_[i] += static_cast<float>(image_.rows[i]) * seconds;
   }
-  if (log_ != nullptr) log_->lit({lit_from_, at, digest_of(std::as_bytes(std::span{image_.rows})), log_->z_mm()});
+  if (log_ != nullptr)
+    log_->lit({lit_from_, at, digest_of(std::as_bytes(std::span{image_.rows})), log_->z_mm(), glow() / 255.0});
   lit_from_ = at;
 }
 

@@ -99,6 +99,7 @@ Result<void> Dlpc900Projector::leds_off() {
 }
 
 Result<void> Dlpc900Projector::set_current(std::uint8_t current) {
+  current_.reset();
   // Polarity first: without it a current of zero is full light on some boards.
   if (const auto ok = link_.set_byte(Command::LedPolarity, options_.inverted_led_polarity ? 1 : 0); !ok) return ok;
   const auto wanted = bytes({options_.led == Led::Red ? current : 0u, options_.led == Led::Green ? current : 0u,
@@ -110,6 +111,7 @@ Result<void> Dlpc900Projector::set_current(std::uint8_t current) {
   if (!now) return tl::unexpected{now.error()};
   if (*polarity != (options_.inverted_led_polarity ? 1 : 0) || !std::equal(wanted.begin(), wanted.end(), now->begin()))
     return fail(ErrorCode::DeviceRefused, "projector: it keeps another LED current or polarity than it was told");
+  current_ = current;
   return {};
 }
 
@@ -141,6 +143,8 @@ Result<void> Dlpc900Projector::identify() {
   facts_.size = options_.mask;
   facts_.shortest_exposure = Microseconds{dmd->shortest_exposure_us};
   facts_.upload_bytes_per_s = kPessimisticRate;
+  // Its LED current is a duty cycle of 8 bits; light in proportion to it is assumed, and calibrated per share.
+  facts_.light_steps = std::max<std::uint32_t>(1, options_.led_current);
   return {};
 }
 
@@ -230,13 +234,17 @@ Nanoseconds Dlpc900Projector::load_time(const MaskView& mask) const {
   return Nanoseconds{static_cast<Nanoseconds::rep>(s * 1e9)};
 }
 
-Result<void> Dlpc900Projector::load(const MaskView& mask, Microseconds exposure) {
+Result<void> Dlpc900Projector::load(const MaskView& mask, const LightOrder& light) {
+  const Microseconds exposure = light.duration;
   if (mask.size != facts_.size || mask.rows.size() != std::size_t{mask.size.width_px} * mask.size.height_px)
     return fail(ErrorCode::InvalidInput, "the mask's size is not the projector's");
   if (exposure < facts_.shortest_exposure)
     return fail(ErrorCode::InvalidInput, fmt::format("an exposure of {} us is below the projector's shortest, {} us",
                                                      exposure.count(), facts_.shortest_exposure.count()));
   if (state_ == LightState::Exposing) return fail(ErrorCode::Conflict, "cannot load a mask while exposing");
+  const auto step = light_step(light.share, facts_.light_steps);
+  if (!step) return tl::unexpected{step.error()};
+  wanted_current_ = light.share == 1 ? options_.led_current : static_cast<std::uint8_t>(*step);
   parts_ = static_cast<std::uint32_t>((exposure.count() + kLongestPart_us - 1) / kLongestPart_us);
   part_us_ = static_cast<std::uint32_t>((exposure.count() + parts_ / 2) / parts_);
   frames_ = frames_of(place_on_mirrors(mask, identity_.dmd.size, options_.orientation), part_us_);
@@ -313,8 +321,8 @@ Result<void> Dlpc900Projector::expose() {
   if (!mode) return surely_dark(mode.error());
   if (*mode != kModeOnTheFly)
     return fail(ErrorCode::DeviceRefused, "projector: it left the pattern mode; it was reset");
-  if (options_.off_needs_zero_current)
-    if (const auto ok = set_current(options_.led_current); !ok) return surely_dark(ok.error());
+  if (current_ != wanted_current_)
+    if (const auto ok = set_current(wanted_current_); !ok) return surely_dark(ok.error());
   if (const auto ok = link_.set_byte(Command::LedEnable, kLedsBySequencer); !ok) return surely_dark(ok.error());
   const auto leds = link_.query_byte(Command::LedEnable);
   if (!leds) return surely_dark(leds.error());

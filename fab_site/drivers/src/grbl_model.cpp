@@ -6,6 +6,9 @@
 #include <cmath>
 #include <telefab/fab/drivers/grbl_model.hpp>
 #include <utility>
+#include <vector>
+
+#include "board_walk.hpp"
 
 namespace telefab::fab {
 
@@ -141,6 +144,26 @@ void GrblModel::status() {
   outgoing_.push_front({clock_.now(), fmt::format("<{}|MPos:0.000,0.000,{:.3f}|FS:0,0>\r\n", state, z)});
 }
 
+void GrblModel::queue_move(double to_mm, double mm_per_s, bool homing) {
+  const double from_mm = motions_.empty() ? gap_mm_ : motions_.back().to_mm;
+  const Nanoseconds from = motions_.empty() ? clock_.now() : motions_.back().until;
+  const auto takes = Nanoseconds{static_cast<Nanoseconds::rep>(std::abs(to_mm - from_mm) / mm_per_s * 1e9)};
+  motions_.push_back({from, from + takes, from_mm, to_mm, homing, mm_per_s, clock_.now()});
+  if (acceleration_mm_per_s2_ <= 0) return;
+  // What came at one time is planned as one path.
+  const auto first =
+      std::find_if(motions_.begin(), motions_.end(), [now = clock_.now()](const Motion& m) { return m.queued == now; });
+  std::vector<BoardMove> moves;
+  for (auto m = first; m != motions_.end(); ++m) moves.push_back({m->to_mm, m->mm_per_s});
+  const auto times = walk(first->from_mm, moves, acceleration_mm_per_s2_);
+  Nanoseconds at = first->from;
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    Motion& m = *(first + static_cast<std::ptrdiff_t>(i));
+    m.from = at;
+    m.until = at += times[i];
+  }
+}
+
 void GrblModel::execute(std::string_view line) {
   const std::uint64_t n = lines_++;
   now_.reset();
@@ -161,14 +184,8 @@ void GrblModel::execute(std::string_view line) {
   const auto ok = [&](Nanoseconds due) {
     if (now_ != StageFault::NoOk) answer("ok\r\n", due);
   };
-  const auto queue = [&](double to_mm, double mm_per_s, bool homing) {
-    const double from_mm = motions_.empty() ? gap_mm_ : motions_.back().to_mm;
-    const Nanoseconds from = idle_at();
-    const auto takes = Nanoseconds{static_cast<Nanoseconds::rep>(std::abs(to_mm - from_mm) / mm_per_s * 1e9)};
-    motions_.push_back({from, from + takes, from_mm, to_mm, homing});
-  };
   if (line == "$H") {
-    queue(top_mm_, kHoming_mm_per_s, true);
+    queue_move(top_mm_, kHoming_mm_per_s, true);
     return ok(idle_at());
   }
   if (line == "$X") {
@@ -192,7 +209,7 @@ void GrblModel::execute(std::string_view line) {
       return answer("ALARM:2\r\n", clock_.now());
     }
     if (now_ == StageFault::LostSteps) to_mm += kLostSteps_mm;
-    queue(to_mm, std::min(feed_mm_per_min_, kFastest_mm_per_min) / 60, false);
+    queue_move(to_mm, std::min(feed_mm_per_min_, kFastest_mm_per_min) / 60, false);
     return ok(clock_.now());
   }
   if (has(line, "G90") || has(line, "G21")) return ok(clock_.now());

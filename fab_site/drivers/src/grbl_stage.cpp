@@ -17,7 +17,8 @@ constexpr Nanoseconds kBannerTimeout = 4s;
 constexpr Nanoseconds kAnswerTimeout = 2s;
 constexpr Nanoseconds kWait = 10ms;
 constexpr int kLinesPerPoll = 64;
-constexpr Nanoseconds kStale = 2s;  ///< a reading older than this is asked for again
+constexpr std::size_t kMostLegs = 2;  ///< what a receive buffer of 128 bytes holds at once
+constexpr Nanoseconds kStale = 2s;    ///< a reading older than this is asked for again
 constexpr Nanoseconds kSilentThermometer = 5s;
 constexpr double kFarthest_mm = 10'000;  ///< what no board calls the end of its axis; garbled, no move would be right
 
@@ -230,29 +231,41 @@ Result<void> SerialStage::home() {
   }
   doing_ = Doing::Homing;
   oks_wanted_ = 1;
-  deadline_ = clock_.now() + move_deadline(options_.top_mm, options_.homing_mm_per_s);
+  const StageLeg up{options_.top_mm, options_.homing_mm_per_s};
+  deadline_ = clock_.now() + path_deadline(0, {&up, 1}, options_.acceleration_mm_per_s2);
   return {};
 }
 
-Result<void> SerialStage::move_to(double z_mm, double speed_mm_per_s) {
-  if (!(z_mm >= facts_.lowest_mm && z_mm <= facts_.highest_mm))
+Result<void> SerialStage::move_along(std::span<const StageLeg> legs) {
+  if (legs.empty() || legs.size() > kMostLegs)
     return fail(ErrorCode::InvalidInput,
-                fmt::format("stage: a target of {} mm is outside 0 to {} mm", z_mm, facts_.highest_mm));
-  if (!(speed_mm_per_s > 0 && speed_mm_per_s <= facts_.fastest_mm_per_s))
-    return fail(ErrorCode::InvalidInput, fmt::format("stage: a speed of {} mm/s is not within 0 and {} mm/s",
-                                                     speed_mm_per_s, facts_.fastest_mm_per_s));
+                fmt::format("stage: a path of {} legs; 1 to {} are possible", legs.size(), kMostLegs));
+  for (const StageLeg& leg : legs) {
+    if (!(leg.z_mm >= facts_.lowest_mm && leg.z_mm <= facts_.highest_mm))
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("stage: a target of {} mm is outside 0 to {} mm", leg.z_mm, facts_.highest_mm));
+    if (!(leg.speed_mm_per_s > 0 && leg.speed_mm_per_s <= facts_.fastest_mm_per_s))
+      return fail(ErrorCode::InvalidInput, fmt::format("stage: a speed of {} mm/s is not within 0 and {} mm/s",
+                                                       leg.speed_mm_per_s, facts_.fastest_mm_per_s));
+  }
   if (!homed_) return fail(ErrorCode::Conflict, "stage: not homed");
   if (doing_ != Doing::Nothing) return fail(ErrorCode::Conflict, "stage: still moving");
   const DialectFacts& dialect = facts_of(options_.dialect);
-  const std::string text =
-      fmt::format(fmt::runtime(dialect.move), board_top_mm_ + z_mm - options_.top_mm, speed_mm_per_s * 60) +
-      std::string{dialect.barrier};
+  std::string text;
+  for (const StageLeg& leg : legs)
+    text +=
+        fmt::format(fmt::runtime(dialect.move), board_top_mm_ + leg.z_mm - options_.top_mm, leg.speed_mm_per_s * 60);
+  text += dialect.barrier;
   doing_ = Doing::Moving;
   oks_wanted_ = lines_in(text);
-  target_mm_ = z_mm;
-  deadline_ = clock_.now() + move_deadline(z_mm - z_mm_, speed_mm_per_s);
+  target_mm_ = legs.back().z_mm;
+  deadline_ = clock_.now() + path_deadline(z_mm_, legs, options_.acceleration_mm_per_s2);
   if (const auto ok = send(text); !ok) return lost(ok.error().code, ok.error().what);
   return {};
+}
+
+Result<void> SerialStage::tilt(Nanoseconds) {
+  return fail(ErrorCode::InvalidInput, "stage: it tips no vat; set motion.tilt_s to 0");
 }
 
 Result<StageStatus> SerialStage::poll() {

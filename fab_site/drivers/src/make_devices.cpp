@@ -43,6 +43,14 @@ Result<void> check_statements(const MachineProfile& machine) {
         "where "
         "this computer dies; put a watchdog before them and state devices.led_cutoff = \"watchdog\" "
         "(fab_site/drivers/first-light.md)");
+  const auto& motion = machine.motion;
+  if (d.stage != StageKind::Virtual && (motion.tilt_s > 0 || motion.large.tilt_s > 0 || motion.bottom.tilt_s > 0))
+    return wrong(
+        "motion.tilt_s, large_tilt_s and bottom_tilt_s are for archives and virtual stages; a stage by GRBL or "
+        "Marlin tips no vat");
+  if (d.projector == ProjectorKind::Dlpc900)
+    for (const double share : {machine.layers.light_share, machine.light_share_of_layer(0)})
+      if (const auto step = light_step(share, d.led_current); !step) return wrong(step.error().what);
   if (d.thermometer != Thermometer::None && d.stage != StageKind::Marlin)
     return wrong("devices.thermometer needs stage = \"marlin\"; GRBL boards and virtual stages have none");
   if ((d.hottest_celsius > 0 || d.coldest_celsius > 0) && d.thermometer == Thermometer::None)
@@ -64,7 +72,7 @@ std::unique_ptr<Clock> make_clock(const MachineProfile& machine) {
   return std::make_unique<SystemClock>();
 }
 
-double stage_top_mm(const MachineProfile& machine) { return machine.platform.z_travel_mm + machine.motion.lift_mm; }
+double stage_top_mm(const MachineProfile& machine) { return machine.platform.z_travel_mm + machine.highest_lift_mm(); }
 
 Result<std::unique_ptr<Dlpc900Projector>> open_projector(const MachineProfile& machine, Clock& clock) {
   if (machine.devices.led_current > 255)
@@ -89,6 +97,8 @@ Result<std::unique_ptr<SerialStage>> open_stage(const MachineProfile& machine, C
   options.dialect = machine.devices.stage == StageKind::Marlin ? StageDialect::Marlin : StageDialect::Grbl;
   options.top_mm = stage_top_mm(machine);
   options.thermometer = machine.devices.thermometer;
+  options.homing_mm_per_s = machine.homing_mm_per_s();
+  options.acceleration_mm_per_s2 = machine.motion.acceleration_mm_per_s2;
   return SerialStage::open(std::move(*line), options, clock);
 }
 
@@ -107,7 +117,9 @@ Result<Devices> make_devices(const MachineProfile& machine, Clock& clock) {
     devices.projector = std::move(*projector);
   }
   if (machine.devices.stage == StageKind::Virtual) {
-    devices.stage = std::make_unique<VirtualZStage>(stage_top_mm(machine), clock, *devices.log);
+    devices.stage = std::make_unique<VirtualZStage>(
+        stage_top_mm(machine), clock, *devices.log,
+        VirtualStageOptions{machine.homing_mm_per_s(), machine.motion.acceleration_mm_per_s2});
   } else {
     auto stage = open_stage(machine, clock);
     if (!stage) return tl::unexpected{stage.error()};

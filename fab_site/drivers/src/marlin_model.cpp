@@ -6,6 +6,9 @@
 #include <cmath>
 #include <telefab/fab/drivers/marlin_model.hpp>
 #include <utility>
+#include <vector>
+
+#include "board_walk.hpp"
 
 namespace telefab::fab {
 
@@ -81,7 +84,20 @@ void MarlinModel::queue_move(double to_mm, double mm_per_s, bool homing) {
   const double from_mm = motions_.empty() ? gap_mm_ : motions_.back().to_mm;
   const Nanoseconds from = motions_.empty() ? clock_.now() : motions_.back().until;
   const auto takes = Nanoseconds{static_cast<Nanoseconds::rep>(std::abs(to_mm - from_mm) / mm_per_s * 1e9)};
-  motions_.push_back({from, from + takes, from_mm, to_mm, homing});
+  motions_.push_back({from, from + takes, from_mm, to_mm, homing, mm_per_s, clock_.now()});
+  if (acceleration_mm_per_s2_ <= 0) return;
+  // What came at one time is planned as one path.
+  const auto first =
+      std::find_if(motions_.begin(), motions_.end(), [now = clock_.now()](const Motion& m) { return m.queued == now; });
+  std::vector<BoardMove> moves;
+  for (auto m = first; m != motions_.end(); ++m) moves.push_back({m->to_mm, m->mm_per_s});
+  const auto times = walk(first->from_mm, moves, acceleration_mm_per_s2_);
+  Nanoseconds at = first->from;
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    Motion& m = *(first + static_cast<std::ptrdiff_t>(i));
+    m.from = at;
+    m.until = at += times[i];
+  }
 }
 
 bool MarlinModel::receive(std::string_view bytes) {

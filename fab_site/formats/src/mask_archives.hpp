@@ -18,8 +18,17 @@ struct ArchiveFacts {
   std::uint32_t bottom_layers = 0;
   double exposure_s = 0;
   double bottom_exposure_s = 0;
+  std::uint32_t transition_layers = 0;  ///< behind the bottom ones, their exposures falling in even steps
+  LayerMotion motion;                   ///< of most layers behind the bottom ones
+  LayerMotion bottom_motion;
+  double fast_tilt_s = 0;         ///< shortest tilt of a layer
+  double slow_tilt_s = 0;         ///< longest
+  std::uint32_t slow_layers = 0;  ///< that tilt longer than the fastest
   double print_s = 0;
 };
+
+/// What an SL1 printer lets its exposures fall over: to the first layer with the normal one.
+[[nodiscard]] std::uint32_t sl1_fade(const ArchiveFacts& facts);
 
 /// Texts of an SL1 archive. `solid_mm3`: grey-weighted volume of all masks.
 [[nodiscard]] std::string sl1_config(const ArchiveFacts& facts, double solid_mm3);

@@ -2,10 +2,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <telefab/fab/formats/mask_export.hpp>
 #include <telefab/fab/mask/orientation.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
+#include <telefab/fab/print/print_time.hpp>
+#include <utility>
 
 #include "mask_archives.hpp"
 #include "zip_writer.hpp"
@@ -30,6 +33,18 @@ std::string safe_name(const std::string& job) {
   return lower.find("thumbnail") == std::string::npos ? name : "job";
 }
 
+/// Whether so many layers from `from` on have the exposures in even steps from one to the other.
+bool is_even_fade(const PrintPlan& plan, std::size_t from, std::uint32_t count, std::chrono::microseconds first,
+                  std::chrono::microseconds normal) {
+  for (std::uint32_t k = 0; k < count; ++k) {
+    const double share = (k + 1.0) / (count + 1.0);
+    const double even_us =
+        static_cast<double>(first.count()) * (1 - share) + static_cast<double>(normal.count()) * share;
+    if (std::abs(static_cast<double>(plan.layers[from + k].exposure.count()) - even_us) > 1000) return false;
+  }
+  return true;
+}
+
 /// Bottom layers are the first ones for as long as they have the first exposure (empty ones pass); the normal exposure
 /// is the most frequent one of the rest.
 void read_exposures(const PrintPlan& plan, ArchiveFacts& facts, MaskExportReport& report) {
@@ -51,13 +66,64 @@ void read_exposures(const PrintPlan& plan, ArchiveFacts& facts, MaskExportReport
     if (count > most) most = count, normal = exposure;
   }
   if (!counts.empty()) facts.bottom_layers = static_cast<std::uint32_t>(rest - plan.layers.begin());
-  report.other_exposures = lit - most;
+  const auto fading = static_cast<std::uint32_t>(
+      std::find_if(rest, plan.layers.end(), [&](const auto& l) { return is_lit(l) && l.exposure == normal; }) - rest);
+  if (is_even_fade(plan, static_cast<std::size_t>(rest - plan.layers.begin()), fading, first->exposure, normal))
+    facts.transition_layers = fading;
+  report.other_exposures = lit - most - facts.transition_layers;
   facts.exposure_s = std::chrono::duration<double>(normal).count();
   facts.bottom_exposure_s = std::chrono::duration<double>(first->exposure).count();
 }
 
+/// The motion of the first lit layer is that of the bottom; the normal one is the most frequent of those behind them.
+void read_motions(const PrintPlan& plan, ArchiveFacts& facts, MaskExportReport& report) {
+  std::vector<std::pair<LayerMotion, std::uint32_t>> counts;
+  bool is_first = true;
+  for (const PlannedLayer& layer : plan.layers) {
+    if (layer.exposure.count() == 0) continue;
+    if (std::exchange(is_first, false)) facts.motion = facts.bottom_motion = layer.motion;
+    const double tilt_s = layer.motion.tilt_s;
+    if (tilt_s > 0 && (facts.fast_tilt_s == 0 || tilt_s < facts.fast_tilt_s)) facts.fast_tilt_s = tilt_s;
+    facts.slow_tilt_s = std::max(facts.slow_tilt_s, tilt_s);
+    if (layer.index.count() < facts.bottom_layers) continue;
+    const auto known =
+        std::find_if(counts.begin(), counts.end(), [&](const auto& c) { return c.first == layer.motion; });
+    if (known == counts.end())
+      counts.emplace_back(layer.motion, 1);
+    else
+      ++known->second;
+  }
+  const auto most =
+      std::max_element(counts.begin(), counts.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  if (most != counts.end()) facts.motion = most->first;
+  for (const PlannedLayer& layer : plan.layers) {
+    if (layer.exposure.count() == 0) continue;
+    if (layer.motion.tilt_s > facts.fast_tilt_s) ++facts.slow_layers;
+    LayerMotion stated = layer.index.count() < facts.bottom_layers ? facts.bottom_motion : facts.motion;
+    stated.tilt_s = layer.motion.tilt_s;
+    if (layer.motion != stated) ++report.other_motions;
+  }
+}
+
+/// Layers whose time on an SL1 printer, as its newest program reads the archive, is more than 1 % off.
+std::uint32_t misread_by_sl1(const PrintPlan& plan, const ArchiveFacts& facts) {
+  const double fade = sl1_fade(facts);
+  std::uint32_t count = 0;
+  for (const PlannedLayer& layer : plan.layers) {
+    const double share = std::min(1.0, layer.index.count() / (fade - 1));
+    const double read_s = facts.bottom_exposure_s + (facts.exposure_s - facts.bottom_exposure_s) * share;
+    const double planned_s = std::chrono::duration<double>(layer.exposure).count();
+    if (planned_s > 0 && std::abs(read_s - planned_s) > planned_s / 100) ++count;
+  }
+  return count;
+}
+
 Result<void> check(const PrintPlan& plan, const MachineProfile& machine) {
   if (auto ok = plan.validate(); !ok) return ok;
+  if (std::any_of(plan.layers.begin(), plan.layers.end(), [](const auto& l) { return l.light_share != 1; }))
+    return fail(ErrorCode::InvalidInput,
+                "the plan dims the light (layers.light_share, layers.bottom_light_share); such an archive leaves the "
+                "power to the printer. Set the shares to 1 and the exposures to what gives the same dose");
   if (plan.machine != machine.name || plan.mask_size != machine.mask_size())
     return fail(ErrorCode::InvalidInput,
                 fmt::format("the plan is of {} with {} x {} pixels, not of {} with {} x {}; plan the job again",
@@ -126,7 +192,9 @@ Result<MaskExportReport> export_masks(MaskFormat format, const PrintPlan& plan, 
   facts.machine = &machine;
   facts.layers = report.layers;
   read_exposures(plan, facts, report);
-  for (const PlannedLayer& layer : plan.layers) facts.print_s += layer_seconds(plan.motion, layer.exposure);
+  read_motions(plan, facts, report);
+  if (format == MaskFormat::Sl1 && facts.transition_layers > 0) report.other_exposures = misread_by_sl1(plan, facts);
+  facts.print_s = std::chrono::duration<double>(print_time(plan, {}, stage_pace(machine), {})).count();
   const double pixel_mm3 =
       machine.projection.pixel_pitch_mm * machine.projection.pixel_pitch_mm * machine.layers.thickness_mm;
 

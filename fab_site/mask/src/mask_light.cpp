@@ -33,8 +33,8 @@ Result<MaskLight> mask_light(const MachineProfile& machine) {
                             machine.name, machine.projection.spread_px));
   MaskLight light;
   light.spread_px = machine.projection.spread_px;
-  light.white =
-      machine.projection.irradiance_mw_per_cm2 * machine.layers.exposure_s / machine.resin.critical_dose_mj_per_cm2;
+  light.white = machine.projection.irradiance_mw_per_cm2 * machine.at_full_light().layers.exposure_s /
+                machine.resin.critical_dose_mj_per_cm2;
   light.layer_mm = machine.layers.thickness_mm;
   light.penetration_mm = machine.resin.penetration_mm;
   light.tone = tone_of(machine.projection);

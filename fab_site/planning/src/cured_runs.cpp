@@ -41,17 +41,19 @@ void draw_states(const DoseField& dose, const Levels& levels, Mask& mask) {
   }
 }
 
-double seconds_of(const PlannedLayer& layer) { return std::chrono::duration<double>(layer.exposure).count(); }
+double seconds_of(const PlannedLayer& layer) {
+  return std::chrono::duration<double>(layer.exposure_at_full_light()).count();
+}
 
-/// The machine with the normal exposure of the plan, which may have been made for a cure depth.
-MachineProfile exposed_as(MachineProfile machine, const PrintPlan& plan) {
-  auto& layers = machine.layers;
-  const double bottom_ratio = layers.bottom_exposure_s / layers.exposure_s;
+/// The machine with the normal exposure of the plan at full light, which may have been made for a cure depth.
+MachineProfile exposed_as(const MachineProfile& profile, const PrintPlan& plan) {
+  const MachineProfile stated = profile.at_full_light();
+  MachineProfile machine = stated;
   for (const PlannedLayer& layer : plan.layers) {
     if (layer.exposure.count() == 0) continue;
-    const bool is_bottom = layer.index.count() < layers.bottom_count;
-    layers.exposure_s = is_bottom ? seconds_of(layer) / bottom_ratio : seconds_of(layer);
-    if (!is_bottom) break;
+    const std::uint32_t index = layer.index.count();
+    machine.layers.exposure_s = seconds_of(layer) * stated.layers.exposure_s / stated.exposure_of_layer_s(index);
+    if (index >= stated.layers.bottom_count + stated.layers.transition_count) break;
   }
   return machine;
 }
@@ -104,7 +106,7 @@ Result<std::vector<CuredRuns>> cured_runs(const PrintPlan& plan, MaskSource& mas
     const PlannedLayer& layer = plan.layers[k];
     auto mask = masks.mask(layer.index);
     if (!mask) return tl::unexpected{mask.error()};
-    const MaskExposure exposure{mask->view(), layer.exposure};
+    const MaskExposure exposure{mask->view(), layer.exposure_at_full_light()};
     const auto dose = light.descend({&exposure, 1});
     if (!dose) return tl::unexpected{dose.error()};
     runs[k].light.lit = LayerRuns::from_mask(mask->view(), gel_level(machine, seconds_of(layer)));

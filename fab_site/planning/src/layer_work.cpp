@@ -17,9 +17,7 @@ LayerRuns lit_of(const Mask& mask, std::uint32_t index, const MachineProfile& ma
 }  // namespace
 
 std::chrono::microseconds exposure_of(const MachineProfile& machine, std::uint32_t print_layer) {
-  const double seconds =
-      print_layer < machine.layers.bottom_count ? machine.layers.bottom_exposure_s : machine.layers.exposure_s;
-  return std::chrono::microseconds{std::llround(seconds * 1e6)};
+  return std::chrono::microseconds{std::llround(machine.exposure_of_layer_s(print_layer) * 1e6)};
 }
 
 LayerWork made_layer(MaskMaker::Made made, const std::function<void(Mask&)>& cured, const MachineProfile& machine) {

@@ -21,7 +21,7 @@ constexpr double kForgotten = 100;          // light is forgotten when this litt
 std::chrono::nanoseconds solving_time(const PlanOptions& options) { return options.mask_deadline * 9 / 10; }
 
 double exposure_ratio(const MachineProfile& machine, std::uint32_t layer) {
-  return layer < machine.layers.bottom_count ? machine.layers.bottom_exposure_s / machine.layers.exposure_s : 1;
+  return machine.exposure_of_layer_s(layer) / machine.layers.exposure_s;
 }
 
 /// Supports are drawn by cover, but where a long exposure would make them grow they are solved like the part.

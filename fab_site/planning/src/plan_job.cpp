@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
 #include <cmath>
+#include <telefab/fab/planning/drawn_contours.hpp>
 
 #include "plan_pass.hpp"
 
@@ -31,13 +32,17 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
                              const PlanSink& sink, const Clock& clock, const ProgressSink& progress,
                              std::stop_token stop) {
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
+  const Millimetres growth{machine.resin.hole_growth_mm};
+  const auto drawn = with_grown_holes(stack, growth);
+  if (!drawn) return tl::unexpected{drawn.error()};
   PlanOptions again = options;
+  if (growth.count() != 0) again.regions.reset();  // they are of the layers as they came
   Floating tried = options.supports.floating;
   double support_seconds = 0, mask_seconds = 0, carry_seconds = 0;
   std::size_t fewest = 0;
   bool is_last = options.supports.mode != SupportOptions::Mode::Auto;
   for (std::uint32_t round = 0;; ++round) {
-    auto planned = plan_pass(stack, machine, again, sink, clock, progress, stop);
+    auto planned = plan_pass(*drawn, machine, again, sink, clock, progress, stop);
     if (!planned) return planned;
     planned->support_seconds = support_seconds += planned->support_seconds;
     planned->mask_seconds = mask_seconds += planned->mask_seconds;

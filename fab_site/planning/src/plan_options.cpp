@@ -31,7 +31,8 @@ Result<void> PlanOptions::validate() const {
 Result<MachineProfile> exposed_to_depth(MachineProfile machine, double cure_depth_layers) {
   if (cure_depth_layers == 0) return machine;
   auto& layers = machine.layers;
-  const double irradiance = machine.projection.irradiance_mw_per_cm2, critical = machine.resin.critical_dose_mj_per_cm2;
+  const double irradiance = machine.projection.irradiance_mw_per_cm2 * layers.light_share,
+               critical = machine.resin.critical_dose_mj_per_cm2;
   if (!(irradiance > 0 && critical > 0 && machine.resin.penetration_mm > 0 && layers.exposure_s > 0))
     return fail(ErrorCode::InvalidInput,
                 fmt::format("machine {} has no figures for resin and light; a cure depth needs "

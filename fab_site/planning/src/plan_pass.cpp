@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <telefab/fab/print/print_time.hpp>
 #include <telefab/machine/profile_digest.hpp>
 
 #include "contact_sheet.hpp"
@@ -80,10 +81,12 @@ std::uint64_t most_speck_pixels(const MachineProfile& machine, const PlanOptions
 /// order. What is under way lies here.
 class MaskRounds {
  public:
+  /// `machine` at full light, by which doses are computed; `shown`: as its light is ordered.
   MaskRounds(const LayerStack& stack, const SupportPlan& supports, const MachineProfile& machine,
-             const PlanOptions& options, const PlanSink& sink, PlanSummary& summary)
+             const MachineProfile& shown, const PlanOptions& options, const PlanSink& sink, PlanSummary& summary)
       : stack_{stack},
         machine_{machine},
+        shown_{shown},
         sink_{sink},
         summary_{summary},
         print_layers_{summary.part_layers + summary.elevation_layers},
@@ -119,7 +122,9 @@ class MaskRounds {
     summary_.carry_seconds = std::chrono::duration<double>(clock.now() - made).count();
     summary_.thin = features_.finish();
     summary_.preview = sheet_.draw();
-    return summary_.plan.validate();
+    if (auto ok = summary_.plan.validate(); !ok) return ok;
+    summary_.print_s = std::chrono::duration<double>(print_time(summary_.plan, {}, stage_pace(shown_), {})).count();
+    return {};
   }
 
  private:
@@ -176,15 +181,16 @@ class MaskRounds {
     PlannedLayer planned;
     planned.index = index;
     planned.z_mm = (index.count() + 1) * thickness_mm;
-    planned.exposure = work.grey_sum == 0 ? std::chrono::microseconds{0} : exposure_of(machine_, work.index);
+    planned.exposure = work.grey_sum == 0 ? std::chrono::microseconds{0} : exposure_of(shown_, work.index);
+    planned.light_share = shown_.light_share_of_layer(work.index);
     planned.mask = work.digest;
     // What is solid in the end may have been lit by later layers alone; the pull is judged by the larger area.
     const double lit_mm2 = std::max(static_cast<double>(work.grey_sum) / 255, static_cast<double>(work.solid_pixels)) *
                            pitch_mm * pitch_mm;
+    planned.motion = motion_of(shown_.motion, work.index < shown_.layers.bottom_count, lit_mm2);
     if (lit_mm2 > summary_.peel.most_mm2) summary_.peel = {lit_mm2, index};
     summary_.cured_mm3 += static_cast<double>(work.solid_pixels) * (pitch_mm * pitch_mm * thickness_mm);
     summary_.exposure_s += std::chrono::duration<double>(planned.exposure).count();
-    summary_.print_s += layer_seconds(machine_.motion, planned.exposure);
     if (!work.tile.pixels.empty()) sheet_.add(std::move(work.tile), work.index, planned.z_mm);
     features_.add(work.index, work.at_features);
     summary_.plan.layers.push_back(planned);
@@ -193,6 +199,7 @@ class MaskRounds {
 
   const LayerStack& stack_;
   const MachineProfile& machine_;
+  const MachineProfile& shown_;
   const PlanSink& sink_;
   PlanSummary& summary_;
   std::uint32_t print_layers_;
@@ -230,7 +237,7 @@ PlanSummary summary_of(const LayerStack& stack, const SupportPlan& supports, con
   plan.machine = machine.name;
   plan.masks = options.masks;
   plan.mask_size = mask_frame(machine).size;
-  plan.motion = machine.motion;
+  plan.acceleration_mm_per_s2 = machine.motion.acceleration_mm_per_s2;
   plan.z_travel_mm = machine.platform.z_travel_mm;
   return summary;
 }
@@ -242,7 +249,7 @@ Result<PlanSummary> plan_pass(const LayerStack& stack, const MachineProfile& pro
                               std::stop_token stop) {
   const auto exposed = exposed_to_depth(profile, options.cure_depth_layers);
   if (!exposed) return tl::unexpected{exposed.error()};
-  const MachineProfile& machine = *exposed;
+  const MachineProfile machine = exposed->at_full_light();
   const StackHeader& header = stack.header();
   if (auto ok = fits(stack, machine, header.layer_count); !ok) return tl::unexpected{ok.error()};
 
@@ -259,7 +266,7 @@ Result<PlanSummary> plan_pass(const LayerStack& stack, const MachineProfile& pro
   summary.plan.profile = digest_of_light(profile);  // as it stands on disk, not as exposed deeper for this plan
   if (auto ok = fits(stack, machine, summary.part_layers + summary.elevation_layers); !ok)
     return tl::unexpected{ok.error()};
-  MaskRounds rounds{stack, *supports, machine, options, sink, summary};
+  MaskRounds rounds{stack, *supports, machine, *exposed, options, sink, summary};
   if (auto ok = rounds.run(options, clock, progress, stop); !ok) return tl::unexpected{ok.error()};
   summary.support_seconds = std::chrono::duration<double>(supported - begun).count();
   summary.mask_seconds = std::chrono::duration<double>(clock.now() - supported).count();

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/fab/print/admission.hpp>
+#include <telefab/fab/print/print_time.hpp>
 
 namespace telefab::fab {
 
@@ -25,6 +26,8 @@ Result<Admission> estimate_print(const PrintPlan& plan, LayerIndex from, MaskSou
       a.has_too_short = true;
       a.too_short = layer.index;
     }
+    if (const auto step = light_step(layer.light_share, projector.facts().light_steps); !step)
+      return fail_in(fmt::format("layer {}", k), step.error());
     const auto mask = masks.mask(layer.index);
     if (!mask) return fail_in(fmt::format("mask of layer {}", k), mask.error());
     if (mask->size != projector.facts().size)
@@ -37,9 +40,9 @@ Result<Admission> estimate_print(const PrintPlan& plan, LayerIndex from, MaskSou
     if (upload[k] > approach_time(plan, layer.index)) a.too_slow.push_back(layer.index);
     report(progress, WorkStage::EstimatingPrint, double(k + 1) / double(plan.layers.size()));
   }
-  const StageFacts& s = stage.facts();
-  a.planned = print_time(plan, from, s.highest_mm, s.homing_mm_per_s, {});
-  a.expected = print_time(plan, from, s.highest_mm, s.homing_mm_per_s, upload);
+  const StagePace pace{stage.facts().highest_mm, stage.facts().homing_mm_per_s};
+  a.planned = print_time(plan, from, pace, {});
+  a.expected = print_time(plan, from, pace, upload);
   return a;
 }
 

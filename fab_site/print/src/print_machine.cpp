@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <limits>
 #include <optional>
 #include <telefab/fab/print/print_machine.hpp>
 #include <utility>
@@ -18,6 +19,8 @@ template <class... F>
 overloaded(F...) -> overloaded<F...>;
 
 using Commands = std::vector<PrintCommand>;
+
+Nanoseconds nanoseconds(double seconds) { return Nanoseconds{static_cast<Nanoseconds::rep>(seconds * 1e9)}; }
 
 /// Hands out tickets and builds the steps that several rows of the table share.
 class Builder {
@@ -52,13 +55,13 @@ class Builder {
   }
 
   /// The platform is at rest above the vat: go down to the layer, loading its mask on the way unless it is on its way.
-  [[nodiscard]] Step lower_to(LayerIndex layer, Commands commands, Loading mask) {
+  [[nodiscard]] Step lower_to(LayerIndex layer, Commands commands, Loading mask, double from_mm) {
     if (mask.ticket == Ticket{}) {
       mask.ticket = fresh();
       commands.emplace_back(LoadMask{mask.ticket, layer});
     }
     const Ticket move = fresh();
-    commands.emplace_back(MoveTo{move, at(layer).z_mm, plan_.motion.lower_speed_mm_per_s});
+    commands.emplace_back(MoveAlong{move, lowering_path(at(layer).motion, at(layer).z_mm, from_mm)});
     return to(Lowering{layer, move, mask, false}, std::move(commands));
   }
 
@@ -71,20 +74,87 @@ class Builder {
     return to(Homing{next, move, false}, std::move(commands));
   }
 
-  /// Peel off after layer; the mask of the next one loads meanwhile.
-  [[nodiscard]] Step lift_from(const Exposing& s) {
+  /// The light of a layer is over: leave it. The mask of the next one loads meanwhile.
+  [[nodiscard]] Step part_from(const Exposing& s) {
     Commands commands{LightOff{}, WriteJournal{JournalStep::Exposed, s.layer, {}, {}}};
     const LayerIndex next = pass_empty(s.layer + LayerIndex{1}, commands);
     if (s.after == AfterExposure::Stop) return stopped(next, false, std::move(commands));
     const bool pause = s.after == AfterExposure::Pause;
-    Lifting lifting{s.layer, next, fresh(), {}, pause};
-    commands.emplace_back(
-        MoveTo{lifting.move, at(s.layer).z_mm + plan_.motion.lift_mm, plan_.motion.lift_speed_mm_per_s});
-    if (!past_end(next) && !pause) {
-      lifting.mask.ticket = fresh();
-      commands.emplace_back(LoadMask{lifting.mask.ticket, next});
+    Parting parting{s.layer, next, {}, pause};
+    const LayerMotion& motion = at(s.layer).motion;
+    Step step;
+    if (motion.wait_after_exposure_s > 0) {
+      const Ticket timer = fresh();
+      commands.emplace_back(StartTimer{timer, nanoseconds(motion.wait_after_exposure_s)});
+      step = to(Resting{s.layer, next, timer, {}, pause}, std::move(commands));
+    } else {
+      step = tilt(parting, std::move(commands));
     }
-    return to(lifting, std::move(commands));
+    if (past_end(next) || pause) return step;
+    // Behind what moves, so that motion never waits for a mask to be read.
+    const Loading mask{fresh(), false};
+    step.commands.emplace_back(LoadMask{mask.ticket, next});
+    step.last_ticket = last_;
+    std::visit(
+        [&](auto& state) {
+          if constexpr (requires { state.mask; }) state.mask = mask;
+        },
+        step.state);
+    return step;
+  }
+
+  /// What the states from Resting to Lifting share.
+  struct Parting {
+    LayerIndex layer;
+    LayerIndex next;
+    Loading mask;
+    bool pause_after = false;
+  };
+
+  [[nodiscard]] Step tilt(const Parting& p, Commands commands) {
+    const LayerMotion& motion = at(p.layer).motion;
+    if (motion.tilt_s <= 0) return lift(p, std::move(commands));
+    const Ticket move = fresh();
+    commands.emplace_back(Tilt{move, nanoseconds(motion.tilt_s)});
+    return to(Tilting{p.layer, p.next, move, p.mask, p.pause_after}, std::move(commands));
+  }
+
+  [[nodiscard]] Step lift(const Parting& p, Commands commands) {
+    auto path = lift_path(at(p.layer).motion, at(p.layer).z_mm);
+    if (path.empty()) return after_lift(p, std::move(commands));
+    const Ticket move = fresh();
+    commands.emplace_back(MoveAlong{move, std::move(path)});
+    return to(Lifting{p.layer, p.next, move, p.mask, p.pause_after}, std::move(commands));
+  }
+
+  /// Off the film: on top of the lift, or where it was where the vat tips instead.
+  [[nodiscard]] Step after_lift(const Parting& p, Commands commands) {
+    commands.emplace_back(WriteJournal{JournalStep::Lifted, p.layer, {}, {}});
+    if (past_end(p.next)) return finish(std::move(commands));
+    const LayerMotion& motion = at(p.layer).motion;
+    if (p.pause_after && motion.lift_mm > 0) return to(Paused{p.next}, std::move(commands));
+    if (p.pause_after) return raise_to_pause(p.next, std::move(commands));
+    if (motion.wait_after_lift_s <= 0) return lower_from_lift(p.layer, p.next, p.mask, std::move(commands));
+    const Ticket timer = fresh();
+    commands.emplace_back(StartTimer{timer, nanoseconds(motion.wait_after_lift_s)});
+    return to(Draining{p.layer, p.next, timer, p.mask}, std::move(commands));
+  }
+
+  [[nodiscard]] Step lower_from_lift(LayerIndex layer, LayerIndex next, const Loading& mask, Commands commands) {
+    return lower_to(next, std::move(commands), mask, at(layer).z_mm + at(layer).motion.lift_mm);
+  }
+
+  [[nodiscard]] Step pause_on_top(const Draining& s) {
+    if (at(s.layer).motion.lift_mm > 0) return to(Paused{s.next}, {LightOff{}});
+    return raise_to_pause(s.next, {});
+  }
+
+  /// A pause never leaves the part in the resin: without a lift it goes to the top.
+  [[nodiscard]] Step raise_to_pause(LayerIndex next, Commands commands) {
+    const Ticket move = fresh();
+    commands.emplace_back(LightOff{});
+    commands.emplace_back(GoHome{move});
+    return to(Homing{next, move, true}, std::move(commands));
   }
 
   [[nodiscard]] Step expose_when_ready(const Settling& s) {
@@ -97,14 +167,14 @@ class Builder {
 
   [[nodiscard]] Step settle(const Lowering& s) {
     const Ticket timer = fresh();
-    const auto rest = Nanoseconds{static_cast<Nanoseconds::rep>(plan_.motion.settle_s * 1e9)};
-    return to(Settling{s.layer, timer, s.mask, false}, {StartTimer{timer, rest}});
+    return to(Settling{s.layer, timer, s.mask, false}, {StartTimer{timer, nanoseconds(at(s.layer).motion.settle_s)}});
   }
 
   [[nodiscard]] Step retreat(LayerIndex layer) {
+    auto path = lift_path(at(layer).motion, at(layer).z_mm);
+    if (path.empty()) return raise_to_pause(layer, {});
     const Ticket move = fresh();
-    return to(Retreating{layer, move},
-              {LightOff{}, MoveTo{move, at(layer).z_mm + plan_.motion.lift_mm, plan_.motion.lift_speed_mm_per_s}});
+    return to(Retreating{layer, move}, {LightOff{}, MoveAlong{move, std::move(path)}});
   }
 
   [[nodiscard]] Step cancel(LayerIndex next) {
@@ -148,6 +218,18 @@ class Builder {
 Step stop_on(const PrintState& state, const Error& cause, const Builder& b) {
   const auto* exposing = std::get_if<Exposing>(&state);
   return b.fault(layer_of(state), exposing != nullptr, cause, {LightOff{}, HoldStage{}});
+}
+
+template <class State>
+Step with_mask(State s, const MaskLoaded& loaded, const Builder& b) {
+  if (loaded.mask == s.mask.ticket) s.mask.done = true;
+  return b.to(s);
+}
+
+template <class State>
+Step with_pause(State s, bool pause, const Builder& b) {
+  s.pause_after = pause;
+  return b.to(s);
 }
 
 Step decided(const AwaitingDecision& s, const DecisionMade& made, Builder& b) {
@@ -222,7 +304,7 @@ Step transition(const PrintPlan& plan, const PrintState& state, const PrintEvent
           [&](const Homing& s, const MoveDone& e) {
             if (e.move != s.move) return stay();
             if (s.pause_after) return b.to(Paused{s.next});
-            return b.lower_to(s.next, {}, {});
+            return b.lower_to(s.next, {}, {}, std::numeric_limits<double>::infinity());
           },
           [&](const Homing& s, const PauseAsked&) {
             return b.to(Homing{s.next, s.move, true});
@@ -260,7 +342,7 @@ Step transition(const PrintPlan& plan, const PrintState& state, const PrintEvent
           [&](const Settling& s, const CancelAsked&) { return b.cancel(s.layer); },
 
           // A pause lets a running exposure end: half a dose helps nobody.
-          [&](const Exposing& s, const ExposureDone& e) { return e.exposure == s.exposure ? b.lift_from(s) : stay(); },
+          [&](const Exposing& s, const ExposureDone& e) { return e.exposure == s.exposure ? b.part_from(s) : stay(); },
           [&](const Exposing& s, const ExposureRefused& e) {
             if (e.exposure != s.exposure) return stay();
             return b.fault(s.layer, false, e.cause,
@@ -274,24 +356,36 @@ Step transition(const PrintPlan& plan, const PrintState& state, const PrintEvent
           },
           [&](const Exposing& s, const CancelAsked&) { return b.cancel(s.layer); },
 
+          [&](const Resting& s, const TimerDone& e) {
+            return e.timer == s.timer ? b.tilt({s.layer, s.next, s.mask, s.pause_after}, {}) : stay();
+          },
+          [&](const Resting& s, const MaskLoaded& e) { return with_mask(s, e, b); },
+          [&](const Resting& s, const PauseAsked&) { return with_pause(s, true, b); },
+          [&](const Resting& s, const ResumeAsked&) { return with_pause(s, false, b); },
+          [&](const Resting& s, const CancelAsked&) { return b.cancel(s.next); },
+
+          [&](const Tilting& s, const MoveDone& e) {
+            return e.move == s.move ? b.lift({s.layer, s.next, s.mask, s.pause_after}, {}) : stay();
+          },
+          [&](const Tilting& s, const MaskLoaded& e) { return with_mask(s, e, b); },
+          [&](const Tilting& s, const PauseAsked&) { return with_pause(s, true, b); },
+          [&](const Tilting& s, const ResumeAsked&) { return with_pause(s, false, b); },
+          [&](const Tilting& s, const CancelAsked&) { return b.cancel(s.next); },
+
           [&](const Lifting& s, const MoveDone& e) {
-            if (e.move != s.move) return stay();
-            Commands commands{WriteJournal{JournalStep::Lifted, s.layer, {}, {}}};
-            if (b.past_end(s.next)) return b.finish(std::move(commands));
-            if (s.pause_after) return b.to(Paused{s.next}, std::move(commands));
-            return b.lower_to(s.next, std::move(commands), s.mask);
+            return e.move == s.move ? b.after_lift({s.layer, s.next, s.mask, s.pause_after}, {}) : stay();
           },
-          [&](const Lifting& s, const MaskLoaded& e) {
-            if (e.mask != s.mask.ticket) return stay();
-            return b.to(Lifting{s.layer, s.next, s.move, {s.mask.ticket, true}, s.pause_after});
-          },
-          [&](const Lifting& s, const PauseAsked&) {
-            return b.to(Lifting{s.layer, s.next, s.move, s.mask, true});
-          },
-          [&](const Lifting& s, const ResumeAsked&) {
-            return b.to(Lifting{s.layer, s.next, s.move, s.mask, false});
-          },
+          [&](const Lifting& s, const MaskLoaded& e) { return with_mask(s, e, b); },
+          [&](const Lifting& s, const PauseAsked&) { return with_pause(s, true, b); },
+          [&](const Lifting& s, const ResumeAsked&) { return with_pause(s, false, b); },
           [&](const Lifting& s, const CancelAsked&) { return b.cancel(s.next); },
+
+          [&](const Draining& s, const TimerDone& e) {
+            return e.timer == s.timer ? b.lower_from_lift(s.layer, s.next, s.mask, {}) : stay();
+          },
+          [&](const Draining& s, const MaskLoaded& e) { return with_mask(s, e, b); },
+          [&](const Draining& s, const PauseAsked&) { return b.pause_on_top(s); },
+          [&](const Draining& s, const CancelAsked&) { return b.cancel(s.next); },
 
           [&](const Retreating& s, const MoveDone& e) { return e.move == s.move ? b.to(Paused{s.next}) : stay(); },
           [&](const Retreating& s, const CancelAsked&) { return b.cancel(s.next); },
@@ -343,12 +437,12 @@ bool is_final(const PrintState& state) {
 }
 
 LayerIndex layer_of(const PrintState& state) {
-  return std::visit(overloaded{[](const Idle&) { return LayerIndex{}; }, [](const Lifting& s) { return s.next; },
+  return std::visit(overloaded{[](const Idle&) { return LayerIndex{}; },
                                [](const auto& s) {
-                                 if constexpr (requires { s.layer; })
-                                   return s.layer;
-                                 else if constexpr (requires { s.next; })
+                                 if constexpr (requires { s.next; })
                                    return s.next;
+                                 else if constexpr (requires { s.layer; })
+                                   return s.layer;
                                  else
                                    return s.printed;
                                }},
@@ -364,8 +458,9 @@ PrintPhase phase_of(const PrintState& state) {
 
 std::string_view name_of(PrintPhase phase) {
   static constexpr std::string_view names[] = {
-      "idle",   "awaiting-decision", "homing",     "lowering", "settling",  "exposing", "lifting", "retreating",
-      "paused", "finishing",         "cancelling", "done",     "cancelled", "faulted"};
+      "idle",      "awaiting-decision", "homing",  "lowering",  "settling",   "exposing",
+      "resting",   "tilting",           "lifting", "draining",  "retreating", "paused",
+      "finishing", "cancelling",        "done",    "cancelled", "faulted"};
   static_assert(std::size(names) == std::variant_size_v<PrintState>);
   return names[static_cast<std::size_t>(phase)];
 }

@@ -2,8 +2,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <telefab/fab/print/print_runner.hpp>
+#include <telefab/fab/print/print_time.hpp>
 #include <utility>
 
 namespace telefab::fab {
@@ -24,12 +24,6 @@ constexpr Nanoseconds kLoadGrace = 20s;
 constexpr Nanoseconds kSurelyUndivided = 15s;  // below what any supported controller times at once (DLPC900: 16.7 s)
 constexpr Nanoseconds kExposureGrace = 1s;
 
-Nanoseconds seconds(double s) { return Nanoseconds{static_cast<Nanoseconds::rep>(s * 1e9)}; }
-
-Nanoseconds travel(double distance_mm, double speed_mm_per_s) {
-  return seconds(std::abs(distance_mm) / speed_mm_per_s);
-}
-
 /// One run of a print: what the machine waits for, and the replies.
 class Run {
  public:
@@ -45,14 +39,8 @@ class Run {
         policy_{policy},
         control_{control},
         sink_{sink},
-        recoveries_{policy.recoveries} {
-    const std::size_t n = plan.layers.size();
-    left_.resize(n + 1);
-    for (std::size_t k = n; k-- > 0;)
-      left_[k] = left_[k + 1] + Nanoseconds{plan.layers[k].exposure} + seconds(plan.motion.settle_s) +
-                 travel(plan.motion.lift_mm, plan.motion.lift_speed_mm_per_s) +
-                 travel(plan.motion.lift_mm, plan.motion.lower_speed_mm_per_s);
-  }
+        recoveries_{policy.recoveries},
+        left_{time_left(plan, {stage.facts().highest_mm, stage.facts().homing_mm_per_s})} {}
 
   /// Until final, or faulted with nothing left to try.
   void print(std::stop_token stop) {
@@ -180,9 +168,13 @@ class Run {
                             move_ = {c.move, Nanoseconds{}};
                             return check(stage_.home());
                           },
-                          [&](const MoveTo& c) {
-                            move_ = {c.move, clock_.now() + travel(c.z_mm - z_mm_, c.speed_mm_per_s)};
-                            return check(stage_.move_to(c.z_mm, c.speed_mm_per_s));
+                          [&](const MoveAlong& c) {
+                            move_ = {c.move, clock_.now() + path_time(z_mm_, c.legs, plan_.acceleration_mm_per_s2)};
+                            return check(stage_.move_along(c.legs));
+                          },
+                          [&](const Tilt& c) {
+                            move_ = {c.move, clock_.now() + c.duration};
+                            return check(stage_.tilt(c.duration));
                           },
                           [&](const LoadMask& c) { return load(c); },
                           [&](const StartTimer& c) -> std::optional<PrintEvent> {
@@ -204,7 +196,8 @@ class Run {
       return DeviceFailed{
           {ErrorCode::NotTrusted,
            fmt::format("the mask of layer {} is not the planned one: its digest differs", c.layer.count())}};
-    if (const auto ok = projector_.load(mask->view(), planned.exposure); !ok) return DeviceFailed{ok.error()};
+    if (const auto ok = projector_.load(mask->view(), {planned.exposure, planned.light_share}); !ok)
+      return DeviceFailed{ok.error()};
     load_ = {c.mask, clock_.now() + projector_.load_time(mask->view()) * 4 + kLoadGrace};
     return std::nullopt;
   }
@@ -340,7 +333,7 @@ class Run {
   std::optional<Error> unkept_;  ///< what the journal would not take last
   double z_mm_ = 0;
   std::string alarm_;
-  std::vector<Nanoseconds> left_;
+  std::vector<Nanoseconds> left_;  ///< when each layer is next
 };
 
 }  // namespace
@@ -440,39 +433,6 @@ Result<PrintRecord> PrintRunner::run(const PrintPlan& plan, const PrintPolicy& p
   if (!dark)
     record.cause = {ErrorCode::DeviceLost, run.alarm() + (record.cause.what.empty() ? "" : "; ") + record.cause.what};
   return record;
-}
-
-Nanoseconds approach_time(const PrintPlan& plan, LayerIndex layer) {
-  const auto& motion = plan.motion;
-  const double z_mm = plan.layers[layer.count()].z_mm;
-  double from_mm = z_mm;
-  Nanoseconds lift{};
-  for (std::size_t k = layer.count(); k-- > 0;)
-    if (plan.layers[k].exposure.count() > 0) {
-      from_mm = plan.layers[k].z_mm;
-      lift = travel(motion.lift_mm, motion.lift_speed_mm_per_s);
-      break;
-    }
-  return lift + travel(from_mm + motion.lift_mm - z_mm, motion.lower_speed_mm_per_s) + seconds(motion.settle_s);
-}
-
-Nanoseconds print_time(const PrintPlan& plan, LayerIndex from, double top_mm, double homing_mm_per_s,
-                       std::span<const Nanoseconds> upload) {
-  // The platform starts at the vat and homes to the top; the lowest layer's path starts there.
-  Nanoseconds total = travel(top_mm, homing_mm_per_s);
-  double above_mm = top_mm;
-  Nanoseconds lift{};
-  for (std::size_t k = from.count(); k < plan.layers.size(); ++k) {
-    const PlannedLayer& layer = plan.layers[k];
-    if (layer.exposure.count() == 0) continue;
-    const Nanoseconds motion =
-        lift + travel(above_mm - layer.z_mm, plan.motion.lower_speed_mm_per_s) + seconds(plan.motion.settle_s);
-    const Nanoseconds loading = k < upload.size() ? upload[k] : Nanoseconds{};
-    total += std::max(motion, loading) + Nanoseconds{layer.exposure};
-    above_mm = layer.z_mm + plan.motion.lift_mm;
-    lift = travel(plan.motion.lift_mm, plan.motion.lift_speed_mm_per_s);
-  }
-  return total + lift + travel(top_mm - above_mm, homing_mm_per_s);
 }
 
 }  // namespace telefab::fab

@@ -213,7 +213,7 @@ std::uint8_t level_of(const MachineProfile& machine, double dose_mj_per_cm2, dou
 std::uint8_t cure_level(const MachineProfile& machine) {
   const double needed =
       machine.resin.critical_dose_mj_per_cm2 * std::exp(machine.layers.thickness_mm / machine.resin.penetration_mm);
-  return level_of(machine, needed, machine.layers.exposure_s);
+  return level_of(machine, needed, machine.at_full_light().layers.exposure_s);
 }
 
 std::uint8_t gel_level(const MachineProfile& machine, double exposure_s) {

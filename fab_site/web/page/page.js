@@ -138,9 +138,8 @@ async function showDose(id) {
   drawSteps(pen, light.measured_s, planned.length, most, "--part");
   const heat = light.resin_celsius.filter((t) => t !== null);
   if (heat.length) drawSteps(pen, light.resin_celsius, planned.length, 60, "--danger");
-  const dose = (s) => `${(s * light.irradiance_mw_per_cm2).toFixed(1)} mJ/cm²`;
-  const last = planned[planned.length - 1];
-  byId("dose-text").textContent = `at full grey: first layer ${dose(planned[0])}, last ${dose(last)}; ${light.measured_s.filter((s) => s !== null).length} of ${planned.length} layers measured` +
+  const dose = (layer) => `${(planned[layer] * light.light_share[layer] * light.irradiance_mw_per_cm2).toFixed(1)} mJ/cm²`;
+  byId("dose-text").textContent = `at full grey: first layer ${dose(0)}, last ${dose(planned.length - 1)}; ${light.measured_s.filter((s) => s !== null).length} of ${planned.length} layers measured` +
     (heat.length ? `; resin ${Math.min(...heat).toFixed(1)} to ${Math.max(...heat).toFixed(1)} °C` : "");
 }
 

@@ -18,12 +18,12 @@ struct Frame {
   Eigen::Matrix3d places;   ///< of places and directions between them
   Eigen::Matrix3d normals;  ///< they stay square to the surface and outward, mirrored or not
 
-  explicit Frame(const PlacementOptions& options) {
+  Frame(const PlacementOptions& options, const Vec3& axis_scale) {
     Vec3 signs = Vec3::Ones();
     if (options.mirror) signs[static_cast<Eigen::Index>(*options.mirror) - 1] = -1;
     const Eigen::Matrix3d turned = options.turn.matrix() * signs.asDiagonal();
-    places = options.axis_scale.asDiagonal() * turned;
-    normals = options.axis_scale.cwiseInverse().asDiagonal() * turned;
+    places = axis_scale.asDiagonal() * turned;
+    normals = axis_scale.cwiseInverse().asDiagonal() * turned;
     // Negative zeros would stand in reports.
     places.array() += 0.0;
   }
@@ -72,7 +72,8 @@ Result<void> check_position(Point2 position, const Vec3& size_mm, const MachineP
 
 Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request) {
   if (scan.points.empty()) return fail(ErrorCode::InvalidInput, "the scan has no points");
-  const Frame frame{request.placement};
+  const Vec3 axis_scale = request.drawn_axis_scale();
+  const Frame frame{request.placement, axis_scale};
   if (!frame.is_none())
     for (auto& n : scan.normals) n = (frame.normals * n.cast<double>()).normalized().cast<float>();
   const Vec3 origin = frame.places * scan.origin;
@@ -86,8 +87,7 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   const Vec3 room = room_of(request.machine);
   const double unit_mm = request.placement.unit_mm.value_or(scan.unit_mm.value_or(1));
   const auto scale_for = [&](const Vec3& beyond_mm) -> double {
-    if (request.placement.height_mm)
-      return (*request.placement.height_mm * request.placement.axis_scale.z() - beyond_mm.z()) / size.z();
+    if (request.placement.height_mm) return (*request.placement.height_mm * axis_scale.z() - beyond_mm.z()) / size.z();
     if (request.placement.scale) return *request.placement.scale;
     if (!request.placement.fit) return unit_mm;
     return fitted_scale(request.machine, size, beyond_mm);
@@ -125,7 +125,7 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
                 fmt::format("the part is {:.4g} x {:.4g} x {:.4g} mm, larger than {}: {:.4g} x {:.4g} mm platform, "
                             "{:.4g} mm travel; give --height-mm {:.4g} or less, or --fit{}",
                             size_mm.x(), size_mm.y(), size_mm.z(), request.machine.name, room.x(), room.y(), room.z(),
-                            std::floor(largest * size.z() / request.placement.axis_scale.z() * 100) / 100, hint));
+                            std::floor(largest * size.z() / axis_scale.z() * 100) / 100, hint));
   if (size_mm.minCoeff() < 1e-6)
     return fail(ErrorCode::InvalidInput, fmt::format("the part is {:.3g} x {:.3g} x {:.3g} mm, too small to be cut; "
                                                      "give --height-mm or --scale{}",
@@ -137,6 +137,7 @@ Result<Placement> place_on_platform(PointCloud scan, const SliceRequest& request
   const Vec3 shift{position.x_mm - scale * middle.x(), position.y_mm - scale * middle.y(), -scale * min.z()};
   Placement placed;
   placed.options = request.placement;
+  placed.options.axis_scale = axis_scale;
   placed.size_mm = size_mm;
   placed.scale_warning = std::move(warning);
   placed.unit_is_stated = request.placement.unit_mm || scan.unit_mm;

@@ -50,7 +50,7 @@ Result<std::vector<Standing>> standings_of(const PointCloud& prepared, const Sli
   options.height_mm = placement.height_mm;
   options.scale = placement.scale.value_or(placement.unit_mm.value_or(prepared.unit_mm.value_or(1)));
   options.fit = placement.fit;
-  options.axis_scale = placement.axis_scale;
+  options.axis_scale = request.drawn_axis_scale();
   options.thickness_mm = request.thickness_mm;
   options.goal = search.goal;
   options.directions = search.directions;

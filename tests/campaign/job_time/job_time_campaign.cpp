@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <telefab/fab/drivers/dlpc900_projector.hpp>
 #include <telefab/fab/drivers/grbl_model.hpp>
@@ -15,7 +16,7 @@
 namespace telefab::fab {
 namespace {
 
-constexpr double kHoming_mm_per_s = 2;
+constexpr double kHoming_mm_per_s = 20;  ///< of the model of the board
 
 int complain(const Error& error) {
   fmt::print(stderr, "{}\n", error.what);
@@ -26,18 +27,22 @@ int simulate(const char* folder) {
   auto job = PlannedJob::open(folder);
   if (!job) return complain(job.error());
   const PrintPlan& plan = (*job)->plan();
-  const double top_mm = plan.z_travel_mm + plan.motion.lift_mm;
+  double top_mm = plan.z_travel_mm;
+  for (const PlannedLayer& layer : plan.layers) top_mm = std::max(top_mm, plan.z_travel_mm + layer.motion.lift_mm);
   const std::uint8_t dmd = plan.mask_size.width_px <= 1920 && plan.mask_size.height_px <= 1080 ? 1 : 2;
 
   VirtualClock clock;
   MachineLog log;
   Dlpc900Model model{dmd, 6, clock, &log};
   GrblModel board{top_mm, clock, &log};
+  board.set_acceleration(plan.acceleration_mm_per_s2);
   auto projector = Dlpc900Projector::open(std::make_unique<ModelUsb>(model, clock),
                                           {.mask = plan.mask_size, .led_current = 255}, clock);
   if (!projector) return complain(projector.error());
-  auto stage = SerialStage::open(std::make_unique<ModelLine>(board, clock),
-                                 {.top_mm = top_mm, .homing_mm_per_s = kHoming_mm_per_s}, clock);
+  auto stage = SerialStage::open(
+      std::make_unique<ModelLine>(board, clock),
+      {.top_mm = top_mm, .homing_mm_per_s = kHoming_mm_per_s, .acceleration_mm_per_s2 = plan.acceleration_mm_per_s2},
+      clock);
   if (!stage) return complain(stage.error());
   const auto admission = estimate_print(plan, {}, **job, **projector, **stage, {}, {});
   if (!admission) return complain(admission.error());

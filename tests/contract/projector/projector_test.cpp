@@ -43,7 +43,7 @@ class ProjectorContract : public testing::Test {
   }
   Result<void> load(Microseconds exposure) {
     const auto mask = masks.mask(LayerIndex{0});
-    return engine.projector->load(mask->view(), exposure);
+    return engine.projector->load(mask->view(), {exposure});
   }
   [[nodiscard]] Nanoseconds lit() const {
     Nanoseconds sum{};
@@ -81,7 +81,7 @@ TYPED_TEST(ProjectorContract, RefusesToExposeWithoutALoadedMask) {
 
 TYPED_TEST(ProjectorContract, RefusesAMaskOfAnotherSizeAndAnExposureThatIsNotPositive) {
   const Mask wrong{{3, 3}, std::vector<std::uint8_t>(9)};
-  EXPECT_EQ(this->engine.projector->load(wrong.view(), 200ms).error().code, ErrorCode::InvalidInput);
+  EXPECT_EQ(this->engine.projector->load(wrong.view(), {200ms}).error().code, ErrorCode::InvalidInput);
   EXPECT_EQ(this->load(0us).error().code, ErrorCode::InvalidInput);
 }
 

@@ -136,7 +136,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     } else {
       Dlpc900Projector& projector = **made;
       Mask mask{{16, 8}, std::vector<std::uint8_t>(128, 200)};
-      if (projector.load(mask.view(), 200ms)) {
+      if (projector.load(mask.view(), {200ms})) {
         for (int i = 0; i < 200; ++i) {
           const auto status = projector.poll();
           if (!status) break;

@@ -75,6 +75,12 @@ lift_mm = 0.5
 lift_speed_mm_per_s = 8.0
 lower_speed_mm_per_s = 8.0
 settle_s = 0.02
+peel_mm = 0.2
+peel_speed_mm_per_s = 4.0
+approach_mm = 0.2
+approach_speed_mm_per_s = 4.0
+wait_after_exposure_s = 0.03
+wait_after_lift_s = 0.03
 [devices]
 projector = "dlpc900"
 stage = "grbl"

@@ -2,8 +2,13 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <random>
+#include <telefab/fab/device/virtual_projector.hpp>
+#include <telefab/fab/device/virtual_z_stage.hpp>
+#include <telefab/fab/drivers/marlin_model.hpp>
 #include <telefab/fab/print/admission.hpp>
+#include <telefab/fab/print/print_time.hpp>
 #include <telefab/test/print_rig.hpp>
 
 namespace telefab::fab {
@@ -83,7 +88,6 @@ TEST(ModelPrint, TakesTheTimeItWasAdmittedForWhereTheBusIsTheBottleneck) {
   NoiseMasks masks{400};
   PrintPlan plan;
   plan.mask_size = NoiseMasks::kSize;
-  plan.motion = {5.0, 2.0, 3.0, 0.5};
   plan.z_travel_mm = 20;
   for (std::uint32_t i = 0; i < 12; ++i) {
     const Mask mask = *masks.mask(LayerIndex{i});
@@ -111,6 +115,107 @@ TEST(ModelPrint, TakesTheTimeItWasAdmittedForWhereTheBusIsTheBottleneck) {
   const double ratio = double((clock.now() - from).count()) / double(admission->expected.count());
   fmt::print("estimated {:.1f} s, took {:.3f} of it\n", double(admission->expected.count()) * 1e-9, ratio);
   EXPECT_NEAR(ratio, 1, 0.05);
+}
+
+/// A machine's motion, as its profile states it, on a small light engine.
+struct TimedMachine {
+  const char* name;
+  MachineProfile profile;
+};
+
+TimedMachine timed(const char* name, auto change) {
+  TimedMachine machine{name, {}};
+  machine.profile.platform.z_travel_mm = 60;
+  machine.profile.layers.thickness_mm = 0.05;
+  machine.profile.motion.homing_speed_mm_per_s = 20;
+  change(machine.profile);
+  return machine;
+}
+
+/// The stages of the machine, each on a clock of its own.
+enum class StageOf : std::uint8_t { Virtual, Grbl, Marlin };
+
+double simulated_s(const MachineProfile& machine, StageOf kind, const PrintPlan& plan, MaskSource& masks) {
+  VirtualClock clock;
+  MachineLog log;
+  const StagePace pace = stage_pace(machine);
+  const double acceleration = machine.motion.acceleration_mm_per_s2;
+  VirtualProjector projector{PrintRig::kSize, 0, clock, log};
+  GrblModel grbl{pace.top_mm, clock, &log};
+  MarlinModel marlin{pace.top_mm, clock, &log};
+  grbl.set_acceleration(acceleration);
+  marlin.set_acceleration(acceleration);
+  std::unique_ptr<ZStage> stage;
+  if (kind == StageOf::Virtual) {
+    stage = std::make_unique<VirtualZStage>(pace.top_mm, clock, log,
+                                            VirtualStageOptions{pace.homing_mm_per_s, acceleration});
+  } else {
+    LineModel& model = kind == StageOf::Grbl ? static_cast<LineModel&>(grbl) : marlin;
+    auto opened = SerialStage::open(std::make_unique<ModelLine>(model, clock),
+                                    {.dialect = kind == StageOf::Grbl ? StageDialect::Grbl : StageDialect::Marlin,
+                                     .top_mm = pace.top_mm,
+                                     .homing_mm_per_s = pace.homing_mm_per_s,
+                                     .acceleration_mm_per_s2 = acceleration},
+                                    clock);
+    EXPECT_TRUE(opened) << opened.error().what;
+    stage = std::move(*opened);
+  }
+  PrintJournal journal = *PrintJournal::open(memory_journal_file());
+  PrintRunner runner{projector, *stage, masks, journal, clock};
+  PrintControl control;
+  const Nanoseconds from = clock.now();
+  const auto record = runner.run(plan, {}, control, {}, {});
+  EXPECT_TRUE(record && record->outcome == PrintOutcome::Done) << (record ? record->cause.what : record.error().what);
+  EXPECT_EQ(log.light_while_moving(), 0ns);
+  EXPECT_EQ(log.light().size(), plan.layers.size());
+  return double((clock.now() - from).count()) * 1e-9;
+}
+
+TEST(ModelPrint, TakesTheEstimatedTimeOnEveryStageWhateverTheMotion) {
+  const TimedMachine machines[] = {
+      timed("plain lift, no acceleration stated", [](MachineProfile&) {}),
+      timed("two-stage film printer",
+            [](MachineProfile& m) {
+              auto& motion = m.motion;
+              motion.lift_mm = 8, motion.lift_speed_mm_per_s = 3;
+              motion.peel_mm = 3, motion.peel_speed_mm_per_s = 1;
+              motion.approach_mm = 2, motion.approach_speed_mm_per_s = 0.8;
+              motion.wait_after_exposure_s = 0.5, motion.wait_after_lift_s = 1;
+              motion.bottom.peel_speed_mm_per_s = 0.5, motion.bottom.settle_s = 3;
+              motion.large_area_mm2 = 10, motion.large.lift_mm = 10, motion.large.lift_speed_mm_per_s = 1.5;
+              motion.acceleration_mm_per_s2 = 50;
+              m.layers.transition_count = 5;
+            }),
+      timed("quick stage that speeds up slowly",
+            [](MachineProfile& m) {
+              auto& motion = m.motion;
+              motion.lift_mm = 4, motion.lift_speed_mm_per_s = 6, motion.lower_speed_mm_per_s = 8;
+              motion.settle_s = 0.2, motion.acceleration_mm_per_s2 = 8;
+            }),
+  };
+  test::FormulaMasks masks{PrintRig::kSize};
+  for (const TimedMachine& machine : machines) {
+    MachineProfile profile = machine.profile;
+    profile.layers.bottom_exposure_s = 12, profile.layers.exposure_s = 1.5;
+    PrintPlan plan = test::formula_plan(masks, PrintRig::kSize, 40, 1500ms);
+    plan.z_travel_mm = profile.platform.z_travel_mm;
+    plan.acceleration_mm_per_s2 = profile.motion.acceleration_mm_per_s2;
+    for (PlannedLayer& layer : plan.layers) {
+      const std::uint32_t k = layer.index.count();
+      layer.exposure = Microseconds{std::llround(profile.exposure_of_layer_s(k) * 1e6)};
+      layer.motion = motion_of(profile.motion, k < profile.layers.bottom_count, k % 3 == 0 ? 20 : 5);
+    }
+    const double estimate_s = double(print_time(plan, {}, stage_pace(profile), {}).count()) * 1e-9;
+    for (const StageOf kind : {StageOf::Virtual, StageOf::Grbl, StageOf::Marlin}) {
+      const double took_s = simulated_s(profile, kind, plan, masks);
+      fmt::print("{:36} {:8} estimated {:6.1f} s, took {:6.1f} s: {:+.2f} %\n", machine.name,
+                 kind == StageOf::Virtual ? "virtual"
+                 : kind == StageOf::Grbl  ? "GRBL"
+                                          : "Marlin",
+                 estimate_s, took_s, (took_s / estimate_s - 1) * 100);
+      EXPECT_NEAR(took_s / estimate_s, 1, 0.03);
+    }
+  }
 }
 
 }  // namespace

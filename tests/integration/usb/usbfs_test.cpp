@@ -48,7 +48,7 @@ class Usbfs : public testing::Test {
   /// Shows one mask through libusb; the exposure must end by itself.
   Result<void> show_one(Dlpc900Projector& projector) {
     test::FormulaMasks masks{PrintRig::kSize};
-    if (const auto ok = projector.load(masks.mask(LayerIndex{0})->view(), 60ms); !ok) return ok;
+    if (const auto ok = projector.load(masks.mask(LayerIndex{0})->view(), {60ms}); !ok) return ok;
     for (const Nanoseconds until = clock.now() + 10s; clock.now() < until;) {
       const auto status = projector.poll();
       if (!status) return tl::unexpected{status.error()};

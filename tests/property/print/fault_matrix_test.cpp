@@ -86,8 +86,8 @@ void run_with(PrintRig& rig, Tally& tally, bool& decided, PlanFault plan_fault) 
 struct Steps {
   std::uint64_t transfers = 0, lines = 0;
 };
-Steps steps_of_a_layer() {
-  PrintRig rig{kLayers};
+Steps steps_of_a_layer(const LayerMotion& motion = {}) {
+  PrintRig rig{kLayers, 700ms, motion};
   EXPECT_TRUE(rig.connect());
   Steps from, to;
   (void)rig.print({}, [&](const PrintProgress& p) {
@@ -130,34 +130,41 @@ INSTANTIATE_TEST_SUITE_P(Faults, ProjectorFaultMatrix, testing::Range<std::size_
                            return name;
                          });
 
-class StageFaultMatrix : public testing::TestWithParam<std::size_t> {};
-
-TEST_P(StageFaultMatrix, RecoversOrStopsDarkAtEveryLine) {
-  const auto fault = static_cast<StageFault>(GetParam());
-  const Steps steps = steps_of_a_layer();
-  ASSERT_GE(steps.lines, 4u);
-  Tally tally;
-  for (std::uint64_t n = 0; n < steps.lines; ++n) {
-    SCOPED_TRACE(fmt::format("{} at line {}", name_of(fault), n));
-    PrintRig rig{kLayers};
-    bool decided = false;
-    run_with(rig, tally, decided, [&] { rig.stage_model.plan_fault(fault, n); });
-    expect_sound(rig, decided);
+class StageFaultMatrix : public testing::TestWithParam<std::size_t> {
+ protected:
+  static void break_every_line(const LayerMotion& motion, std::uint64_t least_lines) {
+    const auto fault = static_cast<StageFault>(GetParam());
+    const Steps steps = steps_of_a_layer(motion);
+    ASSERT_GE(steps.lines, least_lines);
+    Tally tally;
+    for (std::uint64_t n = 0; n < steps.lines; ++n) {
+      SCOPED_TRACE(fmt::format("{} at line {}", name_of(fault), n));
+      PrintRig rig{kLayers, 700ms, motion};
+      bool decided = false;
+      run_with(rig, tally, decided, [&] { rig.stage_model.plan_fault(fault, n); });
+      expect_sound(rig, decided);
+    }
+    print_row(name_of(fault), tally);
+    EXPECT_EQ(static_cast<std::uint64_t>(tally.recovered + tally.resumed + tally.decided_exposed + tally.expose_again),
+              steps.lines);
   }
-  print_row(name_of(fault), tally);
-  EXPECT_EQ(static_cast<std::uint64_t>(tally.recovered + tally.resumed + tally.decided_exposed + tally.expose_again),
-            steps.lines);
+};
+
+TEST_P(StageFaultMatrix, RecoversOrStopsDarkAtEveryLine) { break_every_line({}, 4); }
+TEST_P(StageFaultMatrix, RecoversOrStopsDarkAtEveryLineOfTwoStagesWithWaits) {
+  break_every_line(test::every_step(), 6);
 }
 INSTANTIATE_TEST_SUITE_P(Faults, StageFaultMatrix, testing::Range<std::size_t>(0, kStageFaults));
 
 TEST(LightInjection, NeverShinesBeyondItsTimeNorWhileThePlatformMoves) {
   // Stops, cancels, open covers, unplugged cables and silent death at random moments of a job.
-  for (std::uint64_t seed = 0; seed < 1000; ++seed) {
+  for (std::uint64_t seed = 0; seed < 2000; ++seed) {
     SCOPED_TRACE(seed);
     std::mt19937_64 rng{seed};
-    PrintRig rig{2};
+    const bool has_every_step = seed % 2 == 1;
+    PrintRig rig{2, 700ms, has_every_step ? test::every_step() : LayerMotion{}};
     ASSERT_TRUE(rig.connect());
-    const Nanoseconds when = rig.clock.now() + Milliseconds{rng() % 24000};
+    const Nanoseconds when = rig.clock.now() + Milliseconds{rng() % (has_every_step ? 33000 : 24000)};
     const int kind = static_cast<int>(rng() % 5);
     struct Dead {};
     class TriggerClock final : public Clock {

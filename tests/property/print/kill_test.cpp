@@ -57,8 +57,8 @@ class KillableProjector final : public Projector {
  public:
   KillableProjector(Projector& inner, KillSwitch& kill) : inner_{inner}, kill_{kill} {}
   const ProjectorFacts& facts() const override { return inner_.facts(); }
-  Result<void> load(const MaskView& m, Microseconds e) override {
-    return watched(kill_, [&] { return inner_.load(m, e); });
+  Result<void> load(const MaskView& m, const LightOrder& light) override {
+    return watched(kill_, [&] { return inner_.load(m, light); });
   }
   Result<void> expose() override {
     return watched(kill_, [&] { return inner_.expose(); });
@@ -83,8 +83,11 @@ class KillableStage final : public ZStage {
   Result<void> home() override {
     return watched(kill_, [&] { return inner_.home(); });
   }
-  Result<void> move_to(double z, double v) override {
-    return watched(kill_, [&] { return inner_.move_to(z, v); });
+  Result<void> move_along(std::span<const StageLeg> legs) override {
+    return watched(kill_, [&] { return inner_.move_along(legs); });
+  }
+  Result<void> tilt(Nanoseconds duration) override {
+    return watched(kill_, [&] { return inner_.tilt(duration); });
   }
   Result<StageStatus> poll() override { return inner_.poll(); }
   Result<void> hold() override {
@@ -216,10 +219,28 @@ struct Site {
   int decisions = 0;
 };
 
-PrintPlan job() {
+PrintPlan job(const LayerMotion& motion) {
   FormulaMasks masks{kSize};
-  return test::formula_plan(masks, kSize, kLayers, std::chrono::duration_cast<Microseconds>(kExposure));
+  PrintPlan plan =
+      test::formula_plan(masks, kSize, kLayers, std::chrono::duration_cast<Microseconds>(kExposure), motion);
+  if (motion != LayerMotion{})
+    for (PlannedLayer& layer : plan.layers) layer.light_share = layer.index.count() % 2 == 0 ? 1 : 0.4;
+  return plan;
 }
+
+struct Case {
+  const char* name;
+  LayerMotion motion;
+};
+
+class Kill : public testing::TestWithParam<Case> {
+ protected:
+  const PrintPlan plan = job(GetParam().motion);
+};
+INSTANTIATE_TEST_SUITE_P(Motions, Kill,
+                         testing::Values(Case{"Plain", {}}, Case{"EveryStep", test::every_step_and_tilt()},
+                                         Case{"TiltAlone", test::tilt_alone()}),
+                         [](const auto& p) { return std::string{p.param.name}; });
 
 std::uint64_t operations_of_a_print(const PrintPlan& plan) {
   Site site{plan};
@@ -227,8 +248,7 @@ std::uint64_t operations_of_a_print(const PrintPlan& plan) {
   return site.kill.operations();
 }
 
-TEST(Kill, NeitherSkipsNorDoublesALayerAtTenThousandPoints) {
-  const PrintPlan plan = job();
+TEST_P(Kill, NeitherSkipsNorDoublesALayerAtTenThousandPoints) {
   const std::uint64_t operations = operations_of_a_print(plan);
   ASSERT_GT(operations, 300u);
   int decided = 0, partial = 0;
@@ -256,8 +276,7 @@ TEST(Kill, NeitherSkipsNorDoublesALayerAtTenThousandPoints) {
   EXPECT_GT(decided, 100);
 }
 
-TEST(Kill, EndsWithTheSameLightInEveryVoxelHoweverOftenItIsKilled) {
-  const PrintPlan plan = job();
+TEST_P(Kill, EndsWithTheSameLightInEveryVoxelHoweverOftenItIsKilled) {
   const std::uint64_t operations = operations_of_a_print(plan);
   int kills = 0;
   for (std::uint64_t seed = 0; seed < 500; ++seed) {
@@ -276,6 +295,7 @@ TEST(Kill, EndsWithTheSameLightInEveryVoxelHoweverOftenItIsKilled) {
       ASSERT_EQ(light[k].mask, plan.layers[k].mask) << seed;
       ASSERT_EQ(light[k].until - light[k].from, kExposure) << seed;
       ASSERT_NEAR(light[k].z_mm, plan.layers[k].z_mm, 1e-9) << seed;
+      ASSERT_EQ(light[k].share, plan.layers[k].light_share) << seed;
     }
   }
   fmt::print("500 prints, {} kills: light identical in all\n", kills);

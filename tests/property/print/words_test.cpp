@@ -99,9 +99,9 @@ class CountedProjector final : public Projector {
   CountedProjector(Projector& inner, Operations& operations, std::function<void()> on_light)
       : inner_{inner}, operations_{operations}, on_light_{std::move(on_light)} {}
   const ProjectorFacts& facts() const override { return inner_.facts(); }
-  Result<void> load(const MaskView& m, Microseconds e) override {
+  Result<void> load(const MaskView& m, const LightOrder& light) override {
     operations_.operation();
-    return inner_.load(m, e);
+    return inner_.load(m, light);
   }
   Result<void> expose() override {
     operations_.operation();
@@ -446,12 +446,14 @@ int prints_wanted() {
 
 TEST(Words, FromTheApprovalOnHoldThroughKillsFullDisksBackupsDamageAndClockJumps) {
   FormulaMasks masks{kSize};
-  const PrintPlan plan = test::formula_plan(masks, kSize, kLayers, std::chrono::duration_cast<Microseconds>(kExposure));
+  const auto exposure = std::chrono::duration_cast<Microseconds>(kExposure);
+  const PrintPlan plans[] = {test::formula_plan(masks, kSize, kLayers, exposure),
+                             test::formula_plan(masks, kSize, kLayers, exposure, test::every_step_and_tilt())};
   const int prints = prints_wanted();
   std::map<std::string, int> outcomes;
   for (int seed = 0; seed < prints; ++seed) {
     SCOPED_TRACE(seed);
-    Story{plan, static_cast<std::uint64_t>(seed)}.play(outcomes);
+    Story{plans[seed % 2], static_cast<std::uint64_t>(seed)}.play(outcomes);
     if (testing::Test::HasFailure()) break;
   }
   for (const auto& [what, n] : outcomes) fmt::print("{:<40} {:>7}\n", what, n);

@@ -38,7 +38,7 @@ struct OneLayer {
     auto projector = Dlpc900Projector::open(std::make_unique<Borrowed>(bus), options, clock);
     if (!projector) return tl::unexpected{projector.error()};
     const auto mask = masks.mask(LayerIndex{0});
-    if (const auto ok = (*projector)->load(mask->view(), exposure); !ok) return ok;
+    if (const auto ok = (*projector)->load(mask->view(), {exposure}); !ok) return ok;
     for (int i = 0; i < 20000; ++i) {
       const auto status = (*projector)->poll();
       if (!status) return tl::unexpected{status.error()};
@@ -110,7 +110,7 @@ TEST(Dlpc900Projector, LaysAnAsymmetricPartOnTheVatWhateverOpticsAndWiring) {
         const Mask part = leaning_l(model.mirrors());
         auto projector = Dlpc900Projector::open(std::make_unique<Borrowed>(usb), bench.options, bench.clock);
         ASSERT_TRUE(projector) << projector.error().what;
-        ASSERT_TRUE((*projector)->load(part.view(), 200ms));
+        ASSERT_TRUE((*projector)->load(part.view(), {200ms}));
         for (int i = 0; i < 20000 && (*projector)->poll()->state != LightState::Loaded; ++i)
           bench.clock.sleep_for(10ms);
         ASSERT_TRUE((*projector)->expose());
@@ -252,7 +252,7 @@ struct LedBench {
     must_be_dark();
     const Mask mask = *bench.masks.mask(LayerIndex{0});
     for (int layer = 0; layer < 2; ++layer) {
-      if (const auto ok = (*projector)->load(mask.view(), 200ms); !ok) return ok;
+      if (const auto ok = (*projector)->load(mask.view(), {200ms}); !ok) return ok;
       while (true) {
         const auto status = (*projector)->poll();
         if (!status) return tl::unexpected{status.error()};
@@ -266,7 +266,7 @@ struct LedBench {
       }
       must_be_dark();
     }
-    if (const auto ok = (*projector)->load(mask.view(), 900ms); !ok) return ok;
+    if (const auto ok = (*projector)->load(mask.view(), {900ms}); !ok) return ok;
     while ((*projector)->poll()->state != LightState::Loaded) bench.clock.sleep_for(10ms);
     if (const auto ok = (*projector)->expose(); !ok) return ok;
     bench.clock.sleep_for(100ms);
@@ -314,6 +314,57 @@ TEST(LedBoards, ThatNothingDarkensWhereThisComputerDiesAreRefused) {
   EXPECT_NE(looked_for.error().code, ErrorCode::InvalidInput) << looked_for.error().what;
 }
 
+TEST(LedBoards, ThatCannotMakeAShareOfTheLightAreRefusedByName) {
+  VirtualClock clock;
+  MachineProfile machine;
+  machine.name = "m";
+  machine.devices.projector = ProjectorKind::Dlpc900;
+  machine.devices.led_polarity = LedPolarity::Normal;
+  machine.devices.led_current = 10;
+  machine.devices.projector_serial = "none has this one";
+  machine.layers.light_share = 0.33;
+  const auto refused = make_devices(machine, clock);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::InvalidInput);
+  EXPECT_THAT(refused.error().what, testing::HasSubstr("state layers.light_share = 0.3000"));
+  machine.layers.light_share = 0.3;
+  EXPECT_NE(make_devices(machine, clock).error().code, ErrorCode::InvalidInput);
+}
+
+TEST(LedBoards, OfAnyKindAreLitAtTheShareOfTheLoadedMaskAndAtFullAgainAfterIt) {
+  for (const bool reaches : {true, false}) {
+    VirtualClock clock;
+    MachineLog log;
+    Dlpc900Model model{1, 6, clock, &log, {.enable_reaches_leds = reaches}};
+    auto projector = Dlpc900Projector::open(
+        std::make_unique<ModelUsb>(model, clock),
+        {.mask = test::PrintRig::kSize, .led_current = 100, .off_needs_zero_current = !reaches}, clock);
+    ASSERT_TRUE(projector) << projector.error().what;
+    test::FormulaMasks masks{test::PrintRig::kSize};
+    for (const double share : {1.0, 0.2, 0.2, 0.57, 1.0}) {
+      ASSERT_TRUE((*projector)->load(masks.mask(LayerIndex{0})->view(), {200ms, share}));
+      LightState state = LightState::Loading;
+      while (state == LightState::Loading) {
+        const auto status = (*projector)->poll();
+        ASSERT_TRUE(status) << status.error().what;
+        state = status->state;
+      }
+      ASSERT_TRUE((*projector)->expose());
+      while (state != LightState::Exposed) {
+        clock.sleep_for(5ms);
+        const auto status = (*projector)->poll();
+        ASSERT_TRUE(status) << status.error().what;
+        state = status->state;
+      }
+    }
+    std::vector<double> currents;
+    for (const LitSpan& lit : log.light()) currents.push_back(std::round(lit.share * 255));
+    EXPECT_EQ(currents, (std::vector<double>{100, 20, 20, 57, 100}));
+    EXPECT_EQ((*projector)->load(masks.mask(LayerIndex{0})->view(), {200ms, 0.003}).error().code,
+              ErrorCode::InvalidInput);
+  }
+}
+
 TEST(LedBoards, BetrayAWrongProfile) {
   LedBench wrong_polarity{{.inverted_pwm = true}};
   ASSERT_TRUE(wrong_polarity.show_and_watch());
@@ -347,7 +398,7 @@ struct FaultyLayer {
   }
   void layer(Dlpc900Projector& projector, bool restarts_by_itself) {
     const Mask mask = *bench.bench.masks.mask(LayerIndex{0});
-    if (!projector.load(mask.view(), 100ms)) return;
+    if (!projector.load(mask.view(), {100ms})) return;
     for (int i = 0; i < 1000; ++i) {
       const auto status = projector.poll();
       if (!status) return;

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <limits>
+#include <span>
 #include <telefab/fab/drivers/grbl_model.hpp>
 #include <telefab/fab/drivers/grbl_stage.hpp>
 #include <telefab/fab/drivers/model_transport.hpp>
@@ -24,9 +25,11 @@ struct StageBench {
     }
     return fail(ErrorCode::Internal, "never at rest");
   }
-  void open() {
-    auto made =
-        SerialStage::open(std::make_unique<ModelLine>(model, clock), {.top_mm = 25, .homing_mm_per_s = 20}, clock);
+  void open(double acceleration_mm_per_s2 = 0) {
+    model.set_acceleration(acceleration_mm_per_s2);
+    auto made = SerialStage::open(
+        std::make_unique<ModelLine>(model, clock),
+        {.top_mm = 25, .homing_mm_per_s = 20, .acceleration_mm_per_s2 = acceleration_mm_per_s2}, clock);
     ASSERT_TRUE(made) << made.error().what;
     stage = std::move(*made);
   }
@@ -47,6 +50,58 @@ TEST(GrblStage, HomesUpThenGoesWhereItIsSent) {
   EXPECT_NEAR(status->z_mm, 0.1, 1e-3);
   EXPECT_NEAR(b.model.gap_mm(), 0.1, 1e-3);
   EXPECT_TRUE(status->homed);
+}
+
+TEST(GrblStage, PassesThroughTheFirstLegWithoutRest) {
+  StageBench b;
+  b.open();
+  ASSERT_TRUE(b.stage->home());
+  ASSERT_TRUE(b.rest());
+  const StageLeg legs[] = {{23, 1}, {15, 4}};
+  ASSERT_TRUE(b.stage->move_along(legs));
+  const auto status = b.rest();
+  ASSERT_TRUE(status) << status.error().what;
+  EXPECT_NEAR(status->z_mm, 15, 1e-3);
+  const auto moves = b.log.moves();
+  ASSERT_EQ(moves.size(), 3u);
+  EXPECT_EQ(moves[2].from, moves[1].until);
+  EXPECT_EQ(moves[1].until - moves[1].from, 2s);
+  EXPECT_EQ(moves[2].until - moves[2].from, 2s);
+}
+
+TEST(GrblStage, RefusesAPathOfWhichOneLegCannotBeMade) {
+  StageBench b;
+  b.open();
+  ASSERT_TRUE(b.stage->home());
+  ASSERT_TRUE(b.rest());
+  const std::uint64_t lines = b.model.lines();
+  const StageLeg low[] = {{5, 1}, {-1, 1}}, fast[] = {{5, 1}, {6, 1000}}, many[] = {{5, 1}, {6, 1}, {7, 1}};
+  for (const std::span<const StageLeg> legs : {std::span<const StageLeg>{low}, std::span<const StageLeg>{fast},
+                                               std::span<const StageLeg>{many}, std::span<const StageLeg>{}})
+    EXPECT_EQ(b.stage->move_along(legs).error().code, ErrorCode::InvalidInput);
+  EXPECT_EQ(b.stage->tilt(1s).error().code, ErrorCode::InvalidInput);
+  EXPECT_EQ(b.model.lines(), lines) << "nothing was sent";
+}
+
+TEST(GrblStage, TakesTheTimeOfItsPathOnABoardThatSpeedsUpAndBrakes) {
+  for (const double acceleration : {2.0, 10.0, 100.0}) {
+    StageBench b;
+    b.open(acceleration);
+    ASSERT_TRUE(b.stage->home());
+    ASSERT_TRUE(b.rest());
+    for (const auto& [first, second] : {std::pair{StageLeg{23, 1}, StageLeg{15, 4}},
+                                        {StageLeg{20, 4}, StageLeg{19.5, 0.5}},
+                                        {StageLeg{19.6, 8}, StageLeg{24.9, 8}}}) {
+      const StageLeg legs[] = {first, second};
+      const double from_mm = b.model.gap_mm();
+      const Nanoseconds from = b.clock.now();
+      ASSERT_TRUE(b.stage->move_along(legs));
+      ASSERT_TRUE(b.rest());
+      const double took_s = double((b.clock.now() - from).count()) * 1e-9;
+      const double expected_s = double(path_time(from_mm, legs, acceleration).count()) * 1e-9;
+      EXPECT_NEAR(took_s, expected_s, 0.01 * expected_s + 0.05) << acceleration;
+    }
+  }
 }
 
 /// A board that says whatever it is given to say.

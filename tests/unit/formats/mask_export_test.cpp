@@ -8,6 +8,7 @@
 #include <telefab/fab/formats/mask_export.hpp>
 #include <telefab/fab/mask/orientation.hpp>
 #include <telefab/fab/mask/raster.hpp>
+#include <telefab/fab/print/print_time.hpp>
 #include <telefab/image/png.hpp>
 #include <telefab/test/block_stack.hpp>
 
@@ -42,12 +43,11 @@ PrintPlan plan_of(const MachineProfile& machine, const MemoryMasks& source) {
   plan.job = "thumbnail of ../L";
   plan.machine = machine.name;
   plan.mask_size = machine.mask_size();
-  plan.motion = machine.motion;
   plan.z_travel_mm = machine.platform.z_travel_mm;
   for (std::uint32_t i = 0; i < source.masks.size(); ++i)
-    plan.layers.push_back({LayerIndex{i}, (i + 1) * machine.layers.thickness_mm,
-                           std::chrono::milliseconds{i < 2 ? 8000 : 2000},
-                           digest_of(std::as_bytes(std::span{source.masks[i].rows}))});
+    plan.layers.push_back(
+        {LayerIndex{i}, (i + 1) * machine.layers.thickness_mm, std::chrono::milliseconds{i < 2 ? 8000 : 2000},
+         digest_of(std::as_bytes(std::span{source.masks[i].rows})), motion_of(machine.motion, i < 2, 100)});
   return plan;
 }
 
@@ -182,6 +182,105 @@ TEST_F(MaskExport, CountsLayersWhoseExposureTheFormatCannotSay) {
   ASSERT_TRUE(report);
   EXPECT_EQ(report->other_exposures, 1U);
   EXPECT_EQ(ini(test::zip_entries(folder / "x").at("config.ini")).at("expTime"), "2.000");
+}
+
+TEST_F(MaskExport, OfOnePlainMotionSaysOfItWhatItEverSaid) {
+  ASSERT_TRUE(write(MaskFormat::Sl1));
+  const auto profile = ini(test::zip_entries(folder / "x").at("prusaslicer.ini"));
+  EXPECT_EQ(profile.at("printer_notes"), "LiftHeight_5\\nLiftSpeed_120\\nRetractSpeed_180\\nWaitTimeBeforeCure_0.5");
+  EXPECT_EQ(profile.count("fast_tilt_time"), 0U);
+}
+
+TEST_F(MaskExport, SaysMotionAndWaitsInTheWordsOfEachFormat) {
+  auto& motion = machine.motion;
+  motion.peel_mm = 2, motion.peel_speed_mm_per_s = 1;
+  motion.approach_mm = 1, motion.approach_speed_mm_per_s = 0.5;
+  motion.wait_after_exposure_s = 0.25, motion.wait_after_lift_s = 1.5;
+  motion.bottom.lift_mm = 8, motion.bottom.settle_s = 4, motion.bottom.wait_after_exposure_s = 2;
+  const auto report = write(MaskFormat::Sl1);
+  ASSERT_TRUE(report) << report.error().what;
+  EXPECT_EQ(report->other_motions, 0U);
+  const auto notes = ini(test::zip_entries(folder / "x").at("prusaslicer.ini")).at("printer_notes");
+  EXPECT_EQ(notes,
+            "LiftHeight_2\\nLiftSpeed_60\\nLiftHeight2_3\\nLiftSpeed2_120\\nRetractSpeed_180\\nRetractHeight2_1\\n"
+            "RetractSpeed2_30\\nWaitTimeBeforeCure_0.5\\nWaitTimeAfterCure_0.25\\nWaitTimeAfterLift_1.5\\n"
+            "BottomLiftHeight_2\\nBottomLiftSpeed_60\\nBottomLiftHeight2_6\\nBottomLiftSpeed2_120\\n"
+            "BottomRetractSpeed_180\\nBottomRetractHeight2_1\\nBottomRetractSpeed2_30\\nBottomWaitTimeBeforeCure_4\\n"
+            "BottomWaitTimeAfterCure_2\\nBottomWaitTimeAfterLift_1.5");
+  ASSERT_TRUE(write(MaskFormat::NanoDlp));
+  const auto profile = nlohmann::json::parse(test::zip_entries(folder / "x").at("profile.json"));
+  EXPECT_EQ(profile.at("WaitHeight"), 5);
+  EXPECT_EQ(profile.at("SupportWaitHeight"), 8);
+  EXPECT_EQ(profile.at("WaitBeforePrint"), 0.5);
+  EXPECT_EQ(profile.at("SupportWaitBeforePrint"), 4);
+  EXPECT_EQ(profile.at("WaitAfterPrint"), 0.25);
+  EXPECT_EQ(profile.at("SupportWaitAfterPrint"), 2);
+  EXPECT_EQ(profile.at("TopWait"), 1.5);
+  EXPECT_EQ(profile.at("SupportTopWait"), 1.5);
+}
+
+TEST_F(MaskExport, SaysFastAndSlowTiltsAndFromWhichAreaOn) {
+  machine.motion.lift_mm = 0;
+  machine.motion.tilt_s = 5;
+  machine.motion.large_area_mm2 = 300;  // of 1200
+  machine.motion.large.tilt_s = 8;
+  PrintPlan plan = plan_of(machine, masks);
+  for (const std::size_t layer : {1U, 4U}) plan.layers[layer].motion = motion_of(machine.motion, false, 301);
+  const auto report = export_masks(MaskFormat::Sl1, plan, masks, machine, folder / "x", {}, {});
+  ASSERT_TRUE(report) << report.error().what;
+  EXPECT_EQ(report->other_motions, 0U);
+  const auto entries = test::zip_entries(folder / "x");
+  const auto config = ini(entries.at("config.ini"));
+  EXPECT_EQ(config.at("numFast"), "4");
+  EXPECT_EQ(config.at("numSlow"), "2");
+  EXPECT_NEAR(std::stod(config.at("printTime")), double(print_time(plan, {}, stage_pace(machine), {}).count()) * 1e-9,
+              1e-3);
+  const auto profile = ini(entries.at("prusaslicer.ini"));
+  EXPECT_EQ(std::stod(profile.at("fast_tilt_time")), 5);
+  EXPECT_EQ(std::stod(profile.at("slow_tilt_time")), 8);
+  EXPECT_EQ(std::stod(profile.at("area_fill")), 25);
+}
+
+TEST_F(MaskExport, CountsLayersWhoseMotionTheFormatCannotSay) {
+  PrintPlan plan = plan_of(machine, masks);
+  plan.layers[4].motion.lift_mm = 9;
+  const auto report = export_masks(MaskFormat::NanoDlp, plan, masks, machine, folder / "x", {}, {});
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->other_motions, 1U);
+}
+
+TEST_F(MaskExport, SaysATransitionAndWhatAnSl1PrinterMakesOfIt) {
+  machine.layers.exposure_s = 2, machine.layers.bottom_exposure_s = 8;
+  for (const std::uint32_t bottoms : {1U, 2U}) {
+    machine.layers.bottom_count = bottoms;
+    machine.layers.transition_count = 2;
+    PrintPlan plan = plan_of(machine, masks);
+    for (PlannedLayer& layer : plan.layers)
+      layer.exposure = std::chrono::microseconds{std::llround(1e6 * machine.exposure_of_layer_s(layer.index.count()))};
+    const auto nano = export_masks(MaskFormat::NanoDlp, plan, masks, machine, folder / "x", {}, {});
+    ASSERT_TRUE(nano);
+    EXPECT_EQ(nano->other_exposures, 0U);
+    const auto profile = nlohmann::json::parse(test::zip_entries(folder / "x").at("profile.json"));
+    EXPECT_EQ(profile.at("TransitionalLayer"), 2);
+    EXPECT_EQ(profile.at("SupportLayerNumber"), bottoms);
+    const auto sl1 = export_masks(MaskFormat::Sl1, plan, masks, machine, folder / "x", {}, {});
+    ASSERT_TRUE(sl1);
+    // F, F - (F - E)/3, F - 2 (F - E)/3, E: as an SL1 fades over four layers. A second equal one it cannot say.
+    EXPECT_EQ(ini(test::zip_entries(folder / "x").at("config.ini")).at("numFade"), bottoms == 1 ? "4" : "5");
+    EXPECT_EQ(sl1->other_exposures, bottoms == 1 ? 0U : 3U);
+  }
+}
+
+TEST_F(MaskExport, RefusesToLeaveDimmedLightUnsaid) {
+  PrintPlan plan = plan_of(machine, masks);
+  plan.layers[3].light_share = 0.5;
+  for (const auto format : {MaskFormat::Sl1, MaskFormat::NanoDlp}) {
+    const auto refused = export_masks(format, plan, masks, machine, folder / "x", {}, {});
+    ASSERT_FALSE(refused);
+    EXPECT_EQ(refused.error().code, ErrorCode::InvalidInput);
+    EXPECT_THAT(refused.error().what, testing::HasSubstr("layers.light_share"));
+  }
+  EXPECT_EQ(files(), 0);
 }
 
 TEST_F(MaskExport, LeavesTheOlderFileWhereAMaskFailsOrTheUserStops) {

@@ -57,6 +57,69 @@ TEST(MachineProfile, CarriesByStrengthSafetyAndPullAndAsAssumedWhereItDoesNotSay
   }
 }
 
+TEST(MachineProfile, MovesAndLightsAsBeforeWhereItStatesNothingElse) {
+  for (const MachineProfile& machine : shipped()) {
+    for (const std::uint32_t layer : {0U, 1U, 5U, 100U}) {
+      const auto& layers = machine.layers;
+      EXPECT_EQ(machine.exposure_of_layer_s(layer),
+                layer < layers.bottom_count ? layers.bottom_exposure_s : layers.exposure_s);
+      EXPECT_EQ(machine.light_share_of_layer(layer), 1);
+    }
+    EXPECT_EQ(machine.at_full_light(), machine);
+    EXPECT_EQ(machine.highest_lift_mm(), machine.motion.lift_mm);
+    EXPECT_EQ(machine.motion.stroke_of(true, true), machine.motion.stroke_of(false, false));
+  }
+}
+
+MachineProfile fading() {
+  MachineProfile machine = shipped().front();
+  machine.layers.bottom_count = 2;
+  machine.layers.bottom_exposure_s = 20;
+  machine.layers.exposure_s = 2;
+  machine.layers.transition_count = 5;
+  return machine;
+}
+
+TEST(MachineProfile, LetsExposuresFallInEvenStepsFromBottomToNormal) {
+  const double expected[] = {20, 20, 17, 14, 11, 8, 5, 2, 2};
+  for (std::uint32_t layer = 0; layer < std::size(expected); ++layer)
+    EXPECT_DOUBLE_EQ(fading().exposure_of_layer_s(layer), expected[layer]) << layer;
+}
+
+TEST(MachineProfile, HasTheSameDosesAtFullLight) {
+  MachineProfile machine = fading();
+  machine.layers.light_share = 0.4;
+  machine.layers.bottom_light_share = 0.9;
+  const MachineProfile full = machine.at_full_light();
+  EXPECT_EQ(full.at_full_light(), full);
+  for (std::uint32_t layer = 0; layer < 10; ++layer) {
+    EXPECT_EQ(full.light_share_of_layer(layer), 1);
+    EXPECT_DOUBLE_EQ(full.exposure_of_layer_s(layer),
+                     machine.exposure_of_layer_s(layer) * machine.light_share_of_layer(layer));
+  }
+  const double step = full.exposure_of_layer_s(3) - full.exposure_of_layer_s(2);
+  EXPECT_NEAR(full.exposure_of_layer_s(2) - full.exposure_of_layer_s(1), step, 1e-9) << "doses fall evenly";
+}
+
+TEST(MachineProfile, RefusesMotionsThatCannotBeMadeAndNamesTheirKeys) {
+  const auto refused = [](auto change) {
+    MachineProfile machine = shipped().front();
+    change(machine.motion);
+    const auto read = machine_profile_from_toml(to_toml(machine), "file.toml");
+    return read ? std::string{} : read.error().what;
+  };
+  using Motion = MachineProfile::Motion;
+  EXPECT_EQ(refused([](Motion& m) { m.peel_mm = 1, m.peel_speed_mm_per_s = 0.5, m.bottom.peel_mm = 3; }), "");
+  EXPECT_EQ(refused([](Motion& m) { m.lift_mm = 0, m.tilt_s = 5, m.large_area_mm2 = 9, m.large.tilt_s = 8; }), "");
+  EXPECT_THAT(refused([](Motion& m) { m.lift_mm = 0; }), HasSubstr("motion.lift_mm nor motion.tilt_s"));
+  EXPECT_THAT(refused([](Motion& m) { m.peel_mm = 1; }), HasSubstr("motion.peel_speed_mm_per_s must be stated"));
+  EXPECT_THAT(refused([](Motion& m) { m.approach_mm = 1; }),
+              HasSubstr("motion.approach_speed_mm_per_s must be stated"));
+  EXPECT_THAT(refused([](Motion& m) { m.peel_speed_mm_per_s = 1, m.bottom.peel_mm = 90; }),
+              HasSubstr("of a bottom layer motion.peel_mm is 90 mm"));
+  EXPECT_THAT(refused([](Motion& m) { m.large_area_mm2 = 5, m.large.approach_mm = 1; }), HasSubstr("a large layer"));
+}
+
 /// The profile with one line of a section put in or changed.
 std::string with(std::string toml, std::string_view section, std::string_view key, std::string_view word) {
   const std::string line = "\n" + std::string{key} + " = ";

@@ -9,6 +9,7 @@
 #include <telefab/fab/cure/dose_field.hpp>
 #include <telefab/fab/mask/raster.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
+#include <telefab/fab/print/print_time.hpp>
 #include <telefab/test/block_stack.hpp>
 #include <telefab/test/overlooked.hpp>
 
@@ -338,7 +339,54 @@ TEST(PlanJob, CountsThePrintsTimeFromExposuresAndMotion) {
                                without_supports(), machine);
   ASSERT_TRUE(planned.summary);
   EXPECT_DOUBLE_EQ(planned.summary->exposure_s, 3 * 8.0 + 2.0);
-  EXPECT_DOUBLE_EQ(planned.summary->print_s, 26.0 + 4 * (3 + 2 + 0.5));
+  const double top_mm = machine.platform.z_travel_mm + 6, z_mm = 4 * machine.layers.thickness_mm;
+  const double ways_s =
+      top_mm / 20 + (top_mm - z_mm / 4) / 3 + 4 * 6 / 2.0 + 3 * (6 - z_mm / 4) / 3 + (top_mm - z_mm - 6) / 20;
+  EXPECT_NEAR(planned.summary->print_s, 26.0 + 4 * 0.5 + ways_s, 1e-6);
+}
+
+TEST(PlanJob, GivesEveryLayerTheMotionOfItsPlaceAndItsArea) {
+  MachineProfile machine = test::small_machine();
+  machine.layers.bottom_count = 2;
+  machine.motion.bottom.lift_mm = 7;
+  machine.motion.large_area_mm2 = 50;
+  machine.motion.large.lift_mm = 9;
+  machine.motion.acceleration_mm_per_s2 = 40;
+  const std::vector<Contour> wide{test::rectangle(5, 5, 15, 15)}, narrow{test::rectangle(8, 8, 12, 12)};
+  const Planned planned = plan(test::stack_of({wide, wide, wide, narrow, narrow}), without_supports(), machine);
+  ASSERT_TRUE(planned.summary);
+  std::vector<double> lifts;
+  for (const PlannedLayer& layer : planned.summary->plan.layers) lifts.push_back(layer.motion.lift_mm);
+  EXPECT_EQ(lifts, (std::vector<double>{7, 7, 9, 5, 5}));
+  EXPECT_EQ(planned.summary->plan.acceleration_mm_per_s2, 40);
+  EXPECT_EQ(planned.summary->print_s,
+            std::chrono::duration<double>(print_time(planned.summary->plan, {}, stage_pace(machine), {})).count());
+}
+
+TEST(PlanJob, MakesTheSameMasksForTheSameDosesAtLessLight) {
+  MachineProfile machine = test::small_machine();
+  machine.layers.bottom_count = 2;
+  machine.layers.transition_count = 2;
+  const auto stack = test::stack_of(std::vector<std::vector<Contour>>(6, {test::rectangle(5.03, 5, 15.02, 15)}));
+  MachineProfile dimmed = machine;
+  dimmed.layers.light_share = 0.5;
+  dimmed.layers.bottom_light_share = 0.8;
+  dimmed.layers.exposure_s /= 0.5;
+  dimmed.layers.bottom_exposure_s /= 0.8;
+  const Planned full = plan(stack, without_supports(), machine), less = plan(stack, without_supports(), dimmed);
+  ASSERT_TRUE(full.summary && less.summary);
+  EXPECT_EQ(less.summary->white_dose_mj_per_cm2, full.summary->white_dose_mj_per_cm2);
+  for (std::size_t k = 0; k < 6; ++k) {
+    const PlannedLayer &a = full.summary->plan.layers[k], &b = less.summary->plan.layers[k];
+    EXPECT_EQ(a.mask, b.mask) << k;
+    EXPECT_EQ(a.light_share, 1);
+    EXPECT_EQ(b.light_share, k < 2 ? 0.8 : 0.5);
+    EXPECT_NEAR(double(b.exposure_at_full_light().count()), double(a.exposure_at_full_light().count()), 2000);
+  }
+  const auto& layers = full.summary->plan.layers;
+  EXPECT_GT(layers[1].exposure, layers[2].exposure);
+  EXPECT_GT(layers[2].exposure, layers[3].exposure);
+  EXPECT_GT(layers[3].exposure, layers[4].exposure);
 }
 
 TEST(PlanJob, ReportsInJsonWhatItSummarises) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <optional>
 #include <telefab/fab/print/print_machine.hpp>
 
 namespace telefab::fab {
@@ -15,19 +16,36 @@ LayerIndex at(std::uint32_t n) { return LayerIndex{n}; }
 PrintPlan four_layers() {
   PrintPlan plan;
   plan.mask_size = {4, 3};
-  plan.motion = {5.0, 2.0, 3.0, 0.5};
   plan.z_travel_mm = 10;
   for (std::uint32_t i = 0; i < 4; ++i) plan.layers.push_back({at(i), 0.1 * (i + 1), 1s, {}});
   plan.layers[2].exposure = 0us;
   return plan;
 }
 
+/// The same with a wait wherever there can be one, lifts and lowerings in two parts, and a vat that tips.
+PrintPlan four_layers_with_every_step() {
+  PrintPlan plan = four_layers();
+  for (PlannedLayer& layer : plan.layers)
+    layer.motion = {.approach_mm = 1,
+                    .approach_speed_mm_per_s = 1,
+                    .wait_after_exposure_s = 0.3,
+                    .tilt_s = 1,
+                    .peel_mm = 2,
+                    .peel_speed_mm_per_s = 1,
+                    .wait_after_lift_s = 0.5};
+  return plan;
+}
+
 const PrintPlan kPlan = four_layers();
+const PrintPlan kStepsPlan = four_layers_with_every_step();
 constexpr Ticket kMove{7}, kMask{5}, kLast{7};
 const Error kCause{ErrorCode::DeviceLost, "gone"};
 
+/// Layer 2 is empty.
+LayerIndex next_of(LayerIndex k) { return at(k.count() == 1 ? 3 : k.count() + 1); }
+
 std::vector<PrintState> every_state() {
-  static_assert(std::variant_size_v<PrintState> == 14, "add the new state below");
+  static_assert(std::variant_size_v<PrintState> == 17, "add the new state below");
   std::vector<PrintState> states{Idle{}, Done{at(4)}, Cancelled{at(1)}};
   for (const LayerIndex k : {at(0), at(1), at(3)}) {
     states.insert(states.end(), {AwaitingDecision{k}, Retreating{k, kMove}, Paused{k}, Finishing{at(4), kMove},
@@ -36,9 +54,12 @@ std::vector<PrintState> every_state() {
       states.insert(states.end(),
                     {Homing{k, kMove, pause}, Exposing{k, kMove, pause ? AfterExposure::Pause : AfterExposure::GoOn}});
       for (const bool loaded : {false, true})
-        states.insert(states.end(),
-                      {Lowering{k, kMove, {kMask, loaded}, pause}, Settling{k, kMove, {kMask, loaded}, pause},
-                       Lifting{k, at(k.count() == 1 ? 3 : k.count() + 1), kMove, {kMask, loaded}, pause}});
+        states.insert(
+            states.end(),
+            {Lowering{k, kMove, {kMask, loaded}, pause}, Settling{k, kMove, {kMask, loaded}, pause},
+             Resting{k, next_of(k), kMove, {kMask, loaded}, pause},
+             Tilting{k, next_of(k), kMove, {kMask, loaded}, pause},
+             Lifting{k, next_of(k), kMove, {kMask, loaded}, pause}, Draining{k, next_of(k), kMove, {kMask, loaded}}});
     }
   }
   return states;
@@ -79,13 +100,13 @@ void for_every_step(F check) {
   for (const PrintState& from : every_state())
     for (const PrintEvent& event : every_event()) {
       SCOPED_TRACE(std::string{name_of(from)} + ", event " + std::to_string(event.index()));
-      check(from, event, next(kPlan, from, event, kLast));
+      for (const PrintPlan& plan : {kPlan, kStepsPlan}) check(from, event, next(plan, from, event, kLast));
       ++steps;
     }
   EXPECT_GT(steps, 1500);
 }
 
-bool starts_motion(const Step& s) { return asks_for<GoHome>(s) || asks_for<MoveTo>(s); }
+bool starts_motion(const Step& s) { return asks_for<GoHome>(s) || asks_for<MoveAlong>(s) || asks_for<Tilt>(s); }
 
 TEST(PrintMachine, LeavesExposureOnlyWithTheLightOffFirst) {
   for_every_step([](const PrintState& from, const PrintEvent&, const Step& step) {
@@ -306,6 +327,49 @@ TEST(PrintMachine, HandsOutATicketNobodyHolds) {
           },
           c);
   });
+}
+
+TEST(PrintMachine, GoesThroughEveryStepOfALayerInItsOrder) {
+  PrintState state = Exposing{at(0), kMove, AfterExposure::GoOn};
+  Ticket last{20};
+  std::vector<std::string_view> phases;
+  std::optional<Ticket> mask;
+  const auto feed = [&](const PrintEvent& event) {
+    Step step = next(kStepsPlan, state, event, last);
+    state = step.state;
+    last = step.last_ticket;
+    for (const PrintCommand& command : step.commands)
+      if (const auto* load = std::get_if<LoadMask>(&command)) mask = load->mask;
+    phases.push_back(name_of(state));
+  };
+  feed(ExposureDone{kMove});
+  ASSERT_TRUE(mask) << "loads from the end of the exposure on";
+  const Ticket loading = *mask;
+  feed(TimerDone{std::get<Resting>(state).timer});
+  feed(MaskLoaded{loading});
+  feed(MoveDone{std::get<Tilting>(state).move});
+  feed(MoveDone{std::get<Lifting>(state).move});
+  feed(TimerDone{std::get<Draining>(state).timer});
+  feed(MoveDone{std::get<Lowering>(state).move});
+  EXPECT_TRUE(std::get<Settling>(state).mask.done);
+  EXPECT_EQ(*mask, loading) << "one loading a layer";
+  feed(TimerDone{std::get<Settling>(state).timer});
+  EXPECT_THAT(phases, testing::ElementsAre("resting", "tilting", "tilting", "lifting", "draining", "lowering",
+                                           "settling", "exposing"));
+}
+
+TEST(PrintMachine, LiftsSlowlyAtFirstAndApproachesSlowlyAtLast) {
+  const auto path_of = [](const Step& step) {
+    for (const PrintCommand& command : step.commands)
+      if (const auto* move = std::get_if<MoveAlong>(&command)) return move->legs;
+    return std::vector<StageLeg>{};
+  };
+  const Step lift = next(kStepsPlan, Tilting{at(0), at(1), kMove, {}, false}, MoveDone{kMove}, kLast);
+  EXPECT_EQ(path_of(lift), (std::vector<StageLeg>{{0.1 + 2, 1}, {0.1 + 5, 2}}));
+  const Step lowering = next(kStepsPlan, Draining{at(0), at(1), kMove, {}}, TimerDone{kMove}, kLast);
+  EXPECT_EQ(path_of(lowering), (std::vector<StageLeg>{{0.2 + 1, 3}, {0.2, 1}}));
+  const Step plain = next(kPlan, Exposing{at(0), kMove, AfterExposure::GoOn}, ExposureDone{kMove}, kLast);
+  EXPECT_EQ(path_of(plain), (std::vector<StageLeg>{{0.1 + 5, 2}})) << "one part, and at once";
 }
 
 TEST(PrintMachine, EndsByItselfOnceFinal) {

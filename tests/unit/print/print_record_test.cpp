@@ -29,7 +29,6 @@ PrintPlan two_layers() {
   plan.job = "j";
   plan.machine = "m";
   plan.mask_size = {4, 3};
-  plan.motion = {5.0, 2.0, 3.0, 0.5};
   plan.z_travel_mm = 1;
   plan.layers = {{LayerIndex{0}, 0.1, 2s, {}}, {LayerIndex{1}, 0.2, 1s, {}}};
   return plan;
@@ -144,7 +143,7 @@ TEST(PrintPlan, NamesTheLayerThatIsWrong) {
   EXPECT_THAT(wrong([](PrintPlan& p) { p.layers[0].exposure = -1us; }), testing::HasSubstr("layer 0"));
   EXPECT_THAT(wrong([](PrintPlan& p) { p.layers[1].index = LayerIndex{5}; }), testing::HasSubstr("place 1"));
   EXPECT_THAT(wrong([](PrintPlan& p) { p.layers.clear(); }), testing::HasSubstr("no layer"));
-  EXPECT_THAT(wrong([](PrintPlan& p) { p.motion.lift_mm = 0; }), testing::HasSubstr("lift"));
+  EXPECT_THAT(wrong([](PrintPlan& p) { p.layers[1].motion.lift_mm = 0; }), testing::HasSubstr("lift"));
 }
 
 TEST(PrintRecord, ComesBackFromItsSeal) {

@@ -5,6 +5,8 @@
 #include <telefab/fab/device/virtual_projector.hpp>
 #include <telefab/fab/device/virtual_z_stage.hpp>
 #include <telefab/fab/print/print_runner.hpp>
+#include <telefab/fab/print/print_time.hpp>
+#include <telefab/test/layer_motions.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -23,12 +25,22 @@ class StripedMasks final : public MaskSource {
   std::optional<LayerIndex> spoilt;
 };
 
+/// Every step there is.
+LayerMotion test_motion() { return test::every_step_and_tilt(); }
+const LayerMotion kMotions[] = {{}, test::every_step(), test::every_step_and_tilt(), test::tilt_alone()};
+
+/// Where something goes on, with every_step_and_tilt().
+constexpr PrintPhase kAtWork[] = {PrintPhase::Homing,   PrintPhase::Lowering, PrintPhase::Settling,
+                                  PrintPhase::Exposing, PrintPhase::Resting,  PrintPhase::Tilting,
+                                  PrintPhase::Lifting,  PrintPhase::Draining};
+
 struct Bench {
-  explicit Bench(std::uint32_t layers = 6) {
+  explicit Bench(std::uint32_t layers = 6, double acceleration_mm_per_s2 = 0)
+      : stage{25, clock, log, {.acceleration_mm_per_s2 = acceleration_mm_per_s2}} {
+    plan.acceleration_mm_per_s2 = acceleration_mm_per_s2;
     plan.job = "j1";
     plan.machine = "m";
     plan.mask_size = kSize;
-    plan.motion = {5.0, 2.0, 3.0, 0.5};
     plan.z_travel_mm = 20;
     for (std::uint32_t i = 0; i < layers; ++i)
       plan.layers.push_back(
@@ -40,12 +52,16 @@ struct Bench {
     EXPECT_TRUE(record) << (record ? "" : record.error().what);
     return record ? *record : PrintRecord{};
   }
+  void move_as(const LayerMotion& motion) {
+    for (PlannedLayer& layer : plan.layers) layer.motion = motion;
+  }
+  [[nodiscard]] StagePace pace() const { return {stage.facts().highest_mm, stage.facts().homing_mm_per_s}; }
   PrintPlan plan;
   StripedMasks masks;
   VirtualClock clock;
   MachineLog log;
   VirtualProjector projector{kSize, 0, clock, log};
-  VirtualZStage stage{25, clock, log};
+  VirtualZStage stage;
   VirtualSensors sensors;
   PrintJournal journal = *PrintJournal::open(memory_journal_file());
   PrintControl control;
@@ -76,11 +92,82 @@ TEST(PrintRunner, ShowsEveryMaskOnceAtItsHeightForItsTime) {
   EXPECT_THAT(compare(record, b.plan), testing::IsEmpty());
 }
 
-TEST(PrintRunner, TakesTheTimeItWasEstimatedToTake) {
-  Bench b{40};
+TEST(PrintRunner, TakesTheTimeItWasEstimatedToTakeWhateverTheMotion) {
+  for (const LayerMotion& motion : kMotions)
+    for (const double acceleration : {0.0, 20.0}) {
+      Bench b{40, acceleration};
+      b.move_as(motion);
+      const std::vector<Nanoseconds> left = time_left(b.plan, b.pace());
+      std::vector<std::pair<Nanoseconds, Nanoseconds>> listed;
+      EXPECT_EQ(b.print([&](const PrintProgress& p) {
+                   if (p.phase == PrintPhase::Exposing) listed.emplace_back(b.clock.now(), p.left);
+                 }).outcome,
+                PrintOutcome::Done);
+      const Nanoseconds took = b.clock.now();
+      EXPECT_NEAR(double(took.count()) / double(print_time(b.plan, {}, b.pace(), {}).count()), 1, 0.02);
+      ASSERT_EQ(listed.size(), 40u);
+      // At the beginning of an exposure its layer's approach is over already.
+      for (std::size_t k = 0; k < listed.size(); ++k) {
+        EXPECT_EQ(listed[k].second, left[k]);
+        const double still = double((listed[k].second - approach_time(b.plan, LayerIndex{std::uint32_t(k)})).count());
+        EXPECT_NEAR(double((took - listed[k].first).count()) * 1e-9, still * 1e-9, 0.02 * double(took.count()) * 1e-9);
+      }
+    }
+}
+
+TEST(PrintRunner, MovesAndWaitsAroundALayerAsItsPlanSays) {
+  Bench b{3};
+  b.move_as(test_motion());
   b.print();
-  const double estimate = double(print_time(b.plan, {}, 25, b.stage.facts().homing_mm_per_s, {}).count());
-  EXPECT_NEAR(double(b.clock.now().count()) / estimate, 1, 0.02);
+  const auto light = b.log.light();
+  const auto moves = b.log.moves();
+  ASSERT_EQ(light.size(), 3u);
+  const auto behind =
+      std::find_if(moves.begin(), moves.end(), [&](const MoveSpan& m) { return m.from >= light[0].until; });
+  ASSERT_GE(moves.end() - behind, 5);
+  const auto near = [](Nanoseconds wait, double seconds) { EXPECT_NEAR(double(wait.count()) * 1e-9, seconds, 0.025); };
+  near(behind[0].from - light[0].until, 0.3);  // firm
+  EXPECT_EQ(behind[0].until - behind[0].from, 1100ms) << "the vat tips";
+  EXPECT_EQ(behind[0].z_from_mm, behind[0].z_to_mm);
+  EXPECT_NEAR(behind[1].z_to_mm, 0.1 + 1.5, 1e-9);
+  EXPECT_EQ(behind[1].until - behind[1].from, 1500ms) << "slow peel";
+  EXPECT_NEAR(behind[2].z_to_mm, 0.1 + 5, 1e-9);
+  EXPECT_NEAR(double((behind[2].until - behind[2].from).count()), 1.75e9, 1e3);
+  EXPECT_EQ(behind[2].from, behind[1].until) << "no rest between the parts";
+  near(behind[3].from - behind[2].until, 0.6);  // resin flows back
+  EXPECT_NEAR(behind[3].z_to_mm, 0.2 + 1, 1e-9);
+  EXPECT_NEAR(behind[4].z_to_mm, 0.2, 1e-9);
+  EXPECT_EQ(behind[4].until - behind[4].from, 1000ms) << "slow approach";
+  near(light[1].from - behind[4].until, 0.4);  // rest
+}
+
+TEST(PrintRunner, ShowsEachLayerAtItsShareOfTheLight) {
+  Bench b{4};
+  b.plan.layers[1].light_share = 0.2;
+  b.plan.layers[2].light_share = 0.6;
+  EXPECT_EQ(b.print().outcome, PrintOutcome::Done);
+  std::vector<double> shares;
+  for (const LitSpan& lit : b.log.light()) shares.push_back(lit.share);
+  EXPECT_EQ(shares, (std::vector<double>{1, 0.2, 0.6, 1}));
+}
+
+TEST(PrintRunner, NeverRestsLongerThanTheVatTipsWithoutALift) {
+  Bench b{4};
+  LayerMotion motion;
+  motion.lift_mm = 0;
+  motion.tilt_s = 2;
+  b.move_as(motion);
+  int pauses = 0;
+  const PrintRecord record = b.print([&](const PrintProgress& p) {
+    if (p.phase == PrintPhase::Tilting && p.layer == LayerIndex{2} && pauses == 0) b.control.pause();
+    if (p.phase != PrintPhase::Paused) return;
+    ++pauses;
+    EXPECT_EQ(b.log.z_mm(), b.stage.facts().highest_mm) << "a pause leaves no part in the resin";
+    b.control.resume();
+  });
+  EXPECT_EQ(record.outcome, PrintOutcome::Done) << record.cause.what;
+  EXPECT_EQ(pauses, 1);
+  expect_every_layer_once(b);
 }
 
 TEST(PrintRunner, PausesLiftedAndGoesOnWithTheNextLayer) {
@@ -99,10 +186,10 @@ TEST(PrintRunner, PausesLiftedAndGoesOnWithTheNextLayer) {
 }
 
 TEST(PrintRunner, PausesFromEveryStateAndStillPrintsEveryLayerOnce) {
-  for (const PrintPhase where :
-       {PrintPhase::Homing, PrintPhase::Lowering, PrintPhase::Settling, PrintPhase::Exposing, PrintPhase::Lifting}) {
+  for (const PrintPhase where : kAtWork) {
     SCOPED_TRACE(name_of(where));
     Bench b;
+    b.move_as(test_motion());
     int pauses = 0;
     const PrintRecord record = b.print([&](const PrintProgress& p) {
       if (p.phase == where && pauses == 0) b.control.pause();
@@ -118,10 +205,10 @@ TEST(PrintRunner, PausesFromEveryStateAndStillPrintsEveryLayerOnce) {
 }
 
 TEST(PrintRunner, CancelsDarkAtOnceFromEveryState) {
-  for (const PrintPhase where :
-       {PrintPhase::Homing, PrintPhase::Lowering, PrintPhase::Settling, PrintPhase::Exposing, PrintPhase::Lifting}) {
+  for (const PrintPhase where : kAtWork) {
     SCOPED_TRACE(name_of(where));
     Bench b;
+    b.move_as(test_motion());
     Nanoseconds asked{};
     const PrintRecord record = b.print([&](const PrintProgress& p) {
       if (p.phase == where && asked == 0ns) {

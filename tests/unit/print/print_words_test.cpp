@@ -5,6 +5,7 @@
 #include <telefab/fab/device/virtual_projector.hpp>
 #include <telefab/fab/device/virtual_z_stage.hpp>
 #include <telefab/fab/print/print_runner.hpp>
+#include <telefab/test/layer_motions.hpp>
 
 // Words of operators to a running print: none is answered before the journal has it, and none that was answered is
 // forgotten, whatever happens behind it.
@@ -65,11 +66,11 @@ struct Rig {
     plan.job = "j1";
     plan.machine = "m";
     plan.mask_size = kSize;
-    plan.motion = {5.0, 2.0, 3.0, 0.5};
     plan.z_travel_mm = 20;
     for (std::uint32_t i = 0; i < 5; ++i)
-      plan.layers.push_back(
-          {LayerIndex{i}, 0.1 * (i + 1), 700ms, digest_of(std::as_bytes(std::span{masks.mask(LayerIndex{i})->rows}))});
+      plan.layers.push_back({LayerIndex{i}, 0.1 * (i + 1), 700ms,
+                             digest_of(std::as_bytes(std::span{masks.mask(LayerIndex{i})->rows})),
+                             test::every_step_and_tilt()});
   }
   /// A life of the site: prints until it is paused, cancelled or done; then the site stops.
   PrintRecord live(const PrintSink& sink) {
@@ -116,8 +117,9 @@ struct Rig {
   PrintControl* control = nullptr;
 };
 
-constexpr PrintPhase kPhases[] = {PrintPhase::Homing, PrintPhase::Lowering, PrintPhase::Settling, PrintPhase::Exposing,
-                                  PrintPhase::Lifting};
+constexpr PrintPhase kPhases[] = {PrintPhase::Homing,   PrintPhase::Lowering, PrintPhase::Settling,
+                                  PrintPhase::Exposing, PrintPhase::Resting,  PrintPhase::Tilting,
+                                  PrintPhase::Lifting,  PrintPhase::Draining};
 
 TEST(PrintWords, ShowNoLightAfterAnAnsweredWordHoweverOftenTheSiteStartsAgain) {
   for (const Word word : {Word::Pause, Word::Cancel})

@@ -66,6 +66,27 @@ TEST(Placement, HeightAskedForIsTheOneBeforeShrinkage) {
   EXPECT_NEAR(placed->size_mm.x(), 20.4, 1e-9);
 }
 
+TEST(Placement, IsMadeLargerByWhatTheResinShrinksSoThatThePrintHasTheSizeAskedFor) {
+  SliceRequest request = request_for();
+  request.machine.resin.shrink_x_percent = 2;
+  request.machine.resin.shrink_y_percent = 1;
+  request.machine.resin.shrink_z_percent = 4;
+  request.placement.height_mm = 10;
+  const auto placed = place_on_platform(corners(), request);
+  ASSERT_TRUE(placed) << placed.error().what;
+  EXPECT_NEAR(placed->size_mm.x() * 0.98, 20, 1e-9);
+  EXPECT_NEAR(placed->size_mm.y() * 0.99, 15, 1e-9);
+  EXPECT_NEAR(placed->size_mm.z() * 0.96, 10, 1e-9);
+  EXPECT_THAT(sentence_of(placed->options), HasSubstr("1.02041, 1.0101 and 1.04167 along x, y and z"));
+  // A scale of the user's own comes on top; the frame is the platform's, whichever way the scan was turned.
+  request.placement.axis_scale = {1.1, 1, 1};
+  request.placement.turn = turn_from_rotate("0,0,90").value();
+  const auto turned = place_on_platform(corners(), request);
+  ASSERT_TRUE(turned) << turned.error().what;
+  EXPECT_NEAR(turned->size_mm.x() * 0.98, 15 * 1.1, 1e-6);
+  EXPECT_NEAR(turned->size_mm.z() * 0.96, 10, 1e-6);
+}
+
 // A sphere that is made longer is an ellipsoid, whose normals do not follow its points.
 TEST(Placement, NormalsStaySquareToTheSurfaceAndOutward) {
   PointCloud ball;

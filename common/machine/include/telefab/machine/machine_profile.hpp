@@ -62,7 +62,10 @@ struct MachineProfile {
     double exposure_s = 0;           ///< of a normal layer
     std::uint32_t bottom_count = 4;  ///< layers on the platform with the longer exposure
     double bottom_exposure_s = 0;
-    double bottom_factor = 8;  ///< bottom_exposure_s over exposure_s where the former is derived
+    double bottom_factor = 8;            ///< bottom_exposure_s over exposure_s where the former is derived
+    std::uint32_t transition_count = 0;  ///< layers behind them whose exposure falls evenly to the normal one
+    double light_share = 1;              ///< of full irradiance, at which layers are exposed; (0, 1]
+    double bottom_light_share = 0;       ///< of the bottom layers; 0: as light_share
     friend bool operator==(const Layers&, const Layers&) = default;
   } layers;
 
@@ -108,15 +111,45 @@ struct MachineProfile {
     friend bool operator==(const Supports&, const Supports&) = default;
   } supports;
 
+  /// What some layers do in another way than the rest; 0: as the rest. Meanings as in Motion.
+  struct Stroke {
+    double lift_mm = 0;
+    double lift_speed_mm_per_s = 0;
+    double peel_mm = 0;
+    double peel_speed_mm_per_s = 0;
+    double lower_speed_mm_per_s = 0;
+    double approach_mm = 0;
+    double approach_speed_mm_per_s = 0;
+    double settle_s = 0;
+    double wait_after_exposure_s = 0;
+    double wait_after_lift_s = 0;
+    double tilt_s = 0;
+    friend bool operator==(const Stroke&, const Stroke&) = default;
+  };
+
   struct Motion {
-    double lift_mm = 5.0;  ///< peel: up by this after each exposure, then down again
+    double lift_mm = 5.0;  ///< up by this after each exposure, then down again
     double lift_speed_mm_per_s = 2.0;
     double lower_speed_mm_per_s = 3.0;
-    double settle_s = 0.5;           ///< resin comes to rest
-    double pull_kpa = 0;             ///< of the film on the layer just exposed, over its area; 0: not stated
-    double push_kpa = 0;             ///< sideways, any direction: of a blade, a dip, a tilt
-    double most_speed_mm_per_s = 0;  ///< no speed of the stage is above; 0: not stated
+    double settle_s = 0.5;               ///< resin comes to rest, lowered and before the light
+    double pull_kpa = 0;                 ///< of the film on the layer just exposed, over its area; 0: not stated
+    double push_kpa = 0;                 ///< sideways, any direction: of a blade, a dip, a tilt
+    double peel_mm = 0;                  ///< first part of the lift, in which the film comes off; 0: none
+    double peel_speed_mm_per_s = 0;      ///< of that part; stated where there is one
+    double approach_mm = 0;              ///< last part of the lowering, in which resin is pressed out; 0: none
+    double approach_speed_mm_per_s = 0;  ///< of that part; stated where there is one
+    double wait_after_exposure_s = 0;    ///< dark and at rest before the lift
+    double wait_after_lift_s = 0;        ///< on top of the lift: resin flows back
+    double tilt_s = 0;                   ///< the vat tips down and up again before the lift; 0: it does not tip
+    double acceleration_mm_per_s2 = 0;   ///< of the axis, for estimates; 0: not stated, taken as at once
+    double homing_speed_mm_per_s = 0;    ///< for estimates and deadlines; 0: not stated
+    double most_speed_mm_per_s = 0;      ///< no speed of the stage is above; 0: not stated
+    double large_area_mm2 = 0;           ///< a layer that lights more moves as `large`; 0: none does
+    Stroke large;                        ///< of layers above large_area_mm2
+    Stroke bottom;                       ///< of the bottom layers; goes before `large`
     friend bool operator==(const Motion&, const Motion&) = default;
+    /// A value of `bottom`, where the layer is one and it is stated; else of `large` likewise; else of all layers.
+    [[nodiscard]] Stroke stroke_of(bool is_bottom, bool is_large) const;
   } motion;
 
   struct Devices {
@@ -152,6 +185,18 @@ struct MachineProfile {
   [[nodiscard]] bool states_what_carries() const;
   /// floor(platform / pitch), at least one pixel either way.
   [[nodiscard]] PixelSize mask_size() const;
+  /// Of a layer of the print in seconds at its own light: bottom, in transition or normal.
+  [[nodiscard]] double exposure_of_layer_s(std::uint32_t print_layer) const;
+  /// Of full irradiance, of a layer of the print.
+  [[nodiscard]] double light_share_of_layer(std::uint32_t print_layer) const;
+  /// The same doses by exposures at full light: what computes doses goes by it. Of itself, itself.
+  [[nodiscard]] MachineProfile at_full_light() const;
+  /// Along x, y and z of the platform: what is drawn so many times as long has the right length once it has shrunk.
+  [[nodiscard]] std::array<double, 3> drawn_scale() const;
+  /// As stated, or assumed: 20 mm/s of a virtual stage, 2 mm/s of a real one.
+  [[nodiscard]] double homing_mm_per_s() const;
+  /// Largest of any layer.
+  [[nodiscard]] double highest_lift_mm() const;
   /// Chord tolerance of the slicer: a tenth of the pixel pitch (paper 3.2.4).
   [[nodiscard]] double chord_tolerance_mm() const { return projection.pixel_pitch_mm / 10; }
 };

@@ -11,6 +11,7 @@
 #include <telefab/fab/drivers/grbl_stage.hpp>
 #include <telefab/fab/drivers/model_transport.hpp>
 #include <telefab/fab/print/print_runner.hpp>
+#include <telefab/test/layer_motions.hpp>
 #include <vector>
 
 namespace telefab::test {
@@ -35,24 +36,23 @@ class FormulaMasks final : public fab::MaskSource {
 };
 
 inline fab::PrintPlan formula_plan(FormulaMasks& masks, PixelSize size, std::uint32_t layers,
-                                   fab::Microseconds exposure) {
+                                   fab::Microseconds exposure, const fab::LayerMotion& motion = {}) {
   fab::PrintPlan plan;
   plan.job = "rig";
   plan.machine = "rig";
   plan.mask_size = size;
-  plan.motion = {5.0, 2.0, 3.0, 0.5};
   plan.z_travel_mm = 20;
   for (std::uint32_t i = 0; i < layers; ++i)
-    plan.layers.push_back(
-        {LayerIndex{i}, 0.1 * (i + 1), exposure, digest_of(std::as_bytes(std::span{masks.mask(LayerIndex{i})->rows}))});
+    plan.layers.push_back({LayerIndex{i}, 0.1 * (i + 1), exposure,
+                           digest_of(std::as_bytes(std::span{masks.mask(LayerIndex{i})->rows})), motion});
   return plan;
 }
 
 /// Projector and stage models on a virtual clock, the real drivers on top, and a job. The models outlive the drivers,
 /// as real devices outlive a daemon.
 struct PrintRig {
-  explicit PrintRig(std::uint32_t layers, fab::Microseconds exposure = 700ms)
-      : masks{kSize}, plan{formula_plan(masks, kSize, layers, exposure)} {
+  explicit PrintRig(std::uint32_t layers, fab::Microseconds exposure = 700ms, const fab::LayerMotion& motion = {})
+      : masks{kSize}, plan{formula_plan(masks, kSize, layers, exposure, motion)} {
     projector_model.add_up_dose(false);
   }
 

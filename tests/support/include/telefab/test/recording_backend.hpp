@@ -24,7 +24,7 @@ class RecordingBackend : public PageBackend {
   }
   [[nodiscard]] Result<std::string> exposures(std::string_view) override {
     return std::string{
-        R"({"irradiance_mw_per_cm2":3,"planned_s":[36,36,9,9],"measured_s":[36.1,36],"resin_celsius":[]})"};
+        R"({"irradiance_mw_per_cm2":3,"planned_s":[36,36,9,9],"light_share":[1,1,1,1],"measured_s":[36.1,36],"resin_celsius":[]})"};
   }
   [[nodiscard]] Result<std::vector<std::byte>> mask_png(std::string_view, std::uint32_t layer) override {
     if (layer >= 3) return fail(ErrorCode::NotFound, "no such layer");

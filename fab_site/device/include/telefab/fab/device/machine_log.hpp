@@ -13,8 +13,9 @@ namespace telefab::fab {
 struct LitSpan {
   Nanoseconds from{};
   Nanoseconds until{};
-  Digest mask;      ///< SHA-256 of the grey bytes shown
-  double z_mm = 0;  ///< gap while lit
+  Digest mask;       ///< SHA-256 of the grey bytes shown
+  double z_mm = 0;   ///< gap while lit
+  double share = 1;  ///< of full light; of a DLPC900, of its largest LED current
   friend bool operator==(const LitSpan&, const LitSpan&) = default;
 };
 

@@ -18,7 +18,20 @@ struct ProjectorFacts {
   PixelSize size;                     ///< of every mask
   Microseconds shortest_exposure{0};  ///< a shorter one is refused
   double upload_bytes_per_s = 0;      ///< measured; 0: masks cost no time
+  /// Equal steps of its light from dark to full; 1: it cannot be dimmed.
+  std::uint32_t light_steps = 1;
 };
+
+/// How a mask is shown.
+struct LightOrder {
+  Microseconds duration{0};
+  double share = 1;  ///< of full light, (0, 1]
+  friend bool operator==(const LightOrder&, const LightOrder&) = default;
+};
+
+/// The step of an engine's light that makes a share of it. InvalidInput, with what to do, where none comes within 1 %
+/// of it, or the share is not in (0, 1].
+[[nodiscard]] Result<std::uint32_t> light_step(double share, std::uint32_t light_steps);
 
 /// How one exposure went, by the projector's clock.
 struct ExposureReport {
@@ -46,8 +59,8 @@ class Projector {
 
   [[nodiscard]] virtual const ProjectorFacts& facts() const = 0;
   /// Starts to hand mask and exposure to the device; shows nothing. Replaces what was loaded before. Copies the mask.
-  /// Fails: InvalidInput (size, exposure), Conflict (exposing), Device*.
-  [[nodiscard]] virtual Result<void> load(const MaskView& mask, Microseconds exposure) = 0;
+  /// Fails: InvalidInput (size, exposure, a share of the light it cannot make), Conflict (exposing), Device*.
+  [[nodiscard]] virtual Result<void> load(const MaskView& mask, const LightOrder& light) = 0;
   /// Lights the loaded mask and returns when the device has accepted. Conflict unless Loaded.
   [[nodiscard]] virtual Result<void> expose() = 0;
   /// Drives loading on (at most some 20 ms of it), asks an exposure whether it is over. After an error the light

@@ -23,7 +23,7 @@ class VirtualProjector final : public Projector {
   ~VirtualProjector() override;
 
   [[nodiscard]] const ProjectorFacts& facts() const override { return facts_; }
-  [[nodiscard]] Result<void> load(const MaskView& mask, Microseconds exposure) override;
+  [[nodiscard]] Result<void> load(const MaskView& mask, const LightOrder& light) override;
   [[nodiscard]] Result<void> expose() override;
   [[nodiscard]] Result<ProjectorStatus> poll() override;
   [[nodiscard]] Result<void> dark() override;
@@ -39,7 +39,7 @@ class VirtualProjector final : public Projector {
   ProjectorFacts facts_;
   LightState state_ = LightState::Empty;
   Digest mask_;
-  Microseconds exposure_{};
+  LightOrder light_;
   Nanoseconds ready_at_{};
   Nanoseconds lit_from_{};
   bool lit_ = false;

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <span>
 #include <string>
 #include <telefab/base/clock.hpp>
 #include <telefab/base/result.hpp>
+#include <telefab/fab/device/stage_path.hpp>
 
 namespace telefab::fab {
 
@@ -14,6 +16,7 @@ struct StageFacts {
   double fastest_mm_per_s = 0;        ///< a faster move is refused
   double homing_mm_per_s = 0;         ///< slowest part of a homing run; for deadlines
   double steps_tolerance_mm = 0.002;  ///< at rest within this of the target
+  bool tilts = false;                 ///< the vat tips
 };
 
 struct StageStatus {
@@ -34,9 +37,17 @@ class ZStage {
   [[nodiscard]] virtual const StageFacts& facts() const = 0;
   /// Starts to find the upper end; afterwards the position is facts().highest_mm.
   [[nodiscard]] virtual Result<void> home() = 0;
-  /// Starts a move. InvalidInput outside the soft limits, at a speed that is not positive or above the fastest, or not
-  /// finite; Conflict when not homed or still moving.
-  [[nodiscard]] virtual Result<void> move_to(double z_mm, double speed_mm_per_s) = 0;
+  /// Starts a move along one or more legs, without rest between those that go one way. InvalidInput without a leg, and
+  /// for one that ends outside the soft limits or has a speed that is not positive, above the fastest or not finite;
+  /// Conflict when not homed or still moving.
+  [[nodiscard]] virtual Result<void> move_along(std::span<const StageLeg> legs) = 0;
+  [[nodiscard]] Result<void> move_to(double z_mm, double speed_mm_per_s) {
+    const StageLeg leg{z_mm, speed_mm_per_s};
+    return move_along({&leg, 1});
+  }
+  /// Starts to tip the vat down and up again, over in that time; the platform keeps its place. InvalidInput where no
+  /// vat tips or the time is not positive; Conflict when not homed or still moving.
+  [[nodiscard]] virtual Result<void> tilt(Nanoseconds duration) = 0;
   /// Fails with Device* when the stage is lost, alarmed, late beyond its deadline or at rest in the wrong place; the
   /// position is then unknown until the next home().
   [[nodiscard]] virtual Result<StageStatus> poll() = 0;
@@ -46,11 +57,5 @@ class ZStage {
  protected:
   ZStage() = default;
 };
-
-/// How long a move or a homing run may take before it counts as failed: twice the nominal time and two seconds.
-[[nodiscard]] constexpr Nanoseconds move_deadline(double distance_mm, double speed_mm_per_s) {
-  const double seconds = (distance_mm < 0 ? -distance_mm : distance_mm) / speed_mm_per_s * 2 + 2;
-  return Nanoseconds{static_cast<Nanoseconds::rep>(seconds * 1e9)};
-}
 
 }  // namespace telefab::fab

@@ -2,6 +2,7 @@
 #pragma once
 #include <deque>
 #include <memory>
+#include <optional>
 #include <telefab/fab/device/projector.hpp>
 #include <telefab/fab/drivers/dlpc900_protocol.hpp>
 #include <telefab/fab/usb/usb_transport.hpp>
@@ -72,7 +73,7 @@ class Dlpc900Projector final : public Projector {
   ~Dlpc900Projector() override;
 
   [[nodiscard]] const ProjectorFacts& facts() const override { return facts_; }
-  [[nodiscard]] Result<void> load(const MaskView& mask, Microseconds exposure) override;
+  [[nodiscard]] Result<void> load(const MaskView& mask, const LightOrder& light) override;
   [[nodiscard]] Result<void> expose() override;
   [[nodiscard]] Result<ProjectorStatus> poll() override;
   [[nodiscard]] Result<void> dark() override;
@@ -108,6 +109,8 @@ class Dlpc900Projector final : public Projector {
   std::uint32_t part_us_ = 0;
   std::uint32_t parts_ = 1;
   std::uint32_t parts_left_ = 0;
+  std::optional<std::uint8_t> current_;  ///< that the LEDs have; empty: not sure
+  std::uint8_t wanted_current_ = 0;      ///< for the loaded mask
   Nanoseconds part_from_{};
   Nanoseconds lit_for_{};
   ExposureReport report_;

@@ -42,6 +42,8 @@ class GrblModel final : public LineModel {
   void plan_fault(StageFault fault, std::uint64_t lines_from_now);
   void tick();
   [[nodiscard]] double gap_mm() const { return gap_mm_; }
+  /// From now on; 0, as it starts: speeds are reached at once.
+  void set_acceleration(double mm_per_s2) { acceleration_mm_per_s2_ = mm_per_s2; }
   [[nodiscard]] std::uint64_t lines() const { return lines_; }
 
  private:
@@ -53,7 +55,10 @@ class GrblModel final : public LineModel {
     Nanoseconds from{}, until{};
     double from_mm = 0, to_mm = 0;
     bool homing = false;
+    double mm_per_s = 0;
+    Nanoseconds queued{};
   };
+  void queue_move(double to_mm, double mm_per_s, bool homing);
   void restart();
   void stop_motion();
   void answer(std::string text, Nanoseconds due);
@@ -65,6 +70,7 @@ class GrblModel final : public LineModel {
   const Clock& clock_;
   MachineLog* log_;
   double gap_mm_;
+  double acceleration_mm_per_s2_ = 0;
   bool locked_ = true;
   bool gone_ = false;
   Nanoseconds boots_until_{};  ///< what arrives before is lost

@@ -18,6 +18,7 @@ struct SerialStageOptions {
   double top_mm = 0;  ///< gap between platform and vat where homing ends; also the upper soft limit
   double fastest_mm_per_s = 10;
   double homing_mm_per_s = 2;                   ///< slowest part of the board's homing, for the deadline
+  double acceleration_mm_per_s2 = 0;            ///< of the board, for deadlines; 0: speeds are reached at once
   Thermometer thermometer = Thermometer::None;  ///< Marlin only
 };
 
@@ -33,7 +34,10 @@ class SerialStage final : public ZStage {
 
   [[nodiscard]] const StageFacts& facts() const override { return facts_; }
   [[nodiscard]] Result<void> home() override;
-  [[nodiscard]] Result<void> move_to(double z_mm, double speed_mm_per_s) override;
+  /// Both legs of a path are in the board's planner before it comes to rest between them.
+  [[nodiscard]] Result<void> move_along(std::span<const StageLeg> legs) override;
+  /// InvalidInput: no such board tips a vat.
+  [[nodiscard]] Result<void> tilt(Nanoseconds duration) override;
   [[nodiscard]] Result<StageStatus> poll() override;
   [[nodiscard]] Result<void> hold() override;
 

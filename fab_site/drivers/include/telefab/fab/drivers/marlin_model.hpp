@@ -32,6 +32,8 @@ class MarlinModel final : public LineModel {
   [[nodiscard]] bool present() const override { return true; }
 
   [[nodiscard]] double gap_mm() const { return gap_mm_; }
+  /// From now on; 0, as it starts: speeds are reached at once.
+  void set_acceleration(double mm_per_s2) { acceleration_mm_per_s2_ = mm_per_s2; }
   /// What its sensors feel from now on.
   double hotend_celsius = 21, bed_celsius = 25, chamber_celsius = 23;
   /// The thermal runaway guard ends everything: an error line, then silence until reopened.
@@ -44,7 +46,10 @@ class MarlinModel final : public LineModel {
     Nanoseconds from{}, until{};
     double from_mm = 0, to_mm = 0;
     bool homing = false;
+    double mm_per_s = 0;
+    Nanoseconds queued{};
   };
+  void queue_move(double to_mm, double mm_per_s, bool homing);
   void restart();
   void tick();
   void quick_stop();
@@ -52,7 +57,6 @@ class MarlinModel final : public LineModel {
   /// True when the line is done; false while it waits for motion.
   [[nodiscard]] bool execute(const std::string& line);
   void answer(const std::string& text) { outgoing_ += text + "\n"; }
-  void queue_move(double to_mm, double mm_per_s, bool homing);
   [[nodiscard]] std::string temperatures() const;
 
   double top_mm_;
@@ -60,6 +64,7 @@ class MarlinModel final : public LineModel {
   MachineLog* log_;
   MarlinBoard board_;
   double gap_mm_;
+  double acceleration_mm_per_s2_ = 0;
   bool homed_ = false, halted_ = false, lose_line_ = false, waiting_ = false;
   Nanoseconds boot_until_{}, next_report_{}, next_busy_{};
   bool reports_ = false;

@@ -73,7 +73,7 @@ struct PlanSummary {
   double cured_mm3 = 0;       ///< of what the masks cure, supports included
   PeelLoad peel;
   double exposure_s = 0;  ///< of all layers
-  double print_s = 0;     ///< exposures, lifts, lowering and settling
+  double print_s = 0;     ///< from homing to the raised part; uploads are taken to hide
   Image preview;          ///< contact sheet
   MaskMethod masks = MaskMethod::Cover;
   int mask_iterations = 0;

@@ -68,12 +68,35 @@ struct Exposing {
   Ticket exposure{};
   AfterExposure after = AfterExposure::GoOn;
 };
+/// Dark and at rest on the vat, so that what was lit last grows firm.
+struct Resting {
+  LayerIndex layer;
+  LayerIndex next;
+  Ticket timer{};
+  Loading mask;
+  bool pause_after = false;
+};
+/// The vat tips down and up again.
+struct Tilting {
+  LayerIndex layer;
+  LayerIndex next;
+  Ticket move{};
+  Loading mask;
+  bool pause_after = false;
+};
 struct Lifting {
   LayerIndex layer;
   LayerIndex next;
   Ticket move{};
   Loading mask;
   bool pause_after = false;
+};
+/// At rest on top of the lift: resin flows back.
+struct Draining {
+  LayerIndex layer;
+  LayerIndex next;
+  Ticket timer{};
+  Loading mask;
 };
 struct Retreating {
   LayerIndex next;
@@ -103,8 +126,8 @@ struct Faulted {
   Error cause;
 };
 
-using PrintState = std::variant<Idle, AwaitingDecision, Homing, Lowering, Settling, Exposing, Lifting, Retreating,
-                                Paused, Finishing, Cancelling, Done, Cancelled, Faulted>;
+using PrintState = std::variant<Idle, AwaitingDecision, Homing, Lowering, Settling, Exposing, Resting, Tilting, Lifting,
+                                Draining, Retreating, Paused, Finishing, Cancelling, Done, Cancelled, Faulted>;
 
 /// Which of the states; a row of theirs, in their order.
 enum class PrintPhase : std::uint8_t {
@@ -114,7 +137,10 @@ enum class PrintPhase : std::uint8_t {
   Lowering,
   Settling,
   Exposing,
+  Resting,
+  Tilting,
   Lifting,
+  Draining,
   Retreating,
   Paused,
   Finishing,
@@ -134,7 +160,7 @@ struct StartAsked {
 };
 struct MoveDone {
   Ticket move{};
-};  ///< the stage is at rest where it was sent
+};  ///< the stage is at rest where it was sent, or the vat tipped and back
 struct MaskLoaded {
   Ticket mask{};
 };
@@ -215,10 +241,14 @@ struct HoldStage {};
 struct GoHome {
   Ticket move{};
 };
-struct MoveTo {
+/// Along all legs, of which there is at least one.
+struct MoveAlong {
   Ticket move{};
-  double z_mm = 0;
-  double speed_mm_per_s = 0;
+  std::vector<StageLeg> legs;
+};
+struct Tilt {
+  Ticket move{};
+  Nanoseconds duration{};
 };
 struct LoadMask {
   Ticket mask{};
@@ -239,7 +269,8 @@ struct WriteJournal {
   std::string why;  ///< Faulted only: the cause
 };
 
-using PrintCommand = std::variant<LightOff, HoldStage, GoHome, MoveTo, LoadMask, StartTimer, Expose, WriteJournal>;
+using PrintCommand =
+    std::variant<LightOff, HoldStage, GoHome, MoveAlong, Tilt, LoadMask, StartTimer, Expose, WriteJournal>;
 
 struct Step {
   PrintState state;
@@ -251,7 +282,7 @@ struct Step {
 [[nodiscard]] Step next(const PrintPlan& plan, const PrintState& state, const PrintEvent& event, Ticket last_ticket);
 
 [[nodiscard]] bool may_be_lit(const PrintState& state);  ///< true in Exposing only
-[[nodiscard]] bool may_move(const PrintState& state);    ///< the platform may be in motion
+[[nodiscard]] bool may_move(const PrintState& state);    ///< the platform or the vat may be in motion
 [[nodiscard]] bool is_final(const PrintState& state);    ///< Done, Cancelled
 [[nodiscard]] std::string_view name_of(const PrintState& state);
 [[nodiscard]] std::string_view name_of(JournalStep step);

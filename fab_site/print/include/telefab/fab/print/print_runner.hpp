@@ -125,13 +125,4 @@ class PrintRunner {
   Sensors* sensors_;
 };
 
-/// From the end of the exposure below to the start of this layer's: lift, lowering, settling. Uploads hide in it. For
-/// the lowest layer, from rest one lift above its height.
-[[nodiscard]] Nanoseconds approach_time(const PrintPlan& plan, LayerIndex layer);
-
-/// Nominal time of a plan from layer `from` on these devices: per layer the longer of upload and motion, settling and
-/// exposure, plus homing. `upload` is Projector::load_time per layer; empty: no time.
-[[nodiscard]] Nanoseconds print_time(const PrintPlan& plan, LayerIndex from, double top_mm, double homing_mm_per_s,
-                                     std::span<const Nanoseconds> upload);
-
 }  // namespace telefab::fab

@@ -54,8 +54,9 @@ class PageBackend {
   [[nodiscard]] virtual Result<std::string> report(std::string_view id) = 0;
   /// JSON of what was asked before the light went on; NotFound until planned.
   [[nodiscard]] virtual Result<std::string> preflight(std::string_view id) = 0;
-  /// JSON of the light of every print layer: {"irradiance_mw_per_cm2":i,"planned_s":[...],"measured_s":[...],
-  /// "resin_celsius":[...]}; the last two are empty, or hold nulls, where nothing was measured. NotFound until planned.
+  /// JSON of the light of every print layer: {"irradiance_mw_per_cm2":i,"planned_s":[...],"light_share":[...],
+  /// "measured_s":[...],"resin_celsius":[...]}; the share is of full light; the last two are empty, or hold nulls,
+  /// where nothing was measured. NotFound until planned.
   [[nodiscard]] virtual Result<std::string> exposures(std::string_view id) = 0;
   /// PNG of the mask of a print layer; NotFound until planned.
   [[nodiscard]] virtual Result<std::vector<std::byte>> mask_png(std::string_view id, std::uint32_t layer) = 0;

@@ -11,7 +11,7 @@ struct Placement {
   Transform4 scan_to_build = kIdentity4;
   Vec3 size_mm = Vec3::Zero();
   Vec3 middle_mm = Vec3::Zero();             ///< of the box; the cloud's coordinates are relative to it
-  PlacementOptions options;                  ///< as asked for
+  PlacementOptions options;                  ///< as asked for, axis_scale with what makes good shrinkage
   std::optional<std::string> scale_warning;  ///< nobody stated a size, and the one it has looks wrong
   bool unit_is_stated = false;               ///< by the file or the request
 };

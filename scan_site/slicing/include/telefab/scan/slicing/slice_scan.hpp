@@ -90,6 +90,13 @@ struct SliceRequest {
   unsigned threads = 0;            ///< 0: one a core
   std::optional<std::array<std::uint32_t, 2>> layers;  ///< first and last layer to be cut; none: all
   [[nodiscard]] Result<void> validate() const;
+  /// Along x, y and z of the build frame: what was asked for, and what makes good the shrinkage that the machine's
+  /// resin states. Layers are cut of the scan made so much larger, so that they have the right place once they have
+  /// shrunk.
+  [[nodiscard]] Vec3 drawn_axis_scale() const {
+    const std::array<double, 3> drawn = machine.drawn_scale();
+    return placement.axis_scale.cwiseProduct(Vec3{drawn[0], drawn[1], drawn[2]});
+  }
 };
 
 /// "flat" or "scanned" (SliceRequest::flat_base). Fails: InvalidInput.
