@@ -12,7 +12,14 @@ namespace telefab {
 /// does not depend on the order of join().
 class DisjointSets {
  public:
-  explicit DisjointSets(std::size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0U); }
+  explicit DisjointSets(std::size_t count = 0) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0U); }
+
+  [[nodiscard]] std::size_t size() const { return parent_.size(); }
+  /// One more member, alone; its number.
+  std::uint32_t add() {
+    parent_.push_back(static_cast<std::uint32_t>(parent_.size()));
+    return parent_.back();
+  }
 
   /// The lowest member of the set of `member`.
   [[nodiscard]] std::uint32_t root(std::uint32_t member) {
