@@ -13,9 +13,11 @@ Millimetres SelfSupportLaw::reach(double attached_area_mm2) const {
 SelfSupportLaw self_support_law(const MachineProfile& machine) {
   const double pixel = machine.projection.pixel_pitch_mm;
   SelfSupportLaw law;
-  law.least = Millimetres{machine.supports.self_support_mm};
-  law.growth_per_mm = machine.supports.self_support_growth_per_mm;
-  law.most = Millimetres{machine.supports.self_support_most_mm};
+  // By bending, where no length is stated: then what it is attached to does not enter.
+  const bool is_stated = machine.supports.self_support_mm > 0;
+  law.least = Millimetres{is_stated ? machine.supports.self_support_mm : machine.self_support_reach_mm(0)};
+  law.growth_per_mm = is_stated ? machine.supports.self_support_growth_per_mm : 0;
+  law.most = is_stated ? Millimetres{machine.supports.self_support_most_mm} : law.least;
   law.least_remainder = Millimetres{pixel / 4};
   law.speck_mm2 = 2 * pixel * pixel;
   law.contact = Millimetres{0.9 * pixel};

@@ -105,8 +105,7 @@ struct Checker {
       for (const Region& piece : contact.pieces()) {
         const double area = piece.area_mm2();
         if (area < speck && !lies_on_the_layer_below(k, piece)) continue;
-        const double d = std::min(std::max(s.self_support_most_mm, s.self_support_mm),
-                                  s.self_support_mm * (1 + s.self_support_growth_per_mm * std::sqrt(area)));
+        const double d = machine.self_support_reach_mm(area);
         rest = subtract(rest, offset(piece, Millimetres{d}, Millimetres{pixel / 20}));
         if (rest.empty()) return;
       }

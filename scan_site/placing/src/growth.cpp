@@ -254,9 +254,7 @@ class Growth {
 
   /// How far a piece carries an overhang in one layer of the print, beside that much of it that is attached.
   [[nodiscard]] double reach_mm(std::size_t attached) const {
-    const double area = static_cast<double>(attached) * h_ * h_;
-    return std::min(s_.self_support_most_mm,
-                    s_.self_support_mm * (1 + s_.self_support_growth_per_mm * std::sqrt(area)));
+    return machine_.self_support_reach_mm(static_cast<double>(attached) * h_ * h_);
   }
 
   /// Whether an underside comes forward by no more than its reach from layer to layer of the print.

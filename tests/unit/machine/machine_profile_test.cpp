@@ -243,10 +243,13 @@ irradiance_mw_per_cm2 = 13.59
 thickness_mm = 0.05
 exposure_s = 2.0
 bottom_exposure_s = 16.0
+[supports]
+self_support_mm = 0.15
+lift_off_mm = 2.0
 )",
                                              "old.toml");
   ASSERT_TRUE(old) << old.error().what;
-  // As found before there was shrinkage.
+  // As found before there was shrinkage; the two supports stated were the defaults then.
   const std::string before = "8fca3ad47de3b18e1a9a73c0b003a83deaa1095bae8aab3c816f33309d98cf70";
   EXPECT_EQ(to_hex(digest_of_profile(*old)), before);
   EXPECT_EQ(to_hex(digest_of_light(*old)), before);

@@ -168,7 +168,8 @@ TEST(Standing, CubeOnItsCornerGetsAnchorsThatSteadyIt) {
 // It needs no supports that way, and would be the cheapest of all.
 TEST(Standing, WhatWouldFallOffItsFootIsNotChosen) {
   std::vector<Box3> leaning;
-  for (int i = 0; i < 40; ++i) leaning.push_back({{0.6 * i, 0, 1.0 * i}, {0.6 * i + 10, 10, i + 1.0}});
+  // In steps that bending bears: 0.15 mm a layer.
+  for (int i = 0; i < 160; ++i) leaning.push_back({{0.15 * i, 0, 0.25 * i}, {0.15 * i + 10, 10, 0.25 * (i + 1)}});
   const auto all = judged(body_of(leaning, 0.6), options());
   const Standing* leans = as_in_file(all);
   ASSERT_NE(leans, nullptr);

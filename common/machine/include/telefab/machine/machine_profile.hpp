@@ -92,7 +92,8 @@ struct MachineProfile {
   } resin;
 
   struct Supports {
-    double self_support_mm = 0.15;  ///< overhang per layer that holds itself, for a small attached region
+    /// Overhang per layer that holds itself, for a small attached region; 0: by bending, see self_support_reach_mm().
+    double self_support_mm = 0;
     /// Added per sqrt(attached area): reach = min(most, self_support_mm * (1 + growth * sqrt(A / mm2))).
     double self_support_growth_per_mm = 0.5;
     double self_support_most_mm = 2.0;  ///< no attached region holds an overhang beyond this in one layer
@@ -105,9 +106,21 @@ struct MachineProfile {
     double slenderness = 25.0;    ///< free pin length over diameter at most
     double base_thickness_mm = 0.6;
     double stand_area_share = 0.03;  ///< a first layer of at least this share of the largest stands on the platform
-    double lift_off_mm = 2.0;        ///< the part starts this far above the platform when it needs a base
+    double lift_off_mm = 3.5;        ///< the part starts this far above the platform when it needs a base
     double safety = 2.0;             ///< strength over the stress that a plan may ask for
     double fresh_share = 0.5;        ///< (0, 1]; strength of a tip some seconds after its exposure, of green strength
+    /// kappa of the bending of one layer's overhang: its strength as share of a full section as thick as the layer; 0:
+    /// computed from dose and depth.
+    double overhang_share = 0;
+    double medium_tip_radius_mm = 0;  ///< 0: 1.5 times the light tip's, which tip_radius_mm is
+    double heavy_tip_radius_mm = 0;   ///< 0: twice the light tip's
+    double tip_depth_mm = 0;          ///< how far tips go into the part; 0: by their radius
+    double arm_degrees = 40;          ///< most lean of a pin's upper end, from upright
+    double density = 1;               ///< so many times the anchors that would do
+    PinGround ground = PinGround::Anywhere;
+    RaftKind raft = RaftKind::Auto;
+    double raft_margin_mm = 2;     ///< of one plate, beyond the feet
+    double raft_lip_degrees = 30;  ///< its lower edge recedes by so much from upright, for a scraper; 0: upright
     friend bool operator==(const Supports&, const Supports&) = default;
   } supports;
 
@@ -177,6 +190,13 @@ struct MachineProfile {
   /// Stress over pull that this resin bears on this machine: strength of a fresh tip / (safety * pull). What a plan may
   /// ask for at most. A strength that is not stated is assumed: 10 MPa.
   [[nodiscard]] double carried_demand() const;
+  /// How far one layer may reach beyond what it is attached to. As stated: least * (1 + growth * sqrt(attached area)),
+  /// at most the stated most. By bending, where none is stated: a strip cured once, pulled on its face by the film, t *
+  /// sqrt(kappa * carried_demand() / 3), whatever it is attached to.
+  [[nodiscard]] double self_support_reach_mm(double attached_mm2) const;
+  /// kappa of that, as stated or computed: what the section bears in bending, strength rising with dose, over what a
+  /// full section as thick as the layer bears.
+  [[nodiscard]] double overhang_share() const;
   /// Whether a calibration says how well Ec and Dp are known.
   [[nodiscard]] bool states_calibration_band() const;
   /// Whether `key`, as "motion.pull_kpa", is among the assumed ones.

@@ -29,6 +29,11 @@ enum class LedCutoff : std::uint8_t { None, Watchdog };
 /// Which of a board's sensors hangs in the resin.
 enum class Thermometer : std::uint8_t { None, Hotend, Bed, Chamber };
 
+/// What joins the feet of supports on the platform. Auto: plates, or one plate where the feet cover too little.
+enum class RaftKind : std::uint8_t { Auto, Plates, Plate, Skate, None };
+/// Where pins may stand.
+enum class PinGround : std::uint8_t { Anywhere, Platform };
+
 template <class Word>
 inline constexpr std::nullptr_t kMachineWords = nullptr;
 template <>
@@ -51,6 +56,10 @@ template <>
 inline constexpr std::array<std::string_view, 2> kMachineWords<LedCutoff>{"none", "watchdog"};
 template <>
 inline constexpr std::array<std::string_view, 4> kMachineWords<Thermometer>{"none", "hotend", "bed", "chamber"};
+template <>
+inline constexpr std::array<std::string_view, 5> kMachineWords<RaftKind>{"auto", "plates", "plate", "skate", "none"};
+template <>
+inline constexpr std::array<std::string_view, 2> kMachineWords<PinGround>{"anywhere", "platform"};
 
 template <class T>
 concept MachineWord = !std::is_null_pointer_v<std::remove_cv_t<decltype(kMachineWords<T>)>>;
