@@ -8,6 +8,7 @@ namespace telefab::fab {
 
 /// What `plan` and `supports` both ask of the supports.
 struct SupportChoice {
+  std::string supports = "auto";
   std::string stand = "auto";
   std::string hand_list;
 };

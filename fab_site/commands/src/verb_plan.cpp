@@ -23,7 +23,6 @@ struct Options {
   std::string out;
   MaskOptions masks;
   ContourLimitOptions contour_limits;
-  std::string supports = "auto";
   SupportChoice support;
   int threads = 0;
   bool json = false;
@@ -33,7 +32,6 @@ Result<PlanOptions> plan_options(const Options& o) {
   PlanOptions options;
   options.job = std::filesystem::path{o.stack}.stem().string();
   if (auto ok = apply(o.masks, options); !ok) return tl::unexpected{ok.error()};
-  options.supports.mode = o.supports == "none" ? SupportOptions::Mode::None : SupportOptions::Mode::Auto;
   if (auto ok = apply(o.support, options.supports); !ok) return tl::unexpected{ok.error()};
   options.threads = o.threads;
   options.contour_limits = o.contour_limits.limits();
@@ -42,7 +40,7 @@ Result<PlanOptions> plan_options(const Options& o) {
 
 void print_summary(const PlanSummary& s, const Preflight& preflight, const std::string& folder, bool replaced) {
   write_output(fmt::format("{} layers on {} ({} of the part, {} below it), {} anchors\n", s.plan.layers.size(),
-                           s.plan.machine, s.part_layers, s.elevation_layers, s.anchors));
+                           s.plan.machine, s.part_layers, s.elevation_layers, s.anchors.size()));
   write_output(fmt::format("part {:.1f} mm3, supports {:.1f} mm3; {:.0f} min of print, of that {:.0f} min of light\n",
                            s.figures.part_mm3, s.figures.support_mm3, s.print_s / 60, s.exposure_s / 60));
   write_output(fmt::format("supports {:.2f} s, masks {:.2f} s, loads {:.2f} s; written to {}{}\n", s.support_seconds,
@@ -85,7 +83,6 @@ VerbBody declare_plan(VerbOptions& options) {
       .required();
   declare_mask_options(options, o->masks);
   declare_contour_limits(options, o->contour_limits);
-  options.add("--supports", o->supports, "none or auto").one_of({"none", "auto"}).shows_default();
   declare_support_choice(options, o->support);
   options.add("--threads", o->threads, "0: all cores; the plan is the same for any number")
       .within(0, 1024)

@@ -65,6 +65,10 @@ std::string figures_json(const SupportPlan& plan, double thickness_mm) {
                                        {"pins_on_part", f.feet_on_part},
                                        {"thin_pins", f.thin_pins},
                                        {"braces", f.braces},
+                                       {"medium_tips", f.medium_tips},
+                                       {"heavy_tips", f.heavy_tips},
+                                       {"bearing", f.bearing},
+                                       {"bearing_demand", f.bearing_demand},
                                        {"stabilising", f.stabilising},
                                        {"stability_mm", f.stability_mm},
                                        {"support_mm3", f.support_mm3},
@@ -92,6 +96,14 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   print_unless_json(
       fmt::format("{} anchors on {} layers; {} pins stand on the part, {} of the pins are thin, {} braces\n",
                   plan->anchors().size(), f.layers_with_regions, f.feet_on_part, f.thin_pins, f.braces));
+  if (f.bearing_demand > 0)
+    print_unless_json(
+        fmt::format("{} medium and {} heavy tips, {} anchors for the pull alone; the worst tip bears {:.0f} times the "
+                    "pull, allowed "
+                    "are {:.0f}\n",
+                    f.medium_tips, f.heavy_tips, f.bearing, f.bearing_demand, machine->carried_demand()));
+  if (f.unreached > 0)
+    print_unless_json(fmt::format("{} anchors have no pin: none reaches them from the platform\n", f.unreached));
   print_unless_json(fmt::format("supports {:.1f} mm3, {:.1f} % of the part's {:.1f} mm3; lifted by {:.2f} mm\n",
                                 f.support_mm3, f.part_mm3 > 0 ? 100 * f.support_mm3 / f.part_mm3 : 0.0, f.part_mm3,
                                 plan->elevation_layers() * thickness_mm));

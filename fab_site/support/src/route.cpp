@@ -2,11 +2,15 @@
 #include "route.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
+#include <optional>
 #include <set>
 
+#include "convex_hull.hpp"
 #include "part_columns.hpp"
+#include "tip_shape.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -15,37 +19,54 @@ struct PinBody {
   Point2 place;
   double bottom_mm = 0;
   double top_mm = 0;
+  double radius_mm = 0;
+  double base_mm = 0;       ///< wanted radius at its lower end
   std::size_t element = 0;  ///< index of its Pin element
   std::size_t foot = 0;     ///< of its Foot
   bool on_platform = false;
   std::vector<double> braced_at{};
 };
 
+/// Feet that cover less of the largest layer may let go of the platform: chosen, no measurement of that was found.
+constexpr double kBaseShare = 0.2;
 constexpr std::uint32_t kSink = 3;  ///< layers a foot goes into the part it stands on
 
-class Router {
- public:
-  Router(std::span<const Region> layers, std::uint32_t elevation, double thickness, const MachineProfile& machine)
+}  // namespace
+
+struct PinRouter::State {
+  State(std::span<const Region> layers, std::uint32_t elevation, double thickness, const MachineProfile& machine)
       : layers_{layers},
         elevation_{elevation},
         t_{thickness},
         machine_{machine},
         p_{machine.supports},
+        arm_rise_{1 / std::tan(machine.supports.arm_degrees * std::numbers::pi / 180)},
         cell_{cell_of(layers, machine)},
         bare_{layers, 0, cell_},
         slim_{layers, p_.tip_radius_mm + p_.clearance_mm / 2, cell_},
         wide_{layers, p_.pin_radius_mm + p_.clearance_mm, cell_} {}
 
+  /// Columns for wide pins are made once there are some.
+  void make_room_for(TipClass tip) {
+    if (tip != TipClass::Light && !wider_) wider_.emplace(layers_, 1.5 * p_.pin_radius_mm + p_.clearance_mm, cell_);
+  }
+  [[nodiscard]] bool can_stand(const Anchor& anchor) {
+    make_room_for(anchor.tip);
+    const auto choice = choose(anchor.place, (anchor.layer.count() + elevation_) * t_, anchor.tip);
+    return choice && !choice->stands_on_part;
+  }
+
   RoutedStructure route(std::vector<Anchor>& anchors) {
+    if (anchors.empty()) return {};
+    for (const Anchor& anchor : anchors) make_room_for(anchor.tip);
     for (Anchor& anchor : anchors) place(anchor);
     brace();
     add_companions();
     taper();
-    lay_plates();
+    lay_raft();
     return std::move(out_);
   }
 
- private:
   static double cell_of(std::span<const Region> layers, const MachineProfile& machine) {
     double side = 0;
     for (const Region& layer : layers) {
@@ -60,8 +81,15 @@ class Router {
     return static_cast<std::int64_t>(std::floor(z_mm / t_ + 1e-6)) - elevation_;
   }
   [[nodiscard]] double top_of(std::uint32_t part_layer) const { return (part_layer + elevation_ + 1.0) * t_; }
-  [[nodiscard]] bool on_platform(Point2 q) const {
-    const double r = p_.pin_radius_mm;
+  /// Columns in which a shaft of that radius keeps its distance; errs to a wider one.
+  [[nodiscard]] const PartColumns& wide(double radius_mm = 0) const {
+    return radius_mm > p_.pin_radius_mm * (1 + 1e-9) ? *wider_ : wide_;
+  }
+  [[nodiscard]] TipShape shape_of(TipClass tip, double contact_mm) const {
+    return tip_shape(machine_, tip, contact_mm, t_);
+  }
+
+  [[nodiscard]] bool on_platform(Point2 q, double r) const {
     return q.x_mm >= r && q.y_mm >= r && q.x_mm <= machine_.platform.width_mm - r &&
            q.y_mm <= machine_.platform.depth_mm - r;
   }
@@ -110,25 +138,23 @@ class Router {
   }
 
   /// True where an arm from the tip's end down to the joint keeps clear of the part.
-  [[nodiscard]] bool arm_is_clear(Point2 from, double from_mm, Point2 to, double to_mm) const {
+  [[nodiscard]] bool arm_is_clear(Point2 from, double from_mm, Point2 to, double to_mm, double tip_mm) const {
     const int steps = std::max(1, static_cast<int>((from_mm - to_mm) / t_));
     for (int i = 1; i <= steps; ++i) {
       const double s = static_cast<double>(i) / steps;
       const Point2 q{from.x_mm + s * (to.x_mm - from.x_mm), from.y_mm + s * (to.y_mm - from.y_mm)};
       const double z = from_mm + s * (to_mm - from_mm);
       const double below = from_mm - z;
-      const PartColumns& part = below < tip_length() ? bare_ : slim_;
+      const PartColumns& part = below < tip_mm ? bare_ : slim_;
       if (part.occupied(q, part_layer(z))) return false;
     }
     return true;
   }
 
-  [[nodiscard]] double tip_length() const { return 2.5 * (p_.pin_radius_mm - p_.tip_radius_mm) + 2 * t_; }
-
   /// True where a full pin there meets no material between two heights, by the layers themselves.
-  [[nodiscard]] bool shaft_is_clear(Point2 q, double from_mm, double to_mm) const {
+  [[nodiscard]] bool shaft_is_clear(Point2 q, double radius_mm, double from_mm, double to_mm) const {
     const double pixel = machine_.projection.pixel_pitch_mm;
-    const Region body = disc(q, Millimetres{p_.pin_radius_mm}, Millimetres{pixel / 10});
+    const Region body = disc(q, Millimetres{radius_mm}, Millimetres{pixel / 10});
     for (std::int64_t k = std::max<std::int64_t>(0, part_layer(from_mm)); k <= part_layer(to_mm); ++k)
       if (k < static_cast<std::int64_t>(layers_.size()) &&
           intersect(body, layers_[static_cast<std::size_t>(k)]).area_mm2() > pixel * pixel / 4)
@@ -137,84 +163,107 @@ class Router {
   }
 
   /// The nearest free column to the platform, else the nearest on which a pin can stand on the part.
-  [[nodiscard]] std::optional<Choice> choose(Point2 at, double contact_mm) const {
+  [[nodiscard]] std::optional<Choice> choose(Point2 at, double contact_mm, TipClass tip) const {
     std::optional<Choice> on_part;
-    const double reach = std::min(20 * p_.pin_radius_mm, contact_mm * 0.8);
+    const TipShape shape = shape_of(tip, contact_mm);
+    const double radius = shape.pin_mm, reach = std::min(20 * p_.pin_radius_mm, contact_mm * 0.8);
     const double step = std::max(cell_, p_.pin_radius_mm / 2);
     for (double rho = 0; rho <= reach; rho += step) {
       const int turns = rho == 0 ? 1 : std::clamp(static_cast<int>(2 * std::numbers::pi * rho / step), 8, 32);
       for (int i = 0; i < turns; ++i) {
         const double angle = 2 * std::numbers::pi * i / turns;
         const Point2 q{at.x_mm + rho * std::cos(angle), at.y_mm + rho * std::sin(angle)};
-        if (!on_platform(q)) continue;
-        const double joint = contact_mm - std::max(tip_length(), 1.2 * rho);
+        if (!on_platform(q, radius)) continue;
+        const double joint = contact_mm - shape.tip_mm - std::max(shape.cone_mm, rho * arm_rise_);
         if (joint <= p_.base_thickness_mm) continue;
-        if (rho > 0 && !arm_is_clear(at, contact_mm - t_, q, joint)) continue;
-        const auto hit = wide_.highest_below(q, part_layer(joint) + 1);
+        const auto clear = [&] { return arm_is_clear(at, contact_mm - t_, q, joint, shape.length_mm()); };
+        if (rho > 0 && !clear()) continue;
+        const auto hit = wide(radius).highest_below(q, part_layer(joint) + 1);
         if (!hit) {
-          if (rho == 0 && !arm_is_clear(at, contact_mm - t_, q, joint)) continue;
+          if (rho == 0 && !clear()) continue;
           return Choice{q, joint, 0, 0, false};
         }
-        if (on_part) continue;
+        if (on_part || p_.ground == PinGround::Platform) continue;
         const auto floor = floor_below(q, part_layer(joint) + 1);
         if (!floor || !foot_is_held(q, *floor)) continue;
         const double floor_mm = top_of(*floor);
         // Room for a full pin on the part: the pin body's clearance is broken only close above its foot.
-        if (joint - floor_mm < 2 * p_.pin_radius_mm) continue;
-        if (top_of(*hit) - floor_mm > 2 * p_.pin_radius_mm + p_.clearance_mm) continue;
-        if (!shaft_is_clear(q, floor_mm + 2 * p_.pin_radius_mm, top_of(*hit))) continue;
-        if (rho == 0 || arm_is_clear(at, contact_mm - t_, q, joint))
-          on_part = Choice{q, joint, floor_mm, sunk_mm(q, *floor), true};
+        if (joint - floor_mm < 2 * radius) continue;
+        if (top_of(*hit) - floor_mm > 2 * radius + p_.clearance_mm) continue;
+        if (!shaft_is_clear(q, radius, floor_mm + 2 * radius, top_of(*hit))) continue;
+        if (rho == 0 || clear()) on_part = Choice{q, joint, floor_mm, sunk_mm(q, *floor), true};
       }
     }
     return on_part;
   }
 
+  /// As deep as wanted, but one layer at least, and never out of the part's upper side.
+  [[nodiscard]] double depth_mm(Point2 at, std::uint32_t layer, double wanted_mm) const {
+    std::uint32_t inside = 1;
+    while ((inside + 1) * t_ <= wanted_mm + 1e-9 && layer + inside + 1 < layers_.size() &&
+           layers_[layer + inside + 1].contains(at))
+      ++inside;
+    return inside * t_;
+  }
+
   void place(Anchor& anchor) {
     const double contact = (anchor.layer.count() + elevation_) * t_;
     const Point2 at = anchor.place;
-    const double pixel = machine_.projection.pixel_pitch_mm;
-    const auto choice = choose(at, contact);
+    auto choice = choose(at, contact, anchor.tip);
+    // Where there is no room for a wide one, or only on the part, a narrower one may still do.
+    while (anchor.tip != TipClass::Light && (!choice || choice->stands_on_part)) {
+      anchor.tip = static_cast<TipClass>(static_cast<int>(anchor.tip) - 1);
+      choice = choose(at, contact, anchor.tip);
+    }
     if (!choice) return stand_thin_pin(anchor, contact);
-    const double neck = std::min(p_.tip_radius_mm, std::max(0.75 * p_.tip_radius_mm, 1.2 * pixel));
-    const double neck_mm = contact - t_ - p_.tip_radius_mm;
-    // The contact disc goes one layer into the part, the waist just below it is where the pin breaks off.
-    add(SupportElementKind::Tip, {at.x_mm, at.y_mm, neck_mm}, {at.x_mm, at.y_mm, contact + t_}, neck, p_.tip_radius_mm);
+    const TipShape shape = shape_of(anchor.tip, contact);
+    const double neck_mm = contact - shape.tip_mm, radius = shape.pin_mm;
+    // The contact disc goes into the part, the waist just below it is where the pin breaks off.
+    const double top_mm = contact + depth_mm(at, anchor.layer.count(), shape.depth_mm);
+    add(SupportElementKind::Tip, {at.x_mm, at.y_mm, neck_mm}, {at.x_mm, at.y_mm, top_mm}, shape.neck_mm, shape.disc_mm);
     add(SupportElementKind::Arm, {choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm}, {at.x_mm, at.y_mm, neck_mm},
-        p_.pin_radius_mm, neck);
-    PinBody body{choice->foot, choice->floor_mm, choice->joint_mm, 0, 0, !choice->stands_on_part};
+        radius, shape.neck_mm);
+    PinBody body{choice->foot,           choice->floor_mm, choice->joint_mm, radius, shape.base_mm, 0, 0,
+                 !choice->stands_on_part};
     anchor.on_part = choice->stands_on_part;
+    anchor.foot = choice->foot;
     const Point3 top{choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm};
     double bottom = choice->floor_mm;
     body.foot = out_.structure.elements.size();
     if (anchor.on_part) {
       ++out_.feet_on_part;
       // A small foot, sunk a few layers into the part so that it is welded on, as easy to break off as a tip.
-      const double height = std::min(2 * p_.pin_radius_mm, choice->joint_mm - bottom);
+      const double height = std::min(2 * radius, choice->joint_mm - bottom);
       add(SupportElementKind::Foot, {top.x_mm, top.y_mm, choice->sunk_mm}, {top.x_mm, top.y_mm, bottom + height},
-          std::min(p_.pin_radius_mm, 1.25 * p_.tip_radius_mm), p_.pin_radius_mm);
+          std::min(radius, 1.25 * shape.disc_mm), radius);
       bottom += height;
     } else {
-      bottom = add_foot(choice->foot, choice->joint_mm);
+      bottom = add_foot(choice->foot, choice->joint_mm, radius);
     }
     body.element = out_.structure.elements.size();
-    add(SupportElementKind::Pin, {top.x_mm, top.y_mm, bottom}, top, p_.pin_radius_mm, p_.pin_radius_mm);
+    add(SupportElementKind::Pin, {top.x_mm, top.y_mm, bottom}, top, radius, radius);
     if (out_.structure.elements.size() > body.element) pins_.push_back(std::move(body));
   }
 
   /// On the platform, below a pin of that height; where it ends.
-  double add_foot(Point2 q, double pin_mm) {
+  double add_foot(Point2 q, double pin_mm, double radius_mm) {
     const double height = std::min(p_.base_thickness_mm + p_.foot_radius_mm, pin_mm);
-    add(SupportElementKind::Foot, {q.x_mm, q.y_mm, 0}, {q.x_mm, q.y_mm, height}, p_.foot_radius_mm, p_.pin_radius_mm);
+    const double foot = p_.foot_radius_mm + radius_mm - p_.pin_radius_mm;
+    add(SupportElementKind::Foot, {q.x_mm, q.y_mm, 0}, {q.x_mm, q.y_mm, height}, foot, radius_mm);
     return height;
   }
 
   /// Where nothing wider fits: straight down, as thin as a tip, to whatever lies below.
   void stand_thin_pin(Anchor& anchor, double contact) {
-    ++out_.thin_pins;
     const Point2 at = anchor.place;
     const auto floor = floor_below(at, anchor.layer.count());
+    if (floor && p_.ground == PinGround::Platform) {
+      ++out_.unreached;
+      return;
+    }
+    ++out_.thin_pins;
     anchor.on_part = floor.has_value();
+    anchor.foot = at;
     const double r = p_.tip_radius_mm;
     const double bottom = floor ? sunk_mm(at, *floor) : 0;
     out_.feet_on_part += floor.has_value();
@@ -230,9 +279,8 @@ class Router {
   /// Zigzag of slanted struts between near neighbours, every brace pitch, where the way is clear of the part.
   void brace() {
     const double far = 2 * p_.brace_pitch_mm;
-    const double needs = p_.slenderness * 2 * p_.pin_radius_mm;
     for (std::size_t i = 0; i < pins_.size(); ++i) {
-      if (pins_[i].top_mm - pins_[i].bottom_mm <= needs) continue;
+      if (pins_[i].top_mm - pins_[i].bottom_mm <= p_.slenderness * 2 * pins_[i].radius_mm) continue;
       std::vector<std::pair<double, std::size_t>> near;
       for (std::size_t j = 0; j < pins_.size(); ++j) {
         const double d =
@@ -276,7 +324,7 @@ class Router {
     for (int i = 0; i <= steps; ++i) {
       const double s = static_cast<double>(i) / steps;
       const Point2 q{from.x_mm + s * (to.x_mm - from.x_mm), from.y_mm + s * (to.y_mm - from.y_mm)};
-      if (wide_.occupied(q, part_layer(z_mm + s * rise_mm))) return false;
+      if (wide().occupied(q, part_layer(z_mm + s * rise_mm))) return false;
     }
     return true;
   }
@@ -294,16 +342,15 @@ class Router {
   /// A pin on the platform that stands free for too long and has no neighbour gets a companion: a pin beside it that
   /// holds nothing but its struts, and ends in the last of them.
   void add_companions() {
-    const double needs = p_.slenderness * 2 * p_.pin_radius_mm;
     const double apart = 0.75 * p_.brace_pitch_mm;
     const std::size_t count = pins_.size();
     for (std::size_t i = 0; i < count; ++i) {
-      if (!pins_[i].on_platform || free_mm(pins_[i]) <= needs) continue;
+      if (!pins_[i].on_platform || free_mm(pins_[i]) <= p_.slenderness * 2 * pins_[i].radius_mm) continue;
       const Point2 at = pins_[i].place;
       for (int turn = 0; turn < 16; ++turn) {
         const double angle = 2 * std::numbers::pi * turn / 16;
         const Point2 q{at.x_mm + apart * std::cos(angle), at.y_mm + apart * std::sin(angle)};
-        if (on_platform(q) && stand_companion(i, q, apart)) break;
+        if (on_platform(q, p_.pin_radius_mm) && stand_companion(i, q, apart)) break;
       }
     }
   }
@@ -315,7 +362,7 @@ class Router {
     const int pairs = static_cast<int>(std::floor((high - apart - low) / p_.brace_pitch_mm + 1)) / 2;
     if (pairs < 1) return false;
     const double top = low + (2 * pairs - 1) * p_.brace_pitch_mm;
-    if (wide_.highest_below(q, part_layer(top) + 1)) return false;
+    if (wide().highest_below(q, part_layer(top) + 1)) return false;
     for (const PinBody& other : pins_)
       if (std::hypot(other.place.x_mm - q.x_mm, other.place.y_mm - q.y_mm) < 4 * p_.pin_radius_mm) return false;
     const Point2 at = pins_[i].place;
@@ -323,8 +370,8 @@ class Router {
       const double z = low + s * p_.brace_pitch_mm;
       if (!strut_is_clear(s % 2 ? q : at, s % 2 ? at : q, z, apart)) return false;
     }
-    PinBody companion{q, 0, top + t_, 0, out_.structure.elements.size(), true};
-    const double foot = add_foot(q, companion.top_mm);
+    PinBody companion{q, 0, top + t_, p_.pin_radius_mm, p_.pin_radius_mm, 0, out_.structure.elements.size(), true};
+    const double foot = add_foot(q, companion.top_mm, p_.pin_radius_mm);
     companion.element = out_.structure.elements.size();
     add(SupportElementKind::Pin, {q.x_mm, q.y_mm, foot}, {q.x_mm, q.y_mm, companion.top_mm}, p_.pin_radius_mm,
         p_.pin_radius_mm);
@@ -348,7 +395,7 @@ class Router {
   void taper() {
     for (const PinBody& body : pins_) {
       SupportElement& pin = out_.structure.elements[body.element];
-      double wanted = free_mm(body) / (2 * p_.slenderness);
+      double wanted = std::max(body.on_platform ? body.base_mm : 0, free_mm(body) / (2 * p_.slenderness));
       while (wanted > pin.bottom_radius_mm && !has_room(pin, wanted, body.on_platform)) wanted *= 0.8;
       if (wanted <= pin.bottom_radius_mm) continue;
       // The arm's end stays as it was: the pin tapers to it.
@@ -373,29 +420,69 @@ class Router {
       for (double rho = beyond; rho > 0; rho -= cell_)
         for (int turn = 0; turn < turns; ++turn) {
           const double angle = 2 * std::numbers::pi * turn / turns;
-          if (wide_.occupied({pin.top.x_mm + rho * std::cos(angle), pin.top.y_mm + rho * std::sin(angle)}, layer))
+          if (wide().occupied({pin.top.x_mm + rho * std::cos(angle), pin.top.y_mm + rho * std::sin(angle)}, layer))
             return false;
         }
     }
     return true;
   }
 
-  void lay_plates() {
-    if (p_.base_thickness_mm <= 0) return;
-    std::vector<const PinBody*> feet;
+  struct Footing {
+    Point2 place;
+    double radius_mm = 0;
+  };
+
+  /// Whether the feet cover enough of the largest layer to hold it on the platform.
+  [[nodiscard]] bool feet_suffice(std::span<const Footing> feet) const {
+    double covered = 0, largest = 0;
+    for (const Footing& foot : feet) covered += std::numbers::pi * foot.radius_mm * foot.radius_mm;
+    for (const Region& layer : layers_) largest = std::max(largest, layer.area_mm2());
+    return covered >= kBaseShare * largest;
+  }
+
+  void lay_raft() {
+    if (p_.base_thickness_mm <= 0 || p_.raft == RaftKind::None) return;
+    std::vector<Footing> feet;
     for (const PinBody& body : pins_)
-      if (body.on_platform) feet.push_back(&body);
-    const double r = p_.foot_radius_mm * 1.5, near = 6 * p_.foot_radius_mm;
+      if (body.on_platform) feet.push_back({body.place, out_.structure.elements[body.foot].bottom_radius_mm});
+    if (feet.empty()) return;
+    const double lip = std::tan(p_.raft_lip_degrees * std::numbers::pi / 180);
+    // As wide on the platform as it says; the lip is beyond.
+    const auto lay = [&](std::vector<Point2> corners, double radius_mm) {
+      out_.structure.plates.push_back(
+          {std::move(corners), radius_mm + lip * p_.base_thickness_mm / 2, p_.base_thickness_mm, lip});
+    };
+    switch (p_.raft == RaftKind::Auto && !feet_suffice(feet) ? RaftKind::Plate : p_.raft) {
+      case RaftKind::Plate: {
+        std::vector<Point2> places;
+        double widest = 0;
+        for (const Footing& foot : feet) places.push_back(foot.place), widest = std::max(widest, foot.radius_mm);
+        return lay(convex_hull(std::move(places)), widest + p_.raft_margin_mm);
+      }
+      case RaftKind::Skate:
+        for (const Footing& foot : feet) lay({foot.place}, foot.radius_mm + p_.raft_margin_mm);
+        return;
+      case RaftKind::Auto:
+      case RaftKind::Plates:
+        return lay_plates(feet, lay);
+      case RaftKind::None:
+        return;
+    }
+  }
+
+  void lay_plates(std::span<const Footing> feet, const auto& lay) {
+    const double near = 6 * p_.foot_radius_mm;
     for (std::size_t i = 0; i < feet.size(); ++i) {
       // Each foot is joined to its nearest earlier foot of the group; the plates of a group hang together.
       double best = near;
       std::size_t found = i;
       for (std::size_t j = 0; j < i; ++j) {
-        const double d =
-            std::hypot(feet[i]->place.x_mm - feet[j]->place.x_mm, feet[i]->place.y_mm - feet[j]->place.y_mm);
+        const double d = std::hypot(feet[i].place.x_mm - feet[j].place.x_mm, feet[i].place.y_mm - feet[j].place.y_mm);
         if (d < best) best = d, found = j;
       }
-      out_.structure.plates.push_back({feet[i]->place, feet[found]->place, r, p_.base_thickness_mm});
+      std::vector<Point2> corners{feet[i].place};
+      if (found != i && !(feet[i].place == feet[found].place)) corners.push_back(feet[found].place);
+      lay(std::move(corners), p_.foot_radius_mm * 1.5);
     }
   }
 
@@ -404,19 +491,22 @@ class Router {
   double t_;
   const MachineProfile& machine_;
   const MachineProfile::Supports& p_;
+  double arm_rise_;  ///< of an arm, over how far it reaches
   double cell_;
   PartColumns bare_, slim_, wide_;
+  std::optional<PartColumns> wider_;  ///< where there are pins wider than light ones
   RoutedStructure out_;
   std::vector<PinBody> pins_;
   std::set<std::pair<std::size_t, std::size_t>> pairs_;
 };
 
-}  // namespace
+PinRouter::PinRouter(std::span<const Region> layers, std::uint32_t elevation_layers, double thickness_mm,
+                     const MachineProfile& machine)
+    : state_{std::make_unique<State>(layers, elevation_layers, thickness_mm, machine)} {}
+PinRouter::~PinRouter() = default;
 
-RoutedStructure route_supports(std::vector<Anchor>& anchors, std::span<const Region> layers,
-                               std::uint32_t elevation_layers, double thickness_mm, const MachineProfile& machine) {
-  if (anchors.empty()) return {};
-  return Router{layers, elevation_layers, thickness_mm, machine}.route(anchors);
-}
+bool PinRouter::can_stand(const Anchor& anchor) const { return state_->can_stand(anchor); }
+
+RoutedStructure PinRouter::route(std::vector<Anchor>& anchors) && { return state_->route(anchors); }
 
 }  // namespace telefab::fab

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <memory>
 #include <telefab/fab/support/support_plan.hpp>
 
 namespace telefab::fab {
@@ -9,12 +10,28 @@ struct RoutedStructure {
   std::uint32_t feet_on_part = 0;
   std::uint32_t braces = 0;
   std::uint32_t thin_pins = 0;
+  std::uint32_t unreached = 0;  ///< anchors without a pin: none comes up to them from the platform
 };
 
-/// Builds a tip, an arm where the column below is not free, a pin and a foot for every anchor; then braces and base
-/// plates. `layers` are the part's regions, `elevation_layers` below them. Marks anchors whose pin stands on the part.
-[[nodiscard]] RoutedStructure route_supports(std::vector<Anchor>& anchors, std::span<const Region> layers,
-                                             std::uint32_t elevation_layers, double thickness_mm,
-                                             const MachineProfile& machine);
+/// Finds pins their places and builds what holds a part. Looks into `layers`, the part's regions, which lie
+/// `elevation_layers` above the platform.
+class PinRouter {
+ public:
+  PinRouter(std::span<const Region> layers, std::uint32_t elevation_layers, double thickness_mm,
+            const MachineProfile& machine);
+  ~PinRouter();
+  PinRouter(const PinRouter&) = delete;
+  PinRouter& operator=(const PinRouter&) = delete;
+
+  /// Whether a pin from the platform can hold that anchor with its tip, neighbours apart.
+  [[nodiscard]] bool can_stand(const Anchor& anchor) const;
+  /// Builds a tip, an arm where the column below is not free, a pin and a foot for every anchor; then braces and base
+  /// plates. Marks anchors whose pin stands on the part, and narrows tips whose pins have no room. Once.
+  [[nodiscard]] RoutedStructure route(std::vector<Anchor>& anchors) &&;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
 
 }  // namespace telefab::fab

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "convex_hull.hpp"
+
 namespace telefab::fab {
 namespace {
 
@@ -13,25 +15,6 @@ constexpr int kMostAdded = 9;
 
 double cross(Point2 o, Point2 a, Point2 b) {
   return (a.x_mm - o.x_mm) * (b.y_mm - o.y_mm) - (a.y_mm - o.y_mm) * (b.x_mm - o.x_mm);
-}
-
-/// Counter-clockwise; one or two points where there are no more.
-std::vector<Point2> convex_hull(std::vector<Point2> points) {
-  const auto before = [](Point2 a, Point2 b) { return a.x_mm != b.x_mm ? a.x_mm < b.x_mm : a.y_mm < b.y_mm; };
-  std::sort(points.begin(), points.end(), before);
-  points.erase(std::unique(points.begin(), points.end()), points.end());
-  if (points.size() < 3) return points;
-  std::vector<Point2> hull;
-  for (int side = 0; side < 2; ++side) {
-    const std::size_t floor = hull.size();
-    for (const Point2& p : points) {
-      while (hull.size() >= floor + 2 && cross(hull[hull.size() - 2], hull.back(), p) <= 0) hull.pop_back();
-      hull.push_back(p);
-    }
-    hull.pop_back();
-    std::reverse(points.begin(), points.end());
-  }
-  return hull;
 }
 
 /// Signed distance of p to the hull's boundary, positive inside, and the outward direction at the nearest place.

@@ -7,24 +7,43 @@
 namespace telefab::fab {
 namespace {
 
-/// Everything within the radius of a segment: half a disc at either end, joined. Chords lie inside the arcs.
-Region stadium(Point2 a, Point2 b, double radius, Millimetres tolerance) {
-  const double dx = b.x_mm - a.x_mm, dy = b.y_mm - a.y_mm;
-  if (std::hypot(dx, dy) < 1e-6 || radius <= 0) return disc(a, Millimetres{radius}, tolerance);
-  const double along = std::atan2(dy, dx);
+/// A plate's section as a region; chords lie inside the arcs.
+Region plate_region(const Plate& plate, double radius, Millimetres tolerance) {
+  if (radius <= 0) return {};
   const double step = 2 * std::acos(std::clamp(1 - tolerance.count() / radius, 0.5, 1.0 - 1e-6));
-  const int n = std::max(4, static_cast<int>(std::ceil(std::numbers::pi / step)));
+  const auto corners = static_cast<double>(plate.corners.size());
+  const int chords = std::max(4, static_cast<int>(std::ceil(2 * std::numbers::pi / step / std::min(corners, 2.0))));
   std::vector<GridRing> ring(1);
-  for (int end = 0; end < 2; ++end)
-    for (int i = 0; i <= n; ++i) {
-      const double turn = along + std::numbers::pi * (end - 0.5 + static_cast<double>(i) / n);
-      const Point2& c = end == 0 ? b : a;
-      ring[0].push_back(to_grid({c.x_mm + radius * std::cos(turn), c.y_mm + radius * std::sin(turn)}));
-    }
+  for (const Point2 p : ring_around(plate.corners, radius, chords)) ring[0].push_back(to_grid(p));
   return Region::from_rings(ring).value_or(Region{});
 }
 
 }  // namespace
+
+double Plate::radius_at(double z_mm) const {
+  return radius_mm - std::max(0.0, z_mm - height_mm / 2) - lip * std::max(0.0, height_mm / 2 - z_mm);
+}
+
+std::vector<Point2> ring_around(std::span<const Point2> corners, double radius_mm, int chords) {
+  std::vector<Point2> ring;
+  const std::size_t n = corners.size();
+  // Outwards from the edge that begins at a corner.
+  const auto outwards = [&](std::size_t i) {
+    const Point2 a = corners[i], b = corners[(i + 1) % n];
+    return std::atan2(-(b.x_mm - a.x_mm), b.y_mm - a.y_mm);
+  };
+  for (std::size_t i = 0; i < n; ++i) {
+    const double from = n == 1 ? 0 : outwards((i + n - 1) % n);
+    double turn = n == 1 ? 2 * std::numbers::pi : std::remainder(outwards(i) - from, 2 * std::numbers::pi);
+    if (n == 2 || turn < 0) turn = n == 2 ? std::numbers::pi : 0;
+    const int last = n == 1 ? chords - 1 : chords;
+    for (int c = 0; c <= last; ++c) {
+      const double angle = from + turn * c / chords;
+      ring.push_back({corners[i].x_mm + radius_mm * std::cos(angle), corners[i].y_mm + radius_mm * std::sin(angle)});
+    }
+  }
+  return ring;
+}
 
 std::string_view name_of(SupportElementKind kind) {
   switch (kind) {
@@ -75,8 +94,7 @@ Region StructureSections::section(LayerIndex print_layer) const {
   if (k < plate_layers_)
     for (const Plate& plate : structure_.plates) {
       if (z >= plate.height_mm) continue;
-      const double bevel = std::max(0.0, z - plate.height_mm / 2);
-      found.push_back(stadium(plate.a, plate.b, plate.radius_mm - bevel, arc_tolerance_));
+      found.push_back(plate_region(plate, plate.radius_at(z), arc_tolerance_));
     }
   return unite(found);
 }
@@ -88,8 +106,13 @@ double volume_mm3(const Structure& structure) {
     volume += std::numbers::pi / 3 * (a * a + a * b + b * b) * (s.top.z_mm - s.bottom.z_mm);
   }
   for (const Plate& p : structure.plates) {
-    const double length = std::hypot(p.b.x_mm - p.a.x_mm, p.b.y_mm - p.a.y_mm);
-    volume += (2 * p.radius_mm * length + std::numbers::pi * p.radius_mm * p.radius_mm) * p.height_mm;
+    double round = 0, twice = 0;
+    for (std::size_t i = 0; i < p.corners.size(); ++i) {
+      const Point2 a = p.corners[i], b = p.corners[(i + 1) % p.corners.size()];
+      round += std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm);
+      twice += a.x_mm * b.y_mm - b.x_mm * a.y_mm;
+    }
+    volume += (twice / 2 + p.radius_mm * round + std::numbers::pi * p.radius_mm * p.radius_mm) * p.height_mm;
   }
   return volume;
 }

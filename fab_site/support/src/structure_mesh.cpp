@@ -50,14 +50,11 @@ std::vector<Point3> level_disc(Point3 c, double r) {
   return ring;
 }
 
-std::vector<Point3> level_stadium(Point2 a, Point2 b, double r, double z) {
-  const double along = std::atan2(b.y_mm - a.y_mm, b.x_mm - a.x_mm);
+std::vector<Point3> level_plate(const Plate& plate, double z_mm) {
   std::vector<Point3> ring;
-  for (int i = 0; i < 16; ++i) {
-    const Point2 c = i < 8 ? b : a;
-    const double turn = along - std::numbers::pi / 2 + std::numbers::pi * (i < 8 ? i : i - 1) / 7;
-    ring.push_back({c.x_mm + r * std::cos(turn), c.y_mm + r * std::sin(turn), z});
-  }
+  const int chords = plate.corners.size() > 2 ? 4 : plate.corners.size() == 2 ? 7 : 12;
+  for (const Point2 p : ring_around(plate.corners, std::max(1e-3, plate.radius_at(z_mm)), chords))
+    ring.push_back({p.x_mm, p.y_mm, z_mm});
   return ring;
 }
 
@@ -95,10 +92,8 @@ StructureMesh structure_mesh(std::span<const Layer> part, const SupportPlan& pla
   for (const SupportElement& s : plan.structure().elements)
     add_solid(mesh.supports, level_disc(s.bottom, s.bottom_radius_mm), level_disc(s.top, s.top_radius_mm));
   for (const Plate& p : plan.structure().plates) {
-    const double bevel = p.height_mm / 2;
-    add_solid(mesh.supports, level_stadium(p.a, p.b, p.radius_mm, 0), level_stadium(p.a, p.b, p.radius_mm, bevel));
-    add_solid(mesh.supports, level_stadium(p.a, p.b, p.radius_mm, bevel),
-              level_stadium(p.a, p.b, p.radius_mm - bevel, p.height_mm));
+    add_solid(mesh.supports, level_plate(p, 0), level_plate(p, p.height_mm / 2));
+    add_solid(mesh.supports, level_plate(p, p.height_mm / 2), level_plate(p, p.height_mm));
   }
   std::vector<TriangleMesh> slabs(part.size());
   tbb::parallel_for(std::size_t{0}, part.size(), [&](std::size_t k) {

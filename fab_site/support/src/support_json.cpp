@@ -76,9 +76,14 @@ std::string to_json(const SupportPlan& plan) {
                      {"feet_on_part", f.feet_on_part},
                      {"braces", f.braces},
                      {"needles", f.thin_pins},
+                     {"unreached", f.unreached},
                      {"part_mm3", rounded(f.part_mm3)},
                      {"support_mm3", rounded(f.support_mm3)},
                      {"floating", f.floating},
+                     {"medium_tips", f.medium_tips},
+                     {"heavy_tips", f.heavy_tips},
+                     {"bearing", f.bearing},
+                     {"bearing_demand", rounded(f.bearing_demand)},
                      {"steadying", f.stabilising},
                      {"stability_mm", rounded(f.stability_mm)},
                      {"least_stable_layer", f.least_stable.count()}};
@@ -88,7 +93,8 @@ std::string to_json(const SupportPlan& plan) {
                        {"y_mm", rounded(a.place.y_mm)},
                        {"part_layer", a.layer.count()},
                        {"by_hand", a.by_hand},
-                       {"on_part", a.on_part}});
+                       {"on_part", a.on_part},
+                       {"tip", name_of(a.tip)}});
   root["anchors"] = std::move(anchors);
   Json elements = Json::array();
   for (const SupportElement& s : plan.structure().elements)
@@ -99,11 +105,14 @@ std::string to_json(const SupportPlan& plan) {
                         {"top_radius_mm", rounded(s.top_radius_mm)}});
   root["sticks"] = std::move(elements);
   Json plates = Json::array();
-  for (const Plate& p : plan.structure().plates)
-    plates.push_back({{"a_mm", {rounded(p.a.x_mm), rounded(p.a.y_mm)}},
-                      {"b_mm", {rounded(p.b.x_mm), rounded(p.b.y_mm)}},
+  for (const Plate& p : plan.structure().plates) {
+    Json corners = Json::array();
+    for (const Point2 c : p.corners) corners.push_back({rounded(c.x_mm), rounded(c.y_mm)});
+    plates.push_back({{"corners_mm", std::move(corners)},
                       {"radius_mm", rounded(p.radius_mm)},
-                      {"height_mm", rounded(p.height_mm)}});
+                      {"height_mm", rounded(p.height_mm)},
+                      {"lip", rounded(p.lip)}});
+  }
   root["plates"] = std::move(plates);
   return json_text(root, 1) + "\n";
 }

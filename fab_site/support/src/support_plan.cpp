@@ -8,11 +8,15 @@
 #include <telefab/fab/support/support_plan.hpp>
 #include <tuple>
 
+#include "pull.hpp"
 #include "route.hpp"
 #include "stability.hpp"
 
 namespace telefab::fab {
 namespace {
+
+/// Share of what a tip may bear that is planned for: masks are made of pixels, and pins grow together.
+constexpr double kPlannedShare = 0.85;
 
 /// An anchor that still has a solid column of part above it.
 struct Standing {
@@ -29,12 +33,12 @@ class Planner {
         progress_{progress},
         stop_{std::move(stop)},
         t_{header.layer_thickness_mm},
-        reach_{machine.supports.anchor_distance_mm} {}
+        reach_{machine.supports.anchor_distance_mm / std::sqrt(machine.supports.density)} {}
 
   Result<SupportPlan> plan(const PartRegions& found) {
     for (const Region& layer : found.layers) figures_.part_mm3 += layer.area_mm2() * t_;
     const std::uint32_t elevation = options_.mode == SupportOptions::Mode::None ? 0 : elevation_layers(found.layers);
-    if (options_.mode == SupportOptions::Mode::Auto)
+    if (options_.mode != SupportOptions::Mode::None)
       // What stands on the platform is held by it.
       for (std::size_t k = elevation == 0 ? 1 : 0; k < found.layers.size(); ++k) {
         if (stop_.stop_requested()) return cancelled("planning supports");
@@ -43,18 +47,26 @@ class Planner {
           report(progress_, WorkStage::PlacingAnchors,
                  static_cast<double>(k) / static_cast<double>(found.layers.size()));
       }
-    if (options_.mode == SupportOptions::Mode::Auto) {
+    PinRouter router{found.layers, elevation, t_, machine_};
+    if (options_.mode != SupportOptions::Mode::None) {
       hold_floating(found, elevation);
       stabilise(found, elevation);
     }
+    if (options_.mode == SupportOptions::Mode::Auto)
+      if (auto ok = bear(found, elevation, router); !ok) return tl::unexpected{ok.error()};
     std::stable_sort(anchors_.begin(), anchors_.end(), [](const Anchor& a, const Anchor& b) {
       return std::tie(a.layer, a.place.y_mm, a.place.x_mm) < std::tie(b.layer, b.place.y_mm, b.place.x_mm);
     });
     report(progress_, WorkStage::BuildingSupports, 0);
-    auto routed = route_supports(anchors_, found.layers, elevation, t_, machine_);
+    auto routed = std::move(router).route(anchors_);
     figures_.feet_on_part = routed.feet_on_part;
     figures_.braces = routed.braces;
     figures_.thin_pins = routed.thin_pins;
+    figures_.unreached = routed.unreached;
+    for (const Anchor& a : anchors_) {
+      figures_.medium_tips += a.tip == TipClass::Medium;
+      figures_.heavy_tips += a.tip == TipClass::Heavy;
+    }
     StructureSections sections{std::move(routed.structure), t_,
                                elevation + static_cast<std::uint32_t>(found.layers.size()),
                                Millimetres{machine_.projection.pixel_pitch_mm / 20}};
@@ -90,6 +102,30 @@ class Planner {
       anchors_.push_back({place, underside, false, false});
       ++figures_.floating;
     }
+  }
+
+  Result<void> bear(const PartRegions& found, std::uint32_t elevation, const PinRouter& router) {
+    for (const SupportOptions::Bearing& earlier : options_.bearing) {
+      const auto known = std::find_if(anchors_.begin(), anchors_.end(), [&](const Anchor& a) {
+        return a.layer == earlier.layer && a.place == earlier.place;
+      });
+      Anchor& anchor =
+          known != anchors_.end() ? *known : anchors_.emplace_back(Anchor{earlier.place, earlier.layer, false, false});
+      figures_.bearing += known == anchors_.end();
+      anchor.tip = earlier.tip;
+      anchor.strength = earlier.strength;
+    }
+    PullOptions options;
+    options.elevation_layers = elevation;
+    options.thickness_mm = t_;
+    options.most_demand = kPlannedShare / std::max(1.0, machine_.supports.density) * machine_.carried_demand();
+    options.keeps_tips = !options_.bearing.empty();
+    options.can_stand = [&](const Anchor& a) { return !is_forbidden(a.place, a.layer) && router.can_stand(a); };
+    const auto borne = bear_pull(found.layers, anchors_, machine_, options, stop_);
+    if (!borne) return tl::unexpected{borne.error()};
+    figures_.bearing += borne->added;
+    figures_.bearing_demand = borne->demand;
+    return {};
   }
 
   void stabilise(const PartRegions& found, std::uint32_t elevation) {
@@ -246,12 +282,28 @@ Result<void> SupportOptions::validate() const {
   for (const auto& f : floating)
     if (!finite(f.place.x_mm) || !finite(f.place.y_mm))
       return fail(ErrorCode::InvalidInput, "supports: a place where material floats is not a finite number");
+  for (const auto& b : bearing)
+    if (!finite(b.place.x_mm) || !finite(b.place.y_mm) || !(b.strength > 0 && b.strength <= 1))
+      return fail(ErrorCode::InvalidInput,
+                  "supports: an anchor that stays needs a finite place and a strength in (0, 1]");
   for (const auto& f : hand.forbidden)
     if (!finite(f.place.x_mm) || !finite(f.place.y_mm) || !finite(f.from_z_mm) || !finite(f.to_z_mm) ||
         !(f.radius_mm > 0 && f.radius_mm <= 1e4) || f.from_z_mm > f.to_z_mm)
       return fail(ErrorCode::InvalidInput,
                   "supports: a forbidden place by hand needs a radius above 0 and from_z_mm <= to_z_mm");
   return {};
+}
+
+std::string_view name_of(TipClass tip) {
+  switch (tip) {
+    case TipClass::Light:
+      return "light";
+    case TipClass::Medium:
+      return "medium";
+    case TipClass::Heavy:
+      return "heavy";
+  }
+  return "light";
 }
 
 std::vector<Contour> SupportPlan::section(LayerIndex print_layer) const {

@@ -28,7 +28,9 @@ inline MachineProfile machine() {
   m.name = "test";
   m.platform = {100, 100, 100};
   m.projection.pixel_pitch_mm = 0.14;
-  m.layers.thickness_mm = 0.15;
+  m.projection.irradiance_mw_per_cm2 = 3.02;
+  m.layers = {0.15, 9.0, 4, 36.0};
+  m.resin.penetration_mm = 0.3;
   return m;
 }
 
@@ -62,7 +64,7 @@ inline Stack stack(double height_mm, const std::function<std::vector<std::vector
 /// A tunnel of half-round section through a block: it closes by itself.
 inline Stack vault() {
   return stack(12, [](double z) {
-    const double r = 5, half = z < r ? std::sqrt(r * r - z * z) : 0;
+    const double r = 3, half = z < r ? std::sqrt(r * r - z * z) : 0;
     std::vector<std::vector<Point2>> rings;
     if (half <= 0) return rings = {box(40, 40, 60, 60)};
     return rings = {box(40, 40, 50 - half, 60), box(50 + half, 40, 60, 60)};

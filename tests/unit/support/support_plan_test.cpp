@@ -89,7 +89,8 @@ TEST(SupportPlan, PropsALonePinThatWouldStandFreeForTooLong) {
   for (const SupportElement& element : plan.structure().elements) {
     if (element.kind != SupportElementKind::Pin) continue;
     ++pins;
-    EXPECT_DOUBLE_EQ(element.bottom_radius_mm, stacks::machine().supports.pin_radius_mm);
+    EXPECT_GE(element.bottom_radius_mm, stacks::machine().supports.pin_radius_mm);
+    EXPECT_LE(element.bottom_radius_mm, 1.6 * stacks::machine().supports.pin_radius_mm) << "no wider than a prop needs";
   }
   EXPECT_GT(pins, plan.anchors().size());
   EXPECT_GT(plan.figures().braces, 4U);
@@ -117,7 +118,7 @@ TEST(SupportPlan, StandsThickPinsOnFeetNoNarrowerThanThey) {
         EXPECT_GT(foot.bottom_radius_mm, pin.bottom_radius_mm);
       }
   }
-  EXPECT_GT(thickest, 1.0);
+  EXPECT_GT(thickest, 1.7 * machine.supports.pin_radius_mm) << "wider than its height alone asks";
 }
 
 TEST(Structure, LosesNoLayerWhereOneStickEndsAndTheNextBegins) {
@@ -185,7 +186,7 @@ TEST(LayerStream, MayBeGivenUpHalfWay) {
 TEST(SupportPlan, RefusesRegionsOfAnotherMachineOrOfFewerLayers) {
   const auto s = stacks::ball();
   MachineProfile other = stacks::machine();
-  other.supports.self_support_mm *= 2;
+  other.supports.self_support_mm = 2;
   const auto part = analyse_part(s.layers, other, {});
   ASSERT_TRUE(part);
   EXPECT_EQ(plan_supports(*part, s.header, stacks::machine(), {}, {}, {}).error().code, ErrorCode::InvalidInput);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <cstdint>
+#include <span>
 #include <string_view>
 #include <telefab/fab/region/region.hpp>
 #include <vector>
@@ -29,15 +30,20 @@ struct SupportElement {
   friend bool operator==(const SupportElement&, const SupportElement&) = default;
 };
 
-/// A piece of base plate: everything within the radius of the line from a to b, from the platform up, its edge
-/// bevelled by 45 degrees over the upper half.
+/// A base plate: everything within the radius of what its corners enclose, from the platform up. Its upper half is
+/// bevelled by 45 degrees; its lower half recedes from upright, so that a scraper gets under it.
 struct Plate {
-  Point2 a;
-  Point2 b;
-  double radius_mm = 0;
+  std::vector<Point2> corners;  ///< of a convex ring, counter-clockwise; one: a disc, two: a bar
+  double radius_mm = 0;         ///< at half height, where it is widest
   double height_mm = 0;
+  double lip = 0;  ///< >= 0; tangent of how far the lower half recedes
+  [[nodiscard]] double radius_at(double z_mm) const;
   friend bool operator==(const Plate&, const Plate&) = default;
 };
+
+/// The ring at some distance around the corners of a convex ring, arcs of so many chords at each; the number of points
+/// depends on neither radius nor place.
+[[nodiscard]] std::vector<Point2> ring_around(std::span<const Point2> corners, double radius_mm, int chords);
 
 /// Everything that holds a part, as primitives whose level sections are known in closed form.
 struct Structure {

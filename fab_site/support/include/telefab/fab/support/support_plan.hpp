@@ -15,6 +15,10 @@
 
 namespace telefab::fab {
 
+/// How much a tip bears and how wide a mark it leaves.
+enum class TipClass : std::uint8_t { Light = 1, Medium = 2, Heavy = 3 };
+[[nodiscard]] std::string_view name_of(TipClass tip);
+
 /// Places an operator wants held, or kept free of anchors. Millimetres; build frame of the part as it stands in its
 /// own stack (z = 0 at the part's first layer, the elevation not included).
 struct HandList {
@@ -37,7 +41,9 @@ struct HandList {
 [[nodiscard]] Result<HandList> hand_list_from_json(std::string_view text);
 
 struct SupportOptions {
-  enum class Mode : std::uint8_t { None = 1, Auto = 2 };
+  /// Cover: anchors where something hangs. Auto: those, and wider tips and more anchors until all bear the pull of the
+  /// film on each layer in turn, by the machine's carried_demand().
+  enum class Mode : std::uint8_t { None = 1, Auto = 2, Cover = 3 };
   /// Auto: the part stands on the platform where its first layer is at least `stand_area_share` (machine profile) of
   /// its largest layer, and is lifted on pins otherwise. Always: elevation 0. Never: always lifted.
   enum class Stand : std::uint8_t { Auto = 1, Always = 2, Never = 3 };
@@ -47,12 +53,21 @@ struct SupportOptions {
     Point2 place;
     LayerIndex layer;  ///< of the part
   };
+  /// An anchor of an earlier plan that stays.
+  struct Bearing {
+    Point2 place;
+    LayerIndex layer;  ///< of the part
+    TipClass tip = TipClass::Light;
+    double strength = 1;  ///< (0, 1]; what its tip was found to bear over what it should
+  };
 
   Mode mode = Mode::Auto;
   Stand stand = Stand::Auto;
   HandList hand;
-  /// Each gets an anchor of its own where the part's layer has material within two pixels of the place. Auto only.
+  /// Each gets an anchor of its own where the part's layer has material within two pixels of the place. Not for None.
   std::vector<Floating> floating;
+  /// Auto only. Where there are some no tip is made narrower again.
+  std::vector<Bearing> bearing;
   int threads = 0;  ///< 0 (all cores) to 1024; the result is the same for any number
   [[nodiscard]] Result<void> validate() const;
 };
@@ -63,6 +78,9 @@ struct Anchor {
   LayerIndex layer;      ///< of the part: the material of this layer rests on the anchor
   bool by_hand = false;  ///< from the hand list
   bool on_part = false;  ///< its pin stands on the part, not on the platform
+  TipClass tip = TipClass::Light;
+  double strength = 1;  ///< as SupportOptions::Bearing has it
+  Point2 foot;          ///< where its pin stands
   friend bool operator==(const Anchor&, const Anchor&) = default;
 };
 
@@ -74,9 +92,13 @@ struct SupportFigures {
   std::uint32_t feet_on_part = 0;
   std::uint32_t braces = 0;
   std::uint32_t thin_pins = 0;  ///< pins in places too tight for a full one
+  std::uint32_t unreached = 0;  ///< anchors without a pin, where pins may stand on the platform only
   double part_mm3 = 0;
   double support_mm3 = 0;
-  std::uint32_t floating = 0;     ///< anchors under what floated in the masks
+  std::uint32_t floating = 0;  ///< anchors under what floated in the masks
+  std::uint32_t medium_tips = 0, heavy_tips = 0;
+  std::uint32_t bearing = 0;      ///< anchors that only bear the pull
+  double bearing_demand = 0;      ///< of the worst tip, stress over pull, as planned; 0: not planned for
   std::uint32_t stabilising = 0;  ///< anchors that only keep a lifted part over its pins
   double stability_mm = 0;  ///< least slack of the centre of mass inside the hull of what holds the print, counted
                             ///< from a twentieth of its height; negative: it may tip over

@@ -20,8 +20,8 @@ class WrittenSupports {
     double x0, y0, z0, r0, x1, y1, z1, r1;
   };
   struct Slab {
-    Point2 a, b;
-    double radius, height;
+    std::vector<Point2> corners;
+    double radius, height, lip;
   };
   std::uint32_t elevation_layers_ = 0;
   std::vector<std::pair<Point2, LayerIndex>> anchors_;

@@ -1,0 +1,311 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pull.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "pull_survey.hpp"
+#include "tip_shape.hpp"
+
+namespace telefab::fab {
+namespace {
+
+/// What is pulled less is left as it is, where light tips are that wide; less where they are narrower.
+constexpr double kLeastMm2 = 7, kLightTipMm = 0.2;
+/// A new pin costs as much as so many light necks' areas, beside its own.
+constexpr double kPinCost = 1;
+/// Tips that bear less than this share of what they may count as bearing nothing too much.
+constexpr double kEase = 0.9;
+constexpr std::size_t kMostTips = 4000;
+constexpr std::uint32_t kNone = ~std::uint32_t{0};
+
+/// A tip as a spring under a rigid body.
+struct Spring {
+  Point2 at;
+  double stiffness = 0;  ///< mm
+  double area_mm2 = 0;
+  double radius_mm = 0;
+};
+
+/// Sums over springs from which stresses follow.
+struct Springs {
+  double w = 0, x = 0, y = 0, xx = 0, xy = 0, yy = 0;
+  void add(const Spring& s, double sign = 1) {
+    const double k = sign * s.stiffness;
+    w += k, x += k * s.at.x_mm, y += k * s.at.y_mm;
+    xx += k * (s.at.x_mm * s.at.x_mm + s.radius_mm * s.radius_mm / 4);
+    xy += k * s.at.x_mm * s.at.y_mm;
+    yy += k * (s.at.y_mm * s.at.y_mm + s.radius_mm * s.radius_mm / 4);
+  }
+};
+
+/// How stress runs over a level section: at(place) * stiffness / area.
+struct Plane {
+  double lift = 0, dx = 0, dy = 0;
+  Plane(const Springs& s, double area_mm2, Point2 f) {
+    const double gx = s.x / s.w, gy = s.y / s.w;
+    const double xx = s.xx - s.w * gx * gx, xy = s.xy - s.w * gx * gy, yy = s.yy - s.w * gy * gy;
+    const double det = xx * yy - xy * xy, mx = f.x_mm - gx, my = f.y_mm - gy;
+    dx = area_mm2 * (yy * mx - xy * my) / det;
+    dy = area_mm2 * (xx * my - xy * mx) / det;
+    lift = area_mm2 / s.w - dx * gx - dy * gy;
+  }
+  /// At the rim that bears most.
+  [[nodiscard]] double stress(const Spring& s) const {
+    return (lift + dx * s.at.x_mm + dy * s.at.y_mm + std::hypot(dx, dy) * s.radius_mm) * s.stiffness / s.area_mm2;
+  }
+};
+
+/// Distance of pins, by the class of the newer one.
+using ApartMm = std::array<double, 3>;
+
+class Balance {
+ public:
+  Balance(PullSurvey survey, std::vector<Anchor>& anchors, const std::function<Spring(const Anchor&)>& spring_of,
+          const PullOptions& options, const ApartMm& apart)
+      : survey_{std::move(survey)},
+        anchors_{anchors},
+        spring_of_{spring_of},
+        most_{options.most_demand},
+        keeps_tips_{options.keeps_tips},
+        apart_{apart},
+        own_{anchors.size()},
+        nearest_mm_(survey_.sites.size(), std::numeric_limits<double>::infinity()),
+        moments_of_site_(survey_.sites.size()),
+        moments_of_tip_(anchors.size()),
+        state_(survey_.moments.size()) {
+    for (const Anchor& a : anchors_) springs_.push_back(spring_of_(a));
+    for (const Anchor& a : anchors_) measure(a);
+    for (std::uint32_t m = 0; m < state_.size(); ++m) {
+      for (const std::uint32_t a : survey_.moments[m].anchors) moments_of_tip_[a].push_back(m);
+      for (const std::uint32_t s : survey_.moments[m].sites) moments_of_site_[s].push_back(m);
+      judge(m);
+    }
+  }
+
+  PullFigures run() {
+    while (anchors_.size() < kMostTips) {
+      std::uint32_t worst = kNone;
+      for (std::uint32_t m = 0; m < state_.size(); ++m)
+        if (!state_[m].is_given_up && state_[m].worst > 1 && (worst == kNone || state_[m].worst > state_[worst].worst))
+          worst = m;
+      if (worst == kNone) break;
+      // Wide tips first: the fewest pins. Narrow ones fit where those do not.
+      if (!ease(worst, TipClass::Heavy) && !ease(worst, TipClass::Light)) state_[worst].is_given_up = true;
+    }
+    if (!keeps_tips_) thin_out();
+    PullFigures figures;
+    for (std::uint32_t m = 0; m < state_.size(); ++m)
+      if (std::isfinite(state_[m].worst)) figures.demand = std::max(figures.demand, state_[m].worst * most_);
+    std::vector<Anchor> kept;
+    for (std::size_t a = 0; a < anchors_.size(); ++a) {
+      if (springs_[a].stiffness <= 0) continue;
+      kept.push_back(anchors_[a]);
+      figures.added += a >= own_;
+    }
+    anchors_ = std::move(kept);
+    return figures;
+  }
+
+ private:
+  struct State {
+    Springs sums;
+    double worst = 0;   ///< most stress of a tip over what it may bear
+    double excess = 0;  ///< what all bear beyond kEase of it, squared
+    bool is_given_up = false;
+  };
+  struct Verdict {
+    double worst = 0, excess = 0;
+  };
+
+  void measure(const Anchor& a) {
+    for (std::size_t i = 0; i < nearest_mm_.size(); ++i) {
+      const Point2 p = survey_.sites[i].place;
+      nearest_mm_[i] = std::min(nearest_mm_[i], std::hypot(p.x_mm - a.place.x_mm, p.y_mm - a.place.y_mm));
+    }
+  }
+
+  static void count(double over, Verdict& verdict) {
+    verdict.worst = std::max(verdict.worst, over);
+    if (over > kEase) verdict.excess += (over - kEase) * (over - kEase);
+  }
+
+  [[nodiscard]] Verdict verdict_of(const Springs& sums, const PullSurvey::Moment& moment) const {
+    if (!(sums.w > 0)) return {std::numeric_limits<double>::infinity(), 1e30};
+    const Plane plane{sums, moment.pulled_mm2, moment.middle};
+    Verdict verdict;
+    for (const std::uint32_t a : moment.anchors)
+      if (springs_[a].stiffness > 0) count(plane.stress(springs_[a]) / most_, verdict);
+    return verdict;
+  }
+
+  void judge(std::uint32_t m) {
+    State& state = state_[m];
+    state.sums = {};
+    for (const std::uint32_t a : survey_.moments[m].anchors) state.sums.add(springs_[a]);
+    const Verdict verdict = verdict_of(state.sums, survey_.moments[m]);
+    state.worst = verdict.worst, state.excess = verdict.excess;
+  }
+
+  [[nodiscard]] static TipClass next(TipClass tip, int by) { return static_cast<TipClass>(static_cast<int>(tip) + by); }
+
+  /// One more pin, or a wider one: what gains most for its area at that moment. False where nothing does.
+  bool ease(std::uint32_t m, TipClass first) {
+    PullSurvey::Moment& moment = survey_.moments[m];
+    const State& state = state_[m];
+    const double pin_cost = kPinCost * spring_of_({{}, LayerIndex{1}, false, false, TipClass::Light}).area_mm2;
+    double best = 0;
+    std::uint32_t site = kNone, tip = kNone;
+    const auto take = [&](double excess, double cost, std::uint32_t& which, std::uint32_t index) {
+      const double gain = (state.excess - excess) / cost;
+      if (!(gain > best)) return;
+      best = gain;
+      site = tip = kNone;
+      which = index;
+    };
+    for (const std::uint32_t s : moment.sites) {
+      if (first > survey_.sites[s].widest || nearest_mm_[s] < apart_[static_cast<std::size_t>(first) - 1]) continue;
+      const Spring spring = spring_of_(anchor_at(s, first));
+      Springs sums = state.sums;
+      sums.add(spring);
+      Verdict verdict = verdict_of(sums, moment);
+      count(Plane{sums, moment.pulled_mm2, moment.middle}.stress(spring) / most_, verdict);
+      take(verdict.excess, spring.area_mm2 + pin_cost, site, s);
+    }
+    for (const std::uint32_t a : moment.anchors) {
+      if (anchors_[a].tip == TipClass::Heavy || springs_[a].stiffness <= 0) continue;
+      Anchor wider = anchors_[a];
+      wider.tip = next(wider.tip, 1);
+      const Spring thin = springs_[a], wide = spring_of_(wider);
+      Springs sums = state.sums;
+      sums.add(thin, -1);
+      sums.add(wide);
+      springs_[a] = wide;
+      const Verdict verdict = verdict_of(sums, moment);
+      springs_[a] = thin;
+      take(verdict.excess, wide.area_mm2 - thin.area_mm2, tip, a);
+    }
+    if (site != kNone) add(site, first);
+    if (tip != kNone) widen(tip, 1);
+    return site != kNone || tip != kNone;
+  }
+
+  [[nodiscard]] Anchor anchor_at(std::uint32_t site, TipClass tip) const {
+    return {survey_.sites[site].place, survey_.sites[site].layer, false, false, tip};
+  }
+
+  void add(std::uint32_t s, TipClass tip) {
+    const auto a = static_cast<std::uint32_t>(anchors_.size());
+    anchors_.push_back(anchor_at(s, tip));
+    springs_.push_back(spring_of_(anchors_.back()));
+    moments_of_tip_.push_back(moments_of_site_[s]);
+    measure(anchors_.back());
+    for (const std::uint32_t m : moments_of_site_[s]) {
+      survey_.moments[m].anchors.push_back(a);
+      judge(m);
+    }
+  }
+  void widen(std::uint32_t a, int by) {
+    anchors_[a].tip = next(anchors_[a].tip, by);
+    springs_[a] = spring_of_(anchors_[a]);
+    for (const std::uint32_t m : moments_of_tip_[a]) judge(m);
+  }
+
+  /// Whether all moments of a tip bear another spring in its place; one that was too weak must not become weaker.
+  [[nodiscard]] bool bears_with(std::uint32_t a, const Spring& spring) {
+    const Spring was = std::exchange(springs_[a], spring);
+    bool bears = true;
+    for (const std::uint32_t m : moments_of_tip_[a]) {
+      Springs sums = state_[m].sums;
+      sums.add(was, -1);
+      sums.add(spring);
+      if (verdict_of(sums, survey_.moments[m]).worst > std::max(1.0, state_[m].worst * (1 + 1e-9))) {
+        bears = false;
+        break;
+      }
+    }
+    if (!bears) springs_[a] = was;
+    return bears;
+  }
+
+  /// Takes away and thins what the others bear as well, the latest first: what came early stands where most is asked.
+  void thin_out() {
+    for (std::size_t i = anchors_.size(); i-- > 0;) {
+      const auto a = static_cast<std::uint32_t>(i);
+      bool changed = false;
+      if (i >= own_ && bears_with(a, Spring{springs_[a].at, 0, 1, 0})) {
+        changed = true;
+      } else {
+        while (anchors_[a].tip != TipClass::Light) {
+          Anchor thinner = anchors_[a];
+          thinner.tip = next(thinner.tip, -1);
+          if (!bears_with(a, spring_of_(thinner))) break;
+          anchors_[a] = thinner;
+          changed = true;
+        }
+      }
+      if (changed)
+        for (const std::uint32_t m : moments_of_tip_[a]) judge(m);
+    }
+  }
+
+  PullSurvey survey_;
+  std::vector<Anchor>& anchors_;
+  const std::function<Spring(const Anchor&)>& spring_of_;
+  double most_;
+  bool keeps_tips_;
+  ApartMm apart_;
+  std::size_t own_;                 ///< so many anchors were there before
+  std::vector<double> nearest_mm_;  ///< anchor, by site
+  std::vector<std::vector<std::uint32_t>> moments_of_site_, moments_of_tip_;
+  std::vector<Spring> springs_;  ///< by anchor; without stiffness: taken away
+  std::vector<State> state_;     ///< by moment
+};
+
+}  // namespace
+
+Result<PullFigures> bear_pull(std::span<const Region> layers, std::vector<Anchor>& anchors,
+                              const MachineProfile& machine, const PullOptions& options, const std::stop_token& stop) {
+  const auto& s = machine.supports;
+  const double gap_mm = s.clearance_mm + 2 * machine.projection.pixel_pitch_mm;
+  // So that shafts stand clear of each other.
+  const ApartMm apart{2 * s.pin_radius_mm + gap_mm / 2, 2.5 * s.pin_radius_mm + gap_mm / 2,
+                      3 * s.pin_radius_mm + gap_mm};
+  const auto shape_at = [&](const Anchor& a, double height_mm) {
+    return tip_shape(machine, a.tip, height_mm, options.thickness_mm);
+  };
+  const auto height_of = [&](const Anchor& a) {
+    return (a.layer.count() + options.elevation_layers) * options.thickness_mm;
+  };
+  PullSurveyOptions look;
+  look.cell_mm = s.pin_radius_mm;
+  look.site_pitch_mm = apart[0] / 2;
+  look.least_mm2 = kLeastMm2 * std::min(1.0, s.tip_radius_mm * s.tip_radius_mm / (kLightTipMm * kLightTipMm));
+  look.stands = options.elevation_layers == 0;
+  look.widest_at = [&](Point2 at, LayerIndex layer) -> std::optional<TipClass> {
+    for (const TipClass tip : {TipClass::Heavy, TipClass::Light}) {
+      const Anchor anchor{at, layer, false, false, tip};
+      // A tip finds material nearly all over its disc before it ends.
+      const double r = shape_at(anchor, height_of(anchor)).disc_mm;
+      const auto deep = static_cast<std::size_t>(r / options.thickness_mm + 1);
+      const Region& part = layers[std::min(layers.size() - 1, layer.count() + deep)];
+      int held = 0;
+      for (const auto& [dx, dy] : {std::pair{r, 0.0}, {-r, 0.0}, {0.0, r}, {0.0, -r}})
+        held += part.contains({at.x_mm + dx, at.y_mm + dy});
+      if (held >= 3 && options.can_stand(anchor)) return tip;
+    }
+    return std::nullopt;
+  };
+  auto survey = survey_pull(layers, anchors, look, stop);
+  if (!survey) return tl::unexpected{survey.error()};
+  const std::function<Spring(const Anchor&)> spring_of = [&](const Anchor& a) {
+    const TipShape shape = shape_at(a, height_of(a));
+    return Spring{a.place, 1 / shape.softness(height_of(a)), a.strength * shape.neck_area_mm2(), shape.neck_mm};
+  };
+  return Balance{std::move(*survey), anchors, spring_of, options, apart}.run();
+}
+
+}  // namespace telefab::fab
