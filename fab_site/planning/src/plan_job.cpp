@@ -1,29 +1,21 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <algorithm>
-#include <cmath>
 #include <telefab/fab/planning/drawn_contours.hpp>
 
 #include "plan_pass.hpp"
+#include "plan_repair.hpp"
 
 namespace telefab::fab {
 namespace {
 
 constexpr int kRepairs = 4;
-using Floating = std::vector<SupportOptions::Floating>;
+/// A repair that relieves the worst place by less than this share of what it may bear was none.
+constexpr double kLeastRelief = 0.02;
 
-/// Adds the places of islands in the part's layers, as far as they are not known; false where none is new.
-bool add_islands(const PlanSummary& planned, double pitch_mm, Floating& floating) {
-  const std::size_t known = floating.size();
-  for (const Finding& found : planned.check.findings) {
-    if (found.kind != Finding::Kind::Island || found.layer.count() < planned.elevation_layers) continue;
-    const LayerIndex layer{found.layer.count() - planned.elevation_layers};
-    const bool is_known = std::any_of(floating.begin(), floating.end(), [&](const SupportOptions::Floating& f) {
-      return f.layer == layer &&
-             std::hypot(f.place.x_mm - found.place.x_mm, f.place.y_mm - found.place.y_mm) < pitch_mm;
-    });
-    if (!is_known) floating.push_back({found.place, layer});
-  }
-  return floating.size() > known;
+bool is_worse(const PlanFaults& now, const PlanFaults& before) {
+  return now.islands != before.islands ? now.islands > before.islands : now.overload > before.overload;
+}
+bool gained(const PlanFaults& now, const PlanFaults& before) {
+  return now.islands > 0 || now.islands < before.islands || now.overload < before.overload - kLeastRelief;
 }
 
 }  // namespace
@@ -35,12 +27,13 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
   const Millimetres growth{machine.resin.hole_growth_mm};
   const auto drawn = with_grown_holes(stack, growth);
   if (!drawn) return tl::unexpected{drawn.error()};
+  const auto mode = options.supports.mode;
   PlanOptions again = options;
   if (growth.count() != 0) again.regions.reset();  // they are of the layers as they came
-  Floating tried = options.supports.floating;
+  SupportOptions best = options.supports;
+  std::optional<PlanFaults> fewest;
   double support_seconds = 0, mask_seconds = 0, carry_seconds = 0;
-  std::size_t fewest = 0;
-  bool is_last = options.supports.mode != SupportOptions::Mode::Auto;
+  bool is_last = mode == SupportOptions::Mode::None;
   for (std::uint32_t round = 0;; ++round) {
     auto planned = plan_pass(*drawn, machine, again, sink, clock, progress, stop);
     if (!planned) return planned;
@@ -48,18 +41,21 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
     planned->mask_seconds = mask_seconds += planned->mask_seconds;
     planned->carry_seconds = carry_seconds += planned->carry_seconds;
     planned->repairs = round;
-    const std::size_t islands = planned->check.count(Finding::Kind::Island);
-    if (is_last || islands == 0) return planned;
-    if (round > 0 && islands > fewest) {
-      // Worse than before: as before, then.
-      again.supports.floating = tried;
+    PlanFaults faults = faults_of(*planned, machine);
+    if (mode != SupportOptions::Mode::Auto) faults.overload = 0;
+    if (is_last || faults.none()) return planned;
+    if (fewest && is_worse(faults, *fewest)) {
+      // As before, then.
+      again.supports = best;
       is_last = true;
       continue;
     }
-    fewest = islands;
-    tried = again.supports.floating;
-    if (round == kRepairs || !add_islands(*planned, machine.projection.pixel_pitch_mm, again.supports.floating))
-      return planned;
+    if (round == kRepairs || (fewest && !gained(faults, *fewest))) return planned;
+    fewest = faults;
+    best = again.supports;
+    const bool holds = faults.islands > 0 && hold_islands(*planned, machine.projection.pixel_pitch_mm, again.supports);
+    const bool relieves = faults.overload > 0 && relieve_pins(*planned, machine, again.supports);
+    if (!holds && !relieves) return planned;
   }
 }
 

@@ -221,7 +221,7 @@ PlanSummary summary_of(const LayerStack& stack, const SupportPlan& supports, con
   summary.part_layers = stack.header().layer_count;
   summary.elevation_layers = supports.elevation_layers();
   summary.figures = supports.figures();
-  summary.anchors = supports.anchors().size();
+  summary.anchors.assign(supports.anchors().begin(), supports.anchors().end());
   summary.supports_json = to_json(supports);
   summary.registration_rms_mm = options.registration_rms_mm;
   summary.contour_limits = options.contour_limits;

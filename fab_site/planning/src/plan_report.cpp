@@ -18,7 +18,7 @@ std::string to_json(const PlanSummary& s) {
       {"layers", s.plan.layers.size()},
       {"part_layers", s.part_layers},
       {"lift_layers", s.elevation_layers},
-      {"anchors", s.anchors},
+      {"anchors", s.anchors.size()},
       {"anchors_under_floating", s.figures.floating},
       {"repairs", s.repairs},
       {"specks_darkened", s.specks},

@@ -271,6 +271,16 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
       findings_of("islands", Verdict::Held, {Kind::Island, Kind::OutOfReach}, summary.check, "nothing floats"));
   items.push_back(findings_of("supports", Verdict::Held, {Kind::FreePin, Kind::TrappedSupport}, summary.check,
                               "no support is loose or trapped"));
+  if (summary.figures.unreached > 0)
+    items.push_back({"unreached",
+                     Verdict::Held,
+                     fmt::format("{} places that need support got none: no pin reaches them from the platform, and "
+                                 "supports.ground keeps pins off the part",
+                                 summary.figures.unreached),
+                     static_cast<double>(summary.figures.unreached),
+                     {},
+                     {},
+                     {}});
   items.push_back(findings_of("hollows", Verdict::Warning, {Kind::SuctionCup, Kind::ResinTrap}, summary.check,
                               "no hollow holds a vacuum or liquid resin"));
   items.push_back(carry_of(machine, summary));

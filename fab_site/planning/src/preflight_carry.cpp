@@ -44,16 +44,14 @@ PreflightItem carry_of(const MachineProfile& machine, const PlanSummary& summary
   const CarryPlace* worst = carry.worst();
   if (worst) show(*worst);
   if (worst && worst->demand > most) {
-    // Nobody is kept from printing by figures that nobody measured.
-    item.verdict = machine.states_what_carries() ? Verdict::Held : Verdict::Warning;
+    item.verdict = Verdict::Held;
     item.text += fmt::format(
-        "; {}; {} places are too weak and may tear. Give more anchors there (hand list), thicker tips "
-        "(supports.tip_radius_mm), turn or hollow the part{}",
+        "; {}; {} places are too weak and may tear, and more or wider pins were not found to help. Turn or hollow the "
+        "part, or give anchors there by hand{}",
         limit, carry.weak.size(),
-        machine.states_what_carries()
-            ? ""
-            : "; pull and strength are assumed: measure them and state motion.pull_kpa and resin.green_strength_mpa, "
-              "and such a job is held");
+        machine.states_what_carries() ? ""
+                                      : "; pull and strength are assumed: state motion.pull_kpa and "
+                                        "resin.green_strength_mpa where they are known");
   } else if (carry.afloat_mm2 > 0) {
     item.verdict = Verdict::NotKnown;
     item.text = fmt::format(

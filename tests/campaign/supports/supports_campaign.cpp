@@ -198,7 +198,7 @@ Result<std::size_t> row(const fs::path& scan, const MachineProfile& machine, int
   const auto& f = plan->figures;
   wrong += plan->check.count(Kind::Island);
   fmt::print("{:24} {} {} {:5} {:5} {:4} {:4} {:4} {:6} {:>10} {:4} {:4} {:6.1f} {:6.2f} {:6.2f}\n",
-             scan.stem().string(), machine.name.back(), turn, plan->part_layers, plan->anchors, f.feet_on_part,
+             scan.stem().string(), machine.name.back(), turn, plan->part_layers, plan->anchors.size(), f.feet_on_part,
              f.thin_pins, f.braces, plan->check.count(Kind::Island), regions, plan->check.count(Kind::SuctionCup),
              plan->check.count(Kind::ResinTrap), 100 * f.support_mm3 / std::max(1e-9, f.part_mm3),
              plan->support_seconds, plan->mask_seconds);

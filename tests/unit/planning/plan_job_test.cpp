@@ -71,7 +71,7 @@ TEST(PlanJob, DigestsAndPicturesAreThoseOfTheMasks) {
 TEST(PlanJob, HoldsAnOverhangBySupportsAndTheCheckPasses) {
   const Planned planned = plan(test::table(30, 10));
   ASSERT_TRUE(planned.summary) << planned.summary.error().what;
-  EXPECT_GT(planned.summary->anchors, 2U);
+  EXPECT_GT(planned.summary->anchors.size(), 2U);
   EXPECT_TRUE(planned.summary->check.passes());
   EXPECT_GT(planned.summary->figures.support_mm3, 0);
 }
@@ -92,7 +92,7 @@ TEST(PlanJob, GivesNoLightToASpeckThatWouldFloat) {
     const Planned planned = plan(part.stack, part.options);
     ASSERT_TRUE(planned.summary) << planned.summary.error().what;
     EXPECT_EQ(planned.summary->specks, 1U);
-    EXPECT_EQ(planned.summary->anchors, 0U);
+    EXPECT_EQ(planned.summary->anchors.size(), 0U);
     EXPECT_TRUE(planned.summary->check.passes());
     const Image image = decode_png(planned.pngs[5], 1'000'000).value();
     std::uint8_t brightest = 0;

@@ -66,7 +66,7 @@ struct PlanSummary {
   ThinReport thin;      ///< of the part's contours and the final masks
   SupportFigures figures;
   ContourLimits contour_limits;  ///< as the options had them
-  std::size_t anchors = 0;
+  std::vector<Anchor> anchors;
   std::uint32_t part_layers = 0;
   std::uint32_t elevation_layers = 0;
   std::string supports_json;  ///< to_json(SupportPlan)
@@ -84,7 +84,7 @@ struct PlanSummary {
   std::optional<CalibrationBand> calibration;  ///< of it; none where the profile states no intervals
   double registration_rms_mm = 0;              ///< as the options said it
   std::size_t specks = 0;      ///< specks smaller than a pin's tip that would have floated and got no light
-  std::uint32_t repairs = 0;   ///< times the print was planned again because material floated in the masks
+  std::uint32_t repairs = 0;   ///< times the print was planned again because of what its masks showed
   double support_seconds = 0;  ///< of all times together, like the next two
   double mask_seconds = 0;
   double carry_seconds = 0;  ///< judging whether it carries
@@ -102,11 +102,11 @@ using PlanSink = std::function<Result<void>(const PlannedImage&)>;
 
 /// Plans a print: supports (section 4), one mask a layer with part and supports merged (section 5), exposures with
 /// longer bottom layers, and an independent check of the final masks. Where the check finds islands (masks may leave
-/// dark what joins two regions) each gets an anchor of its own and the print is planned again, four times at most;
-/// specks smaller than a pin's tip get no light instead; what floats even then is in `check`. The stack must fit the
-/// machine: bounds on its platform, part and elevation below its Z travel. Fails: InvalidInput (does not fit, thickness
-/// differs from the machine's; both figures are named), Cancelled, and whatever the sink fails with. Deterministic on
-/// any number of threads.
+/// dark what joins two regions) each gets an anchor of its own, where it finds that a pin bears more than it may others
+/// are given it for help, and the print is planned again, four times at most; specks smaller than a pin's tip get no
+/// light instead; what floats even then is in `check`. The stack must fit the machine: bounds on its platform, part and
+/// elevation below its Z travel. Fails: InvalidInput (does not fit, thickness differs from the machine's; both figures
+/// are named), Cancelled, and whatever the sink fails with. Deterministic on any number of threads.
 [[nodiscard]] Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& machine,
                                            const PlanOptions& options, const PlanSink& sink, const Clock& clock,
                                            const ProgressSink& progress, std::stop_token stop);
