@@ -62,6 +62,7 @@ struct Plane {
 /// Distance of pins, by the class of the newer one.
 using ApartMm = std::array<double, 3>;
 
+/// Eases the worst moment of all, again and again, until none bears too much or nothing helps.
 class Balance {
  public:
   Balance(PullSurvey survey, std::vector<Anchor>& anchors, const std::function<Spring(const Anchor&)>& spring_of,
@@ -86,8 +87,9 @@ class Balance {
     }
   }
 
-  PullFigures run() {
+  Result<PullFigures> run(const std::stop_token& stop) {
     while (anchors_.size() < kMostTips) {
+      if (stop.stop_requested()) return cancelled("planning supports");
       std::uint32_t worst = kNone;
       for (std::uint32_t m = 0; m < state_.size(); ++m)
         if (!state_[m].is_given_up && state_[m].worst > 1 && (worst == kNone || state_[m].worst > state_[worst].worst))
@@ -305,7 +307,7 @@ Result<PullFigures> bear_pull(std::span<const Region> layers, std::vector<Anchor
     const TipShape shape = shape_at(a, height_of(a));
     return Spring{a.place, 1 / shape.softness(height_of(a)), a.strength * shape.neck_area_mm2(), shape.neck_mm};
   };
-  return Balance{std::move(*survey), anchors, spring_of, options, apart}.run();
+  return Balance{std::move(*survey), anchors, spring_of, options, apart}.run(stop);
 }
 
 }  // namespace telefab::fab

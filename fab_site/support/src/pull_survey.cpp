@@ -13,6 +13,8 @@ namespace telefab::fab {
 namespace {
 
 constexpr double kCells = 250;  ///< along the part's longer side at most
+/// Of a high part so many layers are moments: neighbours differ little, and what hangs on each is listed.
+constexpr std::size_t kMoments = 600;
 
 /// The part on cells: for each layer the cells whose middle lies inside.
 class CellLayers {
@@ -97,6 +99,7 @@ class Survey {
                      [&](std::uint32_t a, std::uint32_t b) { return anchors_[a].layer < anchors_[b].layer; });
     auto next = order.begin();
     std::vector<std::vector<int>> block(kBlock);
+    const std::size_t step = std::max<std::size_t>(1, layers_.size() / kMoments);
     for (std::size_t k = 0; k < layers_.size(); ++k) {
       if (k % kBlock == 0) {
         if (stop.stop_requested()) return cancelled("planning supports");
@@ -109,7 +112,7 @@ class Survey {
       for (; next != order.end() && anchors_[*next].layer.count() == k; ++next)
         if (const std::uint32_t body = body_near(anchors_[*next].place, layer); body != kNone)
           held_.push_back({*next, body});
-      note(active);
+      if (k % step == 0 || k + 1 == layers_.size()) note(active);
     }
     return std::move(out_);
   }
