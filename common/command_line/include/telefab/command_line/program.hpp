@@ -26,7 +26,7 @@ struct Verb {
   std::string_view name;
   std::string_view summary;
   VerbBody (*declare)(VerbOptions& options);
-  std::array<Example, 3> examples{};  ///< at least one; the others may be empty
+  std::array<Example, 5> examples{};  ///< at least one; the others may be empty
 };
 
 struct ProgramText {
