@@ -11,6 +11,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+constexpr std::uint32_t kMostLayers = 1'000'000;
+
 double rounded(double mm) { return std::round(mm * 1e6) / 1e6 + 0.0; }
 Json point(const Point3& p) { return Json::array({rounded(p.x_mm), rounded(p.y_mm), rounded(p.z_mm)}); }
 
@@ -48,9 +50,9 @@ Result<std::vector<std::vector<double>>> entries(const nlohmann::ordered_json& r
 Result<HandList> hand_list_from_json(std::string_view text) {
   const auto root = json_or_discarded(text);
   if (root.is_discarded() || !root.is_object())
-    return fail(ErrorCode::InvalidInput, "hand list: not a JSON object with \"extra\" and \"forbidden\"");
+    return fail(ErrorCode::InvalidInput, "hand list: not a JSON object with \"extra\", \"forbidden\" and \"removed\"");
   for (const auto& [key, value] : root.items())
-    if (key != "extra" && key != "forbidden")
+    if (key != "extra" && key != "forbidden" && key != "removed")
       return fail(ErrorCode::InvalidInput, fmt::format("hand list: unknown key \"{}\"", key));
   HandList list;
   auto extra = entries(root, "extra", {"x_mm", "y_mm", "z_mm"});
@@ -59,10 +61,33 @@ Result<HandList> hand_list_from_json(std::string_view text) {
   auto forbidden = entries(root, "forbidden", {"x_mm", "y_mm", "radius_mm", "from_z_mm", "to_z_mm"});
   if (!forbidden) return tl::unexpected{forbidden.error()};
   for (const auto& row : *forbidden) list.forbidden.push_back({{row[0], row[1]}, row[2], row[3], row[4]});
+  auto removed = entries(root, "removed", {"x_mm", "y_mm", "part_layer"});
+  if (!removed) return tl::unexpected{removed.error()};
+  for (const auto& row : *removed) {
+    if (!(row[2] >= 0 && row[2] <= kMostLayers && row[2] == std::floor(row[2])))
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("hand list: \"part_layer\" of a removed anchor must be a whole number from 0 to {}",
+                              kMostLayers));
+    list.removed.push_back({{row[0], row[1]}, LayerIndex{static_cast<std::uint32_t>(row[2])}});
+  }
   SupportOptions check;
   check.hand = list;
   if (auto ok = check.validate(); !ok) return tl::unexpected{ok.error()};
   return list;
+}
+
+std::string to_json(const HandList& list) {
+  Json extra = Json::array(), forbidden = Json::array(), removed = Json::array();
+  for (const auto& e : list.extra) extra.push_back({{"x_mm", e.place.x_mm}, {"y_mm", e.place.y_mm}, {"z_mm", e.z_mm}});
+  for (const auto& f : list.forbidden)
+    forbidden.push_back({{"x_mm", f.place.x_mm},
+                         {"y_mm", f.place.y_mm},
+                         {"radius_mm", f.radius_mm},
+                         {"from_z_mm", f.from_z_mm},
+                         {"to_z_mm", f.to_z_mm}});
+  for (const auto& r : list.removed)
+    removed.push_back({{"x_mm", r.place.x_mm}, {"y_mm", r.place.y_mm}, {"part_layer", r.layer.count()}});
+  return json_text({{"extra", extra}, {"forbidden", forbidden}, {"removed", removed}});
 }
 
 std::string to_json(const SupportPlan& plan) {
@@ -73,6 +98,7 @@ std::string to_json(const SupportPlan& plan) {
                      {"layers_with_regions", f.layers_with_regions},
                      {"to_support_mm2", rounded(f.to_support_mm2)},
                      {"waived_mm2", rounded(f.waived_mm2)},
+                     {"removed", f.removed},
                      {"feet_on_part", f.feet_on_part},
                      {"braces", f.braces},
                      {"needles", f.thin_pins},

@@ -75,7 +75,15 @@ class Planner {
     return SupportPlan{elevation, std::move(anchors_), std::move(sections), figures_};
   }
 
+  [[nodiscard]] bool is_removed(Point2 place, LayerIndex layer) const {
+    return std::any_of(options_.hand.removed.begin(), options_.hand.removed.end(), [&](const auto& r) {
+      return r.layer == layer &&
+             std::hypot(place.x_mm - r.place.x_mm, place.y_mm - r.place.y_mm) <= machine_.supports.tip_radius_mm;
+    });
+  }
+
   [[nodiscard]] bool is_forbidden(Point2 place, LayerIndex layer) const {
+    if (is_removed(place, layer)) return true;
     const double z = cut_height_mm(layer, t_);
     return std::any_of(options_.hand.forbidden.begin(), options_.hand.forbidden.end(), [&](const auto& f) {
       return z >= f.from_z_mm && z <= f.to_z_mm &&
@@ -235,7 +243,11 @@ class Planner {
   }
 
   void anchor(Point2 place, std::size_t k, bool by_hand) {
-    anchors_.push_back({place, LayerIndex{static_cast<std::uint32_t>(k)}, by_hand, false});
+    const LayerIndex layer{static_cast<std::uint32_t>(k)};
+    if (!by_hand && is_removed(place, layer))
+      ++figures_.removed;  // it still counts as standing, or its neighbours would be placed otherwise
+    else
+      anchors_.push_back({place, layer, by_hand, false});
     standing_.push_back({place, static_cast<std::uint32_t>(k)});
   }
 
@@ -279,6 +291,9 @@ Result<void> SupportOptions::validate() const {
   for (const auto& e : hand.extra)
     if (!finite(e.place.x_mm) || !finite(e.place.y_mm) || !finite(e.z_mm))
       return fail(ErrorCode::InvalidInput, "supports: an extra place by hand is not a finite number");
+  for (const auto& r : hand.removed)
+    if (!finite(r.place.x_mm) || !finite(r.place.y_mm))
+      return fail(ErrorCode::InvalidInput, "supports: an anchor removed by hand is not at a finite place");
   for (const auto& f : floating)
     if (!finite(f.place.x_mm) || !finite(f.place.y_mm))
       return fail(ErrorCode::InvalidInput, "supports: a place where material floats is not a finite number");

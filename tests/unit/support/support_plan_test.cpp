@@ -263,6 +263,69 @@ TEST(SupportPlan, ObeysTheHandList) {
   EXPECT_GT(plan.figures().waived_mm2, 10);
 }
 
+TEST(SupportPlan, LeavesOutAnAnchorRemovedByHandAndMovesNoOther) {
+  SupportOptions cover;
+  cover.mode = SupportOptions::Mode::Cover;
+  const auto before = planned(stacks::mushroom(), cover);
+  ASSERT_GT(before.anchors().size(), 2U);
+  const Anchor unwanted = before.anchors()[1];
+  cover.hand.removed.push_back({unwanted.place, unwanted.layer});
+  const auto after = planned(stacks::mushroom(), cover);
+  EXPECT_EQ(after.figures().removed, 1U);
+  ASSERT_EQ(after.anchors().size(), before.anchors().size() - 1);
+  for (const Anchor& a : after.anchors()) {
+    EXPECT_NE(a.place, unwanted.place);
+    EXPECT_TRUE(std::any_of(before.anchors().begin(), before.anchors().end(),
+                            [&](const Anchor& b) { return b.place == a.place && b.layer == a.layer; }))
+        << a.place.x_mm << ' ' << a.place.y_mm;
+  }
+}
+
+TEST(SupportPlan, PutsNoAnchorForThePullWhereOneWasRemovedByHand) {
+  SupportOptions options;
+  const auto before = planned(stacks::mushroom(), options);
+  for (const Anchor& a : before.anchors()) options.hand.removed.push_back({a.place, a.layer});
+  const auto after = planned(stacks::mushroom(), options);
+  for (const Anchor& a : after.anchors())
+    for (const Anchor& b : before.anchors())
+      EXPECT_FALSE(a.layer == b.layer && a.place == b.place) << a.place.x_mm << ' ' << a.place.y_mm;
+}
+
+TEST(SupportPlan, HoldsAPlaceByHandAlsoWhereItsOwnAnchorWasRemoved) {
+  const auto before = planned(stacks::mushroom());
+  const Anchor moved = before.anchors().front();
+  SupportOptions options;
+  options.hand.removed.push_back({moved.place, moved.layer});
+  options.hand.extra.push_back({{moved.place.x_mm + 0.1, moved.place.y_mm}, moved.layer.count() * 0.15});
+  const auto after = planned(stacks::mushroom(), options);
+  EXPECT_TRUE(std::any_of(after.anchors().begin(), after.anchors().end(), [&](const Anchor& a) {
+    return a.by_hand && a.layer == moved.layer && a.place.x_mm == moved.place.x_mm + 0.1;
+  }));
+}
+
+TEST(HandList, ComesBackFromItsText) {
+  HandList list;
+  list.extra.push_back({{1.0 / 3, -2}, 0.1});
+  list.forbidden.push_back({{4, 5}, 0.7, 0, 9.1});
+  list.removed.push_back({{1e-7, 2}, LayerIndex{12}});
+  const auto read = hand_list_from_json(to_json(list));
+  ASSERT_TRUE(read) << read.error().what;
+  EXPECT_EQ(to_json(*read), to_json(list));
+  ASSERT_EQ(read->extra.size(), 1U);
+  EXPECT_EQ(read->extra[0].place, list.extra[0].place);
+  ASSERT_EQ(read->removed.size(), 1U);
+  EXPECT_EQ(read->removed[0].layer, list.removed[0].layer);
+  EXPECT_EQ(to_json(HandList{}), R"({"extra":[],"forbidden":[],"removed":[]})");
+}
+
+TEST(HandList, RefusesARemovedAnchorWithoutALayer) {
+  for (const char* layer : {"-1", "0.5", "1e9", "\"3\"", "null"})
+    EXPECT_FALSE(hand_list_from_json(std::string{R"({"removed":[{"x_mm":1,"y_mm":2,"part_layer":)"} + layer + "}]}"))
+        << layer;
+  EXPECT_FALSE(hand_list_from_json(R"({"removed":[{"x_mm":1,"y_mm":2}]})"));
+  EXPECT_TRUE(hand_list_from_json(R"({"removed":[{"x_mm":1,"y_mm":2,"part_layer":3}]})"));
+}
+
 TEST(HandList, RefusesUnknownKeysMissingNumbersAndNonsense) {
   EXPECT_FALSE(hand_list_from_json("[]"));
   EXPECT_FALSE(hand_list_from_json("{"));

@@ -32,13 +32,23 @@ struct HandList {
     double from_z_mm = 0;
     double to_z_mm = 0;
   };
+  /// An anchor that would be placed by itself, and is not wanted. Those around it stay where they are, and no other is
+  /// placed within a light tip's radius of it.
+  struct Removed {
+    Point2 place;
+    LayerIndex layer;  ///< of the part
+  };
   std::vector<Extra> extra;
   std::vector<Forbidden> forbidden;
+  std::vector<Removed> removed;
 };
 
-/// {"extra":[{"x_mm":1,"y_mm":2,"z_mm":0}],"forbidden":[{"x_mm":1,"y_mm":2,"radius_mm":3,"from_z_mm":0,"to_z_mm":9}]}
-/// Both lists may be missing; unknown keys, numbers that are not finite and more than 10,000 entries are refused.
+/// {"extra":[{"x_mm":1,"y_mm":2,"z_mm":0}],"forbidden":[{"x_mm":1,"y_mm":2,"radius_mm":3,"from_z_mm":0,"to_z_mm":9}],
+/// "removed":[{"x_mm":1,"y_mm":2,"part_layer":7}]}. Each list may be missing. InvalidInput: unknown keys, numbers that
+/// are not finite, layers that are not whole numbers, and more than 10,000 entries.
 [[nodiscard]] Result<HandList> hand_list_from_json(std::string_view text);
+/// The text that hand_list_from_json reads back, on one line; all three lists are there. Millimetres in full.
+[[nodiscard]] std::string to_json(const HandList& list);
 
 struct SupportOptions {
   /// Cover: anchors where something hangs. Auto: those, and wider tips and more anchors until all bear the pull of the
@@ -89,6 +99,7 @@ struct SupportFigures {
   std::uint32_t layers_with_regions = 0;  ///< layers with something to support
   double to_support_mm2 = 0;              ///< summed over layers
   double waived_mm2 = 0;                  ///< of that, in places forbidden by hand
+  std::uint32_t removed = 0;              ///< anchors that would hold the part and were removed by hand
   std::uint32_t feet_on_part = 0;
   std::uint32_t braces = 0;
   std::uint32_t thin_pins = 0;  ///< pins in places too tight for a full one
