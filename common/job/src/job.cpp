@@ -96,6 +96,8 @@ bool may_follow(JobState from, JobState to) {
   if (from == JobState::Paused && to == JobState::Printing) return true;
   // An approval grows old: at a start of the site the job asks for it again.
   if (from == JobState::Ready && to == JobState::AwaitingApproval) return true;
+  // An operator changed its supports: it is planned again, and asks for approval of that plan.
+  if (from == JobState::AwaitingApproval && to == JobState::Planning) return true;
   // A pause ends by resume, cancel or failure; nothing else leads out of it.
   return from != JobState::Paused && is_before(from, to);
 }

@@ -70,6 +70,11 @@ WebSite& FabSite::open_page(SignIn& sign_in, CommandPost post) {
       [this](const NewJob& upload, std::function<void(Result<Job>)> done) {
         site().loop().post([this, upload, done = std::move(done)] { done(intake_.take_upload(upload)); });
       },
+      [this](const std::string& job, const HandList& supports, const std::string& who,
+             std::function<void(Result<Job>)> done) {
+        site().loop().post(
+            [this, job, supports, who, done = std::move(done)] { done(planner_.plan_again(job, supports, who)); });
+      },
       [this](const std::string& job) {
         return JobQuestions{printer_.is_exposure_unknown(job), printer_.waits_for_platform(job)};
       });

@@ -10,7 +10,9 @@
 #include "accuracy.hpp"
 #include "intake.hpp"
 #include "job_room.hpp"
+#include "job_supports.hpp"
 #include "plan_print.hpp"
+#include "upload.hpp"
 
 namespace telefab::fab {
 
@@ -63,12 +65,63 @@ void JobPlanner::plan(const std::string& job, std::stop_token stop) {
   site_.loop().post([this, job, outcome, seconds] {
     JobTracker& tracker = site_.tracker();
     if (!outcome && is_storage_trouble(outcome.error())) return wait(job, outcome.error());
+    if (!outcome && stays_as_before(job, outcome.error())) return;
     if (!outcome) return tracker.end(job, JobState::Failed, outcome.error().what);
+    if (const auto folder = site_.folder().job(job); folder && wants_hand_list(*folder)) replaced(*folder, job);
     count(job, outcome->print_layers, outcome->print_layers);
     tracker.set_stage_seconds(job, JobStage::Plan, seconds);
     printer_.planned(job, outcome->preflight);
     predictor_.add(job);
   });
+}
+
+Result<Job> JobPlanner::plan_again(const std::string& job, const HandList& supports, const std::string& who) {
+  const auto found = site_.find(job);
+  if (!found) return tl::unexpected{found.error()};
+  const auto refuse = [&](std::string_view why) {
+    return fail(ErrorCode::Conflict, fmt::format("job {} is {}: {}", job, name_of(found->job.state), why));
+  };
+  const JobState state = found->job.state;
+  if (is_final(state)) return refuse("it has ended; send it again to have other supports");
+  if (is_before(state, JobState::AwaitingApproval)) return refuse("its supports can be changed once it is planned");
+  // An approval is of the plan that was looked at, and whatever is approved may light at any moment.
+  if (state == JobState::Ready) return refuse("it is approved; its supports can be changed only before that");
+  if (state != JobState::AwaitingApproval) return refuse("it is on its machine; its supports can no longer be changed");
+  std::error_code error;
+  if (std::filesystem::exists(found->folder / "journal", error) || error)
+    return refuse("its journal has an approval of the plan before; cancel it and send it again to have other supports");
+  if (auto held = hold_for_approval(found->folder); !held) return tl::unexpected{held.error()};
+  if (auto wanted = want_hand_list(found->folder, supports); !wanted) return tl::unexpected{wanted.error()};
+  predictor_.drop(job);
+  site_.tracker().note(who,
+                       fmt::format("plans job {} again with {} anchors added, {} removed, {} places kept free", job,
+                                   supports.extra.size(), supports.removed.size(), supports.forbidden.size()));
+  count(job, 0, found->job.counters.print_layers);
+  site_.tracker().move(job, JobState::Planning, "");
+  queue_.add(job);
+  return site_.store().find(job);
+}
+
+void JobPlanner::replaced(const std::filesystem::path& folder, const std::string& job) {
+  std::error_code error;
+  std::filesystem::remove(folder / "report" / "accuracy.png", error);
+  if (error) log_warning("the accuracy picture of the plan before is still there: " + error.message(), {job});
+  // Where this fails the list stays the wanted one, which is read first.
+  if (auto kept = keep_wanted_hand_list(folder); !kept) log_warning(kept.error().what, {job});
+}
+
+bool JobPlanner::stays_as_before(const std::string& job, const Error& why) {
+  const auto folder = site_.folder().job(job);
+  std::error_code error;
+  if (!folder || !wants_hand_list(*folder) || !std::filesystem::exists(*folder / "plan" / "plan.json", error))
+    return false;
+  if (auto dropped = drop_wanted_hand_list(*folder); !dropped) log_warning(dropped.error().what, {job});
+  site_.tracker().move(
+      job, JobState::AwaitingApproval,
+      fmt::format("waits for `telefab approve`: the plan is that of before, since no other could be made: {}",
+                  why.what));
+  predictor_.add(job);
+  return true;
 }
 
 void JobPlanner::wait(const std::string& job, const Error& why) {
@@ -92,6 +145,9 @@ Result<PlanOutcome> JobPlanner::attempt(const std::string& job, std::stop_token 
   const std::uint32_t layers = part->layers.header().layer_count;
   PlanOptions options = options_;
   options.job = job;
+  auto hand = hand_list_in(found->folder);
+  if (!hand) return tl::unexpected{hand.error()};
+  options.supports.hand = std::move(*hand);
   options.regions = take_analysed(job, layers);
   return plan_into(
       found->folder, *part, *machine, std::move(options), site_.clock(),

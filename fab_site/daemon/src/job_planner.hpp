@@ -23,6 +23,10 @@ class JobPlanner {
 
   /// A job whose layers are all here. `analysis`: of these layers, where they came in since the start; null otherwise.
   void add(const std::string& job, std::shared_ptr<LayerStream> analysis);
+  /// A job that waits for approval and is in no journal is planned again with another list of supports by hand, and
+  /// waits for approval then. The plan before stands until the new one is whole, and for good where that cannot be
+  /// made. Fails: Conflict (the job is elsewhere; says where), StorageFailed.
+  [[nodiscard]] Result<Job> plan_again(const std::string& job, const HandList& supports, const std::string& who);
   /// A job that is planned; nothing is computed where that was done before.
   void predict(const std::string& job) { predictor_.add(job); }
   /// Nothing is planned or computed for the job any more. True where something was under way, which ends soon.
@@ -37,6 +41,10 @@ class JobPlanner {
   /// On the predictor's thread.
   void compute_accuracy(const std::string& job, std::stop_token stop);
   [[nodiscard]] Result<void> attempt_accuracy(const std::string& job, const std::stop_token& stop);
+  /// The new plan is there: what was computed of the one before is void.
+  void replaced(const std::filesystem::path& folder, const std::string& job);
+  /// No new plan can be made: the one before waits for approval as it did. False where there is none.
+  [[nodiscard]] bool stays_as_before(const std::string& job, const Error& why);
   /// The job waits, says why, and is tried again; nothing of it is lost.
   void wait(const std::string& job, const Error& why);
   void count(const std::string& job, std::uint32_t done, std::uint32_t all);

@@ -14,6 +14,7 @@
 #include <telefab/geometry/contour_lines.hpp>
 
 #include "intake.hpp"
+#include "job_supports.hpp"
 #include "upload.hpp"
 
 namespace telefab::fab {
@@ -29,6 +30,12 @@ Result<std::string> text_of(const std::filesystem::path& path) {
   const auto bytes = read_file(path, kMaxFileBytes);
   if (!bytes) return tl::unexpected{bytes.error()};
   return std::string{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+}
+
+/// A job may be planned again; its plan then lies in another file. The earliest time where there is none.
+std::filesystem::file_time_type time_of_plan(const std::filesystem::path& folder) {
+  std::error_code error;
+  return std::filesystem::last_write_time(folder / "plan" / "plan.json", error);
 }
 
 ordered_json rings_json(std::span<const Contour> contours) {
@@ -69,16 +76,20 @@ const SitePageBackend::Light* SitePageBackend::light_of(const Job& job) {
   if (is_before(job.state, JobState::AwaitingApproval)) return nullptr;
   const auto known = lights_.find(job.id);
   // A record comes when the print has ended, so what was read before is read again then, once.
-  if (known != lights_.end() && known->second.is_whole == is_final(job.state)) return &known->second;
   const auto folder = folder_.job(job.id);
+  if (!folder) return nullptr;
+  const auto planned = time_of_plan(*folder);
+  if (known != lights_.end() && known->second.is_whole == is_final(job.state) && known->second.planned == planned)
+    return &known->second;
   const auto machine = find_machine(machines_, job.machine);
-  if (!folder || !machine) return nullptr;
+  if (!machine) return nullptr;
   const auto text = text_of(*folder / "plan" / "plan.json");
   if (!text) return nullptr;
   const auto plan = print_plan_from_json(*text);
   if (!plan) return nullptr;
   Light light;
   light.is_whole = is_final(job.state);
+  light.planned = planned;
   light.irradiance_mw_per_cm2 = machine->projection.irradiance_mw_per_cm2;
   for (const PlannedLayer& layer : plan->layers) {
     light.planned_s.push_back(std::chrono::duration<double>(layer.exposure).count());
@@ -235,12 +246,13 @@ Result<std::vector<std::byte>> SitePageBackend::accuracy_png(std::string_view id
 Result<const SitePageBackend::LayerImages*> SitePageBackend::layer_images_of(std::string_view id) {
   const auto path = plan_file(id, "supports.jsonl");
   if (!path) return tl::unexpected{path.error()};  // forgotten, perhaps
-  if (layer_images_ && layer_images_->job == id) return &*layer_images_;
+  const auto planned = time_of_plan(path->parent_path().parent_path());
+  if (layer_images_ && layer_images_->job == id && layer_images_->planned == planned) return &*layer_images_;
   const auto lines = text_of(*path);
   if (!lines) return fail(ErrorCode::NotFound, "the layers can be looked at once the job is planned");
   auto part = received_stack(path->parent_path().parent_path());
   if (!part) return tl::unexpected{part.error()};
-  LayerImages images{std::string{id}, std::move(part->layers), {}, {}};
+  LayerImages images{std::string{id}, planned, std::move(part->layers), {}, {}};
   const auto read = read_json_lines(*lines, [&](Layer layer) -> Result<void> {
     images.supports.push_back(std::move(layer));
     return {};
@@ -269,6 +281,24 @@ Result<std::string> SitePageBackend::layer_json(std::string_view id, std::uint32
                     {"part", part ? rings_json(part->contours) : ordered_json::array()},
                     {"supports", rings_json(s.supports[layer].contours)},
                     {"certificate", part ? certificate_text(part->certificate) : "below the part"}});
+}
+
+Result<std::string> SitePageBackend::supports(std::string_view id) {
+  const auto plan = plan_file(id, "");
+  if (!plan) return tl::unexpected{plan.error()};
+  return supports_json(plan->parent_path().parent_path());
+}
+
+Result<void> SitePageBackend::plan_again(std::string_view id, std::string_view hand_list, std::string_view who) {
+  const auto list = hand_list_from_json(hand_list);
+  if (!list) return tl::unexpected{list.error()};
+  const auto job = command_and_wait(
+      [&](const Command&, std::function<void(Result<Job>)> done) {
+        supported_(std::string{id}, *list, std::string{who}, std::move(done));
+      },
+      {});
+  if (!job) return tl::unexpected{job.error()};
+  return {};
 }
 
 Result<void> SitePageBackend::act(std::string_view id, JobCommand action, std::string_view who) {

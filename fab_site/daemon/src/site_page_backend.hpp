@@ -4,6 +4,7 @@
 #include <map>
 #include <optional>
 #include <telefab/fab/print/print_plan.hpp>
+#include <telefab/fab/support/support_plan.hpp>
 #include <telefab/fab/web/page_backend.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/machine/machine_profile.hpp>
@@ -16,6 +17,10 @@ namespace telefab::fab {
 
 /// An uploaded job, its layers on disk: hands it to the daemon's loop; the answer comes on the loop's thread.
 using UploadPost = std::function<void(const NewJob&, std::function<void(Result<Job>)>)>;
+
+/// A job to be planned again with these supports by hand, on the word of `who`: as UploadPost.
+using SupportsPost = std::function<void(const std::string& job, const HandList& supports, const std::string& who,
+                                        std::function<void(Result<Job>)>)>;
 
 /// What a job waits for that only somebody at the machine knows.
 struct JobQuestions {
@@ -31,13 +36,14 @@ class SitePageBackend final : public PageBackend {
  public:
   /// Store, room and folder must outlive the backend.
   SitePageBackend(JobStore& store, const DiskRoom& room, const DataFolder& folder, std::vector<MachineProfile> machines,
-                  CommandPost post, UploadPost uploaded, QuestionAsker questions)
+                  CommandPost post, UploadPost uploaded, SupportsPost supported, QuestionAsker questions)
       : store_{store},
         room_{room},
         folder_{folder},
         machines_{std::move(machines)},
         post_{std::move(post)},
         uploaded_{std::move(uploaded)},
+        supported_{std::move(supported)},
         questions_{std::move(questions)} {}
 
   Result<std::vector<JobView>> jobs() override;
@@ -50,6 +56,8 @@ class SitePageBackend final : public PageBackend {
   Result<std::vector<std::byte>> preview_png(std::string_view id) override;
   Result<std::vector<std::byte>> accuracy_png(std::string_view id) override;
   Result<std::string> layer_json(std::string_view id, std::uint32_t layer) override;
+  Result<std::string> supports(std::string_view id) override;
+  Result<void> plan_again(std::string_view id, std::string_view hand_list, std::string_view who) override;
   Result<void> act(std::string_view id, JobCommand action, std::string_view who) override;
   Result<void> approve(std::string_view id, std::string_view although, std::string_view who) override;
   Result<void> clear_platform(std::string_view machine, std::string_view who) override;
@@ -64,11 +72,12 @@ class SitePageBackend final : public PageBackend {
  private:
   struct LayerImages {
     std::string job;
+    std::filesystem::file_time_type planned;  ///< of the plan they are of
     LayerStack part;
     std::vector<Layer> supports;  ///< by print layer
     Bounds2 bounds;               ///< of part and supports
   };
-  /// What a job's plan and record say of its light; kept, since neither changes once it is written.
+  /// What a job's plan and record say of its light; kept as long as the plan is the same.
   struct Light {
     double print_s = 0;             ///< of the whole print on this machine
     std::vector<double> left_s;     ///< of it when each layer is next; one more for the raising of the part
@@ -78,7 +87,8 @@ class SitePageBackend final : public PageBackend {
     std::vector<std::optional<double>> resin_celsius;
     std::uint32_t retries = 0;
     double irradiance_mw_per_cm2 = 0;
-    bool is_whole = false;  ///< read when the job had ended
+    bool is_whole = false;                    ///< read when the job had ended
+    std::filesystem::file_time_type planned;  ///< of the plan it was read from
   };
   [[nodiscard]] JobView view_of(const Job& job);
   /// Null until planned.
@@ -92,6 +102,7 @@ class SitePageBackend final : public PageBackend {
   std::vector<MachineProfile> machines_;
   CommandPost post_;
   UploadPost uploaded_;
+  SupportsPost supported_;
   QuestionAsker questions_;
   std::optional<LayerImages> layer_images_;
   std::map<std::string, Light> lights_;  ///< by job

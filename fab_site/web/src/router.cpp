@@ -37,7 +37,7 @@ json to_json(const JobView& job) {
 
 WebResponse as_png(const Result<std::vector<std::byte>>& image) {
   if (!image) return web_problem(image.error());
-  return {200, "image/png", std::string{reinterpret_cast<const char*>(image->data()), image->size()}, true};
+  return {200, "image/png", std::string{reinterpret_cast<const char*>(image->data()), image->size()}};
 }
 
 struct Call {
@@ -111,6 +111,12 @@ WebResponse approve(const Call& call) {
   return show_job(call);
 }
 
+WebResponse plan_again(const Call& call) {
+  if (const auto done = call.backend.plan_again(call.id(), call.request.body, call.who()); !done)
+    return web_problem(done.error());
+  return show_job(call);
+}
+
 /// An empty body resumes; {"as":"treat-as-exposed"} and {"as":"expose-again"} also say whether a layer was exposed.
 WebResponse resume(const Call& call) {
   if (call.request.body.empty()) return act<JobCommand::Resume>(call);
@@ -128,6 +134,9 @@ WebResponse asset(std::string_view target, const WebOptions& options) {
     return {200, "text/javascript; charset=utf-8", options.three_js, true};
   return web_asset(page_assets(), target);
 }
+
+/// 30,000 places with all their figures in full.
+constexpr std::uint64_t kMostHandList_bytes = 8U << 20U;
 
 struct Row {
   WebRoute route;
@@ -165,6 +174,11 @@ const std::vector<Row>& rows() {
        [](const Call& c) { return web_json(c.backend.layer_json(c.id(), c.routed.arguments.layer)); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}/mask.png", "grey mask of one layer"},
        [](const Call& c) { return as_png(c.backend.mask_png(c.id(), c.routed.arguments.layer)); }},
+      {{"GET", "/v1/jobs/{id}/supports", "anchors of the plan, and the list of supports by hand it was made with"},
+       [](const Call& c) { return web_json(c.backend.supports(c.id())); }},
+      {{"POST", "/v1/jobs/{id}/supports", "plan a job that waits for approval again with a list of supports by hand",
+        Access::Operators, kMostHandList_bytes},
+       plan_again},
       {{"POST", "/v1/jobs/{id}/approve", "let a job that waits for approval print", Access::Operators}, approve},
       {{"POST", "/v1/jobs/{id}/pause", "stop before the next exposure, lifted", Access::Operators},
        act<JobCommand::Pause>},

@@ -67,7 +67,7 @@ TEST_F(TlsPage, ShowsAPartToHoldersOfCertificatesAndOfTokensAlone) {
   for (const char* name : {"ada", "viewer"})
     EXPECT_THAT(ask_as(name, "GET", kMask), StartsWith("HTTP/1.1 200")) << name;
   EXPECT_THAT(ask_as("", "GET", kMask, "Authorization: Bearer " + bob + "\r\n"), StartsWith("HTTP/1.1 200"));
-  EXPECT_THAT(ask_as("ada", "GET", kMask), HasSubstr("Cache-Control: private"));
+  EXPECT_THAT(ask_as("ada", "GET", kMask), HasSubstr("Cache-Control: no-store"));
 }
 
 TEST_F(TlsPage, CarriesOutACommandUnderTheNameOfTheCertificateOrTheToken) {

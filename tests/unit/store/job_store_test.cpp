@@ -24,13 +24,15 @@ TEST(JobState, GoesForwardOnlyAndEndsForGood) {
       if (!may_follow(from, to)) continue;
       ++allowed;
       EXPECT_FALSE(is_final(from)) << name_of(from);
-      // Back go a pause that ends, and an approval that grew old.
+      // Back go a pause that ends, an approval that grew old, and a plan whose supports an operator changed.
       EXPECT_TRUE(is_before(from, to) || (from == JobState::Paused && to == JobState::Printing) ||
-                  (from == JobState::Ready && to == JobState::AwaitingApproval))
+                  (from == JobState::Ready && to == JobState::AwaitingApproval) ||
+                  (from == JobState::AwaitingApproval && to == JobState::Planning))
           << name_of(from) << " to " << name_of(to);
     }
   EXPECT_GT(allowed, 20);
   EXPECT_FALSE(may_follow(JobState::Paused, JobState::Done));
+  EXPECT_FALSE(may_follow(JobState::Ready, JobState::Planning)) << "an approval is of one plan";
   EXPECT_TRUE(may_follow(JobState::Planning, JobState::AwaitingApproval));
   EXPECT_TRUE(may_follow(JobState::AwaitingApproval, JobState::Ready));
   EXPECT_TRUE(may_follow(JobState::Ready, JobState::AwaitingApproval));

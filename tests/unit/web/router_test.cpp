@@ -41,10 +41,11 @@ TEST(WebRouter, AnswersEveryRouteOfItsTable) {
   RecordingBackend backend;
   for (const WebRoute& route : web_routes()) {
     const WebResponse response = answer({std::string{route.method}, concrete(route.path), "Bearer secret"}, backend);
-    // Without a body the two POSTs of OctoPrint's API and the sign-in say what is missing.
+    // Without a body the two POSTs of OctoPrint's API, the sign-in and supports by hand say what is missing.
     EXPECT_THAT(response.status, testing::AnyOf(200U, 409U, 400U)) << route.path;
-    EXPECT_EQ(response.status == 400,
-              route.path == "/v1/sign-in" || (route.needs == Access::Operators && route.path.starts_with("/api/")))
+    EXPECT_EQ(response.status == 400, route.path == "/v1/sign-in" ||
+                                          (route.method == "POST" && route.path.ends_with("/supports")) ||
+                                          (route.needs == Access::Operators && route.path.starts_with("/api/")))
         << route.path;
     EXPECT_FALSE(response.body.empty()) << route.path;
   }
@@ -80,6 +81,25 @@ TEST(WebRouter, NeverChangesStateOnGetOrHead) {
     for (const char* method : {"GET", "HEAD"})
       (void)answer(ask(method, concrete(route.path), "Bearer secret"), backend);
   EXPECT_THAT(backend.actions, IsEmpty());
+  EXPECT_THAT(backend.hand_lists, IsEmpty());
+}
+
+TEST(WebRouter, PassesSupportsByHandOnWholeAndUnderTheOperatorsName) {
+  RecordingBackend backend;
+  const std::string list = R"({"extra":[{"x_mm":1,"y_mm":2,"z_mm":3}]})";
+  const WebRequest wanted{"POST", "/v1/jobs/job-1/supports", "Bearer secret", "application/json", list};
+  EXPECT_EQ(answer(wanted, backend).status, 200U);
+  ASSERT_THAT(backend.hand_lists, SizeIs(1));
+  EXPECT_EQ(backend.hand_lists[0], (std::pair<std::string, std::string>{"job-1", list}));
+  EXPECT_THAT(backend.names, SizeIs(1));
+  EXPECT_THAT(answer(ask("GET", "/v1/jobs/job-1/supports", ""), backend).body, HasSubstr(R"("tip":"light")"));
+}
+
+TEST(WebRouter, PicturesOfAPlanAreNotKeptForItMayBePlannedAgain) {
+  RecordingBackend backend;
+  for (const char* path :
+       {"/v1/jobs/job-1/layers/2/mask.png", "/v1/jobs/job-1/preview.png", "/v1/jobs/job-1/accuracy.png"})
+    EXPECT_FALSE(answer(ask("GET", path, ""), backend).cacheable) << path;
 }
 
 TEST(WebRouter, WantsTheTokenForWhateverChangesState) {

@@ -36,8 +36,8 @@ inline constexpr std::array kJobStates{JobState::Queued,   JobState::Slicing,   
 [[nodiscard]] bool is_final(JobState state);
 /// Whether a job is in state `a` earlier in its life than in `b`; by kJobStates, not by the numbers.
 [[nodiscard]] bool is_before(JobState a, JobState b);
-/// Forward along the list, Printing <-> Paused, Ready -> AwaitingApproval, and from every state that is not final to
-/// Failed and Cancelled.
+/// Forward along the list, Printing <-> Paused, Ready -> AwaitingApproval -> Planning, and from every state that is not
+/// final to Failed and Cancelled.
 [[nodiscard]] bool may_follow(JobState from, JobState to);
 
 /// What somebody may have done to a job. Numbers go over the wire: never renumber.

@@ -40,6 +40,17 @@ class RecordingBackend : public PageBackend {
     return R"({"layer":)" + std::to_string(layer) +
            R"(,"z_mm":0.1,"thickness_mm":0.2,"bounds":[0,0,1,1],"part":[],"supports":[],"certificate":"certified"})";
   }
+  [[nodiscard]] Result<std::string> supports(std::string_view) override {
+    return std::string{
+        R"({"elevation_layers":1,"thickness_mm":0.2,"anchors":[{"x_mm":12,"y_mm":8,"part_layer":3,"z_mm":0.7,"tip":"light","on_part":false,"by_hand":false}],"hand":{"extra":[],"forbidden":[],"removed":[]}})"};
+  }
+  [[nodiscard]] Result<void> plan_again(std::string_view id, std::string_view hand_list,
+                                        std::string_view who) override {
+    if (hand_list.empty()) return fail(ErrorCode::InvalidInput, "hand list: not a JSON object");
+    names.emplace_back(who);
+    hand_lists.emplace_back(std::string{id}, std::string{hand_list});
+    return {};
+  }
   [[nodiscard]] Result<void> act(std::string_view id, JobCommand action, std::string_view who) override {
     names.emplace_back(who);
     actions.emplace_back(std::string{id}, action);
@@ -71,9 +82,10 @@ class RecordingBackend : public PageBackend {
     bool start;
   };
   std::vector<std::pair<std::string, JobCommand>> actions;
-  std::vector<std::string> names;                              ///< who gave each of them
-  std::vector<std::pair<std::string, std::string>> approvals;  ///< job, although
-  std::vector<std::string> cleared;                            ///< machines
+  std::vector<std::pair<std::string, std::string>> hand_lists;  ///< job, JSON
+  std::vector<std::string> names;                               ///< who gave each of them
+  std::vector<std::pair<std::string, std::string>> approvals;   ///< job, although
+  std::vector<std::string> cleared;                             ///< machines
   std::vector<File> files;
 
  private:

@@ -67,6 +67,14 @@ class PageBackend {
   /// JSON of one print layer, millimetres, build frame; z_mm is its middle, bounds are those of the whole print:
   /// {"layer":n,"z_mm":z,"thickness_mm":t,"bounds":[x0,y0,x1,y1],"part":[rings],"supports":[rings],"certificate":"..."}
   [[nodiscard]] virtual Result<std::string> layer_json(std::string_view id, std::uint32_t layer) = 0;
+  /// JSON of the anchors of the plan and of the list of supports by hand it was made with: {"elevation_layers":n,
+  /// "thickness_mm":t,"anchors":[{"x_mm":x,"y_mm":y,"part_layer":k,"z_mm":z,"tip":"light","on_part":b,"by_hand":b}],
+  /// "hand":{"extra":[...],"forbidden":[...],"removed":[...]}}; build frame. NotFound until planned.
+  [[nodiscard]] virtual Result<std::string> supports(std::string_view id) = 0;
+  /// Plans a job that waits for approval again with the JSON of a whole list of supports by hand. InvalidInput: not
+  /// such a list; Conflict: the job is elsewhere. `who` goes into the audit log.
+  [[nodiscard]] virtual Result<void> plan_again(std::string_view id, std::string_view hand_list,
+                                                std::string_view who) = 0;
   /// Conflict where the state does not allow it. `who` goes into the audit log.
   [[nodiscard]] virtual Result<void> act(std::string_view id, JobCommand action, std::string_view who) = 0;
   /// Lets a planned job print. `although`: names of what holds it, separated by commas. NotPermitted: something that
