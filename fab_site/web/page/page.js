@@ -12,17 +12,24 @@ site.showJob = (job) => {
   slider.disabled = job.layers === 0;
   if (byId("follow").checked && job.layers) slider.value = Math.max(0, Math.min(job.layers_printed, job.layers - 1));
   if (job.layers) showLayer();
+  site.showPlanning?.(job);
 };
 
 site.chosen = (id) => {
   state.layer = "";
+  site.view = null;
   byId("accuracy-box").hidden = true;
-  byId("preview").src = `/v1/jobs/${id}/preview.png`;
   document.dispatchEvent(new CustomEvent("job-chosen"));
 };
 
-// What the plan says does not change with every layer.
+// What the plan says does not change with every layer, but it may have been planned again.
 site.showStage = async (job) => {
+  ++state.plan;
+  state.layer = "";
+  await site.showPlanned?.(job);
+  if (job.id !== state.chosen) return;
+  if (job.layers) showLayer();
+  byId("preview").src = `/v1/jobs/${job.id}/preview.png?plan=${state.plan}`;
   showPreflight(job.id);
   showDose(job.id);
   showAccuracy(job.id);
@@ -33,16 +40,21 @@ site.showStage = async (job) => {
   }
 };
 
+state.plan = 0;
+
 function draw(layer) {
   const canvas = byId("contours"), pen = canvas.getContext("2d");
   const style = getComputedStyle(document.documentElement);
   pen.clearRect(0, 0, canvas.width, canvas.height);
   const rings = layer.part.concat(layer.supports);
-  if (!rings.length) return;
   const box = layer.bounds;
   const scale = Math.min(canvas.width / (box[2] - box[0]), canvas.height / (box[3] - box[1])) * 0.95;
   const x = (p) => canvas.width / 2 + (p[0] - (box[0] + box[2]) / 2) * scale;
   const y = (p) => canvas.height / 2 - (p[1] - (box[1] + box[3]) / 2) * scale;
+  const middle = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
+  const toMm = (px, py) => [middle[0] + (px - canvas.width / 2) / scale, middle[1] - (py - canvas.height / 2) / scale];
+  site.view = { layer, x, y, scale, middle, toMm };
+  if (!rings.length) return site.drawOver?.(pen);
   for (const [set, colour] of [[layer.supports, "--support"], [layer.part, "--part"]]) {
     pen.beginPath();
     for (const ring of set) {
@@ -52,7 +64,10 @@ function draw(layer) {
     pen.fillStyle = style.getPropertyValue(colour);
     pen.fill("nonzero");
   }
+  site.drawOver?.(pen);
 }
+
+site.redraw = () => site.view && draw(site.view.layer);
 
 async function showLayer() {
   const layer = Number(byId("layer").value);
@@ -61,7 +76,7 @@ async function showLayer() {
   if (state.layer === key) return;
   state.layer = key;
   const base = `/v1/jobs/${state.chosen}/layers/${layer}`;
-  byId("mask").src = `${base}/mask.png`;
+  byId("mask").src = `${base}/mask.png?plan=${state.plan}`;
   try {
     const shape = await get(base);
     if (state.layer !== key) return;  // the slider has moved on
@@ -93,7 +108,7 @@ async function showPreflight(id) {
 
 // Computed in the background once the job is planned: asked for again until it is there.
 async function showAccuracy(id) {
-  const box = byId("accuracy-box"), url = `/v1/jobs/${id}/accuracy.png`;
+  const box = byId("accuracy-box"), url = `/v1/jobs/${id}/accuracy.png?plan=${state.plan}`;
   const isThere = await fetch(url, { method: "HEAD" }).then((answer) => answer.ok, () => false);
   if (id !== state.chosen) return;
   clearTimeout(state.accuracyTimer);

@@ -100,6 +100,17 @@ class Browser {
     const Json keyboard{{"type", "key"}, {"id", "keyboard"}, {"actions", actions}};
     (void)in_session("POST", "/actions", {{"actions", Json::array({keyboard})}});
   }
+  /// The mouse goes to the first place, is pressed there and let go at the second; pixels of the window.
+  void drag(std::array<int, 2> from, std::array<int, 2> to) {
+    const auto move = [](std::array<int, 2> place) {
+      return Json{{"type", "pointerMove"}, {"duration", 20}, {"x", place[0]}, {"y", place[1]}};
+    };
+    const Json actions{
+        move(from), {{"type", "pointerDown"}, {"button", 0}}, move(to), {{"type", "pointerUp"}, {"button", 0}}};
+    const Json mouse{{"type", "pointer"}, {"id", "mouse"}, {"actions", actions}};
+    (void)in_session("POST", "/actions", {{"actions", Json::array({mouse})}});
+  }
+  void click_at(std::array<int, 2> place) { drag(place, place); }
   void resize(int width_px, int height_px) {
     (void)in_session("POST", "/window/rect", {{"width", width_px}, {"height", height_px}});
   }

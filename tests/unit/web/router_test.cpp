@@ -253,7 +253,7 @@ TEST(WebRouter, HandsOutTheBackendsReportsAndPicturesAsTheyAre) {
 
 TEST(WebRouter, ServesThePageAndItsPartsWithoutOutsideRequests) {
   RecordingBackend backend;
-  for (const char* path : {"/", "/page.css", "/jobs.js", "/page.js", "/solid.js", "/icon.svg"}) {
+  for (const char* path : {"/", "/page.css", "/jobs.js", "/page.js", "/supports.js", "/solid.js", "/icon.svg"}) {
     const WebResponse response = answer(ask("GET", path, ""), backend);
     EXPECT_EQ(response.status, 200U) << path;
     std::string body = response.body;
