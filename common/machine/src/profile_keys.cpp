@@ -181,8 +181,10 @@ const std::vector<Key>& profile_keys() {
       {"supports", "ground", false, "where pins may stand: a pin on the part marks it twice",
        words(&P::supports, &P::Supports::ground), Written::UnlessDefault},
       {"supports", "raft", false,
-       "what joins the feet: plates between neighbours, one plate under all, a wide disc each (skate), nothing; auto: "
-       "plates, or one plate where the feet cover less than a fifth of the largest layer",
+       "what joins the feet: bars between neighbours (plates), one plate under all, a wide disc each (skate), nothing; "
+       "auto: bars beside a part that stands, a plate for each group of feet under a lifted one, or one under all "
+       "where "
+       "those cover less than a fifth of the largest layer",
        words(&P::supports, &P::Supports::raft), Written::UnlessDefault},
       {"supports", "raft_margin_mm", false, "of one plate, and of a skate's discs, beyond the feet",
        NumberKey{at(&P::supports, &P::Supports::raft_margin_mm), 0, 20}, Written::UnlessDefault},

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <optional>
 #include <set>
+#include <telefab/base/disjoint_sets.hpp>
 
 #include "convex_hull.hpp"
 #include "part_columns.hpp"
@@ -27,7 +28,7 @@ struct PinBody {
   std::vector<double> braced_at{};
 };
 
-/// Feet that cover less of the largest layer may let go of the platform: chosen, no measurement of that was found.
+/// Plates that cover less of the largest layer may let go of the platform: chosen, no measurement of that was found.
 constexpr double kBaseShare = 0.2;
 constexpr std::uint32_t kSink = 3;  ///< layers a foot goes into the part it stands on
 
@@ -432,10 +433,29 @@ struct PinRouter::State {
     double radius_mm = 0;
   };
 
-  /// Whether the feet cover enough of the largest layer to hold it on the platform.
-  [[nodiscard]] bool feet_suffice(std::span<const Footing> feet) const {
+  /// Corners of the plates of a group each: of feet that stand near each other, in the order of their first.
+  [[nodiscard]] std::vector<std::vector<Point2>> groups_of(std::span<const Footing> feet) const {
+    DisjointSets joined{feet.size()};
+    for (std::uint32_t i = 0; i < feet.size(); ++i)
+      for (std::uint32_t j = 0; j < i; ++j)
+        if (apart_mm(feet[i].place, feet[j].place) < near_mm()) joined.join(i, j);
+    const auto numbers = joined.numbers();
+    std::vector<std::vector<Point2>> groups;
+    for (std::size_t i = 0; i < feet.size(); ++i) {
+      groups.resize(std::max(groups.size(), std::size_t{numbers[i]} + 1));
+      groups[numbers[i]].push_back(feet[i].place);
+    }
+    for (auto& group : groups) group = convex_hull(std::move(group));
+    return groups;
+  }
+  [[nodiscard]] static double apart_mm(Point2 a, Point2 b) { return std::hypot(a.x_mm - b.x_mm, a.y_mm - b.y_mm); }
+  /// Feet so near to each other are of one group.
+  [[nodiscard]] double near_mm() const { return 6 * p_.foot_radius_mm; }
+
+  /// Whether plates of that radius cover enough of the largest layer to hold it on the platform.
+  [[nodiscard]] bool suffice(const std::vector<std::vector<Point2>>& plates, double radius_mm) const {
     double covered = 0, largest = 0;
-    for (const Footing& foot : feet) covered += std::numbers::pi * foot.radius_mm * foot.radius_mm;
+    for (const auto& corners : plates) covered += area_mm2({corners, radius_mm, 0, 0});
     for (const Region& layer : layers_) largest = std::max(largest, layer.area_mm2());
     return covered >= kBaseShare * largest;
   }
@@ -452,17 +472,28 @@ struct PinRouter::State {
       out_.structure.plates.push_back(
           {std::move(corners), radius_mm + lip * p_.base_thickness_mm / 2, p_.base_thickness_mm, lip});
     };
-    switch (p_.raft == RaftKind::Auto && !feet_suffice(feet) ? RaftKind::Plate : p_.raft) {
-      case RaftKind::Plate: {
-        std::vector<Point2> places;
-        double widest = 0;
-        for (const Footing& foot : feet) places.push_back(foot.place), widest = std::max(widest, foot.radius_mm);
-        return lay(convex_hull(std::move(places)), widest + p_.raft_margin_mm);
+    double widest = 0;
+    for (const Footing& foot : feet) widest = std::max(widest, foot.radius_mm);
+    const auto lay_one = [&] {
+      std::vector<Point2> places;
+      for (const Footing& foot : feet) places.push_back(foot.place);
+      lay(convex_hull(std::move(places)), widest + p_.raft_margin_mm);
+    };
+    switch (p_.raft) {
+      case RaftKind::Auto: {
+        // Beside a part that stands a plate would grow to it; under a lifted one bars would enclose resin.
+        if (elevation_ == 0) return lay_plates(feet, lay);
+        const double radius_mm = std::max(widest, 1.5 * p_.foot_radius_mm);
+        auto groups = groups_of(feet);
+        if (!suffice(groups, radius_mm)) return lay_one();
+        for (auto& corners : groups) lay(std::move(corners), radius_mm);
+        return;
       }
+      case RaftKind::Plate:
+        return lay_one();
       case RaftKind::Skate:
         for (const Footing& foot : feet) lay({foot.place}, foot.radius_mm + p_.raft_margin_mm);
         return;
-      case RaftKind::Auto:
       case RaftKind::Plates:
         return lay_plates(feet, lay);
       case RaftKind::None:
@@ -471,13 +502,12 @@ struct PinRouter::State {
   }
 
   void lay_plates(std::span<const Footing> feet, const auto& lay) {
-    const double near = 6 * p_.foot_radius_mm;
     for (std::size_t i = 0; i < feet.size(); ++i) {
       // Each foot is joined to its nearest earlier foot of the group; the plates of a group hang together.
-      double best = near;
+      double best = near_mm();
       std::size_t found = i;
       for (std::size_t j = 0; j < i; ++j) {
-        const double d = std::hypot(feet[i].place.x_mm - feet[j].place.x_mm, feet[i].place.y_mm - feet[j].place.y_mm);
+        const double d = apart_mm(feet[i].place, feet[j].place);
         if (d < best) best = d, found = j;
       }
       std::vector<Point2> corners{feet[i].place};

@@ -99,21 +99,23 @@ Region StructureSections::section(LayerIndex print_layer) const {
   return unite(found);
 }
 
+double area_mm2(const Plate& plate) {
+  double round = 0, twice = 0;
+  for (std::size_t i = 0; i < plate.corners.size(); ++i) {
+    const Point2 a = plate.corners[i], b = plate.corners[(i + 1) % plate.corners.size()];
+    round += std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm);
+    twice += a.x_mm * b.y_mm - b.x_mm * a.y_mm;
+  }
+  return twice / 2 + plate.radius_mm * round + std::numbers::pi * plate.radius_mm * plate.radius_mm;
+}
+
 double volume_mm3(const Structure& structure) {
   double volume = 0;
   for (const SupportElement& s : structure.elements) {
     const double a = s.bottom_radius_mm, b = s.top_radius_mm;
     volume += std::numbers::pi / 3 * (a * a + a * b + b * b) * (s.top.z_mm - s.bottom.z_mm);
   }
-  for (const Plate& p : structure.plates) {
-    double round = 0, twice = 0;
-    for (std::size_t i = 0; i < p.corners.size(); ++i) {
-      const Point2 a = p.corners[i], b = p.corners[(i + 1) % p.corners.size()];
-      round += std::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm);
-      twice += a.x_mm * b.y_mm - b.x_mm * a.y_mm;
-    }
-    volume += (twice / 2 + p.radius_mm * round + std::numbers::pi * p.radius_mm * p.radius_mm) * p.height_mm;
-  }
+  for (const Plate& p : structure.plates) volume += area_mm2(p) * p.height_mm;
   return volume;
 }
 

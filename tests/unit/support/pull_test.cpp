@@ -186,14 +186,27 @@ TEST(Raft, RecedesAtThePlatformSoThatAScraperGetsUnderIt) {
   EXPECT_DOUBLE_EQ(plain.section_region(LayerIndex{0}).area_mm2(), plain.section_region(LayerIndex{1}).area_mm2());
 }
 
-TEST(Raft, BecomesOnePlateByItselfWhereFeetCoverTooLittleOfTheLargestLayer) {
+TEST(Raft, LiesUnderEachGroupOfALiftedPartWithoutHolesThatWouldHoldResin) {
+  const auto lifted_block = on(RaftKind::Auto);
+  EXPECT_EQ(lifted_block.structure().plates.size(), 1U);
+  EXPECT_EQ(lifted_block.section_region(LayerIndex{2}).rings().size(), 1U);
+}
+
+TEST(Raft, IsOfBarsBesideAPartThatStands) {
+  const auto plan = planned(stacks::mushroom(), stacks::machine());
+  EXPECT_FALSE(plan.structure().plates.empty());
+  for (const Plate& plate : plan.structure().plates)
+    EXPECT_LE(plate.corners.size(), 2U) << "a plate would grow to the part";
+}
+
+TEST(Raft, BecomesOnePlateWhereTheGroupsCoverTooLittleOfTheLargestLayer) {
   // Few pins, far apart, below a roof.
   MachineProfile machine = stacks::machine();
   machine.motion.pull_kpa = 0.1;
   machine.supports.anchor_distance_mm = 8;
-  EXPECT_EQ(planned(block(), machine, lifted()).structure().plates.size(), 1U);
-  machine.supports.anchor_distance_mm = 1.5;
-  EXPECT_GT(planned(block(), machine, lifted()).structure().plates.size(), 1U);
+  const auto plan = planned(block(), machine, lifted());
+  ASSERT_EQ(plan.structure().plates.size(), 1U);
+  EXPECT_GT(plan.structure().plates.front().corners.size(), 2U);
 }
 
 TEST(Ground, LeavesPinsAwayThatWouldStandOnThePartAndCountsThem) {

@@ -29,7 +29,8 @@ enum class LedCutoff : std::uint8_t { None, Watchdog };
 /// Which of a board's sensors hangs in the resin.
 enum class Thermometer : std::uint8_t { None, Hotend, Bed, Chamber };
 
-/// What joins the feet of supports on the platform. Auto: plates, or one plate where the feet cover too little.
+/// What joins the feet of supports on the platform. Auto: bars beside a part that stands, a plate a group of feet under
+/// a lifted one.
 enum class RaftKind : std::uint8_t { Auto, Plates, Plate, Skate, None };
 /// Where pins may stand.
 enum class PinGround : std::uint8_t { Anywhere, Platform };

@@ -41,6 +41,9 @@ struct Plate {
   friend bool operator==(const Plate&, const Plate&) = default;
 };
 
+/// Where it is widest.
+[[nodiscard]] double area_mm2(const Plate& plate);
+
 /// The ring at some distance around the corners of a convex ring, arcs of so many chords at each; the number of points
 /// depends on neither radius nor place.
 [[nodiscard]] std::vector<Point2> ring_around(std::span<const Point2> corners, double radius_mm, int chords);
