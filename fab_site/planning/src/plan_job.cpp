@@ -9,7 +9,7 @@ namespace {
 
 constexpr int kRepairs = 4;
 /// A repair that relieves the worst place by less than this share of what it may bear was none.
-constexpr double kLeastRelief = 0.02;
+constexpr double kLeastRelief = 0.002;
 
 bool is_worse(const PlanFaults& now, const PlanFaults& before) {
   return now.islands != before.islands ? now.islands > before.islands : now.overload > before.overload;
