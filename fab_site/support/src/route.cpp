@@ -47,9 +47,11 @@ struct PinRouter::State {
         slim_{layers, p_.tip_radius_mm + p_.clearance_mm / 2, cell_},
         wide_{layers, p_.pin_radius_mm + p_.clearance_mm, cell_} {}
 
-  /// Columns for wide pins are made once there are some.
+  /// Columns for wide pins are made once there are some: heavy ones, or all where tips are wider than light shafts.
   void make_room_for(TipClass tip) {
-    if (tip != TipClass::Light && !wider_) wider_.emplace(layers_, 1.5 * p_.pin_radius_mm + p_.clearance_mm, cell_);
+    if (wider_ || (tip == TipClass::Light && p_.tip_radius_mm <= p_.pin_radius_mm)) return;
+    const double widest = std::max(1.5 * p_.pin_radius_mm, shape_of(TipClass::Heavy, 0).disc_mm);
+    wider_.emplace(layers_, widest + p_.clearance_mm, cell_);
   }
   [[nodiscard]] bool can_stand(const Anchor& anchor) {
     make_room_for(anchor.tip);

@@ -157,6 +157,14 @@ TEST(Pull, SinksATipByItsRadiusButNeverOutOfAThinPart) {
   EXPECT_LE(tops(0.3), 0.3 + 1e-9);
 }
 
+TEST(Pull, TakesTipsThatAreWiderThanTheirPins) {
+  MachineProfile machine = stacks::machine();
+  machine.supports.tip_radius_mm = 0.6;
+  EXPECT_GT(planned(block(), machine, lifted()).anchors().size(), 2U);
+  EXPECT_GT(plan_supports(stacks::ball().layers, stacks::ball().header, machine, covering(), {}, {})->anchors().size(),
+            0U);
+}
+
 /// Base plates by kind.
 SupportPlan on(RaftKind raft) {
   MachineProfile machine = stacks::machine();
