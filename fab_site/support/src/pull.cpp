@@ -216,41 +216,36 @@ class Balance {
     for (const std::uint32_t m : moments_of_tip_[a]) judge(m);
   }
 
-  /// Whether all moments of a tip bear another spring in its place; one that was too weak must not become weaker.
-  [[nodiscard]] bool bears_with(std::uint32_t a, const Spring& spring) {
+  /// Puts another spring in the place of a tip's where all its moments bear that; false, and nothing changed, where one
+  /// does not. A moment that was too weak must not become weaker.
+  [[nodiscard]] bool replace(std::uint32_t a, const Spring& spring) {
     const Spring was = std::exchange(springs_[a], spring);
-    bool bears = true;
-    for (const std::uint32_t m : moments_of_tip_[a]) {
+    const auto bears = [&](std::uint32_t m) {
       Springs sums = state_[m].sums;
       sums.add(was, -1);
       sums.add(spring);
-      if (verdict_of(sums, survey_.moments[m]).worst > std::max(1.0, state_[m].worst * (1 + 1e-9))) {
-        bears = false;
-        break;
-      }
+      return verdict_of(sums, survey_.moments[m]).worst <= std::max(1.0, state_[m].worst * (1 + 1e-9));
+    };
+    const auto& moments = moments_of_tip_[a];
+    if (!std::all_of(moments.begin(), moments.end(), bears)) {
+      springs_[a] = was;
+      return false;
     }
-    if (!bears) springs_[a] = was;
-    return bears;
+    for (const std::uint32_t m : moments) judge(m);
+    return true;
   }
 
   /// Takes away and thins what the others bear as well, the latest first: what came early stands where most is asked.
   void thin_out() {
     for (std::size_t i = anchors_.size(); i-- > 0;) {
       const auto a = static_cast<std::uint32_t>(i);
-      bool changed = false;
-      if (i >= own_ && bears_with(a, Spring{springs_[a].at, 0, 1, 0})) {
-        changed = true;
-      } else {
-        while (anchors_[a].tip != TipClass::Light) {
-          Anchor thinner = anchors_[a];
-          thinner.tip = next(thinner.tip, -1);
-          if (!bears_with(a, spring_of_(thinner))) break;
-          anchors_[a] = thinner;
-          changed = true;
-        }
+      if (i >= own_ && replace(a, Spring{springs_[a].at, 0, 1, 0})) continue;
+      while (anchors_[a].tip != TipClass::Light) {
+        Anchor thinner = anchors_[a];
+        thinner.tip = next(thinner.tip, -1);
+        if (!replace(a, spring_of_(thinner))) break;
+        anchors_[a] = thinner;
       }
-      if (changed)
-        for (const std::uint32_t m : moments_of_tip_[a]) judge(m);
     }
   }
 
