@@ -158,7 +158,7 @@ class Balance {
   bool ease(std::uint32_t m, TipClass first) {
     PullSurvey::Moment& moment = survey_.moments[m];
     const State& state = state_[m];
-    const double pin_cost = kPinCost * spring_of_({{}, LayerIndex{1}, false, false, TipClass::Light}).area_mm2;
+    const double pin_cost = kPinCost * spring_of_({{}, LayerIndex{0}, false, false, TipClass::Light}).area_mm2;
     double best = 0;
     std::uint32_t site = kNone, tip = kNone;
     const auto take = [&](double excess, double cost, std::uint32_t& which, std::uint32_t index) {
@@ -262,6 +262,31 @@ class Balance {
   std::vector<State> state_;     ///< by moment
 };
 
+struct Pin {
+  TipShape shape;
+  double softness = 0;  ///< 1/mm
+};
+
+/// The pin of every class under every layer; a balance asks for the same ones again and again.
+class PinsByHeight {
+ public:
+  PinsByHeight(const MachineProfile& machine, const PullOptions& options, std::size_t layers) : layers_{layers} {
+    for (const TipClass tip : {TipClass::Light, TipClass::Medium, TipClass::Heavy})
+      for (std::size_t layer = 0; layer < layers; ++layer) {
+        const double height_mm = static_cast<double>(layer + options.elevation_layers) * options.thickness_mm;
+        const TipShape shape = tip_shape(machine, tip, height_mm, options.thickness_mm);
+        pins_.push_back({shape, shape.softness(height_mm)});
+      }
+  }
+  [[nodiscard]] const Pin& of(const Anchor& a) const {
+    return pins_[(static_cast<std::size_t>(a.tip) - 1) * layers_ + a.layer.count()];
+  }
+
+ private:
+  std::size_t layers_;
+  std::vector<Pin> pins_;
+};
+
 }  // namespace
 
 Result<PullFigures> bear_pull(std::span<const Region> layers, std::vector<Anchor>& anchors,
@@ -271,12 +296,7 @@ Result<PullFigures> bear_pull(std::span<const Region> layers, std::vector<Anchor
   // So that shafts stand clear of each other.
   const ApartMm apart{2 * s.pin_radius_mm + gap_mm / 2, 2.5 * s.pin_radius_mm + gap_mm / 2,
                       3 * s.pin_radius_mm + gap_mm};
-  const auto shape_at = [&](const Anchor& a, double height_mm) {
-    return tip_shape(machine, a.tip, height_mm, options.thickness_mm);
-  };
-  const auto height_of = [&](const Anchor& a) {
-    return (a.layer.count() + options.elevation_layers) * options.thickness_mm;
-  };
+  const PinsByHeight pins{machine, options, layers.size()};
   PullSurveyOptions look;
   look.cell_mm = s.pin_radius_mm;
   look.site_pitch_mm = apart[0] / 2;
@@ -286,7 +306,7 @@ Result<PullFigures> bear_pull(std::span<const Region> layers, std::vector<Anchor
     for (const TipClass tip : {TipClass::Heavy, TipClass::Light}) {
       const Anchor anchor{at, layer, false, false, tip};
       // A tip finds material nearly all over its disc before it ends.
-      const double r = shape_at(anchor, height_of(anchor)).disc_mm;
+      const double r = pins.of(anchor).shape.disc_mm;
       const auto deep = static_cast<std::size_t>(r / options.thickness_mm + 1);
       const Region& part = layers[std::min(layers.size() - 1, layer.count() + deep)];
       int held = 0;
@@ -299,8 +319,8 @@ Result<PullFigures> bear_pull(std::span<const Region> layers, std::vector<Anchor
   auto survey = survey_pull(layers, anchors, look, stop);
   if (!survey) return tl::unexpected{survey.error()};
   const std::function<Spring(const Anchor&)> spring_of = [&](const Anchor& a) {
-    const TipShape shape = shape_at(a, height_of(a));
-    return Spring{a.place, 1 / shape.softness(height_of(a)), a.strength * shape.neck_area_mm2(), shape.neck_mm};
+    const Pin& pin = pins.of(a);
+    return Spring{a.place, 1 / pin.softness, a.strength * pin.shape.neck_area_mm2(), pin.shape.neck_mm};
   };
   return Balance{std::move(*survey), anchors, spring_of, options, apart}.run(stop);
 }
