@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "scan_lines.hpp"
+
 namespace telefab::fab {
 namespace {
 
@@ -14,37 +16,21 @@ using Bitmap = std::vector<std::uint8_t>;
 /// Every cell that the region touches, or whose centre line it crosses; sampled on three scan lines a cell.
 void draw(const Region& region, Point2 origin, double cell, int columns, int rows, Bitmap& bits) {
   constexpr int kLines = 3;
-  std::vector<std::vector<std::pair<double, int>>> crossings(static_cast<std::size_t>(rows * kLines));
+  const auto cell_at = [&](double along, double from, int count) {
+    return std::clamp(static_cast<int>((along - from) / cell), 0, count - 1);
+  };
   for (const GridRing& ring : region.rings())
-    for (std::size_t i = 0; i < ring.size(); ++i) {
-      Point2 a = to_mm(ring[i]), b = to_mm(ring[i + 1 < ring.size() ? i + 1 : 0]);
-      const int column = std::clamp(static_cast<int>((a.x_mm - origin.x_mm) / cell), 0, columns - 1);
-      const int row = std::clamp(static_cast<int>((a.y_mm - origin.y_mm) / cell), 0, rows - 1);
-      bits[static_cast<std::size_t>(row * columns + column)] = 1;
-      const int sign = b.y_mm > a.y_mm ? 1 : -1;
-      if (sign < 0) std::swap(a, b);
-      const double step = cell / kLines;
-      const int first = std::max(0, static_cast<int>(std::ceil((a.y_mm - origin.y_mm) / step - 0.5)));
-      for (int line = first; line < rows * kLines; ++line) {
-        const double y = origin.y_mm + (line + 0.5) * step;
-        if (y >= b.y_mm) break;
-        if (y < a.y_mm) continue;
-        const double x = a.x_mm + (y - a.y_mm) / (b.y_mm - a.y_mm) * (b.x_mm - a.x_mm);
-        crossings[static_cast<std::size_t>(line)].emplace_back(x, sign);
-      }
+    for (const GridPoint& corner : ring) {
+      const Point2 p = to_mm(corner);
+      bits[static_cast<std::size_t>(cell_at(p.y_mm, origin.y_mm, rows) * columns +
+                                    cell_at(p.x_mm, origin.x_mm, columns))] = 1;
     }
-  for (int line = 0; line < rows * kLines; ++line) {
-    auto& at = crossings[static_cast<std::size_t>(line)];
-    std::sort(at.begin(), at.end());
-    int winding = 0;
-    for (std::size_t i = 0; i + 1 < at.size(); ++i) {
-      winding += at[i].second;
-      if (winding == 0) continue;
-      const int c0 = std::clamp(static_cast<int>((at[i].first - origin.x_mm) / cell), 0, columns - 1);
-      const int c1 = std::clamp(static_cast<int>((at[i + 1].first - origin.x_mm) / cell), 0, columns - 1);
-      std::fill_n(bits.begin() + (line / kLines) * columns + c0, c1 - c0 + 1, std::uint8_t{1});
-    }
-  }
+  ScanLines lines{origin.y_mm, cell / kLines, rows * kLines};
+  lines.add(region);
+  lines.for_spans([&](int line, double from, double to) {
+    const int c0 = cell_at(from, origin.x_mm, columns), c1 = cell_at(to, origin.x_mm, columns);
+    std::fill_n(bits.begin() + (line / kLines) * columns + c0, c1 - c0 + 1, std::uint8_t{1});
+  });
 }
 
 Bitmap grown(const Bitmap& bits, int columns, int rows, double radius_cells) {

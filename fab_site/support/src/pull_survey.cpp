@@ -9,6 +9,8 @@
 #include <numeric>
 #include <telefab/base/disjoint_sets.hpp>
 
+#include "scan_lines.hpp"
+
 namespace telefab::fab {
 namespace {
 
@@ -43,34 +45,14 @@ class CellLayers {
   }
   /// Cells of a layer, rising.
   [[nodiscard]] std::vector<int> of(std::size_t layer) const {
-    std::vector<std::vector<std::pair<double, int>>> crossings(static_cast<std::size_t>(rows_));
-    for (const GridRing& ring : layers_[layer].rings())
-      for (std::size_t i = 0; i < ring.size(); ++i) {
-        Point2 a = to_mm(ring[i]), b = to_mm(ring[i + 1 < ring.size() ? i + 1 : 0]);
-        const int sign = b.y_mm > a.y_mm ? 1 : -1;
-        if (sign < 0) std::swap(a, b);
-        const int first = std::max(0, static_cast<int>(std::ceil((a.y_mm - origin_.y_mm) / cell_ - 0.5)));
-        for (int row = first; row < rows_; ++row) {
-          const double y = origin_.y_mm + (row + 0.5) * cell_;
-          if (y >= b.y_mm) break;
-          if (y < a.y_mm) continue;
-          crossings[static_cast<std::size_t>(row)].emplace_back(
-              a.x_mm + (y - a.y_mm) / (b.y_mm - a.y_mm) * (b.x_mm - a.x_mm), sign);
-        }
-      }
+    ScanLines lines{origin_.y_mm, cell_, rows_};
+    lines.add(layers_[layer]);
     std::vector<int> cells;
-    for (int row = 0; row < rows_; ++row) {
-      auto& at = crossings[static_cast<std::size_t>(row)];
-      std::sort(at.begin(), at.end());
-      int winding = 0;
-      for (std::size_t i = 0; i + 1 < at.size(); ++i) {
-        winding += at[i].second;
-        if (winding == 0) continue;
-        const int c0 = static_cast<int>(std::ceil((at[i].first - origin_.x_mm) / cell_ - 0.5));
-        const int c1 = static_cast<int>(std::ceil((at[i + 1].first - origin_.x_mm) / cell_ - 0.5));
-        for (int c = std::max(c0, 0); c < std::min(c1, columns_); ++c) cells.push_back(row * columns_ + c);
-      }
-    }
+    const auto column = [&](double x) { return static_cast<int>(std::ceil((x - origin_.x_mm) / cell_ - 0.5)); };
+    lines.for_spans([&](int row, double from, double to) {
+      for (int c = std::max(column(from), 0); c < std::min(column(to), columns_); ++c)
+        cells.push_back(row * columns_ + c);
+    });
     return cells;
   }
 

@@ -7,6 +7,8 @@
 #include <limits>
 #include <telefab/fab/support/pictures.hpp>
 
+#include "scan_lines.hpp"
+
 namespace telefab::fab {
 namespace {
 
@@ -30,36 +32,21 @@ using Ring2 = std::vector<Flat2>;
 template <class Span>
 void scan(const std::vector<Ring2>& rings, int width, int height, Span span) {
   double low = std::numeric_limits<double>::infinity(), high = -low;
-  std::size_t corners = 0;
   for (const Ring2& ring : rings)
-    for (const Flat2& p : ring) low = std::min(low, p.y), high = std::max(high, p.y), ++corners;
-  if (corners == 0) return;
-  const int first = std::max(0, static_cast<int>(std::ceil(low - 0.5)));
-  const int last = std::min(height - 1, static_cast<int>(std::floor(high - 0.5)));
-  if (first > last) return;
-  std::vector<std::vector<std::pair<float, int>>> crossings(static_cast<std::size_t>(last - first + 1));
+    for (const Flat2& p : ring) low = std::min(low, p.y), high = std::max(high, p.y);
+  const double first = std::max(0.0, std::floor(low)), last = std::min<double>(height, std::ceil(high));
+  if (!(first < last)) return;
+  ScanLines lines{first, 1, static_cast<int>(last - first)};
   for (const Ring2& ring : rings)
     for (std::size_t i = 0; i < ring.size(); ++i) {
-      Flat2 a = ring[i], b = ring[i + 1 < ring.size() ? i + 1 : 0];
-      const int turn = b.y > a.y ? 1 : -1;
-      if (turn < 0) std::swap(a, b);
-      const double slope = b.y > a.y ? (b.x - a.x) / (b.y - a.y) : 0;
-      for (int row = std::max(first, static_cast<int>(std::ceil(a.y - 0.5))); row <= last && row + 0.5 < b.y; ++row)
-        crossings[static_cast<std::size_t>(row - first)].emplace_back(
-            static_cast<float>(a.x + (row + 0.5 - a.y) * slope), turn);
+      const Flat2 a = ring[i], b = ring[i + 1 < ring.size() ? i + 1 : 0];
+      lines.add(a.x, a.y, b.x, b.y);
     }
-  for (int row = first; row <= last; ++row) {
-    auto& at = crossings[static_cast<std::size_t>(row - first)];
-    std::sort(at.begin(), at.end());
-    int winding = 0;
-    for (std::size_t i = 0; i + 1 < at.size(); ++i) {
-      winding += at[i].second;
-      if (winding == 0) continue;
-      const int c0 = std::max(0, static_cast<int>(std::ceil(at[i].first - 0.5F)));
-      const int c1 = std::min(width - 1, static_cast<int>(std::ceil(at[i + 1].first - 0.5F)) - 1);
-      if (c0 <= c1) span(row, c0, c1);
-    }
-  }
+  const auto column = [](double x) { return static_cast<int>(std::ceil(x - 0.5)); };
+  lines.for_spans([&](int line, double from, double to) {
+    const int c0 = std::max(0, column(from)), c1 = std::min(width, column(to)) - 1;
+    if (c0 <= c1) span(static_cast<int>(first) + line, c0, c1);
+  });
 }
 
 /// Rings of one print layer in the turned frame, millimetres from the middle of the print.
