@@ -7,20 +7,12 @@
 #include <telefab/base/clock.hpp>
 #include <telefab/fab/cure/support_calibration.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
-#include <telefab/machine/profile_catalogue.hpp>
+#include <telefab/test/profiles.hpp>
 
 namespace telefab::fab {
 namespace {
 
 using Kind = SupportSpecimen::Kind;
-
-MachineProfile profile(const std::string& name) {
-  const auto catalogue = builtin_profiles();
-  EXPECT_TRUE(catalogue) << catalogue.error().what;
-  const auto machine = catalogue->compose({name});
-  EXPECT_TRUE(machine) << machine.error().what;
-  return machine ? machine->profile : MachineProfile{};
-}
 
 bool is_in(const Bounds2& box, Point2 p) {
   return p.x_mm >= box.min.x_mm && p.x_mm <= box.max.x_mm && p.y_mm >= box.min.y_mm && p.y_mm <= box.max.y_mm;
@@ -30,7 +22,7 @@ class SupportPrintOf : public testing::TestWithParam<const char*> {};
 
 // The masks as they would be shown, and the judge who knows nothing of how they came about.
 TEST_P(SupportPrintOf, AsksOfEachDiscWhatTheJudgeOfMasksFinds) {
-  MachineProfile machine = profile(GetParam());
+  MachineProfile machine = test::known_machine(GetParam());
   const auto print = support_print(machine);
   ASSERT_TRUE(print) << print.error().what;
   // What bears more than 20 times the pull is listed.

@@ -8,7 +8,7 @@
 #include <map>
 #include <random>
 #include <telefab/fab/cure/support_calibration.hpp>
-#include <telefab/machine/profile_catalogue.hpp>
+#include <telefab/test/profiles.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -16,18 +16,10 @@ namespace {
 using testing::HasSubstr;
 using Kind = SupportSpecimen::Kind;
 
-MachineProfile profile(const std::string& name) {
-  const auto catalogue = builtin_profiles();
-  EXPECT_TRUE(catalogue) << catalogue.error().what;
-  const auto machine = catalogue->compose({name});
-  EXPECT_TRUE(machine) << machine.error().what;
-  return machine ? machine->profile : MachineProfile{};
-}
-
 class SupportPrintOf : public testing::TestWithParam<const char*> {};
 
 TEST_P(SupportPrintOf, StandsOnThePlatformNumberedWithEachStepTwice) {
-  const MachineProfile machine = profile(GetParam());
+  const MachineProfile machine = test::known_machine(GetParam());
   const auto specimens = support_specimens(machine);
   ASSERT_TRUE(specimens) << specimens.error().what;
   std::map<double, int> steps;
@@ -91,7 +83,7 @@ std::vector<SupportReading> printed(std::span<const SupportSpecimen> specimens, 
 
 TEST(SupportCalibration, HoldsTheTruthInNineOfTenIntervals) {
   constexpr int kPrints = 300;
-  const MachineProfile machine = profile("machine-b");
+  const MachineProfile machine = test::known_machine("machine-b");
   const auto specimens = support_specimens(machine);
   ASSERT_TRUE(specimens);
   for (const double scatter : {0.0, 0.1, 0.25}) {
@@ -133,7 +125,7 @@ std::vector<SupportReading> where(std::span<const SupportSpecimen> specimens, au
 }
 
 TEST(SupportCalibration, GivesKeysByWhichAPlanMayAskForWhatHeld) {
-  const MachineProfile machine = profile("machine-b");
+  const MachineProfile machine = test::known_machine("machine-b");
   const double t = machine.layers.thickness_mm;
   const auto specimens = support_specimens(machine).value();
   const auto fit = fit_supports(printed(specimens, t, 200, 0.6, 0, 1), t);
@@ -157,7 +149,7 @@ TEST(SupportCalibration, GivesKeysByWhichAPlanMayAskForWhatHeld) {
 }
 
 TEST(SupportCalibration, TellsWhereTheLeverRuleIsNotWhatThePrintShows) {
-  const MachineProfile machine = profile("machine-b");
+  const MachineProfile machine = test::known_machine("machine-b");
   const double t = machine.layers.thickness_mm;
   const auto specimens = support_specimens(machine).value();
   const auto text = [&](bool moved_hold, double torn_from) {
@@ -177,7 +169,7 @@ TEST(SupportCalibration, TellsWhereTheLeverRuleIsNotWhatThePrintShows) {
 }
 
 TEST(SupportCalibration, NamesABoundOfOneSideAsSuch) {
-  const MachineProfile machine = profile("machine-b");
+  const MachineProfile machine = test::known_machine("machine-b");
   const double t = machine.layers.thickness_mm;
   const auto specimens = support_specimens(machine).value();
   const auto all = fit_supports(where(specimens, [](const auto&) { return true; }), t);
@@ -198,7 +190,7 @@ TEST(SupportCalibration, NamesABoundOfOneSideAsSuch) {
 }
 
 TEST(SupportCalibration, RefusesWhatNoPrintLeaves) {
-  const MachineProfile machine = profile("machine-b");
+  const MachineProfile machine = test::known_machine("machine-b");
   const double t = machine.layers.thickness_mm;
   const auto specimens = support_specimens(machine).value();
   const auto refusal = [&](auto holds) {
@@ -232,7 +224,7 @@ std::string filled_in(const SupportPrint& print) {
 }
 
 TEST(SupportReadings, AreReadFromTheTableThatThePrintCameWith) {
-  const MachineProfile machine = profile("machine-b");
+  const MachineProfile machine = test::known_machine("machine-b");
   const auto print = support_print(machine);
   ASSERT_TRUE(print);
   const auto readings = support_readings_from_csv(filled_in(*print), machine);
@@ -243,7 +235,7 @@ TEST(SupportReadings, AreReadFromTheTableThatThePrintCameWith) {
 }
 
 TEST(SupportReadings, NameTheLineThatCannotBe) {
-  const MachineProfile machine = profile("machine-b");
+  const MachineProfile machine = test::known_machine("machine-b");
   const auto print = support_print(machine);
   ASSERT_TRUE(print);
   const auto refusal = [&](const std::string& text, const MachineProfile& by) {
@@ -257,7 +249,7 @@ TEST(SupportReadings, NameTheLineThatCannotBe) {
   EXPECT_THAT(refusal(print->supports_csv, machine), HasSubstr("line 2: held is empty; write yes or no"));
   EXPECT_THAT(refusal(head + row + "maybe\n", machine), HasSubstr("line 2: held is \"maybe\""));
   EXPECT_THAT(refusal(head + row + "yes\n" + row + "no\n", machine), HasSubstr("line 3: number 1 was there before"));
-  EXPECT_THAT(refusal(filled_in(*print), profile("machine-a")),
+  EXPECT_THAT(refusal(filled_in(*print), test::known_machine("machine-a")),
               HasSubstr("machine is \"machine-b\", and the profile that was chosen is of machine-a"));
   EXPECT_THAT(refusal(head + "machine-b,ladder,999,30,,yes\n", machine), HasSubstr("there is no number 999"));
   EXPECT_THAT(refusal(head + "machine-b,shelf,1,,0.1,yes\n", machine), HasSubstr("test of number 1 is \"shelf\""));
@@ -269,19 +261,19 @@ TEST(SupportReadings, NameTheLineThatCannotBe) {
 }
 
 TEST(SupportPrint, IsRefusedWhereNotAllOfItFits) {
-  MachineProfile machine = profile("machine-b");
+  MachineProfile machine = test::known_machine("machine-b");
   machine.platform.width_mm = 5;
   const auto narrow = support_print(machine);
   ASSERT_FALSE(narrow);
   EXPECT_EQ(narrow.error().code, ErrorCode::InvalidInput);
   EXPECT_THAT(narrow.error().what, HasSubstr("do not fit"));
-  machine = profile("machine-b");
+  machine = test::known_machine("machine-b");
   machine.platform.z_travel_mm = 3;
   EXPECT_THAT(support_print(machine).error().what, HasSubstr("the travel is 3.00 mm"));
 }
 
 TEST(SupportPrint, IsTheSameEachTime) {
-  const MachineProfile machine = profile("machine-b");
+  const MachineProfile machine = test::known_machine("machine-b");
   const auto first = support_print(machine), second = support_print(machine);
   ASSERT_TRUE(first && second);
   EXPECT_EQ(first->stack, second->stack);
