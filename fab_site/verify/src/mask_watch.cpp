@@ -1,24 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
+#include <telefab/fab/verify/hollow_watch.hpp>
 #include <telefab/fab/verify/support_check.hpp>
 
 namespace telefab::fab {
-namespace {
-
-/// A hollow followed upwards through the layers.
-struct Hollow {
-  std::uint32_t parent = 0;
-  bool open = false;  ///< to the outside, at or below the layer looked at last
-  std::uint32_t first = 0, last = 0;
-  std::uint64_t most_pixels = 0;
-  std::int32_t column = 0;
-  std::uint32_t row = 0;
-  bool was_cup = false;
-  bool holds_support = false;
-};
-
-}  // namespace
-
 struct MaskWatch::State {
   double pitch_mm = 0;
   std::uint32_t least = 4;
@@ -26,42 +11,12 @@ struct MaskWatch::State {
   std::vector<Finding> findings;
   LayerRuns solid_below;
   std::vector<char> held_below;  ///< by run of solid_below
-  LayerRuns empty_below;
-  std::vector<std::uint32_t> hollow_below;  ///< by run of empty_below
-  std::vector<Hollow> hollows;
+  HollowWatch hollows{least};
 
   [[nodiscard]] Point2 place(std::int32_t column, std::uint32_t row) const {
     return {(column + 0.5) * pitch_mm, (row + 0.5) * pitch_mm};
   }
   [[nodiscard]] double area(std::uint64_t pixels) const { return static_cast<double>(pixels) * pitch_mm * pitch_mm; }
-
-  std::uint32_t root(std::uint32_t i) {
-    while (hollows[i].parent != i) i = hollows[i].parent = hollows[hollows[i].parent].parent;
-    return i;
-  }
-
-  std::uint32_t joined(std::uint32_t a, std::uint32_t b) {
-    a = root(a), b = root(b);
-    if (a == b) return a;
-    Hollow &keep = hollows[std::min(a, b)], &gone = hollows[std::max(a, b)];
-    gone.parent = std::min(a, b);
-    // A cup that opens into the outside was a cup all the same; one that only meets another cup is one cup.
-    if (keep.open != gone.open) report_cup(keep.open ? gone : keep);
-    keep.open |= gone.open;
-    keep.was_cup |= gone.was_cup;
-    keep.holds_support |= gone.holds_support;
-    if (gone.most_pixels > keep.most_pixels) keep.most_pixels = gone.most_pixels;
-    keep.first = std::min(keep.first, gone.first);
-    keep.last = std::max(keep.last, gone.last);
-    return std::min(a, b);
-  }
-
-  void report_cup(Hollow& hollow) {
-    if (hollow.was_cup || hollow.most_pixels < least || hollow.last == hollow.first) return;
-    hollow.was_cup = true;
-    findings.push_back({Finding::Kind::SuctionCup, LayerIndex{hollow.first}, LayerIndex{hollow.last},
-                        place(hollow.column, hollow.row), area(hollow.most_pixels)});
-  }
 
   /// What hangs together in a layer.
   struct Bodies {
@@ -129,36 +84,21 @@ struct MaskWatch::State {
     for (std::uint32_t r = 0; r < solid.count(); ++r) held_below[r] = found.bodies[found.of_run[r]].held;
   }
 
-  void look_for_hollows(const LayerRuns& solid, const LayerRuns* removable) {
-    LayerRuns empty = solid.complement();
-    const RunComponents gaps = components_of(empty, false);
-    std::vector<std::uint32_t> hollow(gaps.components.size());
-    for (std::size_t i = 0; i < hollow.size(); ++i) {
-      const auto& c = gaps.components[i];
-      hollow[i] = static_cast<std::uint32_t>(hollows.size());
-      hollows.push_back({hollow[i], c.touches_edge, layers, layers, c.pixels, c.column, c.row, false, false});
+  void report(const Hollow& hollow) {
+    Finding found{Finding::Kind::SuctionCup, LayerIndex{hollow.first}, LayerIndex{hollow.last},
+                  place(hollow.column, hollow.row), area(hollow.most_pixels)};
+    if (hollow.kind == Hollow::Kind::Trap) found.kind = Finding::Kind::ResinTrap;
+    findings.push_back(found);
+    // What the platform closes is open once the print is taken off it.
+    if (hollow.kind == Hollow::Kind::Trap && hollow.holds_support && hollow.first > 0) {
+      found.kind = Finding::Kind::TrappedSupport;
+      findings.push_back(found);
     }
-    if (layers > 0)
-      for_overlaps(empty, empty_below, [&](std::uint32_t here, std::uint32_t below) {
-        (void)joined(hollow[gaps.of_run[here]], hollow_below[below]);
-      });
-    hollow_below.resize(empty.count());
-    for (std::uint32_t r = 0; r < empty.count(); ++r) {
-      const std::uint32_t top = root(hollow[gaps.of_run[r]]);
-      hollow_below[r] = top;
-      hollows[top].last = layers;
-    }
-    if (removable != nullptr)
-      for_overlaps(empty, *removable,
-                   [&](std::uint32_t here, std::uint32_t) { hollows[root(hollow_below[here])].holds_support = true; });
-    empty_below = std::move(empty);
   }
 };
 
-MaskWatch::MaskWatch(double pitch_mm, std::uint32_t least_pixels) : state_{std::make_unique<State>()} {
-  state_->pitch_mm = pitch_mm;
-  state_->least = least_pixels;
-}
+MaskWatch::MaskWatch(double pitch_mm, std::uint32_t least_pixels)
+    : state_{std::make_unique<State>(State{.pitch_mm = pitch_mm, .least = least_pixels})} {}
 MaskWatch::~MaskWatch() = default;
 MaskWatch::MaskWatch(MaskWatch&&) noexcept = default;
 MaskWatch& MaskWatch::operator=(MaskWatch&&) noexcept = default;
@@ -170,7 +110,7 @@ Result<void> MaskWatch::add(LayerRuns layer, const LayerRuns* removable, const L
   if (light && !(light->joined.size() == layer.size() && light->lit.size() == layer.size()))
     return fail(ErrorCode::InvalidInput, "checking masks: a layer and its light differ in size");
   s.look_for_islands(layer, light);
-  s.look_for_hollows(layer, removable);
+  s.hollows.add(layer, removable);
   s.solid_below = std::move(layer);
   ++s.layers;
   return {};
@@ -189,25 +129,7 @@ LayerRuns MaskWatch::specks(const LayerRuns& layer, const LayerLight* light, std
 
 SupportReport MaskWatch::finish() {
   State& s = *state_;
-  // What is still open upwards at the last layer drains; what closed below it is a trap.
-  std::vector<char> reaches_top(s.hollows.size(), 0);
-  for (const std::uint32_t h : s.hollow_below) reaches_top[s.root(h)] = 1;
-  for (std::uint32_t i = 0; i < s.hollows.size(); ++i) {
-    Hollow& hollow = s.hollows[i];
-    if (hollow.parent != i || hollow.open || hollow.most_pixels < s.least) continue;
-    if (reaches_top[i]) {
-      s.report_cup(hollow);
-    } else if (hollow.last > hollow.first) {
-      s.findings.push_back({Finding::Kind::ResinTrap, LayerIndex{hollow.first}, LayerIndex{hollow.last},
-                            s.place(hollow.column, hollow.row), s.area(hollow.most_pixels)});
-      // What the platform closes is open once the print is taken off it.
-      if (hollow.holds_support && hollow.first > 0) {
-        Finding trapped = s.findings.back();
-        trapped.kind = Finding::Kind::TrappedSupport;
-        s.findings.push_back(trapped);
-      }
-    }
-  }
+  for (const Hollow& hollow : s.hollows.finish()) s.report(hollow);
   SupportReport report;
   report.layers = s.layers;
   report.findings = std::move(s.findings);
