@@ -8,18 +8,6 @@
 
 namespace telefab {
 
-double MachineProfile::pull_of_film_kpa() const {
-  constexpr double kAssumedKpa = 20;
-  return motion.pull_kpa > 0 ? motion.pull_kpa : kAssumedKpa;
-}
-
-double MachineProfile::carried_demand() const {
-  constexpr double kKilo = 1000;
-  constexpr double kAssumedMpa = 10;
-  const double strength_mpa = resin.green_strength_mpa > 0 ? resin.green_strength_mpa : kAssumedMpa;
-  return kKilo * strength_mpa * supports.fresh_share / (supports.safety * pull_of_film_kpa());
-}
-
 bool MachineProfile::states_calibration_band() const {
   return resin.critical_dose_least_mj_per_cm2 > 0 && resin.penetration_least_mm > 0;
 }

@@ -111,6 +111,10 @@ const std::vector<Key>& profile_keys() {
        "strength of printed resin before it is washed and cured; 0: not stated, then 10 is assumed, about half of the "
        "softest figure found (18.6, Formlabs sheet of Durable, green); flexible resins: a quarter, assumed",
        NumberKey{at(&P::resin, &P::Resin::green_strength_mpa), 0, 1000}},
+      {"resin", "green_modulus_mpa", false,
+       "flexural modulus of printed resin before it is washed and cured, by which pins buckle; 0: not stated, then 160 "
+       "is assumed (Formlabs sheet of Durable, green)",
+       NumberKey{at(&P::resin, &P::Resin::green_modulus_mpa), 0, 100000}, Written::UnlessDefault},
       {"resin", "viscosity_mpa_s", false, "at 25 degrees Celsius; 0: not stated",
        NumberKey{at(&P::resin, &P::Resin::viscosity_mpa_s), 0, 1e6}, Written::UnlessDefault},
       {"resin", "density_g_per_ml", false, "of the liquid; 0: not stated",
@@ -203,6 +207,22 @@ const std::vector<Key>& profile_keys() {
        "(AmeraLabs), PDMS 16 to 20 (Pan 2017); 0: not stated, then 20 is assumed; 10 where a gentle film or a tilt was "
        "measured to be so, 50 for a worn or rigid window; printed from above: 1, assumed",
        NumberKey{at(&P::motion, &P::Motion::pull_kpa), 0, 1000}},
+      {"motion", "pull_size_mm", false,
+       "area over perimeter of a layer on which the pull is twice that of a small one: pull * (1 + (A / L) / this); "
+       "7.4 "
+       "fits what Pan 2017 measured on PDMS; 0: the pull does not grow with size",
+       NumberKey{at(&P::motion, &P::Motion::pull_size_mm), 0, 1000}, Written::UnlessDefault},
+      {"motion", "pull_speed_mm_per_s", false,
+       "speed of the lift, or of its peel, at which the film comes off with that pull; 0: speed does not matter",
+       NumberKey{at(&P::motion, &P::Motion::pull_speed_mm_per_s), 0, 100}, Written::UnlessDefault},
+      {"motion", "pull_speed_power", false,
+       "the pull grows with the speed to this power; measured elsewhere: FEP 0.18, PDMS 0.75 to 0.9 (Pan 2017)",
+       NumberKey{at(&P::motion, &P::Motion::pull_speed_power), 0, 2}, Written::UnlessDefault},
+      {"motion", "vacuum_kpa", false,
+       "under the opening of a hollow that the film closes when it is lifted; 0: not stated, then 2.5 times the pull "
+       "is "
+       "assumed, 50 beside 20; more than 101 counts as 101",
+       NumberKey{at(&P::motion, &P::Motion::vacuum_kpa), 0, 101}, Written::UnlessDefault},
       {"motion", "push_kpa", false,
        "sideways push on the layer just exposed, over its area, in any direction; 0 where a film is peeled; printed "
        "from above with a blade or a dip: 0.5, assumed",

@@ -58,5 +58,39 @@ TEST(Overhang, KeepsToAStatedLengthThatGrowsWithWhatItIsAttachedTo) {
   EXPECT_NEAR(stated.self_support_reach_mm(1e6), 1, 1e-12);
 }
 
+TEST(PullOfFilm, GrowsWithTheSpeedWithWhichTheLayerComesOff) {
+  MachineProfile m;
+  m.motion.lift_speed_mm_per_s = 4;
+  EXPECT_DOUBLE_EQ(m.pull_share_of_layer(9, 1), 1) << "no speed is stated";
+  m.motion.pull_speed_mm_per_s = 1;
+  m.motion.pull_speed_power = 0.5;
+  EXPECT_DOUBLE_EQ(m.pull_share_of_layer(9, 1), 2);
+  m.motion.peel_mm = 2;
+  m.motion.peel_speed_mm_per_s = 0.25;
+  EXPECT_DOUBLE_EQ(m.pull_share_of_layer(9, 1), 0.5) << "it comes off in the slow part";
+  m.motion.large_area_mm2 = 100;
+  m.motion.large.peel_speed_mm_per_s = 0.0625;
+  EXPECT_DOUBLE_EQ(m.pull_share_of_layer(9, 101), 0.25);
+  EXPECT_DOUBLE_EQ(m.pull_share_of_layer(9, 100), 0.5);
+  m.motion.tilt_s = 3;
+  EXPECT_DOUBLE_EQ(m.pull_share_of_layer(9, 101), 1) << "the vat tips, whatever the lift does";
+}
+
+TEST(PullOfFilm, OfAHollowIsNoMoreThanTheAirCanPressUnlessStated) {
+  MachineProfile m;
+  EXPECT_DOUBLE_EQ(m.vacuum_of_hollow_kpa(), 50);
+  m.motion.pull_kpa = 60;
+  EXPECT_DOUBLE_EQ(m.vacuum_of_hollow_kpa(), 101);
+  m.motion.vacuum_kpa = 8;
+  EXPECT_DOUBLE_EQ(m.vacuum_of_hollow_kpa(), 8);
+}
+
+TEST(PullOfFilm, IsManyTimesALayersWeight) {
+  MachineProfile m;
+  m.layers.thickness_mm = 0.1;
+  m.resin.density_g_per_ml = 1 / 1.07;
+  EXPECT_NEAR(m.weight_share(), 0.981 / 20'000, 1e-12);
+}
+
 }  // namespace
 }  // namespace telefab

@@ -79,6 +79,7 @@ struct MachineProfile {
     double calibration_correlation = 0;  ///< [-1, 1]; of the errors of Dp and ln Ec: one fit found both
     double vat_ml = 0;                   ///< resin that the vat holds; 0: not stated
     double green_strength_mpa = 0;       ///< of printed resin before it is washed and cured; 0: not stated
+    double green_modulus_mpa = 0;        ///< in bending, likewise; 0: not stated
     std::string maker;
     double viscosity_mpa_s = 0;   ///< at 25 degrees; 0: not stated
     double density_g_per_ml = 0;  ///< of the liquid; 0: not stated
@@ -146,6 +147,10 @@ struct MachineProfile {
     double lower_speed_mm_per_s = 3.0;
     double settle_s = 0.5;               ///< resin comes to rest, lowered and before the light
     double pull_kpa = 0;                 ///< of the film on the layer just exposed, over its area; 0: not stated
+    double pull_size_mm = 0;             ///< area over perimeter of a layer on which the pull is doubled; 0: it is not
+    double pull_speed_mm_per_s = 0;      ///< at which the film comes off with that pull; 0: at any
+    double pull_speed_power = 0;         ///< the pull grows with the speed to this power
+    double vacuum_kpa = 0;               ///< in a hollow that the film closes, when it is lifted; 0: not stated
     double push_kpa = 0;                 ///< sideways, any direction: of a blade, a dip, a tilt
     double peel_mm = 0;                  ///< first part of the lift, in which the film comes off; 0: none
     double peel_speed_mm_per_s = 0;      ///< of that part; stated where there is one
@@ -187,6 +192,14 @@ struct MachineProfile {
 
   /// As stated, or assumed: 20 kPa.
   [[nodiscard]] double pull_of_film_kpa() const;
+  /// Under the opening of a hollow that the film closes. As stated, or assumed: 2.5 times the pull.
+  [[nodiscard]] double vacuum_of_hollow_kpa() const;
+  /// Pull on a layer that lights so much, over the pull as stated: by the speed with which it comes off the film.
+  [[nodiscard]] double pull_share_of_layer(std::uint32_t print_layer, double lit_mm2) const;
+  /// Weight of a layer of the part over the pull of the film on as much area.
+  [[nodiscard]] double weight_share() const;
+  /// In bending; as stated, or assumed: 160 MPa.
+  [[nodiscard]] double modulus_of_green_mpa() const;
   /// Stress over pull that this resin bears on this machine: strength of a fresh tip / (safety * pull). What a plan may
   /// ask for at most. A strength that is not stated is assumed: 10 MPa.
   [[nodiscard]] double carried_demand() const;
