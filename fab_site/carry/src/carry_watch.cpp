@@ -33,7 +33,7 @@ struct Found {
 
 /// What is known so far: floors below which nothing is of interest.
 struct Worst {
-  Ratio cut{1, 1};
+  Ratio cut{kPullUnits, 1};
   std::array<double, 3> large{};  ///< by check
   double small = 0;
 };
@@ -89,12 +89,12 @@ struct Judge {
   }
 
   void look_at(const Moment& moment, const Hanging& hanging) {
-    Pull pull{static_cast<double>(hanging.pulled) * path.pixel_mm2(), {}, options.sideways_share};
-    for (const std::uint32_t load : hanging.loads) {
-      const Piece& piece = path.pieces()[moment.loads[load].piece];
-      const double share = static_cast<double>(piece.pulled) / static_cast<double>(hanging.pulled);
-      pull.middle.x_mm += share * piece.middle.x_mm;
-      pull.middle.y_mm += share * piece.middle.y_mm;
+    Pull pull{path.pull_mm2(hanging.pulled), {}, options.sideways_share};
+    for (const std::uint32_t l : hanging.loads) {
+      const Moment::Load& load = moment.loads[l];
+      const double share = static_cast<double>(load.pulled) / static_cast<double>(hanging.pulled);
+      pull.middle.x_mm += share * load.at.x_mm;
+      pull.middle.y_mm += share * load.at.y_mm;
     }
     const auto parts = parts_of(moment, hanging);
     const CutStress stress = stress_of(parts, pull);
@@ -114,7 +114,7 @@ struct Judge {
     bool any = false;
     for (const double share : kShares) {
       const double demand = std::max(lowest, share * lever);
-      const auto hanging = flow.beyond({std::max<std::int64_t>(1, std::llround(demand * kFine)), kFine});
+      const auto hanging = flow.beyond({std::max<std::int64_t>(1, std::llround(demand * kFine)) * kPullUnits, kFine});
       for (const Hanging& h : hanging) look_at(moment, h);
       any = !hanging.empty();
       if (!any) break;
@@ -127,7 +127,7 @@ struct Judge {
       Ratio most = worst.cut;
       for (const Hanging& h : hanging) {
         look_at(moment, h);
-        if (is_large(static_cast<double>(h.pulled) * path.pixel_mm2())) {
+        if (is_large(path.pull_mm2(h.pulled))) {
           if (h.pulled * most.under > most.over * h.cut) most = h.ratio();
         } else {
           for (const std::uint32_t load : h.loads) flow.release(load);
@@ -183,19 +183,20 @@ struct CarryWatch::State {
 };
 
 CarryWatch::CarryWatch(const CarryOptions& options)
-    : state_{std::make_unique<State>(State{options, LoadPath{options.pitch_mm, options.thickness_mm}})} {}
+    : state_{std::make_unique<State>(State{options, LoadPath{options}})} {}
 CarryWatch::~CarryWatch() = default;
 CarryWatch::CarryWatch(CarryWatch&&) noexcept = default;
 CarryWatch& CarryWatch::operator=(CarryWatch&&) noexcept = default;
 
-Result<void> CarryWatch::add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light) {
+Result<void> CarryWatch::add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light,
+                             double pull_share) {
   LoadPath& path = state_->path;
   const PixelSize size = solid.size();
   if ((path.layers() > 0 && !(size == path.size())) || !(size == firm.size()))
     return fail(ErrorCode::InvalidInput, "judging loads: the layers differ in size");
   if (light && !(light->joined.size() == size && light->lit.size() == size))
     return fail(ErrorCode::InvalidInput, "judging loads: a layer and its light differ in size");
-  path.add(solid, firm, light);
+  path.add(solid, firm, light, pull_share);
   return {};
 }
 
@@ -219,8 +220,7 @@ Result<CarryReport> CarryWatch::finish(const std::stop_token& stop) {
     std::vector<Moment> moments;
     for (std::uint32_t i = 0; i < count; ++i) {
       moments.push_back(core.add());
-      report.afloat_mm2 =
-          std::max(report.afloat_mm2, static_cast<double>(moments.back().afloat_pixels) * path.pixel_mm2());
+      report.afloat_mm2 = std::max(report.afloat_mm2, path.pull_mm2(moments.back().afloat));
     }
     std::vector<Judge> judges(count, Judge{path, options, worst});
     tbb::parallel_for(std::uint32_t{0}, count, [&](std::uint32_t i) {
@@ -251,7 +251,7 @@ Result<CarryReport> CarryWatch::finish(const std::stop_token& stop) {
   }
   report.weak = worst_of_each(found, options, true);
   report.weak_small = worst_of_each(found, options, false);
-  state_ = std::make_unique<State>(State{options, LoadPath{options.pitch_mm, options.thickness_mm}});
+  state_ = std::make_unique<State>(State{options, LoadPath{options}});
   return report;
 }
 

@@ -71,7 +71,7 @@ LeastCut::LeastCut(const Moment& moment, const LoadPath& path) : moment_{moment}
   for (const CoreEdge& edge : moment.edges) links.emplace_back(edge.a, edge.b);
   for (const Moment::Load& load : moment.loads) {
     links.emplace_back(source, load.node);
-    pulled_.push_back(path.pieces()[load.piece].pulled);
+    pulled_.push_back(load.pulled);
   }
   network_ = std::make_unique<Network>(links, source + 1);
 }

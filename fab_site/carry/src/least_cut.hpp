@@ -6,16 +6,16 @@
 
 namespace telefab::fab {
 
-/// A demand as a ratio of whole numbers, so that flows are exact.
+/// A demand as a ratio of whole numbers, kPullUnits of pull over pixels of section, so that flows are exact.
 struct Ratio {
   std::int64_t over = 1, under = 1;
-  [[nodiscard]] double value() const { return static_cast<double>(over) / static_cast<double>(under); }
+  [[nodiscard]] double value() const { return static_cast<double>(over) / static_cast<double>(kPullUnits * under); }
 };
 
 /// Pieces that together hang on less than a demand allows: what they are pulled with is more than the demand times the
 /// area of the sections that leave them.
 struct Hanging {
-  std::int64_t pulled = 0;  ///< pixels
+  std::int64_t pulled = 0;  ///< kPullUnits of a pixel
   std::int64_t cut = 0;     ///< pixels of the sections that leave it
   std::vector<std::uint32_t> nodes;
   std::vector<std::uint32_t> loads;  ///< of the moment, by index

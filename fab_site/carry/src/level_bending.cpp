@@ -13,7 +13,7 @@ constexpr std::uint32_t kNone = ~std::uint32_t{0};
 
 /// Pieces that hang together in the layers from some level to the moment's.
 struct Group {
-  double area = 0, x = 0, y = 0;  ///< pulled area and its moments
+  double area = 0, x = 0, y = 0;  ///< pulled area, with what weighs as much, and its moments
   double best = 0;                ///< stress of the worst level so far
   std::uint32_t section = kNone;
   Pull pull;  ///< at it
@@ -41,8 +41,9 @@ class Descent {
       const Piece& piece = path.pieces()[p];
       if (piece.pulled == 0) continue;
       label_[p - first] = static_cast<std::uint32_t>(groups_.size());
-      const double area = static_cast<double>(piece.pulled) * path.pixel_mm2();
-      groups_.push_back({area, area * piece.middle.x_mm, area * piece.middle.y_mm, 0, kNone, {}});
+      const double area = path.pull_mm2(piece.pulled);
+      groups_.push_back({area, area * piece.pulled_at.x_mm, area * piece.pulled_at.y_mm, 0, kNone, {}});
+      hang(groups_.back(), piece);
     }
     levels_.resize(groups_.size());
   }
@@ -60,6 +61,12 @@ class Descent {
  private:
   static std::size_t count_of(const LoadPath& path, std::uint32_t moment) {
     return path.first_piece(moment + 1) - path.first_piece(moment);
+  }
+
+  /// A piece's weight, as so much area is pulled.
+  void hang(Group& group, const Piece& piece) const {
+    const double area = path_.weight_of(piece) * path_.pixel_mm2() / kPullUnits;
+    group.area += area, group.x += area * piece.middle.x_mm, group.y += area * piece.middle.y_mm;
   }
 
   void gather(std::uint32_t level) {
@@ -129,10 +136,12 @@ class Descent {
       const std::uint32_t label = label_[section.upper - first];
       if (label == kNone) continue;
       std::uint32_t& lower = next[section.lower - below];
-      if (lower == kNone)
+      if (lower == kNone) {
         lower = sets_.root(label);
-      else
+        hang(groups_[lower], path_.pieces()[section.lower]);
+      } else {
         join(lower, label);
+      }
     }
     label_ = std::move(next);
   }

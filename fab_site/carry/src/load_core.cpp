@@ -2,6 +2,8 @@
 #include "load_core.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <utility>
 
 namespace telefab::fab {
 namespace {
@@ -18,7 +20,16 @@ CoreEdge from(CoreEdge edge, std::uint32_t node) {
 }  // namespace
 
 LoadCore::LoadCore(const LoadPath& path)
-    : path_{&path}, at_(path.pieces().size() + 1), number_(path.pieces().size() + 1, kNone) {}
+    : path_{&path},
+      at_(path.pieces().size() + 1),
+      weight_(path.pieces().size() + 1),
+      number_(path.pieces().size() + 1, kNone) {
+  for (std::uint32_t p = 0; p < path.pieces().size(); ++p) {
+    const Piece& piece = path.pieces()[p];
+    const double units = path.weight_of(piece);
+    if (node_of(p) != 0) weight_[node_of(p)] = {units, units * piece.middle.x_mm, units * piece.middle.y_mm};
+  }
+}
 
 std::vector<std::uint32_t>& LoadCore::edges_at(std::uint32_t node) {
   auto& edges = at_[node];
@@ -34,6 +45,13 @@ void LoadCore::link(const CoreEdge& edge) {
   if (edge.b != 0) at_[edge.b].push_back(number);  // nobody asks what stands on the platform
 }
 
+/// A node that is taken out leaves its weight to another.
+void LoadCore::hang(std::uint32_t node, std::uint32_t on) {
+  const Weight gone = std::exchange(weight_[node], {});
+  if (on == 0) return;
+  weight_[on].units += gone.units, weight_[on].x_mm += gone.x_mm, weight_[on].y_mm += gone.y_mm;
+}
+
 /// Takes out nodes that more layers cannot reach: ends in the resin, and those between two edges.
 void LoadCore::shorten(std::uint32_t node, std::uint32_t top_first) {
   while (node != 0 && node < top_first) {
@@ -44,6 +62,7 @@ void LoadCore::shorten(std::uint32_t node, std::uint32_t top_first) {
     if (edges.size() == 1) {
       is_gone_[first] = 1;
       at_[node].clear();
+      hang(node, one.b);
       node = one.b;
       continue;
     }
@@ -51,12 +70,13 @@ void LoadCore::shorten(std::uint32_t node, std::uint32_t top_first) {
     const CoreEdge two = from(edges_[second], node);
     is_gone_[first] = is_gone_[second] = 1;
     at_[node].clear();
+    const auto sections = path_->sections();
+    const bool is_first = sections[one.section].pixels <= sections[two.section].pixels;
+    hang(node, is_first ? two.b : one.b);
     if (one.b == two.b) {
       node = one.b;
       continue;
     }
-    const auto sections = path_->sections();
-    const bool is_first = sections[one.section].pixels <= sections[two.section].pixels;
     CoreEdge both{one.b, two.b, is_first ? one.section : two.section, one.softness + two.softness};
     if (both.a == 0) both = from(both, both.b);
     link(both);
@@ -84,14 +104,14 @@ Moment LoadCore::moment(std::uint32_t layer) {
   for (std::uint32_t p = path_->first_piece(layer); p < path_->first_piece(layer + 1); ++p) {
     if (path_->pieces()[p].pulled == 0) continue;
     if (!path_->stands(p)) {
-      out.afloat_pixels += path_->pieces()[p].pulled;
+      out.afloat += path_->pieces()[p].pulled;
       continue;
     }
     const std::uint32_t node = node_of(p);
     number_[node] = static_cast<std::uint32_t>(out.pieces.size());
     out.pieces.push_back(p);
     reached.push_back(node);
-    out.loads.push_back({number_[node], p});
+    out.loads.push_back({number_[node], path_->pieces()[p].pulled, path_->pieces()[p].pulled_at});
   }
   for (std::size_t i = 0; i < reached.size(); ++i) {
     const std::uint32_t node = reached[i];
@@ -110,7 +130,12 @@ Moment LoadCore::moment(std::uint32_t layer) {
       out.edges.push_back(edge);
     }
   }
-  for (const std::uint32_t node : reached) number_[node] = kNone;
+  for (const std::uint32_t node : reached) {
+    const Weight& w = weight_[node];
+    if (const std::int64_t units = std::llround(w.units); units > 0)
+      out.loads.push_back({number_[node], units, {w.x_mm / w.units, w.y_mm / w.units}});
+    number_[node] = kNone;
+  }
   return out;
 }
 

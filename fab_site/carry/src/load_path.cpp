@@ -97,9 +97,58 @@ std::vector<Sums> sums_of(const LayerRuns& layer, std::span<const std::uint32_t>
   return sums;
 }
 
+/// What pulls on a part of a layer, as so many pixels of it would, and the sum of its places.
+struct Pulled {
+  double pixels = 0, x = 0, y = 0;
+  void add(double more, double at_x, double at_y) { pixels += more, x += more * at_x, y += more * at_y; }
+};
+
+/// Of each part, in pixels. Level and upright edges of pixels alone are counted, and taken to run in all directions
+/// alike: right for discs, a fifth too short for squares along the axes, so that the pull errs upwards.
+std::vector<double> perimeters_of(const LayerRuns& solid, std::span<const std::uint32_t> part_of, std::size_t parts) {
+  std::vector<double> edges(parts);
+  for (std::uint32_t y = 0; y < solid.size().height_px; ++y) {
+    const auto row = solid.row(y);
+    const std::uint32_t start = solid.row_start(y);
+    for (std::uint32_t r = 0; r < row.size(); ++r) edges[part_of[start + r]] += 2 + 2 * row[r].width();
+    if (y == 0) continue;
+    const auto below = solid.row(y - 1);
+    for (std::uint32_t i = 0, j = 0; i < row.size() && j < below.size();) {
+      const std::int32_t shared = std::min(row[i].behind, below[j].behind) - std::max(row[i].first, below[j].first);
+      if (shared > 0) edges[part_of[start + i]] -= 2 * shared;
+      row[i].behind < below[j].behind ? ++i : ++j;
+    }
+  }
+  for (double& e : edges) e *= std::numbers::pi / 4;
+  return edges;
+}
+
+/// Adds the vacuum of hollows that open in the layer to the parts around them. One layer's dimple is none.
+void add_vacuum(const HollowWatch& hollows, std::uint32_t layer, double share, const LayerRuns& solid,
+                std::span<const std::uint32_t> part_of, std::vector<Pulled>& pulled) {
+  const LayerRuns& empty = hollows.empty();
+  for (const HollowWatch::Opening& opening : hollows.openings()) {
+    if (opening.since == layer) continue;
+    // The rows of runs: they rise with the runs.
+    std::uint32_t y = 0;
+    std::optional<std::uint32_t> part;
+    for (const std::uint32_t r : opening.runs) {
+      while (y + 1 < empty.size().height_px && r >= empty.row_start(y + 1)) ++y;
+      const PixelRun& gap = empty.run(r);
+      if (!part) {
+        const auto row = solid.row(y);
+        const auto left =
+            std::find_if(row.begin(), row.end(), [&](const PixelRun& s) { return s.behind == gap.first; });
+        part = part_of[solid.row_start(y) + static_cast<std::uint32_t>(left - row.begin())];
+      }
+      pulled[*part].add(share * gap.width(), (gap.first + gap.behind) / 2.0, y + 0.5);
+    }
+  }
+}
+
 }  // namespace
 
-void LoadPath::add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light) {
+void LoadPath::add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light, double pull_share) {
   const auto index = static_cast<std::uint32_t>(first_piece_.size());
   first_piece_.push_back(static_cast<std::uint32_t>(pieces_.size()));
   first_section_.push_back(static_cast<std::uint32_t>(sections_.size()));
@@ -120,6 +169,21 @@ void LoadPath::add(const LayerRuns& solid, const LayerRuns& firm, const LayerLig
       const PixelRun &a = solid.run(here), &b = light->lit.run(there);
       lit[piece_of_run[here]] += std::min(a.behind, b.behind) - std::max(a.first, b.first);
     });
+  std::vector<Pulled> pulled(all.size());
+  const auto perimeter =
+      options_.doubled_at_mm > 0 ? perimeters_of(solid, piece_of_run, all.size()) : std::vector<double>{};
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if (all[i].count == 0 || (light && lit[i] < kLeastIslandPixels)) continue;
+    const auto n = static_cast<double>(all[i].count);
+    const double by_size = perimeter.empty() ? 1 : 1 + n / perimeter[i] * options_.pitch_mm / options_.doubled_at_mm;
+    const Sums& sums = strong[i].count > 0 ? strong[i] : all[i];
+    const auto of = static_cast<double>(sums.count);
+    pulled[i].add(n * by_size, sums.x / of, sums.y / of);
+  }
+  if (options_.vacuum_share > 0) {
+    hollows_.add(solid);
+    add_vacuum(hollows_, index, options_.vacuum_share, solid, piece_of_run, pulled);
+  }
   // Of what only joins others there may be nothing solid.
   std::vector<std::uint32_t> piece_of_part(all.size());
   for (std::size_t i = 0; i < all.size(); ++i) {
@@ -127,9 +191,12 @@ void LoadPath::add(const LayerRuns& solid, const LayerRuns& firm, const LayerLig
     piece_of_part[i] = static_cast<std::uint32_t>(pieces_.size());
     const Sums& sums = strong[i].count > 0 ? strong[i] : all[i];
     const auto n = static_cast<double>(sums.count);
-    const bool is_pulled = !light || lit[i] >= kLeastIslandPixels;
-    pieces_.push_back(
-        {index, sums.count, is_pulled ? sums.count : 0, {sums.x / n * pitch_mm_, sums.y / n * pitch_mm_}});
+    Piece piece{index, sums.count, 0, {}, {sums.x / n * options_.pitch_mm, sums.y / n * options_.pitch_mm}};
+    if (const Pulled& p = pulled[i]; p.pixels > 0) {
+      piece.pulled = std::llround(p.pixels * pull_share * kPullUnits);
+      piece.pulled_at = {p.x / p.pixels * options_.pitch_mm, p.y / p.pixels * options_.pitch_mm};
+    }
+    pieces_.push_back(piece);
   }
   for (auto* runs : {&piece_of_run, &piece_of_firm})
     for (std::uint32_t& part : *runs) part = piece_of_part[part];
@@ -141,7 +208,7 @@ void LoadPath::add(const LayerRuns& solid, const LayerRuns& firm, const LayerLig
     for (const auto& [key, met] : meetings_of(solid, piece_of_run, below_, piece_below_)) {
       const auto at = firm_ones.find(key);
       sections_.push_back(section_of(at == firm_ones.end() ? met : at->second, static_cast<std::uint32_t>(key >> 32U),
-                                     static_cast<std::uint32_t>(key), pitch_mm_));
+                                     static_cast<std::uint32_t>(key), options_.pitch_mm));
     }
   }
   below_ = solid, firm_below_ = firm;
@@ -171,13 +238,13 @@ void LoadPath::close() {
       joined.join(section.upper, section.lower);
       if (section.pixels <= widest[section.upper - from]) continue;
       widest[section.upper - from] = section.pixels;
-      steps_[section.upper] = {section.lower, thickness_mm_ / section.area_mm2};
+      steps_[section.upper] = {section.lower, options_.thickness_mm / section.area_mm2};
     }
     for (std::uint32_t p = from; p < to; ++p) {
       stands_[p] = joined.root(p) == joined.root(ground);
       // What hangs from above: as if a column of its own area stood below it.
       if (k > 0 && steps_[p].next == kPlatform)
-        steps_[p].softness = k * thickness_mm_ / (static_cast<double>(pieces_[p].pixels) * pixel_mm2());
+        steps_[p].softness = k * options_.thickness_mm / (static_cast<double>(pieces_[p].pixels) * pixel_mm2());
     }
   }
 }

@@ -4,7 +4,8 @@
 #include <cstdint>
 #include <optional>
 #include <span>
-#include <telefab/fab/verify/support_check.hpp>
+#include <telefab/fab/carry/carry_watch.hpp>
+#include <telefab/fab/verify/hollow_watch.hpp>
 #include <vector>
 
 namespace telefab::fab {
@@ -13,9 +14,13 @@ namespace telefab::fab {
 struct Piece {
   std::uint32_t layer = 0;
   std::int64_t pixels = 0;
-  std::int64_t pulled = 0;  ///< of them, when the layer has just been exposed
+  std::int64_t pulled = 0;  ///< when the layer has just been exposed, in kPullUnits of a pixel
+  Point2 pulled_at;         ///< mm; the middle of that
   Point2 middle;            ///< mm
 };
+
+/// Pull is counted in whole parts of that on a pixel, so that flows are exact.
+constexpr std::int64_t kPullUnits = 64;
 
 /// Where two pieces of consecutive layers meet.
 struct Section {
@@ -34,9 +39,10 @@ struct Section {
 /// Pieces and sections of a print, from the platform up.
 class LoadPath {
  public:
-  LoadPath(double pitch_mm, double thickness_mm) : pitch_mm_{pitch_mm}, thickness_mm_{thickness_mm} {}
-  /// Bodies are of all solid pixels; areas and middles of the firm ones, where there are any.
-  void add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light);
+  explicit LoadPath(const CarryOptions& options) : options_{options} {}
+  /// Bodies are of all solid pixels; areas and middles of the firm ones, where there are any. What is pulled is so
+  /// `pull_share` times as hard as areas alone say.
+  void add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light, double pull_share);
   /// Once all layers are in; finds the ways down.
   void close();
 
@@ -49,8 +55,16 @@ class LoadPath {
   [[nodiscard]] std::uint32_t first_section(std::uint32_t layer) const;
   /// True for a piece that layers up to its own join to the platform.
   [[nodiscard]] bool stands(std::uint32_t piece) const { return stands_[piece] != 0; }
-  [[nodiscard]] double pixel_mm2() const { return pitch_mm_ * pitch_mm_; }
-  [[nodiscard]] double thickness_mm() const { return thickness_mm_; }
+  [[nodiscard]] double pixel_mm2() const { return options_.pitch_mm * options_.pitch_mm; }
+  /// As so much area is pulled.
+  [[nodiscard]] double pull_mm2(std::int64_t units) const {
+    return static_cast<double>(units) * (pixel_mm2() / kPullUnits);
+  }
+  /// Weight of a piece, in units of pull.
+  [[nodiscard]] double weight_of(const Piece& piece) const {
+    return options_.weight_share * kPullUnits * static_cast<double>(piece.pixels);
+  }
+  [[nodiscard]] double thickness_mm() const { return options_.thickness_mm; }
   static constexpr std::uint32_t kPlatform = ~std::uint32_t{0};
   /// The way down from a piece: through its widest section.
   struct Step {
@@ -60,8 +74,8 @@ class LoadPath {
   [[nodiscard]] const Step& step_down(std::uint32_t piece) const { return steps_[piece]; }
 
  private:
-  double pitch_mm_;
-  double thickness_mm_;
+  CarryOptions options_;
+  HollowWatch hollows_{1};
   LayerRuns below_, firm_below_;
   std::vector<std::uint32_t> piece_below_, firm_piece_below_;  ///< by run of them
   std::vector<Piece> pieces_;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <telefab/test/blocks.hpp>
 
 namespace telefab::fab {
@@ -132,6 +133,60 @@ TEST(CarryWatch, WhatHangsOnAnArchIsHeldByItsNarrowestPlace) {
   const CarryReport report = judged(blocks);
   EXPECT_NEAR(report.cut->demand, 48.0 / 16, 1e-9);
   EXPECT_EQ(report.afloat_mm2, 0);
+}
+
+TEST(CarryWatch, WhatHangsOnASectionHangsByItsWeightToo) {
+  CarryOptions options{.weight_share = 0.01};
+  const CarryReport report = judged({{9.5, 9.5, 10.5, 10.5, 0, 4}, {5, 5, 15, 15, 4, 8}}, options);
+  // 100 mm2 are pulled, and four layers of them weigh a hundredth each.
+  EXPECT_NEAR(report.cut->demand, 104, 0.05);
+  EXPECT_NEAR(report.bending->demand, 104, 0.05);
+}
+
+TEST(CarryWatch, WhatLiesTowardsThePlatformHangsOnNothingFartherAway) {
+  CarryOptions options{.weight_share = 0.05, .least_held_mm2 = 1};
+  const CarryReport report =
+      judged({{5, 5, 15, 15, 0, 10}, {9.5, 9.5, 10.5, 10.5, 10, 12}, {8.5, 8.5, 11.5, 11.5, 12, 14}}, options);
+  // On the neck a head of 9 mm2 and two layers; the block below it would be 50.
+  EXPECT_NEAR(report.cut->demand, 9 * 1.1, 0.11);
+  EXPECT_NEAR(report.bending->demand, 9 * 1.1, 0.11);
+}
+
+/// A cup that opens away from the platform, 10 mm wide, its hollow 8, on a post of 4 mm2.
+std::vector<Block> cup(double slot_mm) {
+  return {{9, 9, 11, 11, 0, 3}, {5, 5, 15, 15, 3, 5}, {5, 5, 6, 15, 5, 9}, {14, 5 + slot_mm, 15, 15, 5, 9},
+          {5, 5, 14, 6, 5, 9},  {5, 14, 15, 15, 5, 9}};
+}
+
+TEST(CarryWatch, AHollowThatTheFilmClosesPullsOnWhatIsAroundIt) {
+  CarryOptions options{.vacuum_share = 2.5};
+  const CarryReport closed = judged(cup(0), options);
+  EXPECT_NEAR(closed.cut->demand, (36 + 2.5 * 64) / 4, 1e-6);
+  EXPECT_GE(closed.cut->moment.count(), 6U) << "one layer's dimple holds no vacuum";
+  EXPECT_NEAR(judged(cup(2), options).cut->demand, 100.0 / 4, 1e-6) << "with a slot in its wall";
+}
+
+TEST(CarryWatch, AHollowStandsOnThePlatformAsInACup) {
+  CarryOptions options{.vacuum_share = 2.5};
+  const std::vector<Block> tube{{5, 5, 6, 15, 0, 9}, {14, 5, 15, 15, 0, 9}, {5, 5, 15, 6, 0, 9}, {5, 14, 15, 15, 0, 9}};
+  EXPECT_NEAR(judged(tube, options).cut->demand, (36 + 2.5 * 64) / 36, 1e-6);
+}
+
+TEST(CarryWatch, ALargePieceIsPulledHarderWhereThePullGrowsWithSize) {
+  const std::vector<Block> plate{{9, 9, 11, 11, 0, 3}, {5, 5, 15, 15, 3, 5}};
+  // Area over perimeter of a square of 10 mm, its perimeter taken as of a disc.
+  CarryOptions options{.doubled_at_mm = 100 / (40 * std::numbers::pi / 4)};
+  EXPECT_NEAR(judged(plate, options).cut->demand, 2 * 100.0 / 4, 0.01);
+}
+
+TEST(CarryWatch, ALayerThatComesOffFasterIsPulledHarder) {
+  const auto runs = test::runs_of({{9, 9, 11, 11, 0, 3}, {5, 5, 15, 15, 3, 5}});
+  CarryWatch watch{{.pitch_mm = test::kBlockPitch, .thickness_mm = 0.5}};
+  for (const LayerRuns& layer : runs) ASSERT_TRUE(watch.add(layer, layer, nullptr, &layer == &runs.back() ? 1.5 : 1));
+  const auto report = watch.finish({});
+  ASSERT_TRUE(report);
+  EXPECT_NEAR(report->cut->demand, 1.5 * 100 / 4, 1e-6);
+  EXPECT_EQ(report->cut->moment.count(), 4U);
 }
 
 TEST(CarryWatch, WhatHoldsLessThanTheLeastIsJudgedApart) {

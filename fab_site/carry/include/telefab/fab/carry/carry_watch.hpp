@@ -18,6 +18,9 @@ struct CarryOptions {
   double pitch_mm = 0;        ///< > 0; of a pixel
   double thickness_mm = 0;    ///< > 0; of a layer
   double sideways_share = 0;  ///< >= 0; force in the layer's plane, any direction, as share of the pull
+  double weight_share = 0;    ///< >= 0; weight of a layer over the pull on as much area
+  double vacuum_share = 0;    ///< >= 0; vacuum under the opening of a hollow that the film closes, over the pull
+  double doubled_at_mm = 0;   ///< >= 0; area over perimeter of a piece that is pulled twice as hard; 0: by area alone
   double limit = std::numeric_limits<double>::infinity();  ///< > 0; places with a larger demand are listed
   double least_held_mm2 = 10;                              ///< >= 0; what holds less is judged apart
 };
@@ -34,7 +37,7 @@ struct CarryPlace {
   LayerIndex layer;        ///< of the print: the upper of the two layers that meet in the section
   Point2 place;            ///< its middle
   double section_mm2 = 0;  ///< its area
-  double held_mm2 = 0;     ///< pulled area that hangs on the whole cut
+  double held_mm2 = 0;     ///< what hangs on the whole cut, as so much area is pulled
   Point2 pulled_at;        ///< the middle of that
   double demand = 0;       ///< stress over pull
   friend bool operator==(const CarryPlace&, const CarryPlace&) = default;
@@ -62,19 +65,22 @@ struct CarryReport {
 [[nodiscard]] LayerRuns firm_pixels(const MaskView& mask, const LayerRuns& solid);
 
 /// Watches the solid pixels of a print go by, bottom first, and judges whether they carry the pull on each layer just
-/// exposed. At moment k the layers 0 to k exist, every piece of layer k is pulled in proportion to its area, and layer
-/// 0 stands fast. Pieces are 8-connected, two of consecutive layers meet in the pixels that they share, and a piece is
-/// rigid in its plane. Areas are of firm pixels where there are any. Knows nothing of how the print was planned.
+/// exposed. At moment k the layers 0 to k exist, every piece of layer k is pulled in proportion to its area, a hollow
+/// that opens in it and is closed towards the platform pulls on the piece around it, all hang by their weight, and
+/// layer 0 stands fast. Pieces are 8-connected, two of consecutive layers meet in the pixels that they share, and a
+/// piece is rigid in its plane. Areas are of firm pixels where there are any. Knows nothing of how the print was
+/// planned.
 class CarryWatch {
  public:
   explicit CarryWatch(const CarryOptions& options);
   ~CarryWatch();
   CarryWatch(CarryWatch&&) noexcept;
   CarryWatch& operator=(CarryWatch&&) noexcept;
-  /// The next layer and, of its pixels, the firm ones; with `light` as MaskWatch takes it: what hangs together at the
-  /// layer's top is one piece, and a piece of which its own exposure begins to cure next to nothing is not pulled.
-  /// InvalidInput: another size than before.
-  [[nodiscard]] Result<void> add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light = nullptr);
+  /// The next layer and, of its pixels, the firm ones, pulled `pull_share` times as hard as others; with `light` as
+  /// MaskWatch takes it: what hangs together at the layer's top is one piece, and a piece of which its own exposure
+  /// begins to cure next to nothing is not pulled. InvalidInput: another size than before.
+  [[nodiscard]] Result<void> add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light = nullptr,
+                                 double pull_share = 1);
   /// After the last layer; in parallel on oneTBB's workers, the same on any number of them. Fails: Cancelled.
   [[nodiscard]] Result<CarryReport> finish(const std::stop_token& stop);
 
