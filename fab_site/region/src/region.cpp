@@ -212,6 +212,8 @@ Point2 to_mm(GridPoint point) {
   return {static_cast<double>(point.x) / kGridStepsPerMm, static_cast<double>(point.y) / kGridStepsPerMm};
 }
 
+double area_mm2(const GridRing& ring) { return ring_area(ring) / (kGridStepsPerMm * kGridStepsPerMm); }
+
 Result<Region> Region::from_contours(std::span<const Contour> contours) {
   std::vector<GridRing> rings;
   rings.reserve(contours.size());

@@ -26,7 +26,7 @@ void draw(const Region& region, Point2 origin, double cell, int columns, int row
                                     cell_at(p.x_mm, origin.x_mm, columns))] = 1;
     }
   ScanLines lines{origin.y_mm, cell / kLines, rows * kLines};
-  lines.add(region);
+  for (const GridRing& ring : region.rings()) lines.add(ring);
   lines.for_spans([&](int line, double from, double to) {
     const int c0 = cell_at(from, origin.x_mm, columns), c1 = cell_at(to, origin.x_mm, columns);
     std::fill_n(bits.begin() + (line / kLines) * columns + c0, c1 - c0 + 1, std::uint8_t{1});

@@ -301,6 +301,12 @@ Result<PullFigures> bear_pull(std::span<const Region> layers, std::vector<Anchor
   look.cell_mm = s.pin_radius_mm;
   look.site_pitch_mm = apart[0] / 2;
   look.least_mm2 = kLeastMm2 * std::min(1.0, s.tip_radius_mm * s.tip_radius_mm / (kLightTipMm * kLightTipMm));
+  look.weight_share = machine.weight_share();
+  look.vacuum_share = machine.vacuum_of_hollow_kpa() / machine.pull_of_film_kpa();
+  look.doubled_at_mm = machine.motion.pull_size_mm;
+  look.pull_share = [&](LayerIndex layer, double area_mm2) {
+    return machine.pull_share_of_layer(layer.count() + options.elevation_layers, area_mm2);
+  };
   look.stands = options.elevation_layers == 0;
   look.widest_at = [&](Point2 at, LayerIndex layer) -> std::optional<TipClass> {
     for (const TipClass tip : {TipClass::Heavy, TipClass::Light}) {

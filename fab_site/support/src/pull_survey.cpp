@@ -6,8 +6,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
+#include <numbers>
 #include <numeric>
 #include <telefab/base/disjoint_sets.hpp>
+#include <utility>
 
 #include "scan_lines.hpp"
 
@@ -43,10 +46,40 @@ class CellLayers {
     const int r = std::clamp(static_cast<int>((p.y_mm - origin_.y_mm) / cell_), 0, rows_ - 1);
     return r * columns_ + c;
   }
-  /// Cells of a layer, rising.
-  [[nodiscard]] std::vector<int> of(std::size_t layer) const {
+  /// Cells up to so many away, nearest rings first.
+  [[nodiscard]] std::vector<int> around(int cell, int reach) const {
+    std::vector<int> found;
+    const int row = cell / columns_, column = cell % columns_;
+    for (int ring = 0; ring <= reach; ++ring)
+      for (int dy = -ring; dy <= ring; ++dy)
+        for (int dx = -ring; dx <= ring; ++dx) {
+          if (std::max(std::abs(dx), std::abs(dy)) != ring) continue;
+          const int r = row + dy, c = column + dx;
+          if (r >= 0 && c >= 0 && c < columns_ && r < rows_) found.push_back(r * columns_ + c);
+        }
+    return found;
+  }
+  struct Cells {
+    std::vector<int> solid;     ///< rising
+    std::vector<int> enclosed;  ///< in holes of what is solid; rising
+  };
+  [[nodiscard]] Cells of(std::size_t layer) const {
+    Cells cells;
+    cells.solid = inside(layers_[layer].rings());
+    std::vector<GridRing> outer;
+    for (const GridRing& ring : layers_[layer].rings())
+      if (area_mm2(ring) > 0) outer.push_back(ring);
+    if (outer.size() == layers_[layer].rings().size()) return cells;
+    const std::vector<int> filled = inside(outer);
+    std::set_difference(filled.begin(), filled.end(), cells.solid.begin(), cells.solid.end(),
+                        std::back_inserter(cells.enclosed));
+    return cells;
+  }
+
+ private:
+  [[nodiscard]] std::vector<int> inside(std::span<const GridRing> rings) const {
     ScanLines lines{origin_.y_mm, cell_, rows_};
-    lines.add(layers_[layer]);
+    for (const GridRing& ring : rings) lines.add(ring);
     std::vector<int> cells;
     const auto column = [&](double x) { return static_cast<int>(std::ceil((x - origin_.x_mm) / cell_ - 0.5)); };
     lines.for_spans([&](int row, double from, double to) {
@@ -56,11 +89,51 @@ class CellLayers {
     return cells;
   }
 
- private:
   std::span<const Region> layers_;
   double cell_ = 1;
   Point2 origin_;
   int columns_ = 0, rows_ = 0;
+};
+
+/// Bodies of cells as layers are added: cells of one layer that touch by a side or a corner, and cells of the same
+/// place in consecutive layers, are one body.
+class CellBodies {
+ public:
+  static constexpr std::uint32_t kNone = ~std::uint32_t{0};
+  static constexpr std::uint32_t kGround = 0;  ///< a body of no cells; others may be joined to it
+
+  explicit CellBodies(const CellLayers& cells)
+      : cells_{cells}, body_at_(static_cast<std::size_t>(cells.cells()), kNone), last_at_(body_at_.size(), kNone) {}
+
+  /// Adds a layer; those of its cells that the layer below has not.
+  std::vector<int> add(std::uint32_t layer, const std::vector<int>& active) {
+    std::vector<int> fresh;
+    for (const int cell : active) {
+      const auto c = static_cast<std::size_t>(cell);
+      if (body_at_[c] == kNone || last_at_[c] + 1 != layer) {
+        body_at_[c] = sets_.add();
+        fresh.push_back(cell);
+      }
+      last_at_[c] = layer;
+    }
+    for (const int cell : fresh)
+      for (const int n : cells_.around(cell, 1))
+        if (has(n, layer)) sets_.join(body_at_[static_cast<std::size_t>(cell)], body_at_[static_cast<std::size_t>(n)]);
+    return fresh;
+  }
+  void join_to_ground(int cell) { sets_.join(body_at_[static_cast<std::size_t>(cell)], kGround); }
+  /// Whether that layer, the last one or the one before it, has the cell.
+  [[nodiscard]] bool has(int cell, std::uint32_t layer) const {
+    return last_at_[static_cast<std::size_t>(cell)] == layer;
+  }
+  [[nodiscard]] std::uint32_t body_at(int cell) const { return body_at_[static_cast<std::size_t>(cell)]; }
+  [[nodiscard]] std::uint32_t root(std::uint32_t body) { return sets_.root(body); }
+  [[nodiscard]] std::size_t count() const { return sets_.size(); }
+
+ private:
+  const CellLayers& cells_;
+  DisjointSets sets_{1};
+  std::vector<std::uint32_t> body_at_, last_at_;  ///< by cell: the body there, and the last layer that has it
 };
 
 class Survey {
@@ -70,9 +143,7 @@ class Survey {
         anchors_{anchors},
         options_{options},
         cells_{layers, options.cell_mm},
-        stride_{std::max(1, static_cast<int>(std::lround(options.site_pitch_mm / cells_.cell_mm())))},
-        body_at_(static_cast<std::size_t>(cells_.cells()), kNone),
-        last_at_(body_at_.size(), kNone) {}
+        stride_{std::max(1, static_cast<int>(std::lround(options.site_pitch_mm / cells_.cell_mm())))} {}
 
   Result<PullSurvey> run(const std::stop_token& stop) {
     std::vector<std::uint32_t> order(anchors_.size());
@@ -80,7 +151,7 @@ class Survey {
     std::stable_sort(order.begin(), order.end(),
                      [&](std::uint32_t a, std::uint32_t b) { return anchors_[a].layer < anchors_[b].layer; });
     auto next = order.begin();
-    std::vector<std::vector<int>> block(kBlock);
+    std::vector<CellLayers::Cells> block(kBlock);
     const std::size_t step = std::max<std::size_t>(1, layers_.size() / kMoments);
     for (std::size_t k = 0; k < layers_.size(); ++k) {
       if (k % kBlock == 0) {
@@ -89,43 +160,54 @@ class Survey {
                           [&](std::size_t i) { block[i] = cells_.of(k + i); });
       }
       const auto layer = static_cast<std::uint32_t>(k);
-      const std::vector<int>& active = block[k % kBlock];
-      grow(layer, active);
+      const CellLayers::Cells& cells = block[k % kBlock];
+      follow_hollows(layer, cells.enclosed);
+      grow(layer, cells.solid);
       for (; next != order.end() && anchors_[*next].layer.count() == k; ++next)
         if (const std::uint32_t body = body_near(anchors_[*next].place, layer); body != kNone)
           held_.push_back({*next, body});
-      if (k % step == 0 || k + 1 == layers_.size()) note(active);
+      if (k % step == 0 || k + 1 == layers_.size()) note(layer, cells);
     }
     return std::move(out_);
   }
 
  private:
-  static constexpr std::uint32_t kNone = ~std::uint32_t{0};
-  static constexpr std::uint32_t kGround = 0;
+  static constexpr std::uint32_t kNone = CellBodies::kNone;
   static constexpr std::size_t kBlock = 64;
 
   struct Held {
     std::uint32_t anchor = 0;
     std::uint32_t body = 0;
   };
+  /// As so much area is pulled, and times it its place.
+  struct Load {
+    double mm2 = 0, x = 0, y = 0;
+    void add(double more_mm2, Point2 at) { mm2 += more_mm2, x += more_mm2 * at.x_mm, y += more_mm2 * at.y_mm; }
+    void add(const Load& other) { mm2 += other.mm2, x += other.x, y += other.y; }
+  };
+
+  [[nodiscard]] double cell_mm2() const { return cells_.cell_mm() * cells_.cell_mm(); }
 
   void grow(std::uint32_t layer, const std::vector<int>& active) {
-    std::vector<int> fresh;
-    for (const int cell : active) {
-      const auto c = static_cast<std::size_t>(cell);
-      if (body_at_[c] == kNone || last_at_[c] + 1 != layer) {
-        body_at_[c] = bodies_.add();
-        fresh.push_back(cell);
-        if (layer == 0 && options_.stands) bodies_.join(body_at_[c], kGround);
-      }
-      last_at_[c] = layer;
-    }
-    for (const int cell : fresh) {
-      for (const int n : around(cell, 1))
-        if (last_at_[static_cast<std::size_t>(n)] == layer)
-          bodies_.join(body_at_[static_cast<std::size_t>(cell)], body_at_[static_cast<std::size_t>(n)]);
+    for (const int cell : part_.add(layer, active)) {
+      if (layer == 0 && options_.stands) part_.join_to_ground(cell);
       consider(cell, layer);
     }
+    weight_.resize(part_.count());
+    if (options_.weight_share == 0) return;
+    for (const int cell : active) {
+      Load& load = weight_[part_.body_at(cell)];
+      if (load.mm2 == 0) weighing_.push_back(part_.body_at(cell));
+      load.add(options_.weight_share * cell_mm2(), cells_.middle(cell));
+    }
+  }
+
+  /// A hollow is open where the layer below has neither it nor the part, and the platform closes the first layer.
+  void follow_hollows(std::uint32_t layer, const std::vector<int>& enclosed) {
+    if (options_.vacuum_share == 0) return;
+    fresh_hollow_ = hollows_.add(layer, enclosed);
+    for (const int cell : fresh_hollow_)
+      if (layer == 0 ? !options_.stands : !part_.has(cell, layer - 1)) hollows_.join_to_ground(cell);
   }
 
   void consider(int cell, std::uint32_t layer) {
@@ -136,60 +218,88 @@ class Survey {
     const auto widest = options_.widest_at(at, LayerIndex{layer});
     if (!widest) return;
     out_.sites.push_back({at, LayerIndex{layer}, *widest});
-    body_of_site_.push_back(body_at_[static_cast<std::size_t>(cell)]);
-  }
-
-  /// Cells up to so many away, nearest rings first.
-  [[nodiscard]] std::vector<int> around(int cell, int reach) const {
-    std::vector<int> found;
-    const int row = cell / cells_.columns(), column = cell % cells_.columns();
-    for (int ring = 0; ring <= reach; ++ring)
-      for (int dy = -ring; dy <= ring; ++dy)
-        for (int dx = -ring; dx <= ring; ++dx) {
-          if (std::max(std::abs(dx), std::abs(dy)) != ring) continue;
-          const int r = row + dy, c = column + dx;
-          if (r >= 0 && c >= 0 && c < cells_.columns() && r < cells_.cells() / cells_.columns())
-            found.push_back(r * cells_.columns() + c);
-        }
-    return found;
+    body_of_site_.push_back(part_.body_at(cell));
   }
 
   [[nodiscard]] std::uint32_t body_near(Point2 at, std::uint32_t layer) const {
-    for (const int n : around(cells_.cell_at(at), 2))
-      if (last_at_[static_cast<std::size_t>(n)] == layer) return body_at_[static_cast<std::size_t>(n)];
+    for (const int n : cells_.around(cells_.cell_at(at), 2))
+      if (part_.has(n, layer)) return part_.body_at(n);
     return kNone;
   }
 
-  void note(const std::vector<int>& active) {
-    slot_.resize(bodies_.size(), kNone);
-    std::vector<std::uint32_t> roots;
-    const double cell_mm2 = cells_.cell_mm() * cells_.cell_mm();
-    std::vector<PullSurvey::Moment> now;
-    for (const int cell : active) {
-      const std::uint32_t body = bodies_.root(body_at_[static_cast<std::size_t>(cell)]);
-      if (body == kGround) continue;
+  /// What each body's part of the layer is pulled with, in the order of their first cells.
+  struct Pulled {
+    std::uint32_t body = 0;
+    Load area, vacuum;
+    double perimeter_mm = 0;
+  };
+  [[nodiscard]] std::vector<Pulled> pulled_in(std::uint32_t layer, const CellLayers::Cells& cells) {
+    std::vector<Pulled> all;
+    for (const int cell : cells.solid) {
+      const std::uint32_t body = part_.root(part_.body_at(cell));
+      if (body == CellBodies::kGround) continue;
       if (slot_[body] == kNone) {
-        slot_[body] = static_cast<std::uint32_t>(now.size());
-        now.emplace_back();
-        roots.push_back(body);
+        slot_[body] = static_cast<std::uint32_t>(all.size());
+        all.push_back({body, {}, {}, 0});
       }
-      PullSurvey::Moment& moment = now[slot_[body]];
-      const Point2 at = cells_.middle(cell);
-      moment.pulled_mm2 += cell_mm2;
-      moment.middle.x_mm += cell_mm2 * at.x_mm;
-      moment.middle.y_mm += cell_mm2 * at.y_mm;
+      Pulled& pulled = all[slot_[body]];
+      pulled.area.add(cell_mm2(), cells_.middle(cell));
+      if (options_.doubled_at_mm > 0)
+        for (const int n : {cell - 1, cell + 1, cell - cells_.columns(), cell + cells_.columns()})
+          pulled.perimeter_mm += part_.has(n, layer) ? 0 : cells_.cell_mm() * std::numbers::pi / 4;
+    }
+    // What is solid to the left of an opening is around it, or stands in it.
+    auto fresh = fresh_hollow_.begin();
+    for (const int cell : cells.enclosed) {
+      if (options_.vacuum_share == 0) break;
+      while (fresh != fresh_hollow_.end() && *fresh < cell) ++fresh;
+      const bool is_dimple = fresh != fresh_hollow_.end() && *fresh == cell;
+      if (is_dimple || hollows_.root(hollows_.body_at(cell)) == CellBodies::kGround) continue;
+      int wall = cell - 1;
+      while (wall % cells_.columns() != 0 && !part_.has(wall, layer)) --wall;
+      if (!part_.has(wall, layer)) continue;  // a wall thinner than a cell
+      if (const std::uint32_t s = slot_[part_.root(part_.body_at(wall))]; s != kNone)
+        all[s].vacuum.add(options_.vacuum_share * cell_mm2(), cells_.middle(cell));
+    }
+    return all;
+  }
+
+  /// Weights of bodies that have become one are added.
+  void join_weights() {
+    std::vector<std::uint32_t> roots;
+    for (const std::uint32_t body : weighing_) {
+      const std::uint32_t root = part_.root(body);
+      if (root != body) weight_[root].add(std::exchange(weight_[body], {}));
+      roots.push_back(root);
+    }
+    std::sort(roots.begin(), roots.end());
+    roots.erase(std::unique(roots.begin(), roots.end()), roots.end());
+    weighing_ = std::move(roots);
+  }
+
+  void note(std::uint32_t layer, const CellLayers::Cells& cells) {
+    slot_.resize(part_.count(), kNone);
+    join_weights();
+    const std::vector<Pulled> pulled = pulled_in(layer, cells);
+    const double layer_mm2 = cell_mm2() * static_cast<double>(cells.solid.size());
+    const double share = options_.pull_share ? options_.pull_share(LayerIndex{layer}, layer_mm2) : 1;
+    std::vector<PullSurvey::Moment> now(pulled.size());
+    for (std::size_t i = 0; i < pulled.size(); ++i) {
+      const Pulled& p = pulled[i];
+      const double by_size = options_.doubled_at_mm > 0 ? 1 + p.area.mm2 / p.perimeter_mm / options_.doubled_at_mm : 1;
+      Load load = weight_[p.body];
+      load.add({share * by_size * p.area.mm2, share * by_size * p.area.x, share * by_size * p.area.y});
+      load.add({share * p.vacuum.mm2, share * p.vacuum.x, share * p.vacuum.y});
+      now[i].pulled_mm2 = load.mm2;
+      now[i].middle = {load.x / load.mm2, load.y / load.mm2};
     }
     for (const Held& held : held_)
-      if (const std::uint32_t s = slot_[bodies_.root(held.body)]; s != kNone) now[s].anchors.push_back(held.anchor);
+      if (const std::uint32_t s = slot_[part_.root(held.body)]; s != kNone) now[s].anchors.push_back(held.anchor);
     for (std::uint32_t i = 0; i < out_.sites.size(); ++i)
-      if (const std::uint32_t s = slot_[bodies_.root(body_of_site_[i])]; s != kNone) now[s].sites.push_back(i);
-    for (const std::uint32_t body : roots) slot_[body] = kNone;
-    for (PullSurvey::Moment& moment : now) {
-      if (moment.pulled_mm2 < options_.least_mm2) continue;
-      moment.middle.x_mm /= moment.pulled_mm2;
-      moment.middle.y_mm /= moment.pulled_mm2;
-      out_.moments.push_back(std::move(moment));
-    }
+      if (const std::uint32_t s = slot_[part_.root(body_of_site_[i])]; s != kNone) now[s].sites.push_back(i);
+    for (const Pulled& p : pulled) slot_[p.body] = kNone;
+    for (PullSurvey::Moment& moment : now)
+      if (moment.pulled_mm2 >= options_.least_mm2) out_.moments.push_back(std::move(moment));
   }
 
   std::span<const Region> layers_;
@@ -197,11 +307,14 @@ class Survey {
   const PullSurveyOptions& options_;
   CellLayers cells_;
   int stride_;
-  DisjointSets bodies_{1};                        ///< the ground first
-  std::vector<std::uint32_t> body_at_, last_at_;  ///< by cell: the body there, and the last layer that has it
+  CellBodies part_{cells_};
+  CellBodies hollows_{cells_};  ///< open ones are joined to the ground
+  std::vector<int> fresh_hollow_;
   std::vector<Held> held_;
   std::vector<std::uint32_t> body_of_site_;
-  std::vector<std::uint32_t> slot_;  ///< by body; all none between layers
+  std::vector<Load> weight_;             ///< by body
+  std::vector<std::uint32_t> weighing_;  ///< bodies that may have one
+  std::vector<std::uint32_t> slot_;      ///< by body; all none between layers
   PullSurvey out_;
 };
 

@@ -16,9 +16,9 @@ struct PullSurvey {
     LayerIndex layer;
     TipClass widest = TipClass::Light;
   };
-  /// A body of the part that hangs together by then, and what of it is in the layer just exposed.
+  /// A body of the part that hangs together by then, and what pulls on it.
   struct Moment {
-    double pulled_mm2 = 0;
+    double pulled_mm2 = 0;  ///< as so much area is pulled
     Point2 middle;
     std::vector<std::uint32_t> anchors;  ///< that hold the body, by index
     std::vector<std::uint32_t> sites;    ///< that could, by index
@@ -31,7 +31,12 @@ struct PullSurveyOptions {
   double cell_mm = 0;        ///< > 0; cells of the model are no smaller
   double site_pitch_mm = 0;  ///< > 0; sites lie no nearer to each other
   double least_mm2 = 0;      ///< what is pulled less is left out
+  double weight_share = 0;   ///< >= 0; weight of a layer over the pull on as much area
+  double vacuum_share = 0;   ///< >= 0; vacuum under the opening of a closed hollow, over the pull
+  double doubled_at_mm = 0;  ///< >= 0; area over perimeter of what is pulled twice as hard; 0: by area alone
   bool stands = false;       ///< the first layer stands on the platform
+  /// Pull on a layer of that area, over the pull on others; none: 1.
+  std::function<double(LayerIndex, double area_mm2)> pull_share;
   /// The widest tip that can be put there, if any.
   std::function<std::optional<TipClass>(Point2, LayerIndex)> widest_at;
 };

@@ -29,13 +29,12 @@ class ScanLines {
     }
   }
 
-  /// All edges of a region, in millimetres.
-  void add(const Region& region) {
-    for (const GridRing& ring : region.rings())
-      for (std::size_t i = 0; i < ring.size(); ++i) {
-        const Point2 a = to_mm(ring[i]), b = to_mm(ring[i + 1 < ring.size() ? i + 1 : 0]);
-        add(a.x_mm, a.y_mm, b.x_mm, b.y_mm);
-      }
+  /// All edges of a ring, in millimetres.
+  void add(const GridRing& ring) {
+    for (std::size_t i = 0; i < ring.size(); ++i) {
+      const Point2 a = to_mm(ring[i]), b = to_mm(ring[i + 1 < ring.size() ? i + 1 : 0]);
+      add(a.x_mm, a.y_mm, b.x_mm, b.y_mm);
+    }
   }
 
   /// Calls `span(line, from_x, to_x)` for what the rings enclose by a winding number that is not zero, line by line,

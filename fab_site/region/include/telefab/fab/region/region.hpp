@@ -20,6 +20,8 @@ using GridRing = std::vector<GridPoint>;
 
 [[nodiscard]] GridPoint to_grid(Point2 point);
 [[nodiscard]] Point2 to_mm(GridPoint point);
+/// What a ring of at least one vertex encloses; below 0 where it turns clockwise, as holes do.
+[[nodiscard]] double area_mm2(const GridRing& ring);
 
 /// A flat set with holes, in any number of pieces, on the integer grid. Boolean operations are closed: whatever
 /// touches, crosses, repeats or is thin on the way in, what comes out is again a valid region.
