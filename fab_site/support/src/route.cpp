@@ -250,7 +250,7 @@ struct PinRouter::State {
 
   /// On the platform, below a pin of that height; where it ends.
   double add_foot(Point2 q, double pin_mm, double radius_mm) {
-    const double height = std::min(p_.base_thickness_mm + p_.foot_radius_mm, pin_mm);
+    const double height = std::min(foot_height_mm(p_), pin_mm);
     const double foot = p_.foot_radius_mm + radius_mm - p_.pin_radius_mm;
     add(SupportElementKind::Foot, {q.x_mm, q.y_mm, 0}, {q.x_mm, q.y_mm, height}, foot, radius_mm);
     return height;

@@ -43,7 +43,7 @@ TipShape with_shaft(const MachineProfile& machine, TipClass tip, double pin_mm, 
   shape.base_mm = std::max(base_mm, shape.disc_mm);
   shape.cone_mm = 2.5 * (shape.pin_mm - shape.disc_mm) + layer_mm;
   shape.foot_mm = s.foot_radius_mm + shape.base_mm - s.pin_radius_mm;
-  shape.foot_height_mm = s.base_thickness_mm + s.foot_radius_mm;
+  shape.foot_height_mm = foot_height_mm(s);
   return shape;
 }
 
@@ -57,6 +57,11 @@ double TipShape::softness(double height_mm) const {
   return (tip_mm / (neck_mm * disc_mm) + cone_mm / (neck_mm * pin_mm) + (below - foot) / (pin_mm * base_mm) +
           foot / (base_mm * foot_mm)) /
          std::numbers::pi;
+}
+
+double foot_height_mm(const MachineProfile::Supports& supports) {
+  const bool has_plate = supports.raft != RaftKind::None && supports.base_thickness_mm > 0;
+  return has_plate ? supports.base_thickness_mm : supports.base_thickness_mm + supports.foot_radius_mm;
 }
 
 TipShape tip_shape(const MachineProfile& machine, TipClass tip, double height_mm, double layer_mm) {

@@ -24,6 +24,9 @@ struct TipShape {
   [[nodiscard]] double softness(double height_mm) const;
 };
 
+/// Of the cone on the platform. A plate hides it: above one it would only enclose resin with its neighbours.
+[[nodiscard]] double foot_height_mm(const MachineProfile::Supports& supports);
+
 /// Of a pin whose contact is at that height above the platform; `layer_mm` is the thickness of a layer. A long pin is
 /// soft and leaves its load to short ones, so that few bear all: shafts are as wide as their height asks, within
 /// limits, and tips about equally soft for their areas.
