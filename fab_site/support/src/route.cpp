@@ -22,6 +22,8 @@ struct PinBody {
   double top_mm = 0;
   double radius_mm = 0;
   double base_mm = 0;       ///< wanted radius at its lower end
+  double contact_mm = 0;    ///< height of what it holds
+  double load_n = 0;        ///< under which it must not buckle
   std::size_t element = 0;  ///< index of its Pin element
   std::size_t foot = 0;     ///< of its Foot
   bool on_platform = false;
@@ -226,8 +228,9 @@ struct PinRouter::State {
     add(SupportElementKind::Tip, {at.x_mm, at.y_mm, neck_mm}, {at.x_mm, at.y_mm, top_mm}, shape.neck_mm, shape.disc_mm);
     add(SupportElementKind::Arm, {choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm}, {at.x_mm, at.y_mm, neck_mm},
         radius, shape.neck_mm);
-    PinBody body{choice->foot,           choice->floor_mm, choice->joint_mm, radius, shape.base_mm, 0, 0,
-                 !choice->stands_on_part};
+    PinBody body{
+        choice->foot,           choice->floor_mm, choice->joint_mm, radius, shape.base_mm, contact, load_n(shape), 0, 0,
+        !choice->stands_on_part};
     anchor.on_part = choice->stands_on_part;
     anchor.foot = choice->foot;
     const Point3 top{choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm};
@@ -246,6 +249,13 @@ struct PinRouter::State {
     body.element = out_.structure.elements.size();
     add(SupportElementKind::Pin, {top.x_mm, top.y_mm, bottom}, top, radius, radius);
     if (out_.structure.elements.size() > body.element) pins_.push_back(std::move(body));
+  }
+
+  /// With what the tip may be pulled, and so pushed on the lever's other side, with the safety of its strength.
+  [[nodiscard]] double load_n(const TipShape& shape) const {
+    constexpr double kKilo = 1000;
+    const double allowed_mpa = machine_.carried_demand() * machine_.pull_of_film_kpa() / kKilo;
+    return p_.safety * allowed_mpa * shape.neck_area_mm2();
   }
 
   /// On the platform, below a pin of that height; where it ends.
@@ -283,7 +293,7 @@ struct PinRouter::State {
   void brace() {
     const double far = 2 * p_.brace_pitch_mm;
     for (std::size_t i = 0; i < pins_.size(); ++i) {
-      if (pins_[i].top_mm - pins_[i].bottom_mm <= p_.slenderness * 2 * pins_[i].radius_mm) continue;
+      if (!is_slender(pins_[i])) continue;
       std::vector<std::pair<double, std::size_t>> near;
       for (std::size_t j = 0; j < pins_.size(); ++j) {
         const double d =
@@ -332,14 +342,38 @@ struct PinRouter::State {
     return true;
   }
 
-  /// The longest piece of a pin between its ends and struts.
-  [[nodiscard]] static double free_mm(const PinBody& body) {
-    std::vector<double> at{body.bottom_mm, body.top_mm};
+  /// Heights at which a pin is held, and its ends.
+  [[nodiscard]] static std::vector<double> held_at(const PinBody& body, double top_mm) {
+    std::vector<double> at{body.bottom_mm, top_mm};
     at.insert(at.end(), body.braced_at.begin(), body.braced_at.end());
     std::sort(at.begin(), at.end());
+    return at;
+  }
+  /// The longest piece of a pin between its ends and struts.
+  [[nodiscard]] static double free_mm(const PinBody& body) {
+    const auto at = held_at(body, body.top_mm);
     double free = 0;
     for (std::size_t i = 1; i < at.size(); ++i) free = std::max(free, at[i] - at[i - 1]);
     return free;
+  }
+  /// Whether a pin with that radius at its lower end stands its load between struts, by Euler: hinged, a cone as a
+  /// shaft of its ends' geometric mean (exact where the second moment goes with the fourth power of the place,
+  /// Timoshenko and Gere).
+  [[nodiscard]] bool stands_load(const PinBody& body, double base_mm) const {
+    if (body.load_n <= 0) return true;
+    const double pi = std::numbers::pi, length = body.top_mm - body.bottom_mm;
+    const double per_radii = std::sqrt(pi * pi * pi * machine_.modulus_of_green_mpa() / (4 * body.load_n));
+    const auto radius_at = [&](double z) {
+      const double below = length > 0 ? std::clamp((body.top_mm - z) / length, 0.0, 1.0) : 0.0;
+      return body.radius_mm + below * (std::max(base_mm, body.radius_mm) - body.radius_mm);
+    };
+    const auto at = held_at(body, std::max(body.contact_mm, body.top_mm));
+    for (std::size_t i = 1; i < at.size(); ++i)
+      if (at[i] - at[i - 1] > per_radii * radius_at(at[i]) * radius_at(at[i - 1])) return false;
+    return true;
+  }
+  [[nodiscard]] bool is_slender(const PinBody& body) const {
+    return free_mm(body) > p_.slenderness * 2 * body.radius_mm || !stands_load(body, body.base_mm);
   }
 
   /// A pin on the platform that stands free for too long and has no neighbour gets a companion: a pin beside it that
@@ -348,7 +382,7 @@ struct PinRouter::State {
     const double apart = 0.75 * p_.brace_pitch_mm;
     const std::size_t count = pins_.size();
     for (std::size_t i = 0; i < count; ++i) {
-      if (!pins_[i].on_platform || free_mm(pins_[i]) <= p_.slenderness * 2 * pins_[i].radius_mm) continue;
+      if (!pins_[i].on_platform || !is_slender(pins_[i])) continue;
       const Point2 at = pins_[i].place;
       for (int turn = 0; turn < 16; ++turn) {
         const double angle = 2 * std::numbers::pi * turn / 16;
@@ -373,7 +407,8 @@ struct PinRouter::State {
       const double z = low + s * p_.brace_pitch_mm;
       if (!strut_is_clear(s % 2 ? q : at, s % 2 ? at : q, z, apart)) return false;
     }
-    PinBody companion{q, 0, top + t_, p_.pin_radius_mm, p_.pin_radius_mm, 0, out_.structure.elements.size(), true};
+    PinBody companion{
+        q, 0, top + t_, p_.pin_radius_mm, p_.pin_radius_mm, top + t_, 0, 0, out_.structure.elements.size(), true};
     const double foot = add_foot(q, companion.top_mm, p_.pin_radius_mm);
     companion.element = out_.structure.elements.size();
     add(SupportElementKind::Pin, {q.x_mm, q.y_mm, foot}, {q.x_mm, q.y_mm, companion.top_mm}, p_.pin_radius_mm,
@@ -393,13 +428,17 @@ struct PinRouter::State {
     ++out_.braces;
   }
 
-  /// A pin that stands free for too long in spite of all struts grows towards its foot until its slenderness is legal,
-  /// as far as the part leaves room; on the platform its foot grows with it.
+  /// A pin that stands free for too long in spite of all struts grows towards its foot until its slenderness is legal
+  /// and it bears its load, as far as the part leaves room; on the platform its foot grows with it.
   void taper() {
     for (const PinBody& body : pins_) {
       SupportElement& pin = out_.structure.elements[body.element];
       double wanted = std::max(body.on_platform ? body.base_mm : 0, free_mm(body) / (2 * p_.slenderness));
+      constexpr double kMostGrowth = 4;
+      while (!stands_load(body, wanted) && wanted < kMostGrowth * body.radius_mm)
+        wanted = 1.05 * std::max(wanted, body.radius_mm);
       while (wanted > pin.bottom_radius_mm && !has_room(pin, wanted, body.on_platform)) wanted *= 0.8;
+      out_.may_buckle += !stands_load(body, wanted);
       if (wanted <= pin.bottom_radius_mm) continue;
       // The arm's end stays as it was: the pin tapers to it.
       pin.bottom_radius_mm = wanted;

@@ -10,7 +10,8 @@ struct RoutedStructure {
   std::uint32_t feet_on_part = 0;
   std::uint32_t braces = 0;
   std::uint32_t thin_pins = 0;
-  std::uint32_t unreached = 0;  ///< anchors without a pin: none comes up to them from the platform
+  std::uint32_t may_buckle = 0;  ///< pins that stand free for too long, in spite of struts and wide feet
+  std::uint32_t unreached = 0;   ///< anchors without a pin: none comes up to them from the platform
 };
 
 /// Finds pins their places and builds what holds a part. Looks into `layers`, the part's regions, which lie

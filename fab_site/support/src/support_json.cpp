@@ -102,6 +102,7 @@ std::string to_json(const SupportPlan& plan) {
                      {"feet_on_part", f.feet_on_part},
                      {"braces", f.braces},
                      {"needles", f.thin_pins},
+                     {"may_buckle", f.may_buckle},
                      {"unreached", f.unreached},
                      {"part_mm3", rounded(f.part_mm3)},
                      {"support_mm3", rounded(f.support_mm3)},

@@ -62,6 +62,7 @@ class Planner {
     figures_.feet_on_part = routed.feet_on_part;
     figures_.braces = routed.braces;
     figures_.thin_pins = routed.thin_pins;
+    figures_.may_buckle = routed.may_buckle;
     figures_.unreached = routed.unreached;
     for (const Anchor& a : anchors_) {
       figures_.medium_tips += a.tip == TipClass::Medium;

@@ -2,6 +2,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
 #include <telefab/fab/support/support_plan.hpp>
 
 #include "stacks.hpp"
@@ -104,6 +107,106 @@ TEST(Pull, BearsItAllWhateverTipsWereMadeNarrowerAgain) {
     const auto plan = planned(s, stacks::machine(), lifted());
     EXPECT_LE(plan.figures().bearing_demand, 0.85 * stacks::machine().carried_demand() * (1 + 1e-6)) << length << " mm";
   }
+}
+
+/// A tray of 30 x 30 mm whose hollow opens upwards, away from the platform; with a slot through one wall or not.
+stacks::Stack tray(bool has_slot) {
+  return stacks::stack(12, [&](double z) {
+    std::vector<std::vector<Point2>> rings{stacks::box(30, 30, 60, 60)};
+    if (z < 2) return rings;
+    if (has_slot)
+      rings = {{{30, 30},
+                {60, 30},
+                {60, 60},
+                {30, 60},
+                {30, 48},
+                {32, 48},
+                {32, 58},
+                {58, 58},
+                {58, 32},
+                {32, 32},
+                {32, 44},
+                {30, 44}}};
+    else
+      rings.push_back({{32, 32}, {32, 58}, {58, 58}, {58, 32}});
+    return rings;
+  });
+}
+
+TEST(Pull, HoldsATrayAgainstTheVacuumUnderIt) {
+  const double open = necks_mm2(planned(tray(true), stacks::machine(), lifted()));
+  const double closed = necks_mm2(planned(tray(false), stacks::machine(), lifted()));
+  // 26 x 26 mm at 2.5 times the pull beside the bottom's 30 x 30 at once.
+  EXPECT_GT(closed, 1.4 * open);
+}
+
+TEST(Pull, GrowsWithTheSpeedOfTheLiftWhereTheProfileSaysSo) {
+  MachineProfile slow = stacks::machine();
+  slow.motion.pull_speed_mm_per_s = 1;
+  slow.motion.pull_speed_power = 1;
+  MachineProfile fast = slow;
+  slow.motion.lift_speed_mm_per_s = 1;
+  fast.motion.lift_speed_mm_per_s = 2;
+  EXPECT_GT(necks_mm2(planned(block(), fast, lifted())), 1.5 * necks_mm2(planned(block(), slow, lifted())));
+}
+
+TEST(Pull, GrowsWithSizeWhereTheProfileSaysSo) {
+  MachineProfile grows = stacks::machine();
+  grows.motion.pull_size_mm = 6;  // as much as the block's area over its perimeter
+  EXPECT_GT(necks_mm2(planned(block(), grows, lifted())),
+            1.5 * necks_mm2(planned(block(), stacks::machine(), lifted())));
+}
+
+/// Load under which each pin's free pieces buckle over what its tip may be pulled with, the least of all.
+double least_margin(const SupportPlan& plan, const MachineProfile& machine) {
+  const auto& elements = plan.structure().elements;
+  double least = std::numeric_limits<double>::infinity();
+  for (const SupportElement& pin : elements) {
+    if (pin.kind != SupportElementKind::Pin) continue;
+    std::vector<double> held{pin.bottom.z_mm, pin.top.z_mm};
+    double neck_mm = 0;
+    for (const SupportElement& e : elements) {
+      const auto at_pin = [&](const Point3& p) {
+        return std::hypot(p.x_mm - pin.top.x_mm, p.y_mm - pin.top.y_mm) < 1e-9;
+      };
+      if (e.kind == SupportElementKind::Brace && at_pin(e.bottom)) held.push_back(e.bottom.z_mm);
+      if (e.kind == SupportElementKind::Brace && at_pin(e.top)) held.push_back(e.top.z_mm);
+      if (e.kind == SupportElementKind::Arm && at_pin(e.bottom)) neck_mm = e.top_radius_mm;
+    }
+    if (neck_mm == 0) continue;  // a companion
+    std::sort(held.begin(), held.end());
+    const double pi = std::numbers::pi;
+    const double load_n = pi * neck_mm * neck_mm * machine.carried_demand() * machine.pull_of_film_kpa() / 1000;
+    for (std::size_t i = 1; i < held.size(); ++i) {
+      const auto radius_at = [&](double z) {
+        return std::lerp(pin.bottom_radius_mm, pin.top_radius_mm,
+                         (z - pin.bottom.z_mm) / (pin.top.z_mm - pin.bottom.z_mm));
+      };
+      // A cone buckles as a shaft of its ends' geometric mean.
+      const double free_mm = held[i] - held[i - 1], r2 = radius_at(held[i]) * radius_at(held[i - 1]);
+      const double euler_n = pi * pi * pi * machine.modulus_of_green_mpa() * r2 * r2 / (4 * free_mm * free_mm);
+      least = std::min(least, euler_n / load_n);
+    }
+  }
+  return least;
+}
+
+TEST(Pull, LetsNoPinStandFreeForSoLongThatItBuckles) {
+  MachineProfile machine = stacks::machine();
+  machine.supports.lift_off_mm = 40;
+  for (const double modulus_mpa : {40.0, 160.0, 1600.0}) {
+    machine.resin.green_modulus_mpa = modulus_mpa;
+    const auto plan = planned(block(), machine, lifted());
+    EXPECT_EQ(plan.figures().may_buckle, 0U) << modulus_mpa;
+    EXPECT_GE(least_margin(plan, machine), machine.supports.safety * (1 - 1e-6)) << modulus_mpa;
+  }
+}
+
+TEST(Pull, SaysWhichPinsMayBuckleWhereNothingHelps) {
+  MachineProfile machine = stacks::machine();
+  machine.supports.lift_off_mm = 40;
+  machine.resin.green_modulus_mpa = 0.01;
+  EXPECT_GT(planned(block(), machine, lifted()).figures().may_buckle, 0U);
 }
 
 TEST(Pull, KeepsPlacesFreeThatAreForbiddenByHand) {

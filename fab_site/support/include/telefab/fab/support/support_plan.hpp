@@ -102,8 +102,9 @@ struct SupportFigures {
   std::uint32_t removed = 0;              ///< anchors that would hold the part and were removed by hand
   std::uint32_t feet_on_part = 0;
   std::uint32_t braces = 0;
-  std::uint32_t thin_pins = 0;  ///< pins in places too tight for a full one
-  std::uint32_t unreached = 0;  ///< anchors without a pin, where pins may stand on the platform only
+  std::uint32_t thin_pins = 0;   ///< pins in places too tight for a full one
+  std::uint32_t may_buckle = 0;  ///< pins that stand free for too long for their load
+  std::uint32_t unreached = 0;   ///< anchors without a pin, where pins may stand on the platform only
   double part_mm3 = 0;
   double support_mm3 = 0;
   std::uint32_t floating = 0;  ///< anchors under what floated in the masks
