@@ -58,6 +58,9 @@ CarryOptions carry_options(const MachineProfile& machine) {
   return {.pitch_mm = machine.projection.pixel_pitch_mm,
           .thickness_mm = machine.layers.thickness_mm,
           .sideways_share = machine.motion.push_kpa / machine.pull_of_film_kpa(),
+          .weight_share = machine.weight_share(),
+          .vacuum_share = machine.vacuum_of_hollow_kpa() / machine.pull_of_film_kpa(),
+          .doubled_at_mm = machine.motion.pull_size_mm,
           .limit = machine.carried_demand(),
           .least_held_mm2 = std::min(kLittleMm2, kFewTips * std::numbers::pi * tip_mm * tip_mm)};
 }
@@ -158,7 +161,10 @@ class MaskRounds {
     for (LayerWork& work : round_) {
       const LayerRuns specks = watch_.specks(work.runs, &work.light, most_speck_px_);
       summary_.specks += darken_specks(work, specks, machine_);
-      if (auto ok = carry_.add(work.runs, work.firm, &work.light); !ok) return ok;
+      const double pitch_mm = machine_.projection.pixel_pitch_mm;
+      const double solid_mm2 = static_cast<double>(work.solid_pixels) * pitch_mm * pitch_mm;
+      const double pull_share = machine_.pull_share_of_layer(work.index, solid_mm2);
+      if (auto ok = carry_.add(work.runs, work.firm, &work.light, pull_share); !ok) return ok;
       if (auto ok = watch_.add(std::move(work.runs), nullptr, &work.light); !ok) return ok;
     }
     return {};

@@ -64,6 +64,10 @@ PreflightItem carry_of(const MachineProfile& machine, const PlanSummary& summary
     show(first);
     item.text +=
         fmt::format("; {}; {} such places hold little each. They may tear off", limit, carry.weak_small.size());
+  } else if (const std::uint32_t pins = summary.figures.may_buckle; pins > 0) {
+    item.verdict = Verdict::Warning;
+    item.text = fmt::format("{} of the pins stand free for so long that they may buckle; at most: {}; {}", pins,
+                            worst ? item.text : "nothing is pulled", limit);
   } else if (worst) {
     item.text = fmt::format("at most: {}; {}", item.text, limit);
   } else {
