@@ -24,7 +24,7 @@ struct Options {
   std::string stack;
   MachineChoice machine;
   SupportChoice support;
-  std::string out, preview, structure, model;
+  std::string out, preview, structure, stress, model;
   std::optional<std::uint32_t> layer;
   int threads = 0;
   bool json = false;
@@ -126,6 +126,10 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!o.structure.empty())
     if (auto ok = write_png(o.structure, draw_structure(stack->layers(), *plan, thickness_mm)); !ok)
       return tl::unexpected{ok.error()};
+  if (!o.stress.empty())
+    if (auto ok = write_png(o.stress, draw_stress(stack->layers(), *plan, thickness_mm, machine->carried_demand()));
+        !ok)
+      return tl::unexpected{ok.error()};
   if (!o.model.empty()) {
     const StructureMesh mesh =
         structure_mesh(stack->layers(), *plan, thickness_mm, Millimetres{machine->projection.pixel_pitch_mm / 4});
@@ -150,6 +154,8 @@ VerbBody declare_supports(VerbOptions& options) {
   options.add("--preview", o->preview,
               "PNG of one layer: attached, self-supported, to support, anchors and the circles they reach");
   options.add("--structure", o->structure, "PNG of the part with its supports in 3-D");
+  options.add("--stress", o->stress,
+              "PNG of the same, pins in colours by what the film's pull asks of their tips at the worst moment");
   options.add("--model", o->model,
               "the part with its supports in colours, for a viewer: 3MF if the name ends so, else PLY");
   options.add("--out", o->out, "anchors and primitives as JSON, as supports.json of a plan");

@@ -102,6 +102,7 @@ class Balance {
     PullFigures figures;
     for (std::uint32_t m = 0; m < state_.size(); ++m)
       if (std::isfinite(state_[m].worst)) figures.demand = std::max(figures.demand, state_[m].worst * most_);
+    note_demands();
     std::vector<Anchor> kept;
     for (std::size_t a = 0; a < anchors_.size(); ++a) {
       if (springs_[a].stiffness <= 0) continue;
@@ -150,6 +151,17 @@ class Balance {
     for (const std::uint32_t a : survey_.moments[m].anchors) state.sums.add(springs_[a]);
     const Verdict verdict = verdict_of(state.sums, survey_.moments[m]);
     state.worst = verdict.worst, state.excess = verdict.excess;
+  }
+
+  /// What each tip bears in the end, at its worst moment.
+  void note_demands() {
+    for (std::uint32_t m = 0; m < state_.size(); ++m) {
+      const PullSurvey::Moment& moment = survey_.moments[m];
+      if (!(state_[m].sums.w > 0)) continue;
+      const Plane plane{state_[m].sums, moment.pulled_mm2, moment.middle};
+      for (const std::uint32_t a : moment.anchors)
+        if (springs_[a].stiffness > 0) anchors_[a].demand = std::max(anchors_[a].demand, plane.stress(springs_[a]));
+    }
   }
 
   [[nodiscard]] static TipClass next(TipClass tip, int by) { return static_cast<TipClass>(static_cast<int>(tip) + by); }

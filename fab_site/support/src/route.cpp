@@ -228,9 +228,16 @@ struct PinRouter::State {
     add(SupportElementKind::Tip, {at.x_mm, at.y_mm, neck_mm}, {at.x_mm, at.y_mm, top_mm}, shape.neck_mm, shape.disc_mm);
     add(SupportElementKind::Arm, {choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm}, {at.x_mm, at.y_mm, neck_mm},
         radius, shape.neck_mm);
-    PinBody body{
-        choice->foot,           choice->floor_mm, choice->joint_mm, radius, shape.base_mm, contact, load_n(shape), 0, 0,
-        !choice->stands_on_part};
+    PinBody body{choice->foot,
+                 choice->floor_mm,
+                 choice->joint_mm,
+                 radius,
+                 shape.base_mm,
+                 contact,
+                 load_n(shape, anchor.demand),
+                 0,
+                 0,
+                 !choice->stands_on_part};
     anchor.on_part = choice->stands_on_part;
     anchor.foot = choice->foot;
     const Point3 top{choice->foot.x_mm, choice->foot.y_mm, choice->joint_mm};
@@ -251,11 +258,12 @@ struct PinRouter::State {
     if (out_.structure.elements.size() > body.element) pins_.push_back(std::move(body));
   }
 
-  /// With what the tip may be pulled, and so pushed on the lever's other side, with the safety of its strength.
-  [[nodiscard]] double load_n(const TipShape& shape) const {
+  /// With what the tip is pulled, as planned or at most, and so pushed when the part goes down again, with the safety
+  /// of its strength.
+  [[nodiscard]] double load_n(const TipShape& shape, double demand) const {
     constexpr double kKilo = 1000;
-    const double allowed_mpa = machine_.carried_demand() * machine_.pull_of_film_kpa() / kKilo;
-    return p_.safety * allowed_mpa * shape.neck_area_mm2();
+    const double stress_mpa = (demand > 0 ? demand : machine_.carried_demand()) * machine_.pull_of_film_kpa() / kKilo;
+    return p_.safety * stress_mpa * shape.neck_area_mm2();
   }
 
   /// On the platform, below a pin of that height; where it ends.

@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <tbb/parallel_for.h>
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 #include <telefab/fab/support/pictures.hpp>
+#include <telefab/image/canvas.hpp>
 
 #include "scan_lines.hpp"
+#include "stress_colours.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -56,13 +60,11 @@ struct Slab {
 
 class Scene {
  public:
-  Scene(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm) : t_{thickness_mm} {
+  /// With `stress`, which outlives this, supports have its colours.
+  Scene(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm, const StressColours* stress)
+      : t_{thickness_mm}, stress_{stress} {
     slabs_.resize(part.size() + plan.elevation_layers());
     tbb::parallel_for(std::size_t{0}, slabs_.size(), [&](std::size_t k) {
-      const auto turned = [](Point2 p) {
-        return Flat2{p.x_mm * std::cos(kTurn) + p.y_mm * std::sin(kTurn),
-                     -p.x_mm * std::sin(kTurn) + p.y_mm * std::cos(kTurn)};
-      };
       if (k >= plan.elevation_layers())
         for (const Contour& contour : part[k - plan.elevation_layers()].contours) {
           Ring2 ring;
@@ -103,6 +105,12 @@ class Scene {
   }
 
  private:
+  [[nodiscard]] static Flat2 turned(Point2 p) {
+    return {p.x_mm * std::cos(kTurn) + p.y_mm * std::sin(kTurn), -p.x_mm * std::sin(kTurn) + p.y_mm * std::cos(kTurn)};
+  }
+  [[nodiscard]] static Point2 turned_back(Flat2 p) {
+    return {p.x * std::cos(kTurn) - p.y * std::sin(kTurn), p.x * std::sin(kTurn) + p.y * std::cos(kTurn)};
+  }
   [[nodiscard]] Flat2 to_screen(Flat2 p, double z) const {
     return {kFine / 2.0 + (p.x - middle_.x) * scale_,
             kFine / 2.0 - ((z - tall_ / 2) * std::cos(kTilt) + (p.y - middle_.y) * std::sin(kTilt)) * scale_};
@@ -305,7 +313,7 @@ class Scene {
     const double light = (0.20 + 0.22 * sky + 0.12 * eye) * openness(row, column, slope) + 0.58 * sun;
     static constexpr std::array<std::array<double, 3>, 4> kColours{
         {{255, 255, 255}, {214, 220, 230}, {246, 148, 44}, {246, 246, 248}}};
-    std::array<double, 3> out = kColours[kind];
+    std::array<double, 3> out = kind == kSupport && stress_ ? stress_->at(turned_back(p), z) : kColours[kind];
     for (double& c : out) c = std::min(255.0, c * light * 1.12);
     return out;
   }
@@ -346,6 +354,7 @@ class Scene {
   }
 
   double t_;
+  const StressColours* stress_;
   std::vector<Slab> slabs_;
   Flat2 low_, high_, middle_;
   double tall_ = 0, margin_ = 0, scale_ = 1;
@@ -356,7 +365,33 @@ class Scene {
 }  // namespace
 
 Image draw_structure(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm) {
-  return Scene{part, plan, thickness_mm}.picture();
+  return Scene{part, plan, thickness_mm, nullptr}.picture();
+}
+
+Image draw_stress(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm, double most_demand) {
+  const StressColours colours{plan, most_demand};
+  const Image scene = Scene{part, plan, thickness_mm, &colours}.picture();
+  constexpr std::uint32_t kLegend = 84, kLeastWidth = 640;
+  constexpr Colour kPaper{255, 255, 255}, kInk{40, 46, 58};
+  constexpr double kText_px = 17, kBar = 300, kBarHigh = 18, kMost = 1.3;
+  Canvas canvas{std::max(scene.width_px, kLeastWidth), scene.height_px + kLegend, kPaper};
+  canvas.paste(scene, {(std::max(scene.width_px, kLeastWidth) - scene.width_px) / 2.0, 0}, scene.width_px,
+               scene.height_px);
+  const double x = 24, y = scene.height_px + 14.0;
+  const auto place = [&](double share) { return x + kBar * share / kMost; };
+  for (int i = 0; i < static_cast<int>(kBar); ++i) {
+    const auto c = StressColours::of(kMost * (i + 0.5) / kBar);
+    canvas.line({x + i + 0.5, y}, {x + i + 0.5, y + kBarHigh},
+                {static_cast<std::uint8_t>(c[0]), static_cast<std::uint8_t>(c[1]), static_cast<std::uint8_t>(c[2])}, 1);
+  }
+  for (const double share : {0.0, 0.5, 1.0}) {
+    canvas.line({place(share), y + kBarHigh}, {place(share), y + kBarHigh + 6}, kInk, 2);
+    canvas.text({place(share) - (share > 0 ? 10 : 0), y + kBarHigh + 26}, fmt::format("{:.0f}", share * most_demand),
+                kInk, kText_px);
+  }
+  canvas.text({x + kBar + 20, y + 15}, "worst stress of each tip over the pull,", kInk, kText_px);
+  canvas.text({x + kBar + 20, y + 38}, fmt::format("as planned; allowed are {:.0f}", most_demand), kInk, kText_px);
+  return canvas.image();
 }
 
 }  // namespace telefab::fab

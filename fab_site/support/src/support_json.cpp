@@ -121,7 +121,8 @@ std::string to_json(const SupportPlan& plan) {
                        {"part_layer", a.layer.count()},
                        {"by_hand", a.by_hand},
                        {"on_part", a.on_part},
-                       {"tip", name_of(a.tip)}});
+                       {"tip", name_of(a.tip)},
+                       {"demand", rounded(a.demand)}});
   root["anchors"] = std::move(anchors);
   Json elements = Json::array();
   for (const SupportElement& s : plan.structure().elements)

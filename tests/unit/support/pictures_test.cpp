@@ -46,6 +46,30 @@ TEST(Pictures, ShowPartAndSupportsInTheirColours) {
   EXPECT_GT(orange, 1'000U);
 }
 
+TEST(Pictures, ShowPinsBlueThatBearLittleAndRedThatBearAllTheyMay) {
+  const auto s = stacks::stack(6, [](double) { return std::vector<std::vector<Point2>>{stacks::box(30, 30, 60, 50)}; });
+  SupportOptions lifted;
+  lifted.stand = SupportOptions::Stand::Never;
+  const auto plan = plan_supports(s.layers, s.header, stacks::machine(), lifted, {}, {}).value();
+  const auto count = [&](double most_demand) {
+    const Image image = draw_stress(s.layers, plan, 0.15, most_demand);
+    std::pair<std::size_t, std::size_t> blue_red;
+    const std::size_t legend = std::size_t{image.width_px} * 84 * 3;
+    for (std::size_t i = 0; i + legend < image.pixels.size(); i += 3) {
+      const int r = image.pixels[i], b = image.pixels[i + 2];
+      blue_red.first += 2 * b > 3 * r;
+      blue_red.second += r > 2 * b;
+    }
+    return blue_red;
+  };
+  const auto [blue, no_red] = count(100 * plan.figures().bearing_demand);
+  EXPECT_GT(blue, 500U);
+  EXPECT_LT(no_red, 50U);
+  const auto [no_blue, red] = count(plan.figures().bearing_demand);
+  EXPECT_GT(red, 500U);
+  EXPECT_LT(no_blue, 50U);
+}
+
 TEST(StructureMesh, GivesAPlyWithAsManyVerticesAndFacesAsItsHeaderSays) {
   const auto s = stacks::mushroom();
   const auto plan = plan_supports(s.layers, s.header, stacks::machine(), {}, {}, {}).value();

@@ -157,7 +157,7 @@ TEST(Pull, GrowsWithSizeWhereTheProfileSaysSo) {
             1.5 * necks_mm2(planned(block(), stacks::machine(), lifted())));
 }
 
-/// Load under which each pin's free pieces buckle over what its tip may be pulled with, the least of all.
+/// Load under which each pin's free pieces buckle over what its tip is pulled with, the least of all.
 double least_margin(const SupportPlan& plan, const MachineProfile& machine) {
   const auto& elements = plan.structure().elements;
   double least = std::numeric_limits<double>::infinity();
@@ -176,7 +176,12 @@ double least_margin(const SupportPlan& plan, const MachineProfile& machine) {
     if (neck_mm == 0) continue;  // a companion
     std::sort(held.begin(), held.end());
     const double pi = std::numbers::pi;
-    const double load_n = pi * neck_mm * neck_mm * machine.carried_demand() * machine.pull_of_film_kpa() / 1000;
+    const auto anchors = plan.anchors();
+    const auto anchor = std::find_if(anchors.begin(), anchors.end(), [&](const Anchor& a) {
+      return std::hypot(a.foot.x_mm - pin.top.x_mm, a.foot.y_mm - pin.top.y_mm) < 1e-9;
+    });
+    if (anchor == anchors.end() || anchor->demand == 0) return 0;
+    const double load_n = pi * neck_mm * neck_mm * anchor->demand * machine.pull_of_film_kpa() / 1000;
     for (std::size_t i = 1; i < held.size(); ++i) {
       const auto radius_at = [&](double z) {
         return std::lerp(pin.bottom_radius_mm, pin.top_radius_mm,

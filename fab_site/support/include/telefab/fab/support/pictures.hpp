@@ -31,6 +31,11 @@ struct SeenAnchor {
 /// shadows and a grid of 10 mm (1 mm under prints below 30 mm). RGB, at most kPictureSide a side. Threads: oneTBB.
 [[nodiscard]] Image draw_structure(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm);
 
+/// The same, pins in colours from blue to red by what their tips bear as planned, over `most_demand`, what they may
+/// bear; with a legend below.
+[[nodiscard]] Image draw_stress(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm,
+                                double most_demand);
+
 /// The polygons of a GeoJSON text, in millimetres: Polygon, MultiPolygon, GeometryCollection, Feature and
 /// FeatureCollection. Fails with InvalidInput and says where.
 [[nodiscard]] Result<Region> region_from_geojson(std::string_view text);

@@ -91,6 +91,7 @@ struct Anchor {
   TipClass tip = TipClass::Light;
   double strength = 1;  ///< as SupportOptions::Bearing has it
   Point2 foot;          ///< where its pin stands
+  double demand = 0;    ///< stress over pull at its worst moment, as planned; 0: not planned for
   friend bool operator==(const Anchor&, const Anchor&) = default;
 };
 
