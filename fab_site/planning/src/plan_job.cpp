@@ -11,6 +11,9 @@ constexpr int kRepairs = 4;
 /// A repair that relieves the worst place by less than this share of what it may bear was none.
 constexpr double kLeastRelief = 0.002;
 
+/// Where the planner itself finds so many times what tips may bear, more of the same gains nothing.
+constexpr double kHopeless = 1.5;
+
 bool is_worse(const PlanFaults& now, const PlanFaults& before) {
   return now.islands != before.islands ? now.islands > before.islands : now.overload > before.overload;
 }
@@ -42,7 +45,8 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
     planned->carry_seconds = carry_seconds += planned->carry_seconds;
     planned->repairs = round;
     PlanFaults faults = faults_of(*planned, machine);
-    if (mode != SupportOptions::Mode::Auto) faults.overload = 0;
+    const bool is_hopeless = planned->figures.bearing_demand > kHopeless * machine.carried_demand();
+    if (mode != SupportOptions::Mode::Auto || is_hopeless) faults.overload = 0;
     if (is_last || faults.none()) return planned;
     if (fewest && is_worse(faults, *fewest)) {
       // As before, then.
