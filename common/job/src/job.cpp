@@ -112,6 +112,7 @@ std::string to_json(const Job& job) {
       {"id", job.id},
       {"name", job.name},
       {"machine", job.machine},
+      {"instance", job.instance},
       {"state", name_of(job.state)},
       {"message", job.message},
       {"owner", job.owner},

@@ -12,7 +12,7 @@
 namespace telefab {
 namespace {
 
-constexpr int kSchemaVersion = 3;
+constexpr int kSchemaVersion = 4;
 constexpr int kApplicationId = 0x54464142;  // "TFAB"
 
 constexpr const char* kSchema = R"sql(
@@ -34,7 +34,8 @@ CREATE TABLE job (
   scan_bytes      BIGINT NOT NULL DEFAULT 0,
   wire_bytes      BIGINT NOT NULL DEFAULT 0,
   created_unix_ms BIGINT NOT NULL,
-  changed_unix_ms BIGINT NOT NULL);
+  changed_unix_ms BIGINT NOT NULL,
+  instance        TEXT NOT NULL DEFAULT '');
 CREATE TABLE job_stage (job_id TEXT NOT NULL, place BIGINT NOT NULL, stage TEXT NOT NULL, seconds DOUBLE PRECISION NOT NULL, PRIMARY KEY (job_id, stage));
 CREATE TABLE job_event (number BIGINT PRIMARY KEY, job_id TEXT NOT NULL, unix_ms BIGINT NOT NULL, text TEXT NOT NULL);
 CREATE INDEX job_event_of_job ON job_event (job_id, number);
@@ -46,13 +47,14 @@ constexpr const char* kMigrations[] = {
     // There was no state for what waits for approval: it was ready, with a message that said so.
     "UPDATE job SET state = 11 WHERE state = 5 AND message <> '';",
     "CREATE TABLE IF NOT EXISTS job_forgotten (id TEXT PRIMARY KEY, state INTEGER NOT NULL, unix_ms BIGINT NOT NULL);",
+    "ALTER TABLE job ADD COLUMN instance TEXT NOT NULL DEFAULT '';",
 };
 static_assert(std::size(kMigrations) == kSchemaVersion - 1, "each version says how it comes out of the one before");
 
 constexpr const char* kColumns =
     "id, name, machine, parameters, owner, state, message, layers, layers_sliced, layers_sent, print_layers, "
     "layers_planned, "
-    "layers_printed, scan_bytes, wire_bytes, created_unix_ms, changed_unix_ms";
+    "layers_printed, scan_bytes, wire_bytes, created_unix_ms, changed_unix_ms, instance";
 
 struct CloseDatabase {
   void operator()(sqlite3* database) const { sqlite3_close_v2(database); }
@@ -212,6 +214,7 @@ struct JobStore::Impl {
       job.counters.wire_bytes = static_cast<std::uint64_t>(query.number());
       job.created_unix_ms = query.number();
       job.changed_unix_ms = query.number();
+      job.instance = query.text();
       jobs.push_back(std::move(job));
     }
     for (Job& job : jobs) {
@@ -437,6 +440,21 @@ Result<void> JobStore::set_stage_seconds(std::string_view id, JobStage stage, do
                       .bind(name_of(stage))
                       .bind(seconds)
                       .bind(id)));
+  });
+}
+
+Result<void> JobStore::set_instance(std::string_view id, std::string_view instance) {
+  return impl_->together([&]() -> Result<void> {
+    const auto job = impl_->find(id);
+    if (!job) return tl::unexpected{job.error()};
+    if (job->instance == instance) return {};
+    auto updated =
+        impl_->execute(std::move(impl_->prepare("UPDATE job SET instance = ?, changed_unix_ms = ? WHERE id = ?")
+                                     .bind(instance)
+                                     .bind(impl_->now_unix_ms())
+                                     .bind(id)));
+    if (!updated) return updated;
+    return impl_->add_event(id, instance.empty() ? "on no machine" : fmt::format("on machine {}", instance));
   });
 }
 

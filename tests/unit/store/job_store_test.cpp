@@ -143,7 +143,9 @@ TEST_F(JobStoreTest, TakesOverAStoreInWhichAMessageMeantWaiting) {
   }
   sqlite3* database = nullptr;
   ASSERT_EQ(sqlite3_open((folder / "jobs.db").c_str(), &database), SQLITE_OK);
-  ASSERT_EQ(sqlite3_exec(database, "PRAGMA user_version = 1;", nullptr, nullptr, nullptr), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(database, "ALTER TABLE job DROP COLUMN instance; PRAGMA user_version = 1;", nullptr, nullptr,
+                         nullptr),
+            SQLITE_OK);
   sqlite3_close(database);
   for (int opened = 0; opened < 2; ++opened) {  // the second time there is nothing left to do
     auto store = open();
@@ -154,6 +156,43 @@ TEST_F(JobStoreTest, TakesOverAStoreInWhichAMessageMeantWaiting) {
     EXPECT_THAT(store->unfinished().value(), SizeIs(3));
   }
   EXPECT_TRUE(std::filesystem::exists(folder / "jobs.db.schema-1")) << "as it was before";
+}
+
+TEST_F(JobStoreTest, TakesOverAStoreThatKnewOfOneMachineAProfile) {
+  std::string job;
+  {
+    auto store = open();
+    job = store->create({.name = "a.ply", .machine = "machine-a", .owner = "operator"}).value().id;
+    ASSERT_TRUE(store->move(job, JobState::Printing, ""));
+  }
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open((folder / "jobs.db").c_str(), &database), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(database, "ALTER TABLE job DROP COLUMN instance; PRAGMA user_version = 3;", nullptr, nullptr,
+                         nullptr),
+            SQLITE_OK);
+  sqlite3_close(database);
+  auto store = open();
+  EXPECT_EQ(store->find(job)->state, JobState::Printing);
+  EXPECT_EQ(store->find(job)->instance, "") << "nobody knows yet";
+  EXPECT_TRUE(std::filesystem::exists(folder / "jobs.db.schema-3")) << "as it was before";
+}
+
+TEST_F(JobStoreTest, KeepsTheMachineOfAJobAndTellsItsChangesAsEvents) {
+  std::string job;
+  {
+    auto store = open();
+    job = store->create({.name = "a.ply", .machine = "machine-a", .owner = "operator"}).value().id;
+    ASSERT_TRUE(store->set_instance(job, "hall-1"));
+    ASSERT_TRUE(store->set_instance(job, "hall-1")) << "nothing changes";
+    ASSERT_TRUE(store->set_instance(job, "hall-2"));
+    EXPECT_EQ(store->set_instance("nobody", "hall-1").error().code, ErrorCode::NotFound);
+  }
+  auto store = open();
+  EXPECT_EQ(store->find(job)->instance, "hall-2");
+  std::vector<std::string> texts;
+  const auto events = store->events(job, 0, 100).value();
+  for (const JobEvent& event : events) texts.push_back(event.text);
+  EXPECT_THAT(texts, testing::ElementsAre("queued", "on machine hall-1", "on machine hall-2"));
 }
 
 TEST_F(JobStoreTest, RaisesItsRevisionWithEveryChangeOnly) {

@@ -81,8 +81,8 @@ struct StageSeconds {
 
 struct Job {
   std::string id;
-  std::string name;  ///< file name of the scan
-  std::string machine;
+  std::string name;        ///< file name of the scan
+  std::string machine;     ///< that was asked for: a profile, or one machine of the fab
   std::string parameters;  ///< JSON object of what was asked for, as the site wrote it
   std::string owner;       ///< who submitted it, for the audit log
   JobState state = JobState::Queued;
@@ -91,6 +91,7 @@ struct Job {
   std::vector<StageSeconds> stages;  ///< in the order in which they were first reported
   std::int64_t created_unix_ms = 0;
   std::int64_t changed_unix_ms = 0;
+  std::string instance = {};  ///< machine of the fab that prints it or has printed it; empty: none has got it yet
   friend bool operator==(const Job&, const Job&) = default;
 };
 

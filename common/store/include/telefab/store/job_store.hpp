@@ -44,6 +44,8 @@ class JobStore {
   [[nodiscard]] Result<Job> move(std::string_view id, JobState to, std::string_view message);
   [[nodiscard]] Result<void> set_counters(std::string_view id, const JobCounters& counters);
   [[nodiscard]] Result<void> set_stage_seconds(std::string_view id, JobStage stage, double seconds);
+  /// The machine that the job is on, or none where empty; a change becomes an event.
+  [[nodiscard]] Result<void> set_instance(std::string_view id, std::string_view instance);
   [[nodiscard]] Result<void> add_event(std::string_view id, std::string_view text);
   /// Events of a job with a number above `after`, oldest first, at most `most`.
   [[nodiscard]] Result<std::vector<JobEvent>> events(std::string_view id, std::uint64_t after, std::size_t most) const;
