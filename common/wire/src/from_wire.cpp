@@ -91,7 +91,30 @@ Job read_job(Reading& reading, const v1::Job& proto) {
     }
   job.created_unix_ms = proto.created_unix_ms();
   job.changed_unix_ms = proto.changed_unix_ms();
+  job.instance = name(reading, proto.instance(), "instance");
   return job;
+}
+
+MachineStatus read_machine(Reading& reading, const v1::MachineStatus& proto) {
+  MachineStatus machine;
+  machine.name = name(reading, proto.name(), "name");
+  machine.profile = name(reading, proto.profile(), "profile");
+  const bool known = std::any_of(kMachineStates.begin(), kMachineStates.end(), [&](MachineState state) {
+    return static_cast<std::uint32_t>(state) == proto.state();
+  });
+  expect(reading, known, "state", "is not a state of a machine");
+  if (known) machine.state = static_cast<MachineState>(proto.state());
+  machine.resin = name(reading, proto.resin(), "resin");
+  if (!proto.job().empty()) machine.job = job_id(reading, proto.job());
+  machine.job_name = name(reading, proto.job_name(), "job_name");
+  machine.layer = proto.layer();
+  machine.layers = proto.layers();
+  expect(reading, std::isfinite(proto.seconds_left()), "seconds_left", "is not a duration");
+  machine.seconds_left = proto.seconds_left();
+  machine.waiting = proto.waiting();
+  machine.message = words(reading, proto.message(), "message");
+  machine.is_stated = proto.is_stated();
+  return machine;
 }
 
 StackHeader read_header(Reading& reading, const v1::StackHeader& proto) {
@@ -120,6 +143,7 @@ void read(Reading& reading, const v1::Hello& proto, Hello& value) {
   value.start_policy = name(reading, proto.start_policy(), "start_policy");
   value.resin_toml = profiles(reading, proto.resin_toml(), "resin_toml");
   value.print_toml = profiles(reading, proto.print_toml(), "print_toml");
+  value.answers_machines = proto.answers_machines();
 }
 void read(Reading& reading, const v1::Fault& proto, Fault& value) {
   value.request = request(proto.request());
@@ -138,6 +162,10 @@ void read(Reading& reading, const v1::Machines& proto, Machines& value) {
   value.origin = name(reading, proto.origin(), "origin");
   value.resin_toml = profiles(reading, proto.resin_toml(), "resin_toml");
   value.print_toml = profiles(reading, proto.print_toml(), "print_toml");
+  expect(reading, static_cast<std::size_t>(proto.machine_size()) <= kMaxMachines, "machine", "lists too many machines");
+  if (reading.fault) return;
+  for (const v1::MachineStatus& machine : proto.machine()) value.standing.push_back(read_machine(reading, machine));
+  value.why_unknown = words(reading, proto.why_unknown(), "why_unknown");
 }
 void read(Reading& reading, const v1::Submit& proto, Submit& value) {
   value.request = request(proto.request());

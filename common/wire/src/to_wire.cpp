@@ -36,6 +36,22 @@ void write_job(const Job& job, v1::Job& proto) {
   }
   proto.set_created_unix_ms(job.created_unix_ms);
   proto.set_changed_unix_ms(job.changed_unix_ms);
+  proto.set_instance(job.instance);
+}
+
+void write_machine(const MachineStatus& machine, v1::MachineStatus& proto) {
+  proto.set_name(machine.name);
+  proto.set_profile(machine.profile);
+  proto.set_state(static_cast<std::uint32_t>(machine.state));
+  proto.set_resin(machine.resin);
+  proto.set_job(machine.job);
+  proto.set_job_name(machine.job_name);
+  proto.set_layer(machine.layer);
+  proto.set_layers(machine.layers);
+  proto.set_seconds_left(machine.seconds_left);
+  proto.set_waiting(machine.waiting);
+  proto.set_message(cut(machine.message, kMaxTextBytes));
+  proto.set_is_stated(machine.is_stated);
 }
 
 void write_header(const StackHeader& header, v1::StackHeader& proto) {
@@ -63,6 +79,7 @@ void write(const Hello& value, v1::Hello& proto) {
   proto.set_start_policy(value.start_policy);
   for (const std::string& toml : value.resin_toml) proto.add_resin_toml(toml);
   for (const std::string& toml : value.print_toml) proto.add_print_toml(toml);
+  proto.set_answers_machines(value.answers_machines);
 }
 void write(const Fault& value, v1::Fault& proto) {
   proto.set_request(number_of(value.request));
@@ -79,6 +96,8 @@ void write(const Machines& value, v1::Machines& proto) {
   proto.set_origin(value.origin);
   for (const std::string& toml : value.resin_toml) proto.add_resin_toml(toml);
   for (const std::string& toml : value.print_toml) proto.add_print_toml(toml);
+  for (const MachineStatus& machine : value.standing) write_machine(machine, *proto.add_machine());
+  proto.set_why_unknown(cut(value.why_unknown, kMaxTextBytes));
 }
 void write(const Submit& value, v1::Submit& proto) {
   proto.set_request(number_of(value.request));

@@ -35,7 +35,12 @@ Job some_job() {
   job.stages = {{JobStage::Slice, 12.5}, {JobStage::Send, 0.25}};
   job.created_unix_ms = 1'700'000'000'000;
   job.changed_unix_ms = 1'700'000'000'500;
+  job.instance = "hall-1";
   return job;
+}
+
+MachineStatus some_machine() {
+  return {"hall-1", "machine-a", MachineState::Paused, "clear", "j18f-3", "vase.ply", 7, 540, 61.5, 2, "a fault", true};
 }
 
 /// One of each; the static_assert below keeps the list whole.
@@ -54,7 +59,13 @@ std::vector<Message> every_message() {
           Ping{},
           Pong{},
           AskMachines{request},
-          Machines{request, {"name = \"a\"", "name = \"b\""}, "127.0.0.1", {"name = \"r\""}, {"name = \"p\""}},
+          Machines{request,
+                   {"name = \"a\"", "name = \"b\""},
+                   "127.0.0.1",
+                   {"name = \"r\""},
+                   {"name = \"p\""},
+                   {some_machine(), {"hall-2", "machine-a"}},
+                   "not reached"},
           Submit{request, "vase.ply", "machine-a", "{}", 1000, digest},
           UploadReady{request, 500},
           UploadBlock{request, 500, bytes},

@@ -5,6 +5,7 @@
 #include <telefab/geometry/layer.hpp>
 #include <telefab/geometry/limits.hpp>
 #include <telefab/job/job.hpp>
+#include <telefab/job/machine_status.hpp>
 #include <telefab/wire/frame.hpp>
 #include <variant>
 
@@ -16,7 +17,8 @@ inline constexpr std::uint32_t kProtocolVersion = 5;
 inline constexpr std::size_t kMaxNameBytes = 255;   ///< names of scans, files, machines, people
 inline constexpr std::size_t kMaxTextBytes = 4096;  ///< reasons and messages; longer ones are cut
 inline constexpr std::size_t kMaxParametersBytes = 16U << 10U;
-inline constexpr std::size_t kMaxProfiles = 256;  ///< of machines, of resins and of prints
+inline constexpr std::size_t kMaxProfiles = 256;           ///< of machines, of resins and of prints
+inline constexpr std::size_t kMaxMachines = kMaxProfiles;  ///< that stand in a fab
 inline constexpr std::size_t kMaxJobsListed = 1000;
 inline constexpr std::uint64_t kMaxScanBytes = 8ULL << 30U;
 inline constexpr std::size_t kMaxBlockBytes = 1U << 20U;  ///< of an upload or a file
@@ -37,6 +39,7 @@ struct Hello {
   std::string start_policy;               ///< the fab's: "automatic" or "on-approval"
   std::vector<std::string> resin_toml = {};
   std::vector<std::string> print_toml = {};
+  bool answers_machines = false;  ///< the fab answers AskMachines of a scan site too
 };
 struct Fault {
   RequestId request{};
@@ -55,6 +58,8 @@ struct Machines {
   std::string origin;
   std::vector<std::string> resin_toml = {};
   std::vector<std::string> print_toml = {};
+  std::vector<MachineStatus> standing = {};  ///< what stands in the fab; none where it is not known
+  std::string why_unknown = {};              ///< why it is not, for people
 };
 struct Submit {
   RequestId request{};
