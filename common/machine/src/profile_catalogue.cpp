@@ -36,6 +36,9 @@ Result<void> check_names(const std::vector<ProfilePart>& parts) {
   for (const ProfilePart& part : parts)
     if (part.is_reference)
       return refuse_part(part, "built_in", "built_in is what sites tell each other; inherit from the built-in file");
+  for (const ProfilePart& part : parts)
+    if (part.is_instance && (part.kind != ProfileKind::Machine || part.inherits.empty()))
+      return refuse_part(part, "is_instance", "one machine of a profile inherits from it");
   std::set<std::pair<ProfileKind, std::string_view>> names;
   for (const ProfilePart& part : parts)
     if (!names.emplace(part.kind, part.name).second)
@@ -349,9 +352,11 @@ std::vector<const ProfilePart*> ProfileCatalogue::chain_of(const ProfilePart& pa
 Result<ComposedProfile> ProfileCatalogue::compose(const ProfileChoice& choice) const {
   const auto machine = choose(ProfileKind::Machine, choice.machine);
   if (!machine) return tl::unexpected{machine.error()};
-  std::string loaded;
-  for (const ProfilePart* each : chain_of(**machine))
+  std::string loaded, print_name = choice.print;
+  for (const ProfilePart* each : chain_of(**machine)) {
     if (!each->loaded_resin.empty()) loaded = each->loaded_resin;
+    if (choice.print.empty() && !each->default_print.empty()) print_name = each->default_print;
+  }
   if (!loaded.empty() && !choice.resin.empty() && choice.resin != loaded)
     return fail(ErrorCode::Conflict,
                 fmt::format("{} has the resin {} loaded, not {}; load it and state loaded_resin in {}, or choose {}",
@@ -365,16 +370,17 @@ Result<ComposedProfile> ProfileCatalogue::compose(const ProfileChoice& choice) c
     resin = *chosen;
   }
   const ProfilePart* print = nullptr;
-  if (!choice.print.empty()) {
-    const auto chosen = choose(ProfileKind::Print, choice.print);
+  if (!print_name.empty()) {
+    const auto chosen = choose(ProfileKind::Print, print_name);
+    if (!chosen && choice.print.empty()) return refuse_part(**machine, "default_print", chosen.error().what);
     if (!chosen) return tl::unexpected{chosen.error()};
     print = *chosen;
   }
   Composition making{*this};
-  making.composed().profile.name = (*machine)->name;
+  making.composed().profile.name = (*machine)->is_instance ? (*machine)->inherits : (*machine)->name;
   making.composed().profile.description = (*machine)->description;
   making.composed().resin = resin_name;
-  making.composed().print = choice.print;
+  making.composed().print = print_name;
   making.take(**machine);
   making.keep_machine_thickness();
   if (resin) {

@@ -46,6 +46,11 @@ Result<std::vector<ProfilePart>> load_profile_parts(ProfileKind kind, const fs::
     auto part =
         profile_part_from_toml(kind, {reinterpret_cast<const char*>(bytes->data()), bytes->size()}, path.string());
     if (!part) return tl::unexpected{part.error()};
+    if (part->is_instance)
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("{}, line {}: is_instance is what a fab tells of its machines; name them in its list "
+                              "(telefab-fab serve --instances)",
+                              part->origin, part->headings.at("is_instance")));
     parts.push_back(std::move(*part));
   }
   return parts;

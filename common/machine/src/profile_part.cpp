@@ -40,9 +40,17 @@ constexpr std::array kHeadings{
     Heading{"source", &ProfilePart::source, {true, true, true}, false},
     Heading{"inherits", &ProfilePart::inherits, {true, true, true}, true},
     Heading{"loaded_resin", &ProfilePart::loaded_resin, {true, false, false}, true},
+    Heading{"default_print", &ProfilePart::default_print, {true, false, false}, true},
     Heading{"for_machine", &ProfilePart::for_machine, {false, false, true}, true},
     Heading{"for_resin", &ProfilePart::for_resin, {false, false, true}, true},
 };
+
+struct Flag {
+  std::string_view key;
+  bool ProfilePart::*field;
+};
+constexpr std::array kFlags{Flag{"is_base", &ProfilePart::is_base}, Flag{"is_instance", &ProfilePart::is_instance},
+                            Flag{"built_in", &ProfilePart::is_reference}};
 
 class PartReader {
  public:
@@ -72,10 +80,11 @@ class PartReader {
       part_.assumed = std::move(*keys);
       return {};
     }
-    if (key == "is_base" || key == "built_in") {
+    const auto flag = std::ranges::find(kFlags, key, &Flag::key);
+    if (flag != kFlags.end()) {
       const auto value = node.value_exact<bool>();
       if (!value) return refuse(part_.origin, node.source(), fmt::format("{} must be true or false", key));
-      (key == "is_base" ? part_.is_base : part_.is_reference) = *value;
+      part_.*flag->field = *value;
       return {};
     }
     if (key == "exposures" && part_.kind == ProfileKind::Resin) return read_exposures(node);
@@ -172,6 +181,7 @@ std::string to_toml(const ProfilePart& part) {
     if (const std::string& value = part.*heading.field; !value.empty())
       text += fmt::format("{} = {}\n", heading.key, quoted_text(value));
   if (part.is_base) text += "is_base = true\n";
+  if (part.is_instance) text += "is_instance = true\n";
   if (!part.assumed.empty()) text += fmt::format("assumed = {}\n", list_text(part.assumed));
   std::string_view section;
   for (const Key& key : profile_keys()) {

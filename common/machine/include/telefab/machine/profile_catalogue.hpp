@@ -10,7 +10,8 @@
 
 namespace telefab {
 
-/// What a job is printed with. Empty resin: what the machine has loaded, or states itself; empty print: as it states.
+/// What a job is printed with. Empty resin: what the machine has loaded, or states itself; empty print: its default
+/// way to print, or as it states.
 struct ProfileChoice {
   std::string machine;
   std::string resin = {};
@@ -72,7 +73,7 @@ class ProfileCatalogue {
   [[nodiscard]] std::span<const ProfilePart> parts() const { return parts_; }
   /// What is offered of one kind, in the order they were given.
   [[nodiscard]] std::vector<const ProfilePart*> offered(ProfileKind kind) const;
-  /// Every machine as it prints without choice of resin and print.
+  /// Every machine as it prints without choice of resin and print; one machine of a profile under that one's name.
   [[nodiscard]] const std::vector<MachineProfile>& machines() const { return machines_; }
 
   /// Fails with InvalidInput: a name that is not known lists those there are; what does not fit together; an exposure

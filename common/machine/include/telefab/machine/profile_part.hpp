@@ -33,13 +33,17 @@ struct PublishedExposure {
 /// One file. What it does not say, the file that it inherits from may.
 struct ProfilePart {
   ProfileKind kind = ProfileKind::Machine;
-  std::string name;           ///< [a-z0-9-]+
-  std::string description;    ///< one line for people
-  std::string source;         ///< where its figures were published; empty: nowhere
-  std::string inherits;       ///< a file of its kind; empty: none
-  bool is_base = false;       ///< there to be inherited from, and not offered itself
+  std::string name;         ///< [a-z0-9-]+
+  std::string description;  ///< one line for people
+  std::string source;       ///< where its figures were published; empty: nowhere
+  std::string inherits;     ///< a file of its kind; empty: none
+  bool is_base = false;     ///< there to be inherited from, and not offered itself
+  /// One machine of a fab, of the profile that it inherits from: it prints under that profile's name, so that whatever
+  /// is made for it is made for any machine of the profile.
+  bool is_instance = false;
   bool is_reference = false;  ///< between sites: stands for the built-in file of its name, and says no more
   std::string loaded_resin;   ///< of a machine: what is in its vat, and no other is taken; empty: not stated
+  std::string default_print;  ///< of a machine: the way to print of a job that names none; empty: as the machine states
   std::string for_machine;  ///< of a print: its exposures are for that machine or what inherits from it; empty: for all
   std::string for_resin;    ///< of a print: its exposures are for that resin or what inherits from it; empty: for all
   std::vector<PublishedExposure> exposures;  ///< of a resin
