@@ -16,6 +16,7 @@ inline constexpr const char* kSupports = "supports_sha256";          ///< of pla
 inline constexpr const char* kSignedBy = "scan_site_key";            ///< Ed25519 public key that signed the offer
 inline constexpr const char* kAuditEntries = "audit_entries";  ///< lines of the site's audit log when it was sealed
 inline constexpr const char* kAuditHead = "audit_sha256";      ///< of the last of these lines, so of all
+inline constexpr const char* kInstance = "instance";           ///< name of the fab's machine that made it last
 inline constexpr const char* kSoftware = "software";           ///< program and version
 
 }  // namespace telefab::fab::provenance
