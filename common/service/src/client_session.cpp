@@ -97,9 +97,10 @@ class ClientSession final : public MessageSession {
   }
 
   void answer(const AskMachines& question) {
-    Machines machines = service().machines();
-    machines.request = question.request;
-    send(machines);
+    service().machines([weak = weak_from_this(), request = question.request](Machines machines) {
+      machines.request = request;
+      if (const auto self = weak.lock()) static_cast<ClientSession&>(*self).send(machines);
+    });
   }
 
   void answer(const Submit& submit) {

@@ -23,7 +23,7 @@ void declare_serve_options(VerbOptions& app, ServeOptions& options) {
           "TLS proxy before it; may be given again");
   app.add("--hook", options.hooks.program,
           "program to run at every change of a job's state: TELEFAB_JOB, TELEFAB_STATE, TELEFAB_MESSAGE, "
-          "TELEFAB_NAME and TELEFAB_MACHINE in its environment, the job as JSON on its input");
+          "TELEFAB_NAME, TELEFAB_MACHINE and TELEFAB_INSTANCE in its environment, the job as JSON on its input");
   app.add("--webhook", options.hooks.url, "http:// or https:// address that gets the same JSON as a POST");
   app.add("--log-level", options.log_level, "how much is logged; debug adds a line a layer")
       .one_of({"debug", "info", "warning"})

@@ -28,13 +28,16 @@ std::uint64_t bytes_in(const std::filesystem::path& folder) {
 
 }  // namespace
 
-Result<std::unique_ptr<Site>> Site::open(std::string program, const ServeOptions& options, const Clock& clock) {
+Result<std::unique_ptr<Site>> Site::open(std::string program, const ServeOptions& options, const Clock& clock,
+                                         const Offering& offering) {
   auto profiles = known_profiles(options.machines);
   if (!profiles) return tl::unexpected{profiles.error()};
+  auto offered =
+      offering ? offering(std::move(profiles->catalogue)) : Result<ProfileCatalogue>{std::move(profiles->catalogue)};
+  if (!offered) return tl::unexpected{offered.error()};
   auto folder = DataFolder::open(options.data);
   if (!folder) return tl::unexpected{folder.error()};
-  std::unique_ptr<Site> site{
-      new Site{std::move(program), options, clock, std::move(profiles->catalogue), std::move(*folder)}};
+  std::unique_ptr<Site> site{new Site{std::move(program), options, clock, std::move(*offered), std::move(*folder)}};
   site->loop_ = std::make_unique<net::Loop>();
   site->room_ = std::make_unique<DiskRoom>(site->folder_.path(), options.reserve_mib << 20U, options.ask_space);
   auto tracker = JobTracker::open(site->folder_.path(), options.hooks, clock, *site->loop_, site->room_.get());

@@ -76,6 +76,7 @@ std::vector<std::string> environment_for(const Job& job) {
   variables.push_back("TELEFAB_MESSAGE=" + job.message);
   variables.push_back("TELEFAB_NAME=" + job.name);
   variables.push_back("TELEFAB_MACHINE=" + job.machine);
+  variables.push_back("TELEFAB_INSTANCE=" + job.instance);
   return variables;
 }
 

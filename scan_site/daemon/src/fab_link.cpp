@@ -118,6 +118,7 @@ void FabLink::handle(const Hello& hello) {
     return on_closed(profiles.error());
   }
   profiles_ = std::move(*profiles);
+  answers_machines_ = hello.answers_machines;
   is_ready_ = true;
   connection_->set_ready();
   events_.changed(true, {});

@@ -38,6 +38,8 @@ class FabLink {
   void start();
 
   [[nodiscard]] bool is_up() const { return is_ready_; }
+  /// Whether it may be asked what its machines are at.
+  [[nodiscard]] bool answers_machines() const { return is_ready_ && answers_machines_; }
   [[nodiscard]] const std::string& why_down() const { return why_down_; }
   /// What the fab said last; nothing until it was reached once.
   [[nodiscard]] const std::optional<ProfileCatalogue>& profiles() const { return profiles_; }
@@ -84,6 +86,7 @@ class FabLink {
   void handle(const StackStored& stack);
   void handle(const JobChanged& change);
   void handle(const Fault& fault);
+  void handle(Machines machines) { answer(machines.request, Message{std::move(machines)}); }
   void handle(Jobs jobs) { answer(jobs.request, Message{std::move(jobs)}); }
   void handle(Files files) { answer(files.request, Message{std::move(files)}); }
   void handle(FileBlock block) { answer(block.request, Message{std::move(block)}); }
@@ -97,6 +100,7 @@ class FabLink {
   FabLinkEvents events_;
   net::ConnectionPtr connection_;
   bool is_ready_ = false;
+  bool answers_machines_ = false;
   std::string why_down_ = "not tried yet";
   Nanoseconds pause_{};
   std::optional<ProfileCatalogue> profiles_;

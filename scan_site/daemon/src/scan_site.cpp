@@ -18,6 +18,7 @@ namespace {
 
 /// Written into a job's folder when it was cancelled here and the fab has not heard of it yet.
 constexpr const char* kCancelMark = "tell-cancelled";
+constexpr const char* kOwnProfiles = "this scan site; the fab was not reached yet";
 
 }  // namespace
 
@@ -80,10 +81,23 @@ const ProfileCatalogue& ScanSite::known_profiles() const {
   return fabs && !fabs->machines().empty() ? *fabs : site().profiles();
 }
 
-Machines ScanSite::machines() {
-  return to_machines(known_profiles(), &known_profiles() == &site().profiles()
-                                           ? "this scan site; the fab was not reached yet"
-                                           : "fab " + fab_);
+void ScanSite::machines(std::function<void(Machines)> done) {
+  Machines known =
+      to_machines(known_profiles(), &known_profiles() == &site().profiles() ? kOwnProfiles : "fab " + fab_);
+  if (!link_->answers_machines()) {
+    known.why_unknown = link_->is_up() ? "the fab is of a release that does not tell what its machines are at"
+                                       : "the fab is not reached: " + link_->why_down();
+    return done(std::move(known));
+  }
+  const RequestId request = link_->next_request();
+  link_->ask(request, AskMachines{request}, [known, done = std::move(done)](Result<Message> answer) mutable {
+    if (auto* theirs = answer ? std::get_if<Machines>(&*answer) : nullptr)
+      known.standing = std::move(theirs->standing);
+    else
+      known.why_unknown = answer ? "the fab answered with another message" : answer.error().what;
+    done(std::move(known));
+    return true;
+  });
 }
 
 Result<void> ScanSite::may_submit(const Submit& submit) {
@@ -140,7 +154,7 @@ Result<void> ScanSite::resume_unfinished(const Job& job) {
   if ((*spool)->with([](const ChunkSpool& each) { return each.finished().has_value(); })) return {};
   auto machine = profile_of_job(known_profiles(), job.machine, job.parameters);
   if (!machine) return tl::unexpected{machine.error()};
-  slicer_->add({job.id, job.name, job.owner, job.parameters, std::move(*machine), *folder});
+  slicer_->add({job.id, job.name, job.owner, job.parameters, job.machine, std::move(*machine), *folder});
   return {};
 }
 
@@ -256,6 +270,8 @@ void ScanSite::on_job_changed(const Job& theirs) {
     c.layers_printed = theirs.counters.layers_printed;
   });
   if (!is_live || is_before(theirs.state, JobState::Planning)) return;
+  if (auto kept = store().set_instance(theirs.id, theirs.instance); !kept)
+    log_warning(kept.error().what, {theirs.id});  // shown only; the next change tells it again
   for (const StageSeconds& stage : theirs.stages)
     if (stage.stage == JobStage::Plan || stage.stage == JobStage::Print)
       tracker().set_stage_seconds(theirs.id, stage.stage, stage.seconds);

@@ -19,7 +19,7 @@ class ScanSite final : public SiteWork {
   [[nodiscard]] static Result<std::unique_ptr<ScanSite>> open(Site& site, const ScanSiteConfig& config);
   ~ScanSite() override;
 
-  Machines machines() override;
+  void machines(std::function<void(Machines)> done) override;
   Result<void> may_submit(const Submit& submit) override;
   Result<Job> submit(const Submit& submit, const std::filesystem::path& upload, std::string_view owner) override;
   void command(const Command& command, std::function<void(Result<Job>)> done) override;

@@ -93,7 +93,7 @@ class SpoolWriter {
     }
     Offer offer{task_.job,
                 task_.name,
-                task_.machine.name,
+                task_.asked_machine,
                 task_.parameters,
                 digest_of_profile(task_.machine),
                 header,

@@ -18,6 +18,7 @@ struct SliceTask {
   std::string name;
   std::string owner;
   std::string parameters;
+  std::string asked_machine;  ///< a profile, or one machine of it
   MachineProfile machine;
   std::filesystem::path folder;  ///< holds `scan`; receives `chunks`, `offer` and report/slice.json
 };

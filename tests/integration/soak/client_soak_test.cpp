@@ -25,7 +25,7 @@ class IdleService final : public JobService {
  public:
   IdleService(JobStore& store, std::filesystem::path incoming) : store_{store}, incoming_{std::move(incoming)} {}
   JobStore& store() override { return store_; }
-  Machines machines() override { return {}; }
+  void machines(std::function<void(Machines)> done) override { done({}); }
   Result<void> may_submit(const Submit&) override { return {}; }
   std::filesystem::path incoming() override { return incoming_; }
   Result<Job> submit(const Submit& submit, const std::filesystem::path&, std::string_view owner) override {

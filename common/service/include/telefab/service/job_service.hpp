@@ -17,7 +17,8 @@ class JobService {
   JobService& operator=(const JobService&) = delete;
 
   [[nodiscard]] virtual JobStore& store() = 0;
-  [[nodiscard]] virtual Machines machines() = 0;
+  /// The profiles one can submit for, and what stands in the fab as far as it answers.
+  virtual void machines(std::function<void(Machines)> done) = 0;
   /// Looked at before a byte of the scan is taken: machine, parameters, room on disk.
   [[nodiscard]] virtual Result<void> may_submit(const Submit& submit) = 0;
   /// Where uploads under way lie; on the same file system as the jobs.

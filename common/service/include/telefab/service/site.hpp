@@ -26,10 +26,13 @@ struct FoundJob {
 /// Threads: the loop's, but for find() and what its parts allow.
 class Site {
  public:
-  /// Looks at everything that was given but the addresses to listen on. `program`: "telefab-fab". The clock must
-  /// outlive the site. Fails as known_profiles, DataFolder::open, JobTracker::open and trust_of do.
+  /// What of the profiles of --machines a site offers.
+  using Offering = std::function<Result<ProfileCatalogue>(ProfileCatalogue known)>;
+  /// Looks at everything that was given but the addresses to listen on. `program`: "telefab-fab". `offering`: empty:
+  /// all. The clock must outlive the site. Fails as known_profiles, the offering, DataFolder::open, JobTracker::open
+  /// and trust_of do.
   [[nodiscard]] static Result<std::unique_ptr<Site>> open(std::string program, const ServeOptions& options,
-                                                          const Clock& clock);
+                                                          const Clock& clock, const Offering& offering = {});
   Site(const Site&) = delete;
   Site& operator=(const Site&) = delete;
 
@@ -41,7 +44,7 @@ class Site {
   [[nodiscard]] const std::string& program() const { return program_; }
   [[nodiscard]] const ServeOptions& options() const { return options_; }
   [[nodiscard]] const Clock& clock() const { return clock_; }
-  /// Those of --machines, with resins and prints.
+  /// Those of --machines that the site offers, with resins and prints.
   [[nodiscard]] const ProfileCatalogue& profiles() const { return profiles_; }
   /// Every machine as it prints where a job chooses nothing.
   [[nodiscard]] const std::vector<MachineProfile>& machines() const { return profiles_.machines(); }
