@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/command_line/profile_listing.hpp>
+#include <utility>
 
 namespace telefab {
 namespace {
@@ -57,6 +59,36 @@ std::string line_of(const ComposedProfile& composed, const ProfilePart& part) {
   return {};
 }
 
+/// "printing   j19a-1, layer 12 of 300, 14 min 20 s left, 2 wait: statue.ply"
+std::string text_of(const MachineStatus& machine) {
+  std::vector<std::string> parts;
+  if (!machine.job.empty()) parts.push_back(machine.job);
+  if (machine.layers > 0) parts.push_back(fmt::format("layer {} of {}", machine.layer, machine.layers));
+  if (machine.seconds_left >= 0) parts.push_back(duration_text(machine.seconds_left) + " left");
+  if (machine.waiting > 0) parts.push_back(fmt::format("{} wait", machine.waiting));
+  parts.push_back(fmt::format("resin {}", machine.resin));
+  std::string text = fmt::format("{:<9} {}", name_of(machine.state), fmt::join(parts, ", "));
+  if (!machine.job_name.empty()) text += ": " + machine.job_name;
+  if (!machine.message.empty()) text += fmt::format(" ({})", machine.message);
+  return text;
+}
+
+/// A machine that stands in a fab, or a profile that stands for several of them.
+std::string line_of(const ComposedProfile& composed, const ProfilePart& part, std::span<const MachineStatus> standing) {
+  const auto found = std::ranges::find(standing, part.name, &MachineStatus::name);
+  if (found != standing.end() && (found->state != MachineState::Idle || found->waiting > 0))
+    return fmt::format("{:<28} {}\n", part.name, text_of(*found));
+  std::vector<std::string_view> names;
+  for (const MachineStatus& each : standing)
+    if (each.profile == part.name && each.name != part.name) names.push_back(each.name);
+  if (found == standing.end() && !names.empty())
+    return fmt::format("{:<28} any of  {}\n", part.name, fmt::join(names, ", "));
+  const std::string line = line_of(composed, part);
+  if (found == standing.end()) return line;
+  return fmt::format("{:<28} {:<9} resin {}, {}", part.name, name_of(found->state), found->resin,
+                     line.substr(std::min<std::size_t>(line.size(), 29)));
+}
+
 /// A TOML value as JSON; what JSON does not read, a table of several lines, stays a text.
 Json json_of(const std::string& value) {
   Json read = json_or_discarded(value);
@@ -82,6 +114,15 @@ Json json_of(const ComposedProfile& composed, const ProfilePart& part, std::stri
   object["assumed"] = p.assumed;
   object["origin"] = origin;
   return object;
+}
+
+void add_standing(Json& object, std::string_view name, std::span<const MachineStatus> standing) {
+  Json names = Json::array();
+  for (const MachineStatus& each : standing) {
+    if (each.profile == name && each.name != name) names.push_back(each.name);
+    if (each.name == name) object["status"] = json_of(to_json(each));
+  }
+  if (!names.empty()) object["machines"] = std::move(names);
 }
 
 std::string words_of(const ComposedValue& value) {
@@ -132,7 +173,7 @@ void declare_profile_listing(VerbOptions& options, ProfileKind kind, ProfileList
 }
 
 Result<std::string> text_of(const ProfileListing& listing, ProfileKind kind, const ProfileCatalogue& catalogue,
-                            std::string_view origin, bool is_json) {
+                            std::string_view origin, bool is_json, std::span<const MachineStatus> standing) {
   if (listing.show.empty() && !(listing.resin.empty() && listing.print.empty()))
     return fail(ErrorCode::InvalidInput, "--resin and --print go with --show NAME");
   if (!listing.show.empty()) {
@@ -149,10 +190,12 @@ Result<std::string> text_of(const ProfileListing& listing, ProfileKind kind, con
     }
     const auto composed = compose(catalogue, kind, listing, part->name);
     if (!composed) return tl::unexpected{composed.error()};
-    if (is_json)
+    if (is_json) {
       list.push_back(json_of(*composed, *part, origin));
-    else
-      lines += line_of(*composed, *part);
+      add_standing(list.back(), part->name, standing);
+    } else {
+      lines += standing.empty() ? line_of(*composed, *part) : line_of(*composed, *part, standing);
+    }
   }
   return is_json && !listing.names ? json_text(list, 2) + "\n" : lines;
 }
