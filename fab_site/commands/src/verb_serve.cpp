@@ -27,6 +27,11 @@ VerbBody declare_serve(VerbOptions& options) {
   options.add("--site-keys", o->config.site_keys,
               "folder with SITE.sign.pub of every scan site whose jobs are taken; jobs not signed with one of "
               "them are refused. Default: the --tls folder; without TLS, on loopback only, every job is taken");
+  options.add(
+      "--instances", o->config.instances,
+      "TOML file with a [[machine]] for each machine that stands here: name, profile, and where they are its own "
+      "resin, print and [machine.devices]. Each has its own queue and prints beside the others; two may not have "
+      "one device. Default: one machine of each profile, named as it is");
   options.add("--start", o->start, "automatic | on-approval: whether a planned job waits for `telefab approve`")
       .one_of({"automatic", "on-approval"})
       .shows_default();

@@ -18,19 +18,26 @@ constexpr auto kDarkLookEvery = std::chrono::milliseconds{20};
 }  // namespace
 
 Result<void> serve_fab_site(const FabSiteConfig& config, const Clock& clock, std::stop_token stop) {
-  const auto site = Site::open("telefab-fab", config.serve, clock);
+  std::vector<MachineInstance> instances;
+  const auto site = Site::open("telefab-fab", config.serve, clock, [&](ProfileCatalogue known) {
+    auto inventory = open_inventory(config.instances, std::move(known));
+    if (inventory) instances = std::move(inventory->instances);
+    return std::move(inventory).map([](FabInventory&& each) { return std::move(each.profiles); });
+  });
   if (!site) return tl::unexpected{site.error()};
-  FabSite work{**site, config};
+  auto machines = FabMachines::of((*site)->profiles(), std::move(instances));
+  if (!machines) return tl::unexpected{machines.error()};
+  FabSite work{**site, config, std::move(*machines)};
   if (auto served = (*site)->serve(work, std::move(stop)); !served) return served;
-  log_line("telefab-fab ends; a print under way is dark and is resumed at the next start");
+  log_line("telefab-fab ends; every print under way is dark and is resumed at the next start");
   return {};
 }
 
-FabSite::FabSite(Site& site, const FabSiteConfig& config)
+FabSite::FabSite(Site& site, const FabSiteConfig& config, FabMachines machines)
     : SiteWork{site},
       start_on_approval_{config.start_on_approval},
-      printer_{site, config},
-      planner_{site, config.planning, printer_},
+      dispatcher_{site, config, std::move(machines)},
+      planner_{site, config.planning, dispatcher_},
       intake_{site, SiteKeys{config.site_keys.empty() ? config.serve.tls_folder : config.site_keys}, config.at_start,
               planner_} {}
 
@@ -39,7 +46,7 @@ void FabSite::resume(const Job& job) {
     site().tracker().counters().begin(job.id, job.counters);
     if (is_before(job.state, JobState::AwaitingApproval)) return intake_.resume(job);
     if (job.state == JobState::AwaitingApproval || job.state == JobState::Ready) planner_.predict(job.id);
-    return printer_.resume(job);
+    return dispatcher_.resume(job);
   }();
   if (resumed) return;
   // Nothing lights of what cannot be read, and nothing of it is given up.
@@ -50,14 +57,15 @@ void FabSite::resume(const Job& job) {
 }
 
 Hello FabSite::hello() {
-  Machines known = machines();
+  Machines known = to_machines(site().profiles(), "this fab");
   return {kProtocolVersion,
           Side::FabSite,
           fmt::format("telefab-fab {}", kVersion),
           std::move(known.machine_toml),
           start_on_approval_ ? "on-approval" : "automatic",
           std::move(known.resin_toml),
-          std::move(known.print_toml)};
+          std::move(known.print_toml),
+          true};
 }
 
 void FabSite::on_site(const net::ConnectionPtr& connection) {
@@ -66,7 +74,7 @@ void FabSite::on_site(const net::ConnectionPtr& connection) {
 
 WebSite& FabSite::open_page(SignIn& sign_in, CommandPost post) {
   page_backend_ = std::make_unique<SitePageBackend>(
-      store(), site().room(), site().folder(), site().machines(), std::move(post),
+      store(), site().room(), site().folder(), site().profiles(), std::move(post),
       [this](const NewJob& upload, std::function<void(Result<Job>)> done) {
         site().loop().post([this, upload, done = std::move(done)] { done(intake_.take_upload(upload)); });
       },
@@ -76,8 +84,9 @@ WebSite& FabSite::open_page(SignIn& sign_in, CommandPost post) {
             [this, job, supports, who, done = std::move(done)] { done(planner_.plan_again(job, supports, who)); });
       },
       [this](const std::string& job) {
-        return JobQuestions{printer_.is_exposure_unknown(job), printer_.waits_for_platform(job)};
-      });
+        return JobQuestions{dispatcher_.is_exposure_unknown(job), dispatcher_.platform_waited_for(job)};
+      },
+      MachineAsker{[this] { return dispatcher_.standing(); }, [this] { return dispatcher_.revision(); }});
   std::string three_js;
   if (const auto library = read_file(kThreeJs, kMaxThreeJsBytes))
     three_js.assign(reinterpret_cast<const char*>(library->data()), library->size());
@@ -88,18 +97,22 @@ WebSite& FabSite::open_page(SignIn& sign_in, CommandPost post) {
 void FabSite::begin(std::uint16_t port) { log_line(fmt::format("telefab-fab listens on port {}", port)); }
 
 void FabSite::end(std::function<void()> ended) {
-  if (!printer_.is_idle()) log_line("telefab-fab ends when the light of the print under way has ended");
+  if (!dispatcher_.is_idle()) log_line("telefab-fab ends when the light of every print under way has ended");
   planner_.ask_to_end();
-  printer_.ask_to_end();
+  dispatcher_.ask_to_end();
   end_when_dark(std::move(ended));
 }
 
 void FabSite::end_when_dark(std::function<void()> ended) {
-  if (printer_.has_ended()) return ended();
+  if (dispatcher_.has_ended()) return ended();
   site().loop().after(kDarkLookEvery, [this, ended = std::move(ended)] { end_when_dark(ended); });
 }
 
-Machines FabSite::machines() { return to_machines(site().profiles(), "this fab"); }
+void FabSite::machines(std::function<void(Machines)> done) {
+  Machines known = to_machines(site().profiles(), "this fab");
+  known.standing = dispatcher_.standing();
+  done(std::move(known));
+}
 
 Result<void> FabSite::may_submit(const Submit&) {
   return fail(ErrorCode::NotPermitted, "a fab takes layers, no scans: submit to a scan site");
@@ -110,11 +123,11 @@ Result<Job> FabSite::submit(const Submit& submit, const std::filesystem::path&, 
 }
 
 void FabSite::command(const Command& command, std::function<void(Result<Job>)> done) {
-  if (command.command == JobCommand::Cleared) return done(printer_.clear_platform(command.job));
+  if (command.command == JobCommand::Cleared) return done(dispatcher_.clear_platform(command.job));
   if (command.command == JobCommand::Forget) return done(forget(command.job));
   const auto job = store().find(command.job);
   if (!job) return done(job);
-  printer_.command(*job, command, [this, done = std::move(done)](Result<Job> answered) {
+  dispatcher_.command(*job, command, [this, done = std::move(done)](Result<Job> answered) {
     // What is under way at its machine ends later, by its record.
     if (answered && answered->state == JobState::Cancelled) planner_.drop(answered->id);
     done(std::move(answered));

@@ -30,7 +30,7 @@ Result<StackReceiver::OfferAnswer> JobIntake::take_offer(const Offer& offer, con
   const std::string& site = peer.name;
   const auto signer = keys_.check(offer, peer);
   if (!signer) return tl::unexpected{signer.error()};
-  if (const auto known = find_machine(site_.machines(), offer.machine); !known) return tl::unexpected{known.error()};
+  if (const auto known = site_.profiles().compose({offer.machine}); !known) return tl::unexpected{known.error()};
   const auto job = site_.store().find(offer.job);
   if (!job && job.error().code != ErrorCode::NotFound)
     return put_off(offer.job, DeferReason::StorageFault, job.error().what);

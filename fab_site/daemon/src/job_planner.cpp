@@ -16,10 +16,10 @@
 
 namespace telefab::fab {
 
-JobPlanner::JobPlanner(Site& site, PlanOptions options, JobPrinter& printer)
+JobPlanner::JobPlanner(Site& site, PlanOptions options, JobDispatcher& dispatcher)
     : site_{site},
       options_{std::move(options)},
-      printer_{printer},
+      dispatcher_{dispatcher},
       predictor_{"predictor", [this](const std::string& job, std::stop_token stop) { compute_accuracy(job, stop); }},
       queue_{"planner", [this](const std::string& job, std::stop_token stop) { plan(job, stop); }} {
   site.tracker().on_end([this](const std::string& job) {
@@ -70,7 +70,7 @@ void JobPlanner::plan(const std::string& job, std::stop_token stop) {
     if (const auto folder = site_.folder().job(job); folder && wants_hand_list(*folder)) replaced(*folder, job);
     count(job, outcome->print_layers, outcome->print_layers);
     tracker.set_stage_seconds(job, JobStage::Plan, seconds);
-    printer_.planned(job, outcome->preflight);
+    dispatcher_.planned(job, outcome->preflight);
     predictor_.add(job);
   });
 }

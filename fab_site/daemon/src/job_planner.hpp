@@ -7,7 +7,8 @@
 #include <telefab/service/site.hpp>
 #include <telefab/service/work_queue.hpp>
 
-#include "job_printer.hpp"
+#include "job_dispatcher.hpp"
+#include "plan_print.hpp"
 
 namespace telefab::fab {
 
@@ -16,7 +17,7 @@ namespace telefab::fab {
 class JobPlanner {
  public:
   /// Both must outlive it. `options`: of every job; name, registration and regions are its own.
-  JobPlanner(Site& site, PlanOptions options, JobPrinter& printer);
+  JobPlanner(Site& site, PlanOptions options, JobDispatcher& dispatcher);
   ~JobPlanner();
   JobPlanner(const JobPlanner&) = delete;
   JobPlanner& operator=(const JobPlanner&) = delete;
@@ -51,7 +52,7 @@ class JobPlanner {
 
   Site& site_;
   PlanOptions options_;
-  JobPrinter& printer_;
+  JobDispatcher& dispatcher_;
   std::mutex mutex_;
   std::map<std::string, std::shared_ptr<LayerStream>> analysed_;  ///< of jobs to be planned; guarded by mutex_
   WorkQueue predictor_;

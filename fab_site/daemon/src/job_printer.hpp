@@ -2,109 +2,119 @@
 #pragma once
 #include <atomic>
 #include <mutex>
-#include <set>
-#include <telefab/fab/daemon/serve_fab_site.hpp>
+#include <optional>
+#include <telefab/fab/print/machine_queue.hpp>
+#include <telefab/fab/print/print_word.hpp>
+#include <telefab/fab/print/start_rule.hpp>
 #include <telefab/service/service_notifier.hpp>
 #include <telefab/service/site.hpp>
 #include <telefab/service/work_queue.hpp>
 
-#include "plan_print.hpp"
-#include "platforms.hpp"
-#include "print_orders.hpp"
+#include "exposure_questions.hpp"
+#include "printing_machine.hpp"
 
 namespace telefab::fab {
 
-/// Prints planned jobs one after the other on the thread "device", which alone touches the devices, and carries out
-/// what is commanded about planned jobs. Threads: the loop's, but for what says otherwise.
+/// How a job left its machine.
+struct PrintEnd {
+  MachineTrouble trouble = MachineTrouble::None;  ///< of the machine
+  bool is_nothing_made = false;  ///< no layer was exposed, nor perhaps: the platform is as empty as before
+  std::string why;               ///< of trouble, for people
+  bool goes_elsewhere = false;   ///< this machine was not found; another may print it, and nobody has to say so
+};
+
+/// What a printer tells whoever gives it jobs. Called on the loop's thread.
+struct PrinterEvents {
+  /// The print waits for an operator, or goes on; so many seconds are left of it.
+  std::function<void(const std::string& job, bool is_paused, double seconds_left)> progress;
+  /// Whether another machine than the one it is on fits the job.
+  std::function<bool(const std::string& job)> fits_elsewhere;
+  /// The machine is free of the job, whose state says what becomes of it.
+  std::function<void(const std::string& job, const PrintEnd& end)> ended;
+};
+
+/// One machine of the fab: prints one job at a time on a thread of its own, "device", which alone touches the
+/// machine's devices. Threads: the loop's, but for what says otherwise.
 class JobPrinter {
  public:
-  /// The site must outlive it.
-  JobPrinter(Site& site, const FabSiteConfig& config);
+  /// Gives the profile that a job is printed with here.
+  using ProfileOf = std::function<Result<MachineProfile>(const Job&)>;
+  struct Parts {
+    std::string name;  ///< of the machine
+    ProfileOf profile_of;
+    std::unique_ptr<PrintingMachine> machine;
+    StartPolicy at_start;
+    PrinterEvents events;
+  };
+  /// Site and questions must outlive it.
+  JobPrinter(Site& site, ExposureQuestions& questions, Parts parts);
   ~JobPrinter();
   JobPrinter(const JobPrinter&) = delete;
   JobPrinter& operator=(const JobPrinter&) = delete;
 
-  /// The job is planned: it is printed, or waits for somebody's approval.
-  void planned(const std::string& job, const Preflight& preflight);
-  /// Goes on with a job that was planned when the site ended last, as far as the start rule lets it. Fails where the
-  /// job's folder cannot be read.
-  [[nodiscard]] Result<void> resume(const Job& job);
+  /// The job is printed now. It has no other: the one before has ended or was taken off.
+  void begin(const std::string& job);
+  /// Takes a job off that is not yet under way; nothing more is tried for it.
+  void take_off(const std::string& job);
+  /// The control of the job's print; null where it is not under way here.
+  [[nodiscard]] std::shared_ptr<PrintControl> control_of(const std::string& job);
+  /// Keeps a word about a job that is not under way here. Fails as keep_word does, and with Conflict where it went on
+  /// just now.
+  [[nodiscard]] Result<void> keep(const Job& job, const PrintWord& word);
+  /// The light off, of a machine whose print waits; what cannot be switched off is logged.
+  void darken(const std::string& job);
 
-  /// Approve, pause, resume or cancel a job that is not at its end. The answer comes once the job's journal has the
-  /// word.
-  void command(const Job& job, const Command& command, std::function<void(Result<Job>)> done);
-  /// An operator says that the platform of the machine is empty. The job whose part was on it.
-  [[nodiscard]] Result<Job> clear_platform(const std::string& machine);
-
-  /// A layer of the job was perhaps exposed, and nobody has decided yet. Any thread.
-  [[nodiscard]] bool is_exposure_unknown(const std::string& job);
-  /// Another part is on the platform that the job needs. Any thread.
-  [[nodiscard]] bool waits_for_platform(const std::string& job);
   /// Whether the print under way, if there is one, still looks at its devices.
   [[nodiscard]] bool is_alive();
-
   /// Asks the print under way to go dark and to end with the site; nothing is begun any more.
-  void ask_to_end() { queue_.ask_to_end(); }
-  [[nodiscard]] bool is_idle() const { return queue_.is_idle(); }
-  [[nodiscard]] bool has_ended() const { return queue_.has_ended(); }
+  void ask_to_end();
+  [[nodiscard]] bool is_idle() const { return !queue_ || queue_->is_idle(); }
+  [[nodiscard]] bool has_ended() const { return !queue_ || queue_->has_ended(); }
 
  private:
   [[nodiscard]] JobTracker& tracker() const { return site_.tracker(); }
   [[nodiscard]] JobStore& store() const { return site_.store(); }
   /// From any thread to the loop's.
   void later(std::function<void()> work) { site_.loop().post(std::move(work)); }
-  void set_exposure_unknown(const std::string& job, bool is_unknown);
-  /// The light of a machine whose print waits is switched off, as that of one that prints is.
-  void darken(const Job& job);
 
   /// On the device's thread.
   void print(const std::string& job, std::stop_token stop);
   /// Whether the store says so now; if not, it is tried again. What the next start knows of this print begins there.
   [[nodiscard]] bool is_recorded_as_printing(const std::string& job);
   [[nodiscard]] Result<PrintRecord> attempt(const std::string& job, PrintControl& control, const std::stop_token& stop);
-  /// Whether the job may go on its machine now; false: another part is on the platform, and the job waits.
-  [[nodiscard]] bool take_platform(const Job& job, const MachineProfile& machine);
-
   /// Whether the disk has room for what the print will write; false: the job waits for it.
   [[nodiscard]] bool has_room(const Job& job);
+
+  /// Tries the job again after a while, unless it was taken off meanwhile.
+  void add_after(Nanoseconds pause, const std::string& job);
   /// The job says why it waits, and is tried again.
   void wait_for_disk(const std::string& job, const Error& why);
-
-  void wait_for_platform(const Job& job, const std::string& occupant);
-  void try_again_later(const std::string& job);
   void on_progress(const std::string& job, const PrintProgress& progress);
   void on_ended(const std::string& job, const Result<PrintRecord>& record);
+  /// No record came: what becomes of the job. False: it stays on its machine, and is tried again.
+  [[nodiscard]] bool leaves_without_record(const std::string& job, const Error& why, PrintEnd& end);
+  void leaves_with(const std::string& job, const PrintRecord& record);
   /// What the start rule would say of the job now. Fails as start_case.
   [[nodiscard]] Result<StartRuling> ruling_on(const std::string& job);
-
-  /// The control of the job's print, if it is under way.
-  [[nodiscard]] std::shared_ptr<PrintControl> control_of(const std::string& job);
-  /// Hands the command to the print under way; `done` is called once its journal has it.
-  void pass_to_print(const Command& command, const std::shared_ptr<PrintControl>& control,
-                     std::function<void(Result<Job>)> done);
-  /// Keeps a word about a job that is not on its machine. Fails as keep_word does.
-  [[nodiscard]] Result<void> keep(const Job& job, const PrintWord& word);
-  /// Approves or resumes a job that is not on its machine, and puts it there.
-  [[nodiscard]] Result<void> put_on_machine(const Job& job, const PrintWord& word);
-  [[nodiscard]] Result<void> approve(const Job& job, const Command& command);
-  /// Of a job that is not on its machine, or not yet.
-  [[nodiscard]] Result<void> pause(const Job& job, const std::string& who);
-  [[nodiscard]] Result<void> cancel(const Job& job, const std::string& who);
+  [[nodiscard]] PrintEnd end_of(const std::string& job, const Result<PrintRecord>& record);
 
   Site& site_;
+  ExposureQuestions& questions_;
+  std::string name_;
+  ProfileOf profile_of_;
+  std::unique_ptr<PrintingMachine> machine_;
   StartPolicy at_start_;
-  PlatformPolicy platform_policy_;
-  bool start_on_approval_;
-  Platforms platforms_;
+  PrinterEvents events_;
+  std::string assigned_;  ///< the job it was given; empty: none
+  bool is_ending_ = false;
   std::mutex mutex_;
-  std::set<std::string> for_platform_;      ///< jobs that wait for an empty platform; guarded by mutex_
-  std::set<std::string> exposure_unknown_;  ///< jobs whose next layer was perhaps exposed; guarded by mutex_
   /// Guarded by mutex_, which is also held while a word goes into the journal of a job that does not print.
   std::string printing_;
   std::shared_ptr<PrintControl> control_;  ///< of the job being printed; guarded by mutex_
+  double speed_up_ = 1;                    ///< of the print under way; guarded by mutex_
   std::atomic<std::uint64_t> beats_ = 0;   ///< waits of the print under way; 0: none, or not so far yet
   Heartbeat beat_{std::chrono::seconds{30}};
-  WorkQueue queue_;
+  std::optional<WorkQueue> queue_;  ///< begins with the first job: most machines of a catalogue never get one
 };
 
 }  // namespace telefab::fab

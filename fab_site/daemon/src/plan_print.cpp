@@ -137,9 +137,9 @@ Result<void> go_dark(const MachineProfile& machine) {
   return (*projector)->dark();
 }
 
-Result<PrintRecord> print_from(const std::filesystem::path& folder, const MachineProfile& machine,
-                               const PrintPolicy& policy, PrintControl& control, const PrintSink& sink,
+Result<PrintRecord> print_from(const PrintTask& task, PrintControl& control, const PrintSink& sink,
                                std::atomic<std::uint64_t>& beats, std::stop_token stop) {
+  const auto& [folder, machine, instance, policy] = task;
   const auto job = PlannedJob::open(folder / "plan");
   if (!job) return tl::unexpected{job.error()};
   if (const auto fits = (*job)->plan().fits(machine); !fits) return tl::unexpected{fits.error()};
@@ -172,6 +172,7 @@ Result<PrintRecord> print_from(const std::filesystem::path& folder, const Machin
   auto record = runner.run((*job)->plan(), scaled, control, sink, std::move(stop));
   if (!record) return record;
   record->provenance = provenance_of(folder);
+  record->provenance[provenance::kInstance] = instance;
   // Why a print faulted is the news; its record is written again once it has ended.
   if (auto kept = keep_records(folder, *record); !kept && record->outcome != PrintOutcome::Faulted)
     return tl::unexpected{kept.error()};

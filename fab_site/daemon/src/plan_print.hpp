@@ -7,6 +7,7 @@
 #include <telefab/fab/print/print_runner.hpp>
 
 #include "intake.hpp"
+#include "printing_machine.hpp"
 
 namespace telefab::fab {
 
@@ -22,10 +23,10 @@ struct PlanOutcome {
                                             const MachineProfile& machine, PlanOptions options, const Clock& clock,
                                             const ProgressSink& progress, std::stop_token stop);
 
-/// Prints what plan_into planned, or goes on where folder/journal ends. The record goes to folder/report/print.json.
-/// `beats` rises with every wait of the runner, several times a second; when it stands still, the print hangs.
-[[nodiscard]] Result<PrintRecord> print_from(const std::filesystem::path& folder, const MachineProfile& machine,
-                                             const PrintPolicy& policy, PrintControl& control, const PrintSink& sink,
+/// Prints what plan_into planned by light engine and stage, or goes on where the journal ends. The record goes to
+/// report/print.json. `beats` rises with every wait of the runner, several times a second; when it stands still, the
+/// print hangs.
+[[nodiscard]] Result<PrintRecord> print_from(const PrintTask& task, PrintControl& control, const PrintSink& sink,
                                              std::atomic<std::uint64_t>& beats, std::stop_token stop);
 
 /// Bytes that a print from the folder still takes on its disk: the journal, where none is begun, and the records.

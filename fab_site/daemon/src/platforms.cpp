@@ -2,15 +2,9 @@
 #include "platforms.hpp"
 
 #include <telefab/base/file.hpp>
-#include <telefab/fab/drivers/make_devices.hpp>
 #include <telefab/service/data_folder.hpp>
 
 namespace telefab::fab {
-
-bool needs_clearing(PlatformPolicy policy, const MachineProfile& machine) {
-  if (policy == PlatformPolicy::ByMachine) return !is_simulated(machine);
-  return policy == PlatformPolicy::ClearedByOperator;
-}
 
 Result<std::optional<std::string>> Platforms::part_on(const std::string& machine) const {
   constexpr std::uint64_t kLongestName = 4096;

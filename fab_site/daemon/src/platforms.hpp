@@ -4,12 +4,8 @@
 #include <optional>
 #include <string>
 #include <telefab/base/result.hpp>
-#include <telefab/fab/daemon/serve_fab_site.hpp>
-#include <telefab/machine/machine_profile.hpp>
 
 namespace telefab::fab {
-
-[[nodiscard]] bool needs_clearing(PlatformPolicy policy, const MachineProfile& machine);
 
 /// Whose part is on the platform of each machine, a file a machine in DATA/platforms, kept over restarts. Threads: any,
 /// for one machine one at a time.

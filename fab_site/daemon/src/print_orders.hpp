@@ -20,6 +20,10 @@ struct StartCase {
   bool has_begun = false;
   ResumePoint point;
 };
+/// Whether a layer of it was exposed, or perhaps: its part hangs in the machine where it began.
+[[nodiscard]] inline bool is_part_begun(const StartCase& before, const Job& job) {
+  return before.point.next.count() > 0 || before.point.maybe_exposed || job.counters.layers_printed > 0;
+}
 /// Fails: StorageFailed, NotPermitted. A plan that cannot be read is another plan.
 [[nodiscard]] Result<StartCase> start_case(const std::filesystem::path& folder, const Job& job);
 

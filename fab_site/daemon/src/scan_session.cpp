@@ -165,6 +165,26 @@ class ScanSession final : public MessageSession {
     carry_out(named);
   }
 
+  /// What its operators are to see of the machines; nothing of other sites' jobs.
+  void handle(const AskMachines& question) {
+    service().machines([weak = weak_from_this(), request = question.request](const Machines& known) {
+      Machines answer;
+      answer.request = request;
+      answer.origin = known.origin;
+      answer.standing = known.standing;
+      if (const auto self = weak.lock()) static_cast<ScanSession&>(*self).answer(std::move(answer));
+    });
+  }
+  void answer(Machines machines) {
+    for (MachineStatus& status : machines.standing)
+      if (!own_job(status.job)) {
+        status.job.clear();
+        status.job_name.clear();
+        status.message.clear();
+      }
+    send(machines);
+  }
+
   void handle(const AskFiles& question) {
     if (const auto job = own_job(question.job); !job) return send_fault(question.request, job.error(), question.job);
     send_list(question);

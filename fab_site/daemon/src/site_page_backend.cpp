@@ -81,8 +81,9 @@ const SitePageBackend::Light* SitePageBackend::light_of(const Job& job) {
   const auto planned = time_of_plan(*folder);
   if (known != lights_.end() && known->second.is_whole == is_final(job.state) && known->second.planned == planned)
     return &known->second;
-  const auto machine = find_machine(machines_, job.machine);
-  if (!machine) return nullptr;
+  const auto composed = profiles_.compose({job.instance.empty() ? job.machine : job.instance});
+  if (!composed) return nullptr;
+  const MachineProfile* const machine = &composed->profile;
   const auto text = text_of(*folder / "plan" / "plan.json");
   if (!text) return nullptr;
   const auto plan = print_plan_from_json(*text);
@@ -125,11 +126,13 @@ JobView SitePageBackend::view_of(const Job& job) {
   view.id = job.id;
   view.name = job.name;
   view.machine = job.machine;
+  view.instance = job.instance;
   view.state = job.state;
   view.message = job.message;
   const JobQuestions questions = questions_(job.id);
   view.exposure_unknown = job.state == JobState::Paused && questions.exposure_unknown;
-  view.waits_for_platform = questions.waits_for_platform;
+  view.waits_for_platform = !questions.platform.empty();
+  view.platform = questions.platform;
   // Until the plan is on disk there is no print layer to look at.
   view.layers = !is_before(job.state, JobState::AwaitingApproval) ? c.print_layers : 0;
   view.layers_received = c.layers_sent;
@@ -328,7 +331,7 @@ Result<void> SitePageBackend::clear_platform(std::string_view machine, std::stri
 
 Result<std::string> SitePageBackend::take_file(std::string_view name, std::string_view tfc, bool start,
                                                std::string_view who) {
-  auto upload = write_upload(folder_, machines_, name, std::as_bytes(std::span{tfc}), start, who);
+  auto upload = write_upload(folder_, profiles_.machines(), name, std::as_bytes(std::span{tfc}), start, who);
   if (!upload) return tl::unexpected{upload.error()};
   const auto job = command_and_wait(
       [&](const Command&, std::function<void(Result<Job>)> done) { uploaded_(*upload, std::move(done)); }, {});
@@ -338,11 +341,15 @@ Result<std::string> SitePageBackend::take_file(std::string_view name, std::strin
 
 std::string SitePageBackend::devices_json() {
   ordered_json value;
-  for (const MachineProfile& machine : machines_)
-    value[machine.name] =
+  for (const MachineStatus& standing : asker_.standing()) {
+    const auto found = profiles_.compose({standing.name});
+    if (!found) continue;
+    const MachineProfile& machine = found->profile;
+    value[standing.name] =
         fmt::format("projector {}, stage {}, {} x {} pixels, layers of {} mm", name_of(machine.devices.projector),
                     name_of(machine.devices.stage), machine.mask_size().width_px, machine.mask_size().height_px,
                     machine.layers.thickness_mm);
+  }
   return json_text(value);
 }
 

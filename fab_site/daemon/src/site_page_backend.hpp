@@ -7,7 +7,7 @@
 #include <telefab/fab/support/support_plan.hpp>
 #include <telefab/fab/web/page_backend.hpp>
 #include <telefab/geometry/layer.hpp>
-#include <telefab/machine/machine_profile.hpp>
+#include <telefab/machine/profile_catalogue.hpp>
 #include <telefab/service/disk_room.hpp>
 #include <telefab/service/web_page.hpp>
 #include <telefab/store/job_store.hpp>
@@ -24,27 +24,35 @@ using SupportsPost = std::function<void(const std::string& job, const HandList& 
 
 /// What a job waits for that only somebody at the machine knows.
 struct JobQuestions {
-  bool exposure_unknown = false;    ///< a layer was perhaps exposed, and nobody has decided yet
-  bool waits_for_platform = false;  ///< another part is on the platform
+  bool exposure_unknown = false;  ///< a layer was perhaps exposed, and nobody has decided yet
+  std::string platform;           ///< machine on whose platform another part is; empty: it waits for none
 };
 /// Any thread.
 using QuestionAsker = std::function<JobQuestions(const std::string& job)>;
+
+/// What the machines of the fab are at, and a number that grows with every change of that. Any thread.
+struct MachineAsker {
+  std::function<std::vector<MachineStatus>()> standing;
+  std::function<std::uint64_t()> revision;
+};
 
 /// The daemon as its web page sees it: reads the store and the job folders itself, passes commands on. Lives on the
 /// thread "web"; keeps the layers of the job last looked at.
 class SitePageBackend final : public PageBackend {
  public:
-  /// Store, room and folder must outlive the backend.
-  SitePageBackend(JobStore& store, const DiskRoom& room, const DataFolder& folder, std::vector<MachineProfile> machines,
-                  CommandPost post, UploadPost uploaded, SupportsPost supported, QuestionAsker questions)
+  /// Store, room, folder and profiles must outlive the backend.
+  SitePageBackend(JobStore& store, const DiskRoom& room, const DataFolder& folder, const ProfileCatalogue& profiles,
+                  CommandPost post, UploadPost uploaded, SupportsPost supported, QuestionAsker questions,
+                  MachineAsker asker)
       : store_{store},
         room_{room},
         folder_{folder},
-        machines_{std::move(machines)},
+        profiles_{profiles},
         post_{std::move(post)},
         uploaded_{std::move(uploaded)},
         supported_{std::move(supported)},
-        questions_{std::move(questions)} {}
+        questions_{std::move(questions)},
+        asker_{std::move(asker)} {}
 
   Result<std::vector<JobView>> jobs() override;
   Result<JobView> job(std::string_view id) override;
@@ -62,12 +70,13 @@ class SitePageBackend final : public PageBackend {
   Result<void> approve(std::string_view id, std::string_view although, std::string_view who) override;
   Result<void> clear_platform(std::string_view machine, std::string_view who) override;
   Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start, std::string_view who) override;
+  std::vector<MachineStatus> machines() override { return asker_.standing(); }
   std::string devices_json() override;
   Result<void> healthy() override {
     if (auto good = store_.health(); !good) return good;
     return room_.health();
   }
-  std::uint64_t revision() override { return store_.revision(); }
+  std::uint64_t revision() override { return store_.revision() + asker_.revision(); }
 
  private:
   struct LayerImages {
@@ -99,11 +108,12 @@ class SitePageBackend final : public PageBackend {
   JobStore& store_;
   const DiskRoom& room_;
   const DataFolder& folder_;
-  std::vector<MachineProfile> machines_;
+  const ProfileCatalogue& profiles_;
   CommandPost post_;
   UploadPost uploaded_;
   SupportsPost supported_;
   QuestionAsker questions_;
+  MachineAsker asker_;
   std::optional<LayerImages> layer_images_;
   std::map<std::string, Light> lights_;  ///< by job
 };

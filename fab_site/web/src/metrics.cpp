@@ -35,7 +35,7 @@ constexpr std::array kJobGauges{
 
 }  // namespace
 
-std::string metrics_text(const std::vector<JobView>& jobs) {
+std::string metrics_text(const std::vector<JobView>& jobs, const std::vector<MachineStatus>& machines) {
   Gauges gauges;
   std::map<JobState, double> in_state;
   for (const JobView& job : jobs) ++in_state[job.state];
@@ -45,12 +45,23 @@ std::string metrics_text(const std::vector<JobView>& jobs) {
   for (const JobGauge& gauge : kJobGauges)
     for (const JobView& job : jobs)
       gauges.add(gauge.name, gauge.help,
-                 {{"job", job.id}, {"machine", job.machine}, {"state", std::string{name_of(job.state)}}},
+                 {{"job", job.id},
+                  {"machine", job.machine},
+                  {"on_machine", job.instance},
+                  {"state", std::string{name_of(job.state)}}},
                  gauge.value(job));
   for (const JobView& job : jobs)
     for (const StageSeconds& stage : job.stage_seconds)
       gauges.add("telefab_job_stage_seconds", "What each stage of a job took",
                  {{"job", job.id}, {"stage", std::string{name_of(stage.stage)}}}, stage.seconds);
+  for (const MachineStatus& machine : machines)
+    for (const MachineState state : kMachineStates)
+      gauges.add("telefab_machine_state", "1 for the state that a machine is in",
+                 {{"machine", machine.name}, {"profile", machine.profile}, {"state", std::string{name_of(state)}}},
+                 machine.state == state ? 1 : 0);
+  for (const MachineStatus& machine : machines)
+    gauges.add("telefab_machine_waiting_jobs", "Jobs that wait and that the machine could print",
+               {{"machine", machine.name}}, machine.waiting);
   return gauges.text();
 }
 

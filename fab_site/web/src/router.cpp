@@ -21,10 +21,12 @@ json to_json(const JobView& job) {
   json value{{"id", job.id},
              {"name", job.name},
              {"machine", job.machine},
+             {"instance", job.instance},
              {"state", name_of(job.state)},
              {"message", job.message},
              {"exposure_unknown", job.exposure_unknown},
              {"waits_for_platform", job.waits_for_platform},
+             {"platform", job.platform},
              {"layers", job.layers},
              {"layers_received", job.layers_received},
              {"layers_printed", job.layers_printed},
@@ -51,12 +53,24 @@ struct Call {
   [[nodiscard]] const std::string& who() const { return routed.visitor.name; }
 };
 
-WebResponse list_jobs(PageBackend& backend) {
+json machine_list(PageBackend& backend) {
+  json list = json::array();
+  for (const MachineStatus& machine : backend.machines()) list.push_back(json_or_discarded(telefab::to_json(machine)));
+  return list;
+}
+
+Result<json> job_list(PageBackend& backend) {
   const auto jobs = backend.jobs();
-  if (!jobs) return web_problem(jobs.error());
+  if (!jobs) return tl::unexpected{jobs.error()};
   json list = json::array();
   for (const JobView& job : *jobs) list.push_back(to_json(job));
-  return {200, "application/json", json_text({{"jobs", list}})};
+  return list;
+}
+
+WebResponse list_jobs(PageBackend& backend) {
+  const auto jobs = job_list(backend);
+  if (!jobs) return web_problem(jobs.error());
+  return {200, "application/json", json_text({{"jobs", *jobs}})};
 }
 
 WebResponse show_job(const Call& call) {
@@ -157,6 +171,10 @@ const std::vector<Row>& rows() {
        [](const Call& c) -> WebResponse {
          return {200, "application/json", c.backend.devices_json()};
        }},
+      {{"GET", "/v1/machines", "what each machine of the fab is at"},
+       [](const Call& c) -> WebResponse {
+         return {200, "application/json", json_text({{"machines", machine_list(c.backend)}})};
+       }},
       {{"GET", "/v1/jobs", "all jobs, newest first"}, [](const Call& c) { return list_jobs(c.backend); }},
       {{"GET", "/v1/jobs/{id}", "one job"}, show_job},
       {{"GET", "/v1/jobs/{id}/events", "the job's log"}, show_events},
@@ -193,7 +211,7 @@ const std::vector<Row>& rows() {
        [](const Call& c) -> WebResponse {
          const auto jobs = c.backend.jobs();
          if (!jobs) return web_problem(jobs.error());
-         return {200, Gauges::kContentType, metrics_text(*jobs)};
+         return {200, Gauges::kContentType, metrics_text(*jobs, c.backend.machines())};
        }},
       {{"GET", "/v1/health", "whether the daemon answers and its store can be read and written", Access::Anybody},
        [](const Call& c) -> WebResponse {
@@ -202,7 +220,7 @@ const std::vector<Row>& rows() {
          if (const auto good = c.backend.healthy(); !good) return web_sick(good.error());
          return {200, "application/json", json_text({{"status", "ok"}, {"jobs", jobs->size()}})};
        }},
-      {{"GET", "/v1/stream", "server-sent events: the job list whenever it changes"},
+      {{"GET", "/v1/stream", "server-sent events: jobs and machines whenever they change"},
        [](const Call& c) -> WebResponse {
          // The server keeps a GET open; this is what a HEAD is told.
          return {200, "text/event-stream", "data: " + event_data(c.backend) + "\n\n"};
@@ -238,7 +256,11 @@ WebResponse answer(const WebRequest& request, PageBackend& backend, SignIn& sign
   return routed.error();
 }
 
-std::string event_data(PageBackend& backend) { return list_jobs(backend).body; }
+std::string event_data(PageBackend& backend) {
+  const auto jobs = job_list(backend);
+  if (!jobs) return web_problem(jobs.error()).body;
+  return json_text({{"jobs", *jobs}, {"machines", machine_list(backend)}});
+}
 
 tl::expected<Visitor, WebResponse> FabWeb::admit(const WebRequest& head) {
   auto routed = find_route(web_routes(), head, sign_in_);

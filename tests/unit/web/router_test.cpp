@@ -51,6 +51,25 @@ TEST(WebRouter, AnswersEveryRouteOfItsTable) {
   }
 }
 
+TEST(WebRouter, TellsWhatEachMachineIsAtInTheOrderOfTheFabsList) {
+  RecordingBackend backend;
+  const WebResponse response = answer(ask("GET", "/v1/machines", ""), backend);
+  ASSERT_EQ(response.status, 200U);
+  const json machines = json::parse(response.body)["machines"];
+  ASSERT_THAT(machines, SizeIs(4));
+  EXPECT_EQ(machines[0]["name"], "hall-1");
+  EXPECT_EQ(machines[0]["state"], "printing");
+  EXPECT_EQ(machines[0]["job"], "job-1");
+  EXPECT_EQ(machines[0]["seconds_left"], 84);
+  EXPECT_EQ(machines[1]["state"], "occupied");
+  EXPECT_TRUE(machines[1]["seconds_left"].is_null()) << "not known";
+  EXPECT_EQ(json::parse(event_data(backend))["machines"], machines) << "the stream tells the same";
+  const std::string metrics = answer(ask("GET", "/metrics", ""), backend).body;
+  EXPECT_THAT(metrics, HasSubstr(R"(telefab_machine_state{machine="hall-1",profile="machine-a",state="printing"} 1)"));
+  EXPECT_THAT(metrics, HasSubstr(R"(telefab_machine_state{machine="hall-1",profile="machine-a",state="idle"} 0)"));
+  EXPECT_THAT(metrics, HasSubstr(R"(telefab_machine_waiting_jobs{machine="hall-1"} 2)"));
+}
+
 TEST(WebRouter, SaysOfItsHealthWhetherChangesCanBeKept) {
   RecordingBackend backend;
   EXPECT_EQ(answer(ask("GET", "/v1/health", ""), backend).status, 200U);

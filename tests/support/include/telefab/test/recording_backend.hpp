@@ -71,6 +71,25 @@ class RecordingBackend : public PageBackend {
     files.push_back({std::string{name}, std::string{tfc}, start});
     return std::string{"u1"};
   }
+  [[nodiscard]] std::vector<MachineStatus> machines() override {
+    return {
+        {"hall-1",
+         "machine-a",
+         MachineState::Printing,
+         "clear",
+         "job-1",
+         "a \"statue\" <b>.ply",
+         1,
+         3,
+         84,
+         2,
+         {},
+         true},
+        {"hall-2", "machine-a", MachineState::Occupied, "clear", "job-0", "vase.ply", 3, 3, -1, 0,
+         "take the part off, then telefab cleared hall-2", true},
+        {"hall-3", "machine-b", MachineState::Fault, "tough", {}, {}, 0, 0, -1, 0, "the stage does not answer", true},
+        {"hall-4", "machine-b", MachineState::Idle, "tough", {}, {}, 0, 0, -1, 0, {}, true}};
+  }
   [[nodiscard]] std::string devices_json() override { return R"({"projector":"virtual","light":"off"})"; }
   [[nodiscard]] Result<void> healthy() override { return health; }
   Result<void> health;

@@ -21,6 +21,7 @@ enum class PlatformPolicy : std::uint8_t {
 struct FabSiteConfig {
   ServeOptions serve;
   std::string site_keys;           ///< folder with SITE.sign.pub; empty: the --tls folder, or none without TLS
+  std::string instances;           ///< list of the machines that stand here; empty: one of each profile
   PlanOptions planning;            ///< of every job; name, registration and regions are its own
   bool start_on_approval = false;  ///< a planned job waits for `telefab approve`
   PlatformPolicy platform = PlatformPolicy::ByMachine;

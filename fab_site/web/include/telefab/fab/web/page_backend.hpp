@@ -6,6 +6,7 @@
 #include <string_view>
 #include <telefab/base/result.hpp>
 #include <telefab/job/job.hpp>
+#include <telefab/job/machine_status.hpp>
 #include <vector>
 
 namespace telefab::fab {
@@ -13,12 +14,14 @@ namespace telefab::fab {
 /// What the page shows of one job. Plain values; the daemon fills them from its store.
 struct JobView {
   std::string id;
-  std::string name;  ///< file name of the scan
-  std::string machine;
+  std::string name;      ///< file name of the scan
+  std::string machine;   ///< that was asked for: a profile, or one machine
+  std::string instance;  ///< machine that it is on or was on; empty: none yet
   JobState state{};
   std::string message;                ///< why it failed, what it waits for; may be empty
   bool exposure_unknown = false;      ///< paused because a layer was perhaps exposed: somebody must say whether it was
   bool waits_for_platform = false;    ///< another part is on the platform: somebody must take it off and say so
+  std::string platform;               ///< of that machine; empty: it waits for none
   std::uint32_t layers = 0;           ///< of the print, supports included; 0: not known yet
   std::uint32_t layers_received = 0;  ///< of the part
   std::uint32_t layers_printed = 0;
@@ -86,6 +89,8 @@ class PageBackend {
   /// approval. `who` owns it. InvalidInput: not a .tfc file, damaged, or for a machine this fab has not.
   [[nodiscard]] virtual Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start,
                                                       std::string_view who) = 0;
+  /// Every machine that stands in the fab, in the order of its list.
+  [[nodiscard]] virtual std::vector<MachineStatus> machines() = 0;
   /// JSON of projector and stage: names, light, Z, temperature if there is one.
   [[nodiscard]] virtual std::string devices_json() = 0;
   /// Why changes of jobs cannot be kept now; nothing is wrong where they can.

@@ -21,7 +21,7 @@ struct WebOptions {
 [[nodiscard]] WebResponse answer(const WebRequest& request, PageBackend& backend, SignIn& sign_in,
                                  const WebOptions& options);
 
-/// The body of one event of the stream: the job list as JSON on one line.
+/// The body of one event of the stream: jobs and machines as JSON on one line.
 [[nodiscard]] std::string event_data(PageBackend& backend);
 
 /// The page and the API of a backend, which must outlive it, as `sign_in` must.

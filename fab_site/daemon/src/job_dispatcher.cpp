@@ -1,0 +1,423 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "job_dispatcher.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <telefab/fab/planning/preflight.hpp>
+#include <telefab/service/log.hpp>
+
+#include "job_room.hpp"
+#include "upload.hpp"
+
+namespace telefab::fab {
+namespace {
+
+constexpr auto kRetryEvery = std::chrono::seconds{10};
+
+bool needs_clearing(PlatformPolicy policy, const MachineProfile& machine) {
+  if (policy == PlatformPolicy::ByMachine) return makes_parts(machine);
+  return policy == PlatformPolicy::ClearedByOperator;
+}
+
+std::vector<QueuedMachine> queued(const FabMachines& machines, PlatformPolicy policy) {
+  std::vector<QueuedMachine> all;
+  for (std::size_t place = 0; place < machines.size(); ++place)
+    all.push_back({machines[place].name, needs_clearing(policy, machines.profile(place))});
+  return all;
+}
+
+MachineState state_of(MachineStanding standing) {
+  switch (standing) {
+    case MachineStanding::Idle:
+      return MachineState::Idle;
+    case MachineStanding::Occupied:
+      return MachineState::Occupied;
+    case MachineStanding::Printing:
+      return MachineState::Printing;
+    case MachineStanding::Paused:
+      return MachineState::Paused;
+    case MachineStanding::Fault:
+      return MachineState::Fault;
+    case MachineStanding::Offline:
+      return MachineState::Offline;
+  }
+  return MachineState::Offline;
+}
+
+/// A job that was let print and is not on a machine.
+bool may_wait(const Job& job) { return job.state == JobState::Ready || job.state == JobState::Printing; }
+
+}  // namespace
+
+JobDispatcher::JobDispatcher(Site& site, const FabSiteConfig& config, FabMachines machines)
+    : site_{site},
+      at_start_{config.at_start},
+      start_on_approval_{config.start_on_approval},
+      machines_{std::move(machines)},
+      platforms_{site.folder().path() / "platforms"},
+      queue_{queued(machines_, config.platform)},
+      shown_(machines_.size()) {
+  tracker().on_end([this](const std::string& job) { on_job_end(job); });
+  for (std::size_t place = 0; place < machines_.size(); ++place) printers_.push_back(make_printer(place, config));
+  read_platforms();
+  publish();
+}
+
+std::unique_ptr<JobPrinter> JobDispatcher::make_printer(std::size_t place, const FabSiteConfig& config) {
+  JobPrinter::Parts parts;
+  parts.name = machines_[place].name;
+  parts.profile_of = [this, place](const Job& job) { return machines_.profile_on(place, job); };
+  parts.machine = printing_machine(machines_.profile(place));
+  parts.at_start = config.at_start;
+  parts.events = {[this](const std::string& job, bool is_paused, double seconds_left) {
+                    on_progress(job, is_paused, seconds_left);
+                  },
+                  [this](const std::string& job) { return fits_elsewhere(job); },
+                  [this](const std::string& job, const PrintEnd& end) { on_left(job, end); }};
+  return std::make_unique<JobPrinter>(site_, questions_, std::move(parts));
+}
+
+void JobDispatcher::read_platforms() {
+  for (std::size_t place = 0; place < machines_.size(); ++place) {
+    const MachineInstance& machine = machines_[place];
+    auto there = platforms_.part_on(machine.name);
+    if (there && !*there && machine.name != machine.profile && machines_.of_profile(machine.profile).size() == 1)
+      if (const auto before = platforms_.part_on(machine.profile); before && *before)
+        there = before;  // it had no name of its own then
+    if (there)
+      queue_.set_part(place, *there);
+    else
+      queue_.set_part(place, there.error().what);  // to be taken for occupied
+  }
+}
+
+JobPrinter* JobDispatcher::printer_of(const std::string& job) {
+  const auto place = queue_.machine_of(job);
+  return place ? printers_[*place].get() : nullptr;
+}
+
+// ---- at a start, and once planned ----------------------------------------------------------------------------------
+
+void JobDispatcher::planned(const std::string& job, const Preflight& preflight) {
+  const auto folder = site_.folder().job(job);
+  if (start_on_approval_ || preflight.holds() || (folder && waits_for_approval(*folder)))
+    return tracker().move(
+        job, JobState::AwaitingApproval,
+        fmt::format("waits for `telefab approve`{}{}", preflight.holds() ? ": " : "", preflight.why_held()));
+  const auto now = store().find(job);
+  if (!now || is_final(now->state)) return;
+  const auto put = [&]() -> Result<void> {
+    if (!folder) return tl::unexpected{folder.error()};
+    const auto before = start_case(*folder, *now);
+    if (!before) return tl::unexpected{before.error()};
+    // A restored list, or one that was lost: the journal has a print of which the list knows nothing.
+    if (before->facts.is_ahead_of_store)
+      return fail(ErrorCode::Conflict,
+                  "a print of it had begun before, and goes on where its journal ends; look at the platform first");
+    tracker().move(job, JobState::Ready, "");
+    return let_print(*now, {JournalStep::Approved, kAutomatic, {}, {}});
+  }();
+  if (put) return;
+  if (!is_storage_trouble(put.error()))
+    return tracker().move(job, JobState::AwaitingApproval,
+                          fmt::format("waits for `telefab approve`: {}", put.error().what));
+  tracker().wait_for_disk(job, JobState::Ready, put.error());
+  site_.loop().after(site_.options().retry_every, [this, job, preflight] { planned(job, preflight); });
+}
+
+Result<std::optional<std::size_t>> JobDispatcher::where_begun(const Job& job) const {
+  if (!job.instance.empty()) {
+    if (const auto place = queue_.find(job.instance)) return place;
+    // The machine may have got a name of its own since.
+    if (const auto only = machines_.of_profile(job.instance); only.size() == 1) return std::optional{only.front()};
+    return fail(ErrorCode::Conflict,
+                fmt::format("its print began on {}, which does not stand in this fab any more; name it again in the "
+                            "list of machines and start the fab again, or cancel the job",
+                            job.instance));
+  }
+  for (std::size_t place = 0; place < machines_.size(); ++place)
+    if (queue_.part_on(place) == job.id) return std::optional{place};
+  if (const auto place = queue_.find(job.machine)) return place;
+  const auto of_profile = machines_.of_profile(job.machine);
+  if (of_profile.size() == 1) return std::optional{of_profile.front()};
+  return fail(
+      ErrorCode::Conflict,
+      fmt::format("its print began on {}, and nobody knows which of the machines that is{}; name that one {} in "
+                  "the list of machines and start the fab again, or cancel the job",
+                  job.machine, of_profile.empty() ? " that stand here" : "", job.machine));
+}
+
+Result<void> JobDispatcher::resume(const Job& job) {
+  const auto folder = site_.folder().job(job.id);
+  if (!folder) return tl::unexpected{folder.error()};
+  const auto before = start_case(*folder, job);
+  if (!before) return tl::unexpected{before.error()};
+  const StartVerdict verdict = may_light_at_start(before->facts, before->has_begun, at_start_, site_.clock().wall());
+  std::optional<std::size_t> place;
+  if (is_part_begun(*before, job) && verdict.ruling != StartRuling::End) {
+    const auto found = where_begun(job);
+    if (!found) {
+      questions_.set(job.id, before->point.maybe_exposed);
+      return tl::unexpected{found.error()};
+    }
+    place = *found;
+    queue_.begin(job.id, *place);
+    if (auto kept = store().set_instance(job.id, machines_[*place].name); !kept)
+      log_warning(kept.error().what, {job.id});  // the platform says so too
+  } else if (!job.instance.empty()) {
+    place = queue_.find(job.instance);
+  }
+  follow(job, *before, verdict);
+  if (before->has_begun && verdict.ruling != StartRuling::GoOn) {
+    if (!place) place = queue_.find(job.machine);
+    if (place) printers_[*place]->darken(job.id);  // else its light is no longer this site's
+  }
+  publish();
+  return {};
+}
+
+void JobDispatcher::follow(const Job& job, const StartCase& before, const StartVerdict& verdict) {
+  const std::string why = fab::sentence_of(verdict);
+  switch (verdict.ruling) {
+    case StartRuling::GoOn:
+    case StartRuling::KeepRecord:
+      return wait_for_machine(job.id);  // its journal knows how far it came
+    case StartRuling::End:
+      return tracker().end(job.id, JobState::Cancelled, fmt::format("by {}", before.facts.order.by));
+    case StartRuling::WaitForApproval:
+      if (job.state != JobState::AwaitingApproval)
+        tracker().move(job.id, JobState::AwaitingApproval, fmt::format("waits for `telefab approve`: {}", why));
+      return;
+    case StartRuling::WaitForResume:
+      if (!before.point.maybe_exposed)
+        return tracker().move(job.id, JobState::Paused, fmt::format("waits for `telefab resume`: {}", why));
+      [[fallthrough]];
+    case StartRuling::WaitForDecision:
+      questions_.set(job.id, true);
+      return tracker().move(job.id, JobState::Paused, fmt::format("{}; {}", why, question_about(before.point, job.id)));
+  }
+}
+
+// ---- which job on which machine ------------------------------------------------------------------------------------
+
+bool JobDispatcher::fits_elsewhere(const std::string& job) {
+  const auto now = store().find(job);
+  const auto here = queue_.machine_of(job);
+  if (!now || !here) return false;
+  const auto fits = machines_.fits(*now);
+  return std::ranges::any_of(fits.places, [&](std::size_t place) {
+    const MachineStanding at = queue_.standing(place);
+    return place != *here && at != MachineStanding::Offline && at != MachineStanding::Fault;
+  });
+}
+
+void JobDispatcher::wait_for_machine(const std::string& job, InTrouble in_trouble) {
+  const auto now = store().find(job);
+  if (!now) return log_warning(now.error().what, {job});
+  const auto fits = machines_.fits(*now);
+  // Nothing that happens to a machine would end its wait: somebody is to change the fab, and to say so.
+  if (fits.places.empty() && !queue_.begun_on(job))
+    return tracker().move(job, JobState::Paused, fits.why_none + "; telefab resume tries again");
+  queue_.add(job, fits.places, in_trouble);
+  dispatch();
+}
+
+void JobDispatcher::dispatch() {
+  if (is_ending_) return;
+  for (const Assignment& each : queue_.assign()) put_on(each);
+  explain_waits();
+  publish();
+}
+
+void JobDispatcher::dispatch_soon() {
+  site_.loop().post([this] { dispatch(); });
+}
+
+Result<void> JobDispatcher::record_place(const Assignment& assignment) {
+  const std::string& machine = machines_[assignment.machine].name;
+  if (queue_.part_on(assignment.machine) != assignment.job)
+    if (auto taken = platforms_.occupy(machine, assignment.job); !taken) return taken;
+  queue_.set_part(assignment.machine, assignment.job);
+  return store().set_instance(assignment.job, machine);
+}
+
+void JobDispatcher::put_on(const Assignment& assignment) {
+  if (auto placed = record_place(assignment); !placed) {
+    log_warning(placed.error().what, {assignment.job});
+    site_.room().note_trouble(placed.error());
+    queue_.release(assignment.job, MachineTrouble::None);
+    site_.loop().after(kRetryEvery, [this, job = assignment.job] {
+      const auto now = store().find(job);
+      if ((now && may_wait(*now)) || (!now && now.error().code != ErrorCode::NotFound)) wait_for_machine(job);
+    });
+    return;
+  }
+  explained_.erase(assignment.job);
+  shown_[assignment.machine] = {};
+  queue_.begin(assignment.job, assignment.machine);
+  if (const auto now = store().find(assignment.job); now && now->state == JobState::Ready && !now->message.empty())
+    tracker().move(assignment.job, JobState::Ready, "");  // what it waited for is there
+  printers_[assignment.machine]->begin(assignment.job);
+}
+
+std::string JobDispatcher::sentence_of(const Wait& wait) const {
+  const std::string machine = wait.machine ? machines_[*wait.machine].name : std::string{};
+  switch (wait.reason) {
+    case WaitReason::Busy:
+      return {};
+    case WaitReason::Platform:
+      return fmt::format(
+          "waits for an empty platform: the part of {} is on that of {}; take it off, then telefab cleared {}",
+          queue_.part_on(*wait.machine).value_or(""), machine, machine);
+    case WaitReason::Held:
+    case WaitReason::Trouble:
+      return fmt::format(
+          "waits for {}, which is {}: {}", machine, name_of(state_of(queue_.standing(*wait.machine))),
+          wait.reason == WaitReason::Held
+              ? fmt::format("job {} began there", queue_.job_of(*wait.machine).value_or(""))
+              : fmt::format("{}; telefab cleared {} has it tried again", shown_[*wait.machine].why, machine));
+    case WaitReason::NoMachine:
+      break;
+  }
+  return "waits for a machine: none fits";
+}
+
+void JobDispatcher::explain_waits() {
+  std::map<std::string, std::string> for_platform;
+  for (const std::string& job : queue_.waiting()) {
+    const Wait wait = *queue_.wait_of(job);
+    if (wait.reason == WaitReason::Platform) for_platform[job] = machines_[*wait.machine].name;
+    std::string why = sentence_of(wait);
+    const auto before = explained_.find(job);
+    if (before != explained_.end() && before->second == why) continue;
+    explained_[job] = why;
+    const auto now = store().find(job);
+    if (!now || !may_wait(*now)) continue;
+    if (why.empty() && now->state == JobState::Printing) why = "waits for its machine";
+    if (why != now->message) tracker().move(job, now->state, why);
+  }
+  const std::lock_guard lock{mutex_};
+  for_platform_ = std::move(for_platform);
+}
+
+void JobDispatcher::on_progress(const std::string& job, bool is_paused, double seconds_left) {
+  const auto place = queue_.machine_of(job);
+  if (!place) return;
+  queue_.set_paused(job, is_paused);
+  shown_[*place].seconds_left = seconds_left;
+  publish();
+}
+
+void JobDispatcher::on_left(const std::string& job, const PrintEnd& end) {
+  // The job may have ended, and be off its machine for that already; where it was says the list.
+  auto place = queue_.machine_of(job);
+  if (const auto now = store().find(job); !place && now) place = queue_.find(now->instance);
+  queue_.release(job, end.trouble);
+  if (place) {
+    shown_[*place] = end.trouble == MachineTrouble::None ? Shown{} : Shown{-1, end.why, job};
+    if (end.is_nothing_made && queue_.part_on(*place) == job) {
+      if (auto cleared = platforms_.clear(machines_[*place].name); !cleared) log_warning(cleared.error().what, {job});
+      queue_.set_part(*place, std::nullopt);
+    }
+  }
+  if (end.is_nothing_made) queue_.forget_begun(job);
+  if (end.goes_elsewhere) return wait_for_machine(job);
+  dispatch();
+}
+
+void JobDispatcher::on_job_end(const std::string& job) {
+  questions_.set(job, false);
+  queue_.end(job);
+  explained_.erase(job);
+  dispatch_soon();
+}
+
+// ---- what is shown -------------------------------------------------------------------------------------------------
+
+void JobDispatcher::publish() {
+  std::vector<MachineStatus> all;
+  for (std::size_t place = 0; place < machines_.size(); ++place) {
+    const MachineInstance& machine = machines_[place];
+    MachineStatus status;
+    status.name = machine.name;
+    status.profile = machine.profile;
+    status.state = state_of(queue_.standing(place));
+    status.resin =
+        machines_.composed(place).resin.empty() ? machines_.profile(place).resin.name : machines_.composed(place).resin;
+    status.job = queue_.job_of(place).value_or("");
+    status.seconds_left = shown_[place].seconds_left;
+    status.waiting = static_cast<std::uint32_t>(queue_.waiting_for(place));
+    status.message = shown_[place].why;
+    status.is_stated = machine.is_stated;
+    all.push_back(std::move(status));
+  }
+  const std::lock_guard lock{mutex_};
+  if (all == published_) return;
+  published_ = std::move(all);
+  ++revision_;
+}
+
+std::vector<MachineStatus> JobDispatcher::standing() {
+  std::vector<MachineStatus> all;
+  {
+    const std::lock_guard lock{mutex_};
+    all = published_;
+  }
+  for (MachineStatus& status : all) {
+    const auto job = status.job.empty() ? Result<Job>{fail(ErrorCode::NotFound, "")} : store().find(status.job);
+    if (!job) {
+      if (!is_job_id(status.job)) status.job.clear();  // a platform that cannot be read is nobody's
+      continue;
+    }
+    status.job_name = job->name;
+    status.layer = job->counters.layers_printed;
+    status.layers = job->counters.print_layers;
+    const bool waits = status.state == MachineState::Paused || status.state == MachineState::Fault ||
+                       status.state == MachineState::Offline;
+    if (waits && !job->message.empty()) status.message = job->message;
+    if (status.state == MachineState::Occupied)
+      status.message = fmt::format("take the part off, then telefab cleared {}", status.name);
+  }
+  return all;
+}
+
+std::string JobDispatcher::platform_waited_for(const std::string& job) {
+  const std::lock_guard lock{mutex_};
+  const auto found = for_platform_.find(job);
+  return found == for_platform_.end() ? std::string{} : found->second;
+}
+
+// ---- the service ---------------------------------------------------------------------------------------------------
+
+bool JobDispatcher::is_alive() {
+  bool has_hung = false, has_living = false;
+  for (std::size_t place = 0; place < printers_.size(); ++place) {
+    const bool is_alive = printers_[place]->is_alive();  // each is asked: it compares with the question before
+    if (printers_[place]->is_idle()) continue;
+    (is_alive ? has_living : has_hung) = true;
+    if (is_alive == !shown_[place].has_hung) continue;
+    shown_[place].has_hung = !is_alive;
+    shown_[place].why = is_alive ? "" : "the print no longer looks at its devices; its light ends by itself";
+    if (!is_alive) log_warning(fmt::format("{}: {}", machines_[place].name, shown_[place].why));
+    publish();
+  }
+  // The service manager would end every print for one that hangs; those that go on come first.
+  return !has_hung || has_living;
+}
+
+void JobDispatcher::ask_to_end() {
+  is_ending_ = true;
+  for (const auto& printer : printers_) printer->ask_to_end();
+}
+
+bool JobDispatcher::is_idle() const {
+  return std::ranges::all_of(printers_, [](const auto& printer) { return printer->is_idle(); });
+}
+
+bool JobDispatcher::has_ended() const {
+  return std::ranges::all_of(printers_, [](const auto& printer) { return printer->has_ended(); });
+}
+
+}  // namespace telefab::fab
