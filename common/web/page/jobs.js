@@ -46,7 +46,7 @@ function showJobs() {
     const button = element("button", job.name || job.id);
     button.dataset.job = job.id;
     button.setAttribute("aria-current", String(job.id === state.chosen));
-    button.append(element("small", `${job.state}, ${job.machine}`));
+    button.append(element("small", `${job.state}, ${job.instance || job.machine}`));
     button.onclick = () => choose(job.id);
     const item = document.createElement("li");
     item.append(button);
@@ -112,23 +112,24 @@ async function approval() {
     ? { although: [...new Set(held.map((item) => item.name))] } : null;
 }
 
-async function act(action, as) {
+// `machine`: of an action about a machine; else that of the chosen job.
+async function act(action, as, machine) {
   if (state.visitor.may !== "operator") {
-    state.waiting = [action, as];
+    state.waiting = [action, as, machine];
     return askToSignIn(state.visitor.name ? `${state.visitor.name} may look and change nothing.` : "");
   }
   if (action === "cancel" && !confirm("Cancel this job? The print cannot be resumed.")) return;
   if (action === "forget" && !confirm("Forget this job? Its files leave this site; the record of a print stays.")) return;
   const said = action === "approve" ? await approval() : as ? { as } : {};
   if (!said) return;
-  const machine = state.jobs.find((j) => j.id === state.chosen)?.machine;
-  const answer = await fetch(action === "cleared" ? `/v1/machines/${machine}/cleared` : `/v1/jobs/${state.chosen}/${action}`, {
+  const cleared = machine || state.jobs.find((j) => j.id === state.chosen)?.platform;
+  const answer = await fetch(action === "cleared" ? `/v1/machines/${cleared}/cleared` : `/v1/jobs/${state.chosen}/${action}`, {
     method: "POST",
     body: Object.keys(said).length ? JSON.stringify(said) : undefined,
   });
   if (answer.status === 401) {
     await findVisitor();
-    return act(action, as);
+    return act(action, as, machine);
   }
   byId("answer").textContent = answer.ok ? `${action}${as ? ` as ${as}` : ""}: accepted` : (await answer.json()).error.what;
 }

@@ -3,7 +3,8 @@
 "use strict";
 
 site.showJob = (job) => {
-  byId("job-line").textContent = `${job.state} on ${job.machine}, job ${job.id}, ${job.bytes_received} bytes received`;
+  const where = job.instance ? `on ${job.instance}` : `for ${job.machine}`;
+  byId("job-line").textContent = `${job.state} ${where}, job ${job.id}, ${job.bytes_received} bytes received`;
   byId("job-progress").value = job.progress;
   const count = job.layers ? `layer ${job.layers_printed} of ${job.layers}` : `${job.layers_received} layers received`;
   byId("job-count").textContent = [count, duration(job.seconds_left)].filter(Boolean).join(", ");
@@ -166,6 +167,58 @@ async function showDevices() {
     byId("devices").replaceChildren(element("dt", "state"), element("dd", error.message));
   }
 }
+
+// What stands in the fab: those that it lists, and of those that are only known as profiles what is in use.
+function shownMachines(machines) {
+  return machines.filter((m) => m.stated || m.state !== "idle" || m.waiting > 0 || machines.length <= 6);
+}
+
+function machineTile(machine) {
+  const tile = document.createElement("li");
+  tile.dataset.state = machine.state;
+  const name = element("b", machine.name);
+  const mark = element("span", machine.state);
+  mark.className = "mark";
+  const head = document.createElement("p");
+  head.append(name, mark);
+  tile.append(head);
+  if (machine.job) {
+    const job = element("button", machine.job_name || machine.job);
+    job.className = "job";
+    job.dataset.machine = machine.name;
+    job.disabled = !state.jobs.some((each) => each.id === machine.job);
+    job.onclick = () => choose(machine.job);
+    tile.append(job);
+  }
+  if (machine.layers && machine.state !== "occupied") {
+    const bar = document.createElement("progress");
+    bar.max = machine.layers;
+    bar.value = machine.layer;
+    bar.setAttribute("aria-label", `Progress on ${machine.name}`);
+    tile.append(bar, element("small", [`layer ${machine.layer} of ${machine.layers}`, duration(machine.seconds_left)].filter(Boolean).join(", ")));
+  }
+  const of = machine.profile === machine.name ? "" : `${machine.profile}, `;
+  const waiting = machine.waiting ? `, ${machine.waiting} waiting` : "";
+  tile.append(element("small", `${of}${machine.resin}${waiting}`));
+  if (machine.message) tile.append(element("small", machine.message));
+  if (["occupied", "fault", "offline"].includes(machine.state) && (machine.state === "occupied" || !machine.job)) {
+    const cleared = element("button", machine.state === "occupied" ? "The platform is empty" : "It is ready again");
+    cleared.onclick = () => act("cleared", undefined, machine.name);
+    tile.append(cleared);
+  }
+  return tile;
+}
+
+site.news = ({ machines = [] }) => {
+  const shown = shownMachines(machines);
+  const text = JSON.stringify(shown) + state.jobs.map((job) => job.id);
+  if (state.machines === text) return;  // a tile that is being clicked is not replaced for nothing
+  state.machines = text;
+  const focused = document.activeElement?.dataset.machine;
+  byId("machines-box").hidden = shown.length === 0;
+  byId("machines").replaceChildren(...shown.map(machineTile));
+  if (focused) byId("machines").querySelector(`[data-machine="${focused}"]`)?.focus();
+};
 
 byId("layer").oninput = () => {
   byId("follow").checked = false;

@@ -166,6 +166,19 @@ TEST_F(PageTest, AsksWhatBecameOfALayerPerhapsExposedAndPassesTheAnswerOn) {
   EXPECT_EQ(backend.actions[0].second, JobCommand::ExposeAgain);
 }
 
+TEST_F(PageTest, ShowsWhatEachMachineIsAtAndSaysThatOnesPlatformIsEmpty) {
+  ASSERT_TRUE(browser->becomes_true("return document.querySelectorAll('#machines li').length === 4;"));
+  EXPECT_TRUE(says("#machines [data-state=printing]", "layer 1 of 3, 1 min 24 s left"));
+  EXPECT_TRUE(says("#machines [data-state=printing]", "2 waiting"));
+  EXPECT_TRUE(says("#machines [data-state=fault]", "the stage does not answer"));
+  EXPECT_TRUE(says("#machines [data-state=idle]", "machine-b, tough"));
+  keep_screenshot("page-machines");
+  browser->click("#machines [data-state=occupied] button:not(.job)");
+  browser->type("#token", "secret\n");
+  ASSERT_TRUE(says("#answer", "cleared: accepted"));
+  EXPECT_EQ(backend.cleared, std::vector<std::string>{"hall-2"});
+}
+
 TEST_F(PageTest, RefusesAWrongTokenAndAsksAgain) {
   browser->click("[data-action=pause]");
   browser->type("#token", "wrong\n");
