@@ -41,14 +41,21 @@ std::string progress_text(const Job& job) {
                                  : fmt::format("planning: {} of {} masks", c.layers_planned, c.print_layers);
     case JobState::Printing:
     case JobState::Paused:
-      return fmt::format("{}: {} of {} layers", name_of(job.state), c.layers_printed, c.print_layers);
+      return fmt::format("{}{}: {} of {} layers", name_of(job.state),
+                         job.instance.empty() || job.instance == job.machine ? "" : " on " + job.instance,
+                         c.layers_printed, c.print_layers);
     default:
       return std::string{name_of(job.state)};
   }
 }
 
+std::string machine_text(const Job& job) {
+  if (job.instance.empty() || job.instance == job.machine) return job.machine;
+  return fmt::format("{} ({})", job.instance, job.machine);
+}
+
 std::string to_line(const Job& job) {
-  std::string line = fmt::format("{:<18} {:<10} {:<12} {:>5.1f} %  {}", job.id, name_of(job.state), job.machine,
+  std::string line = fmt::format("{:<18} {:<10} {:<12} {:>5.1f} %  {}", job.id, name_of(job.state), machine_text(job),
                                  100 * progress_of(job), job.name);
   if (!job.message.empty()) line += fmt::format("  ({})", job.message);
   return line;
@@ -58,6 +65,7 @@ std::string summary_of(const Job& job) {
   const JobCounters& c = job.counters;
   std::string text = fmt::format("job {} {}", job.id, name_of(job.state));
   if (!job.message.empty()) text += fmt::format(": {}", job.message);
+  if (!job.instance.empty()) text += fmt::format("\n  machine         {}", machine_text(job));
   text += fmt::format("\n  layers printed  {} of {} ({} of the part)\n  bytes sent      {} for {} bytes of scan\n",
                       c.layers_printed, c.print_layers, c.layers, c.wire_bytes, c.scan_bytes);
   for (const StageSeconds& stage : job.stages)

@@ -6,6 +6,8 @@
 
 namespace telefab::client {
 
+/// The machine it is for; where it is on one of several, that one first: "hall-1 (machine-a)".
+[[nodiscard]] std::string machine_text(const Job& job);
 /// One line for lists.
 [[nodiscard]] std::string to_line(const Job& job);
 /// What matters when a job has ended: layers, bytes, seconds a stage; several lines.

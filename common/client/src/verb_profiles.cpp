@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+
 #include <telefab/command_line/output.hpp>
 #include <telefab/command_line/profile_listing.hpp>
 #include <telefab/machine/profile_catalogue.hpp>
@@ -25,8 +27,10 @@ VerbBody declare(VerbOptions& options, ProfileKind kind) {
     const auto catalogue =
         ProfileCatalogue::from_texts(known->machine_toml, known->resin_toml, known->print_toml, known->origin);
     if (!catalogue) return tl::unexpected{catalogue.error()};
-    const auto text = text_of(o->listing, kind, *catalogue, known->origin, o->common.json);
+    const auto text = text_of(o->listing, kind, *catalogue, known->origin, o->common.json, known->standing);
     if (!text) return tl::unexpected{text.error()};
+    if (kind == ProfileKind::Machine && !o->listing.names && o->listing.show.empty() && !known->why_unknown.empty())
+      write_note(fmt::format("what the machines are at is not known: {}\n", known->why_unknown));
     write_output(*text);
     return ExitCode::Ok;
   };

@@ -120,7 +120,11 @@ VerbBody declare_submit(VerbOptions& options) {
   auto o = std::make_shared<SubmitOptions>();
   declare_common(options, o->common);
   options.add("SCAN", o->scan, "PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text; its points alone are used").required();
-  options.add("--machine", o->machine, "which of `telefab machines`").required().names("MACHINE");
+  options
+      .add("--machine", o->machine,
+           "which of `telefab machines`: one machine, or a profile, for whichever machine of it is free first")
+      .required()
+      .names("MACHINE");
   declare_job_parameters(options, o->asked);
   options.flag("--watch", o->watch, "follow the job until it ends; the exit code tells how");
   options.flag("--plain", o->plain, "watch by lines instead of the full screen, as where there is no terminal");

@@ -5,7 +5,7 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
+#include <telefab/job/machine_status.hpp>
 
 #include "job_text.hpp"
 
@@ -49,13 +49,6 @@ std::string fitted(const std::string& text, int columns) {
   return out;
 }
 
-std::string duration(double seconds) {
-  const auto s = static_cast<long>(std::lround(seconds));
-  if (s >= 3600) return fmt::format("{} h {:02} min", s / 3600, s / 60 % 60);
-  if (s >= 60) return fmt::format("{} min {:02} s", s / 60, s % 60);
-  return fmt::format("{} s", s);
-}
-
 std::string bar_line(std::string_view name, std::uint32_t done, std::uint32_t all, std::string_view after,
                      int columns) {
   const int width = std::clamp(columns - kNameColumns - kCountColumns - 4, 0, kWidestBar);
@@ -95,7 +88,7 @@ std::vector<std::string> watch_screen(const WatchHistory& history, int columns, 
     const Job& job = *seen;
     const JobCounters& c = job.counters;
     add(fmt::format("Telefab  {}", job.name));
-    add(fmt::format("job {} for {}, from {}", job.id, job.machine, job.owner));
+    add(fmt::format("job {} for {}, from {}", job.id, machine_text(job), job.owner));
     add("");
     struct Stage {
       const char* name;
@@ -109,12 +102,12 @@ std::vector<std::string> watch_screen(const WatchHistory& history, int columns, 
                                          Stage{"printed", JobStage::Print, c.layers_printed, c.print_layers}}) {
       std::string after;
       for (const StageSeconds& known : job.stages)
-        if (known.stage == stage.seconds) after = fmt::format(", {}", duration(known.seconds));
+        if (known.stage == stage.seconds) after = fmt::format(", {}", duration_text(known.seconds));
       add(bar_line(stage.name, stage.done, stage.all, after, columns));
     }
     add("");
     const auto left = history.seconds_left();
-    add(fmt::format("{}{}", progress_text(job), left ? fmt::format(", about {} left", duration(*left)) : ""));
+    add(fmt::format("{}{}", progress_text(job), left ? fmt::format(", about {} left", duration_text(*left)) : ""));
     if (!job.message.empty()) add(job.message);
     if (c.scan_bytes > 0)
       add(fmt::format("{} bytes crossed the wire for a scan of {} bytes", c.wire_bytes, c.scan_bytes));
