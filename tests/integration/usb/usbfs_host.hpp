@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
-#include <atomic>
 #include <memory>
 #include <mutex>
 #include <string>
 #include <telefab/fab/drivers/dlpc900_model.hpp>
-#include <telefab/fab/drivers/grbl_model.hpp>
-#include <thread>
+
+#include "pty_host.hpp"
 
 namespace telefab::test {
 
@@ -31,21 +30,6 @@ class UsbfsHost {
   struct Bus;
   struct State;
   std::unique_ptr<State> state_;
-};
-
-/// A GRBL model behind a pseudo terminal.
-class PtyHost {
- public:
-  PtyHost(fab::LineModel& model, std::mutex& mutex);
-  ~PtyHost();
-  [[nodiscard]] const std::string& path() const { return path_; }
-
- private:
-  int master_ = -1;
-  int slave_ = -1;
-  std::string path_;
-  std::atomic<bool> stop_ = false;
-  std::thread thread_;
 };
 
 }  // namespace telefab::test
