@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Both daemons on loopback, with the virtual devices of a machine sped up 2,000 times. Source steps.sh first.
+# Both daemons on loopback, with the virtual devices of machines sped up 2,000 times. Source steps.sh first.
 # shellcheck shell=bash
 
-# start_sites FOLDER MACHINE BIN: begins again in FOLDER; ends both with the script. Sets scan_site, fab_site and fab_page.
+# start_sites FOLDER MACHINES BIN [OPTION...]: begins again in FOLDER with the profiles named, OPTIONs to the fab; ends
+# both with the script. Sets scan_site, fab_site and fab_page.
 start_sites() {
-  local folder=$1 machine=$2 bin=$3 profile="$repository/deploy/config/machines/$2.toml"
-  [ -f "$profile" ] || { echo "$(basename "$0"): no machine $machine in deploy/config/machines" >&2; exit 2; }
+  local folder=$1 machines=$2 bin=$3 machine profile
+  shift 3
   rm -rf "$folder" && mkdir -p "$folder/machines"
-  { cat "$profile"; printf '\n[devices]\nspeed_up = 2000.0\n'; } >"$folder/machines/$machine.toml"
+  for machine in $machines; do
+    profile=$repository/deploy/config/machines/$machine.toml
+    [ -f "$profile" ] || { echo "$(basename "$0"): no machine $machine in deploy/config/machines" >&2; exit 2; }
+    { cat "$profile"; printf '\n[devices]\nspeed_up = 2000.0\n'; } >"$folder/machines/$machine.toml"
+  done
   site_processes=()
   trap end_sites EXIT
-  start_daemon "$folder" fab "$bin/telefab-fab" serve --listen 127.0.0.1:0 --web 127.0.0.1:0 --data "$folder/fab" --machines "$folder/machines"
+  start_daemon "$folder" fab "$bin/telefab-fab" serve --listen 127.0.0.1:0 --web 127.0.0.1:0 --data "$folder/fab" --machines "$folder/machines" "$@"
   start_daemon "$folder" scan "$bin/telefab-scan" serve --listen 127.0.0.1:0 --fab "127.0.0.1:$(cat "$folder/fab/port")" \
     --data "$folder/scan" --machines "$folder/machines"
   scan_site=127.0.0.1:$(cat "$folder/scan/port")
