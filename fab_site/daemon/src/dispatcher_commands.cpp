@@ -84,7 +84,7 @@ Result<void> JobDispatcher::keep(const Job& job, const PrintWord& word) {
 
 Result<void> JobDispatcher::let_print(const Job& job, const PrintWord& word) {
   // What began on a machine that is not here any more goes on nowhere; it may still be cancelled.
-  if (!queue_.begun_on(job.id) && !job.instance.empty()) {
+  if (!queue_.begun_on(job.id)) {
     const auto folder = site_.folder().job(job.id);
     if (!folder) return tl::unexpected{folder.error()};
     const auto before = start_case(*folder, job);

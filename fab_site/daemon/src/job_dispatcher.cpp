@@ -129,7 +129,14 @@ void JobDispatcher::planned(const std::string& job, const Preflight& preflight) 
 
 Result<std::optional<std::size_t>> JobDispatcher::where_begun(const Job& job) const {
   if (!job.instance.empty()) {
-    if (const auto place = queue_.find(job.instance)) return place;
+    const auto place = queue_.find(job.instance);
+    if (place && job.machine != job.instance && job.machine != machines_[*place].profile)
+      return fail(
+          ErrorCode::Conflict,
+          fmt::format("its print began on {}, and the machine of that name is of {} now, not of {}; name the one "
+                      "with the part again in the list of machines and start the fab again, or cancel the job",
+                      job.instance, machines_[*place].profile, job.machine));
+    if (place) return place;
     // The machine may have got a name of its own since.
     if (const auto only = machines_.of_profile(job.instance); only.size() == 1) return std::optional{only.front()};
     return fail(ErrorCode::Conflict,
@@ -221,7 +228,7 @@ void JobDispatcher::wait_for_machine(const std::string& job, InTrouble in_troubl
   if (fits.places.empty() && !queue_.begun_on(job))
     return tracker().move(job, JobState::Paused, fits.why_none + "; telefab resume tries again");
   queue_.add(job, fits.places, in_trouble);
-  dispatch();
+  dispatch_soon();
 }
 
 void JobDispatcher::dispatch() {
@@ -232,7 +239,11 @@ void JobDispatcher::dispatch() {
 }
 
 void JobDispatcher::dispatch_soon() {
-  site_.loop().post([this] { dispatch(); });
+  if (std::exchange(is_dispatch_due_, true)) return;
+  site_.loop().post([this] {
+    is_dispatch_due_ = false;
+    dispatch();
+  });
 }
 
 Result<void> JobDispatcher::record_place(const Assignment& assignment) {

@@ -69,6 +69,7 @@ class JobDispatcher {
   [[nodiscard]] bool fits_elsewhere(const std::string& job);
   /// What waits gets the machines that are free.
   void dispatch();
+  /// From the loop: at a start every print that has begun is known before anything is given away.
   void dispatch_soon();
   /// Durable: where the job is, and whose part is on that platform. Then it begins. Where that cannot be written the
   /// job waits, and is tried again.
@@ -125,6 +126,7 @@ class JobDispatcher {
   std::vector<MachineStatus> published_;             ///< guarded by mutex_
   std::atomic<std::uint64_t> revision_ = 0;
   bool is_ending_ = false;
+  bool is_dispatch_due_ = false;
   std::vector<std::unique_ptr<JobPrinter>> printers_;  ///< by machine; last: their threads know the rest
 };
 

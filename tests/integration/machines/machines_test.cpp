@@ -150,6 +150,46 @@ TEST_F(Machines, GoOnEachWithItsOwnPrintAfterAKill) {
   }
 }
 
+TEST_F(Machines, FinishWhatTheyBeganAfterAKillBeforeAnOlderJobThatWaits) {
+  set_machine(40);
+  write_list({"a", "b"});
+  const auto options = with_list({"--start", "on-approval", "--after-crash", "treat-as-exposed"});
+  start_sites({"--start", "on-approval"});
+  const std::string older = submit_for("a", "2"), begun = submit_for("a");
+  ASSERT_TRUE(await([&] { return job_state(older) == "awaiting-approval" && job_state(begun) == "awaiting-approval"; }))
+      << says();
+  ASSERT_EQ(at_fab({"approve", begun, "--who", "ana"}).code, 0) << says();
+  ASSERT_TRUE(await([&] { return lights(begun) > 2; })) << says();
+  ASSERT_EQ(at_fab({"approve", older, "--who", "ana"}).code, 0) << says();
+  kill_fab();
+  ASSERT_EQ(lights(older), 0U);
+  start_fab(options);
+  expect_done(begun);
+  expect_done(older);
+  EXPECT_LT(lit(begun).second, lit(older).first) << "a part hung there";
+}
+
+TEST_F(Machines, ThatGotTheNameOfOneThatHoldsAPrintDoNotGoOnWithIt) {
+  set_machine(40);
+  write_list({"a", "b"});
+  start_sites();
+  const std::string job = submit_for("toy");
+  ASSERT_TRUE(await([&] { return lights(job) > 2; })) << says();
+  fab().send_signal(SIGTERM);
+  ASSERT_EQ(fab().finish(), 0);
+  const std::size_t before = lights(job);
+  std::ofstream{folder() / "machines" / "other.toml"} << "name = \"other\"\ninherits = \"toy\"\n";
+  std::ofstream{folder() / "fab.toml"} << "[[machine]]\nname = \"a\"\nprofile = \"other\"\n"
+                                          "[[machine]]\nname = \"b\"\nprofile = \"toy\"\n";
+  start_fab(with_list());
+  EXPECT_EQ(job_state(job), "paused");
+  EXPECT_THAT(at_fab({"jobs"}).output, HasSubstr("the machine of that name is of other now"));
+  EXPECT_EQ(at_fab({"resume", job, "--who", "ana"}).code, 2);
+  std::this_thread::sleep_for(300ms);
+  EXPECT_EQ(lights(job), before);
+  EXPECT_EQ(at_fab({"cancel", job, "--who", "ana"}).code, 0);
+}
+
 TEST_F(Machines, ThatWereTakenOutOfTheListLeaveTheirPrintDarkAndAskedAbout) {
   set_machine(40);
   write_list({"a", "b"});
