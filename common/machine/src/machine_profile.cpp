@@ -40,13 +40,21 @@ MachineProfile::Stroke MachineProfile::Motion::stroke_of(bool is_bottom, bool is
           .tilt_s = pick(&Stroke::tilt_s, tilt_s)};
 }
 
+double MachineProfile::exposure_step_s() const {
+  constexpr double kGrblDwell_s = 0.05, kMillisecond_s = 0.001;
+  if (devices.light == LightSwitch::Projector) return 0;
+  return devices.stage == StageKind::Grbl ? kGrblDwell_s : kMillisecond_s;
+}
+
 double MachineProfile::exposure_of_layer_s(std::uint32_t print_layer) const {
   if (print_layer < layers.bottom_count) return layers.bottom_exposure_s;
   const std::uint32_t above = print_layer - layers.bottom_count;
   if (above >= layers.transition_count) return layers.exposure_s;
   // The dose falls in even steps; where all light is alike, so does the time.
   const double from = layers.bottom_exposure_s * light_share_of_layer(0) / layers.light_share;
-  return from + (layers.exposure_s - from) * (above + 1) / (layers.transition_count + 1);
+  const double even = from + (layers.exposure_s - from) * (above + 1) / (layers.transition_count + 1);
+  const double step = exposure_step_s();
+  return step > 0 ? std::max(1.0, std::round(even / step)) * step : even;
 }
 
 double MachineProfile::light_share_of_layer(std::uint32_t print_layer) const {
@@ -60,6 +68,8 @@ MachineProfile MachineProfile::at_full_light() const {
   full.layers.bottom_exposure_s *= light_share_of_layer(0);
   full.layers.light_share = 1;
   full.layers.bottom_light_share = 0;
+  // A shorter exposure at full light is only computed with; no device will time it.
+  if (layers.light_share != 1 || light_share_of_layer(0) != 1) full.devices.light = LightSwitch::Projector;
   return full;
 }
 
@@ -96,6 +106,8 @@ Result<MachineProfile> find_machine(const std::vector<MachineProfile>& machines,
 
 Digest digest_of_profile(MachineProfile profile) {
   profile.devices = {};
+  profile.screen = {};
+  profile.light = {};
   profile.assumed.clear();
   Hasher hasher;
   hasher.feed(to_toml(profile));

@@ -71,10 +71,10 @@ std::string to_toml(const MachineProfile& profile) {
   if (!profile.assumed.empty()) text += fmt::format("assumed = {}\n", list_text(profile.assumed));
   std::string_view section;
   for (const Key& key : profile_keys()) {
-    if (key.section != section) text += fmt::format("\n[{}]\n", section = key.section);
     const std::string value = value_text(key, profile);
-    if (key.written == Written::Always || value != value_text(key, untouched))
-      text += fmt::format("{} = {}\n", key.name, value);
+    if (key.written == Written::UnlessDefault && value == value_text(key, untouched)) continue;
+    if (key.section != section) text += fmt::format("\n[{}]\n", section = key.section);
+    text += fmt::format("{} = {}\n", key.name, value);
   }
   return text;
 }

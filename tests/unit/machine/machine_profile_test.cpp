@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <cmath>
 #include <cstdlib>
 #include <telefab/machine/profile_catalogue.hpp>
 #include <telefab/machine/profile_digest.hpp>
@@ -132,7 +133,9 @@ std::string with(std::string toml, std::string_view section, std::string_view ke
 template <MachineWord Word, class Section>
 void takes_its_words_and_no_others(std::string_view section, std::string_view key, Section MachineProfile::*part,
                                    Word Section::*field) {
-  const std::string toml = to_toml(whole());
+  MachineProfile machine = whole();
+  machine.*part.*field = static_cast<Word>(1);  // some are written only where they are not the first
+  const std::string toml = to_toml(machine);
   for (std::size_t i = 0; i < kMachineWords<Word>.size(); ++i) {
     const auto read = machine_profile_from_toml(with(toml, section, key, kMachineWords<Word>[i]), "text");
     ASSERT_TRUE(read) << read.error().what;
@@ -160,6 +163,11 @@ TEST(MachineProfile, TakesTheWordsOfEachEnumerationAndNoOthers) {
   takes_its_words_and_no_others("devices", "led_off", &P::devices, &P::Devices::led_off);
   takes_its_words_and_no_others("devices", "led_cutoff", &P::devices, &P::Devices::led_cutoff);
   takes_its_words_and_no_others("devices", "thermometer", &P::devices, &P::Devices::thermometer);
+  takes_its_words_and_no_others("devices", "light", &P::devices, &P::Devices::light);
+  takes_its_words_and_no_others("screen", "rotation", &P::screen, &P::Screen::rotation);
+  takes_its_words_and_no_others("screen", "packing", &P::screen, &P::Screen::packing);
+  takes_its_words_and_no_others("light", "command", &P::light, &P::Light::command);
+  takes_its_words_and_no_others("light", "guarantee", &P::light, &P::Light::guarantee);
 }
 
 TEST(MachineProfile, KeepsAMeasuredCurveAndField) {
@@ -266,6 +274,60 @@ TEST(MachineProfile, ShrinkageComesBackFromItsTextAndIsPartOfTheDigests) {
     EXPECT_NE(digest_of_profile(machine), digest_of_profile(plain));
     EXPECT_NE(digest_of_light(machine), digest_of_light(plain));
   }
+}
+
+/// One whose stage's board times the light behind a screen.
+MachineProfile lit_by_its_stage() {
+  MachineProfile machine = whole();
+  machine.devices.projector = ProjectorKind::Screen;
+  machine.devices.stage = StageKind::Grbl;
+  machine.devices.light = LightSwitch::Stage;
+  machine.screen = {"HDMI-A-1", "RHT 1234 0 QEMU Monitor", 540, 2560, 59.94, ScreenTurn::Quarter, PixelPacking::Bgr, 4};
+  machine.light = {LightCommand::Pin, 9, "uv", 0.8, 200, 64, LightGuarantee::McuTimeout};
+  return machine;
+}
+
+TEST(MachineProfile, ScreenAndLightOfTheStageComeBackFromItsText) {
+  const MachineProfile machine = lit_by_its_stage();
+  const auto read = machine_profile_from_toml(to_toml(machine), "text");
+  ASSERT_TRUE(read) << read.error().what;
+  EXPECT_EQ(*read, machine);
+}
+
+TEST(MachineProfile, ThatSaysNothingOfAScreenHasTheTextItHad) {
+  EXPECT_THAT(to_toml(whole()), Not(HasSubstr("[screen]")));
+  EXPECT_THAT(to_toml(whole()), Not(HasSubstr("[light]")));
+  EXPECT_THAT(to_toml(whole()), Not(HasSubstr("light =")));
+}
+
+TEST(MachineProfile, LightIsAnotherWhereItsPowerOrItsPackingIsButNotWhereItsConnectorIs) {
+  const MachineProfile machine = lit_by_its_stage();
+  MachineProfile other = machine;
+  other.screen.connector = "HDMI-A-2";
+  EXPECT_EQ(digest_of_light(other), digest_of_light(machine));
+  EXPECT_EQ(digest_of_profile(other), digest_of_profile(machine));
+  other.light.power = 0.7;
+  EXPECT_NE(digest_of_light(other), digest_of_light(machine));
+  other = machine;
+  other.screen.packing = PixelPacking::Bits565;
+  EXPECT_NE(digest_of_light(other), digest_of_light(machine));
+}
+
+TEST(MachineProfile, ExposuresInTransitionAreWholeStepsOfTheBoardThatTimesThem) {
+  MachineProfile machine = lit_by_its_stage();
+  machine.layers.exposure_s = 2;
+  machine.layers.bottom_exposure_s = 9;
+  machine.layers.bottom_count = 2;
+  machine.layers.transition_count = 5;
+  EXPECT_EQ(machine.exposure_step_s(), 0.05);
+  for (std::uint32_t layer = 2; layer < 7; ++layer) {
+    const double even = 9 - 7.0 * (layer - 1) / 6, steps = machine.exposure_of_layer_s(layer) / 0.05;
+    EXPECT_NEAR(machine.exposure_of_layer_s(layer), even, 0.025 + 1e-9);
+    EXPECT_NEAR(steps, std::round(steps), 1e-9);
+  }
+  machine.devices.light = LightSwitch::Projector;
+  EXPECT_EQ(machine.exposure_step_s(), 0);
+  EXPECT_NEAR(machine.exposure_of_layer_s(2), 9 - 7.0 / 6, 1e-12);
 }
 
 TEST(MachineProfile, NamesTheLineOfAnUnknownKey) {

@@ -173,20 +173,47 @@ struct MachineProfile {
   struct Devices {
     ProjectorKind projector = ProjectorKind::Virtual;
     StageKind stage = StageKind::Virtual;
+    LightSwitch light = LightSwitch::Projector;
     double speed_up = 1.0;                             ///< virtual devices only: simulated seconds per real second
     std::uint32_t led_current = 0;                     ///< dlpc900: 0..255, never sent above
     LedColour led_colour = LedColour::Blue;            ///< dlpc900
     LedPolarity led_polarity = LedPolarity::Unstated;  ///< dlpc900: it is not lit before this is stated
     LedOff led_off = LedOff::Enable;                   ///< dlpc900
-    LedCutoff led_cutoff = LedCutoff::None;            ///< dlpc900 with LedOff::EnableAndCurrent
-    Thermometer thermometer = Thermometer::None;       ///< marlin
-    double hottest_celsius = 0;                        ///< resin above this stops the print; 0: no limit
-    double coldest_celsius = 0;                        ///< resin below this stops the print; 0: no limit
+    /// dlpc900 with LedOff::EnableAndCurrent, screen whose lamp is always on
+    LedCutoff led_cutoff = LedCutoff::None;
+    Thermometer thermometer = Thermometer::None;  ///< marlin
+    double hottest_celsius = 0;                   ///< resin above this stops the print; 0: no limit
+    double coldest_celsius = 0;                   ///< resin below this stops the print; 0: no limit
     double allowed_slowdown = 1.1;  ///< real projectors: a job whose uploads stretch it beyond this is refused
     std::string projector_serial;   ///< USB serial number of the light engine; empty: the only one found
     std::string stage_serial;       ///< USB serial number of the stage's tty; empty: the only one found
     friend bool operator==(const Devices&, const Devices&) = default;
   } devices;
+
+  /// The screen that shows the masks, where the projector is one.
+  struct Screen {
+    std::string connector;        ///< "HDMI-A-1"; beginning with '/': a framebuffer or a plain file
+    std::string edid;             ///< who it must be, as `telefab-fab probe` prints it; "none": it gives no EDID
+    std::uint32_t width_px = 0;   ///< words of its mode across
+    std::uint32_t height_px = 0;  ///< rows of its mode
+    double refresh_hz = 0;        ///< 0: a framebuffer, which states none
+    ScreenTurn rotation = ScreenTurn::None;
+    PixelPacking packing = PixelPacking::Grey;
+    std::uint32_t latency_frames = 3;  ///< from the flip that is confirmed to a picture that stands
+    friend bool operator==(const Screen&, const Screen&) = default;
+  } screen;
+
+  /// The light that the board of the stage switches, where it does.
+  struct Light {
+    LightCommand command = LightCommand::Spindle;
+    std::uint32_t number = 0;         ///< of the fan or the pin; marlin
+    std::string pin;                  ///< name of the pwm_tool; klipper
+    double power = 1;                 ///< (0, 1]; of the board's full PWM: what is full light
+    std::uint32_t steps = 1;          ///< equal steps from dark to full; 1: it is not dimmed
+    std::uint32_t packet_bytes = 32;  ///< that its adapter carries whole: 32 of a CH340, 64 of CDC and FTDI
+    LightGuarantee guarantee = LightGuarantee::Planned;
+    friend bool operator==(const Light&, const Light&) = default;
+  } light;
 
   friend bool operator==(const MachineProfile&, const MachineProfile&) = default;
 
@@ -218,7 +245,9 @@ struct MachineProfile {
   [[nodiscard]] bool states_what_carries() const;
   /// floor(platform / pitch), at least one pixel either way.
   [[nodiscard]] PixelSize mask_size() const;
-  /// Of a layer of the print in seconds at its own light: bottom, in transition or normal.
+  /// In multiples of what the light is timed; 0: to a microsecond. GRBL dwells in steps of 50 ms.
+  [[nodiscard]] double exposure_step_s() const;
+  /// Of a layer of the print in seconds at its own light: bottom, in transition (to the nearest step) or normal.
   [[nodiscard]] double exposure_of_layer_s(std::uint32_t print_layer) const;
   /// Of full irradiance, of a layer of the print.
   [[nodiscard]] double light_share_of_layer(std::uint32_t print_layer) const;

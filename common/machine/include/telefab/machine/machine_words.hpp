@@ -17,8 +17,20 @@ enum class OpticsTurn : std::uint8_t { Normal, MirrorX, MirrorY, Rotate180 };
 /// Who drives the mirrors. Of two controllers each shows one half of the columns of the turned mask; the first one's
 /// is named first. Auto: what the device says, the first one left.
 enum class MirrorControllers : std::uint8_t { Auto, One, LeftRight, RightLeft };
-enum class ProjectorKind : std::uint8_t { Virtual, Dlpc900 };
-enum class StageKind : std::uint8_t { Virtual, Grbl, Marlin };
+enum class ProjectorKind : std::uint8_t { Virtual, Dlpc900, Screen };
+enum class StageKind : std::uint8_t { Virtual, Grbl, Marlin, Klipper };
+/// Who switches the light and times it: the projector, or the board of the stage while the projector shows the mask.
+enum class LightSwitch : std::uint8_t { Projector, Stage };
+/// By what a stage's board switches a light: GRBL's spindle, a fan or a pin of Marlin, a pwm_tool of Klipper.
+enum class LightCommand : std::uint8_t { Spindle, Fan, Pin, PwmTool };
+/// What holds of the light where the computer beside the board dies: dark as planned, or no later than the longest
+/// time that the board's firmware leaves a pin on without a word.
+enum class LightGuarantee : std::uint8_t { Planned, McuTimeout };
+/// By how much a mask is turned to stand upright on the panel of a screen, clockwise.
+enum class ScreenTurn : std::uint8_t { None, Quarter, Half, ThreeQuarters };
+/// How grey pixels stand in the words of a screen: one in all three colours; three in one word, the first one in red or
+/// in blue; three in 16 bits, the first one in the high bits.
+enum class PixelPacking : std::uint8_t { Grey, Rgb, Bgr, Bits565, Bits555 };
 enum class LedColour : std::uint8_t { Red, Green, Blue };
 /// The PWM polarity under which more current is more light on a board, as its maker says.
 enum class LedPolarity : std::uint8_t { Unstated, Normal, Inverted };
@@ -44,9 +56,19 @@ template <>
 inline constexpr std::array<std::string_view, 4> kMachineWords<MirrorControllers>{"auto", "one", "left-right",
                                                                                   "right-left"};
 template <>
-inline constexpr std::array<std::string_view, 2> kMachineWords<ProjectorKind>{"virtual", "dlpc900"};
+inline constexpr std::array<std::string_view, 3> kMachineWords<ProjectorKind>{"virtual", "dlpc900", "screen"};
 template <>
-inline constexpr std::array<std::string_view, 3> kMachineWords<StageKind>{"virtual", "grbl", "marlin"};
+inline constexpr std::array<std::string_view, 4> kMachineWords<StageKind>{"virtual", "grbl", "marlin", "klipper"};
+template <>
+inline constexpr std::array<std::string_view, 2> kMachineWords<LightSwitch>{"projector", "stage"};
+template <>
+inline constexpr std::array<std::string_view, 4> kMachineWords<LightCommand>{"spindle", "fan", "pin", "pwm-tool"};
+template <>
+inline constexpr std::array<std::string_view, 2> kMachineWords<LightGuarantee>{"planned", "mcu-timeout"};
+template <>
+inline constexpr std::array<std::string_view, 4> kMachineWords<ScreenTurn>{"0", "90", "180", "270"};
+template <>
+inline constexpr std::array<std::string_view, 5> kMachineWords<PixelPacking>{"grey", "rgb", "bgr", "5-6-5", "5-5-5"};
 template <>
 inline constexpr std::array<std::string_view, 3> kMachineWords<LedColour>{"red", "green", "blue"};
 template <>
