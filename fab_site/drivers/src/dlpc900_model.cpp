@@ -83,8 +83,7 @@ UsbOutcome Dlpc900Model::strike(ProjectorFault fault) {
       reset();
       return UsbOutcome::Ok;
     case ProjectorFault::SequencerAbort:
-      end_light(clock_.now());
-      running_ = false;
+      end_run(clock_.now());
       hardware_ |= kHardwareSequencerAbort;
       return UsbOutcome::Ok;
     case ProjectorFault::ParkedStuck:
@@ -166,8 +165,8 @@ void Dlpc900Model::power_cycle() {
 }
 
 void Dlpc900Model::reset() {
-  end_light(clock_.now());
-  running_ = definition_ = configured_ = configured_since_image_ = parked_ = false;
+  end_run(clock_.now());
+  definition_ = configured_ = configured_since_image_ = parked_ = false;
   mode_ = 0;
   leds_ = kLedsOff;
   for (auto& half : half_) half.reset();
@@ -178,8 +177,7 @@ void Dlpc900Model::reset() {
 
 void Dlpc900Model::tick() {
   if (running_ && clock_.now() >= run_until_) {
-    end_light(run_until_);
-    running_ = false;
+    end_run(run_until_);
   }
 }
 
@@ -212,6 +210,12 @@ void Dlpc900Model::end_light(Nanoseconds at) {
   if (log_ != nullptr)
     log_->lit({lit_from_, at, digest_of(std::as_bytes(std::span{image_.rows})), log_->z_mm(), glow() / 255.0});
   lit_from_ = at;
+}
+
+void Dlpc900Model::end_run(Nanoseconds at) {
+  end_light(at);
+  if (std::exchange(running_, false) && shows_ != nullptr)
+    shows_->lit({run_from_, at, digest_of(std::as_bytes(std::span{image_.rows})), 0, 1});
 }
 
 std::vector<float> Dlpc900Model::dose_s() {
@@ -314,8 +318,7 @@ std::uint8_t Dlpc900Model::carry_out(Command command, bool read, std::span<const
     case Command::PatternStartStop:
       if (d.size() != 1 || first() > 2) return kParameter;
       if (first() == kStart) return start();
-      end_light(clock_.now());
-      running_ = false;
+      end_run(clock_.now());
       return kNone;
     case Command::PatternDefinition:
       if (running_ || mode_ != kModeOnTheFly) return kMode;

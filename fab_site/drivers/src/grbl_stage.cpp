@@ -112,6 +112,7 @@ Result<std::unique_ptr<SerialStage>> SerialStage::open(std::unique_ptr<LineTrans
 }
 
 SerialStage::~SerialStage() {
+  if (light_unsure_) (void)unlight();
   if (doing_ != Doing::Nothing) (void)line_->write(facts_of(options_.dialect).hold, kWriteTimeout);
 }
 
@@ -127,18 +128,31 @@ Result<void> SerialStage::connect() {
   connected_ = homed_ = false;
   doing_ = Doing::Nothing;
   const DialectFacts& dialect = facts_of(options_.dialect);
+  const bool is_marlin = options_.dialect == StageDialect::Marlin;
+  // A light at a Marlin board is surely off after a restart alone, and its port's opening is the only one there is.
+  const bool must_restart = is_marlin && options_.light;
+  if (must_restart)
+    if (const auto ok = line_->reopen(); !ok) return ok;
   if (const auto ok = send(dialect.reset); !ok) return ok;
   const Nanoseconds until = clock_.now() + kBannerTimeout;
-  const bool is_marlin = options_.dialect == StageDialect::Marlin;
   while (true) {
     const auto line = next_line(until);
+    if (!line && line.error().code == ErrorCode::DeviceTimeout && must_restart)
+      return fail(ErrorCode::DeviceRefused,
+                  "stage: the board does not restart when its port is opened, so that nothing would darken its light "
+                  "at once; a board with its own USB port cannot time the light (fab_site/drivers/first-light.md)");
     if (!line && line.error().code == ErrorCode::DeviceTimeout)
       return fail(ErrorCode::DeviceTimeout,
                   fmt::format("stage: no {} banner; is it the right port and firmware?", dialect.name));
     if (!line) return tl::unexpected{line.error()};
-    if (line->starts_with(dialect.banner) || (is_marlin && is_ok(*line))) break;
+    if (line->starts_with(dialect.banner)) banner_ = *line;
+    if (line->starts_with(dialect.banner) || (is_marlin && !must_restart && is_ok(*line))) break;
   }
   if (const auto ok = is_marlin ? synchronise_marlin(until) : synchronise_grbl(until); !ok) return ok;
+  // A restart of either firmware leaves its pins off.
+  if (!is_marlin || must_restart) light_unsure_ = false;
+  if (options_.light)
+    if (const auto ok = check_board(); !ok) return ok;
   connected_ = true;
   return {};
 }
@@ -301,6 +315,7 @@ Result<void> SerialStage::take(const std::string& line) {
     connected_ = false;
     return lost(ErrorCode::DeviceRefused, "the board says " + line);
   }
+  if (doing_ == Doing::Lighting || doing_ == Doing::AskingDark) return take_light_line(line);
   if (doing_ == Doing::AskingHome || doing_ == Doing::AskingRest) {
     const bool busy = options_.dialect == StageDialect::Grbl && line.starts_with("<") && !line.starts_with("<Idle");
     const auto z = number_behind(line, dialect.position, dialect.numbers_before_z);
@@ -318,6 +333,7 @@ Result<void> SerialStage::take_ok() {
   if (oks_wanted_ == 0 || --oks_wanted_ > 0) return {};
   if (doing_ == Doing::Homing) doing_ = Doing::AskingHome;
   if (doing_ == Doing::Moving) doing_ = Doing::AskingRest;
+  if (doing_ == Doing::Lighting) return take_dark_ok();
   if (doing_ != Doing::AskingHome && doing_ != Doing::AskingRest) return {};
   deadline_ = clock_.now() + kAnswerTimeout;
   return send(facts_of(options_.dialect).ask);

@@ -63,6 +63,8 @@ class Dlpc900Model {
   /// Lets time pass: ends what is over by now.
   void tick();
   [[nodiscard]] bool lit() const { return running_ && glow() > 0; }
+  /// Writes down into that log when its mirrors showed what, whatever its LEDs did; it must outlive the model.
+  void record_shows(MachineLog& log) { shows_ = &log; }
   /// The brightest LED as share of 255, whatever the mirrors do.
   [[nodiscard]] std::uint8_t glow() const;
   /// Adding up costs a pass over all mirrors an exposure; on unless switched off.
@@ -94,6 +96,7 @@ class Dlpc900Model {
   [[nodiscard]] std::uint8_t start();
   void reset();
   void end_light(Nanoseconds at);
+  void end_run(Nanoseconds at);
   /// Changes what the LEDs do, and keeps the account of light.
   template <class Change>
   void change_leds(Change change);
@@ -126,6 +129,7 @@ class Dlpc900Model {
   Nanoseconds run_from_{}, run_until_{}, lit_from_{};
   std::vector<float> dose_s_;
   bool add_up_ = true;
+  MachineLog* shows_ = nullptr;
 };
 
 }  // namespace telefab::fab
