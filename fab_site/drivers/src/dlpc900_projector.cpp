@@ -142,6 +142,7 @@ Result<void> Dlpc900Projector::identify() {
       fmt::format("DLPC900 {} firmware {}.{}.{}", dmd->name, identity_.major, identity_.minor, identity_.patch);
   facts_.size = options_.mask;
   facts_.shortest_exposure = Microseconds{dmd->shortest_exposure_us};
+  facts_.longest_undivided = Microseconds{kLongestPart_us};
   facts_.upload_bytes_per_s = kPessimisticRate;
   // Its LED current is a duty cycle of 8 bits; light in proportion to it is assumed, and calibrated per share.
   facts_.light_steps = std::max<std::uint32_t>(1, options_.led_current);

@@ -41,6 +41,12 @@ std::string_view code_of(std::string_view line) {
 
 }  // namespace
 
+std::string_view name_of(MarlinFault fault) {
+  static constexpr std::string_view names[] = {"garbled", "swallowed", "brown out", "cable lost"};
+  static_assert(std::size(names) == kMarlinFaults);
+  return names[static_cast<std::size_t>(fault)];
+}
+
 MarlinModel::MarlinModel(double top_mm, const Clock& clock, MachineLog* log, MarlinBoard board, MarlinLamp lamp)
     : top_mm_{top_mm},
       clock_{clock},
@@ -106,9 +112,15 @@ void MarlinModel::tick() {
     buffered_bytes_ -= line.size() + 1;
     at_ = busy_until_ = start;
     end_motions(at_);
-    const bool is_garbled = garbled_ && *garbled_ == lines_;
+    std::optional<MarlinFault> fault;
+    if (fault_ && fault_->second == lines_) fault = std::exchange(fault_, {})->first;
     ++lines_;
-    if (!std::exchange(lose_line_, false)) execute(is_garbled ? "M9" + line : line);
+    if (std::exchange(lose_line_, false) || fault == MarlinFault::Swallowed) continue;
+    if (fault == MarlinFault::CableLost) is_unplugged_ = true;
+    if (fault == MarlinFault::BrownOut)
+      restart();
+    else
+      execute(fault == MarlinFault::Garbled ? "M9" + line : line);
   }
   at_ = now;
   end_motions(now);

@@ -94,15 +94,13 @@ Result<LightGroup> light_group(StageDialect dialect, const BoardLight& light, do
     dark = "M5\n";
     group.lines = 3;
   } else {
-    const std::string on =
-        light.command == LightCommand::Fan && light.number == 0
-            ? std::string{"M106"}
-            : fmt::format("{}P{}", light.command == LightCommand::Fan ? "M106" : "M42", light.number);
+    const bool is_fan = light.command == LightCommand::Fan;
+    const std::string number = is_fan && light.number == 0 ? std::string{} : fmt::format("P{}", light.number);
+    // A fan without a word runs fully; each byte counts.
+    const std::string power = is_fan && word == std::lround(kMarlinFull) ? std::string{} : fmt::format("S{}", word);
     lead = fmt::format("G4P{}\n", kMarlinLead.count() / 1000);
-    group.text = fmt::format("{}S{}\nG4P{}\n", on, word, order.duration.count() / 1000);
-    dark = light.command == LightCommand::Pin ? fmt::format("M42P{}S0\n", light.number)
-           : light.number == 0                ? std::string{"M107\n"}
-                                              : fmt::format("M107P{}\n", light.number);
+    group.text = fmt::format("{}{}{}\nG4P{}\n", is_fan ? "M106" : "M42", number, power, order.duration.count() / 1000);
+    dark = is_fan ? fmt::format("M107{}\n", number) : fmt::format("M42{}S0\n", number);
     group.lines = 4;
   }
   group.text = lead + group.text + dark;
@@ -113,7 +111,7 @@ Result<LightGroup> light_group(StageDialect dialect, const BoardLight& light, do
                     "CH340 state light.packet_bytes = 64",
                     group.text.size(), order.duration.count()));
   // Once more, where there is room: one garbled line then leaves no light on.
-  if (dialect == StageDialect::Grbl && group.text.size() + dark.size() <= light.packet_bytes) {
+  if (group.text.size() + dark.size() <= light.packet_bytes) {
     group.text += dark;
     ++group.lines;
   }

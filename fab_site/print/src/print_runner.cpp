@@ -388,6 +388,13 @@ Result<PrintRecord> PrintRunner::run(const PrintPlan& plan, const PrintPolicy& p
         ErrorCode::InvalidInput,
         fmt::format("the plan's masks have {} x {} pixels, the projector {} x {}", plan.mask_size.width_px,
                     plan.mask_size.height_px, projector_.facts().size.width_px, projector_.facts().size.height_px));
+  if (const Microseconds step = projector_.facts().exposure_step; step.count() > 0)
+    for (const PlannedLayer& layer : plan.layers)
+      if (layer.exposure % step != Microseconds{0})
+        return fail(ErrorCode::InvalidInput,
+                    fmt::format("layer {} is exposed for {} us, its light is timed in steps of {} us; correct the "
+                                "exposures of the profile and plan the job again",
+                                layer.index.count(), layer.exposure.count(), step.count()));
   const Digest digest = plan_digest(plan);
   if (const auto ok = journal_.belongs_to(digest); !ok) return tl::unexpected{ok.error()};
   const auto record_of = [&](const PrintState& state) {

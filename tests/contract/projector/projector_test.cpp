@@ -3,9 +3,10 @@
 
 #include <telefab/fab/device/virtual_projector.hpp>
 #include <telefab/test/print_rig.hpp>
+#include <telefab/test/stage_lit_rig.hpp>
 
-// One suite, every light engine: what Projector promises, on the virtual one and on the DLPC900 driver with its strict
-// model.
+// One suite, every light engine: what Projector promises, on the virtual one, on the DLPC900 driver and on a screen
+// with their strict models, and on those whose light the stage's board times.
 namespace telefab::fab {
 namespace {
 
@@ -27,6 +28,35 @@ struct Dlpc900Engine {
                                                                 {.mask = PrintRig::kSize, .led_current = 10}, clock)
                                              .value();
 };
+
+/// A screen whose lamp is always on: its picture is the light.
+struct ScreenEngine {
+  VirtualClock clock;
+  MachineLog log;
+  test::ScreenModel model{PrintRig::kSize, clock, log};
+  std::unique_ptr<Projector> projector =
+      ScreenProjector::open(std::make_unique<test::ModelDisplay>(model),
+                            {PrintRig::kSize, {PrintRig::kSize, {}, {}, {}}, 0}, clock)
+          .value();
+};
+
+/// The light is the lamp at the board, whose stage is homed.
+template <test::ShownBy kShown, test::LitBy kLit>
+struct StageLitEngine {
+  StageLitEngine() {
+    EXPECT_TRUE(rig.connect());
+    EXPECT_TRUE(rig.stage->home());
+    while (rig.stage->poll()->moving) clock.sleep_for(10ms);
+  }
+  test::StageLitRig rig{kShown, kLit, 1};
+  VirtualClock& clock = rig.clock;
+  MachineLog& log = rig.log;
+  std::unique_ptr<Projector>& projector = rig.projector;
+};
+using ScreenAndGrbl = StageLitEngine<test::ShownBy::Screen, test::LitBy::GrblSpindle>;
+using ScreenAndMarlin = StageLitEngine<test::ShownBy::Screen, test::LitBy::MarlinFan>;
+using Dlpc900AndGrbl = StageLitEngine<test::ShownBy::Dlpc900, test::LitBy::GrblSpindle>;
+using Dlpc900AndMarlin = StageLitEngine<test::ShownBy::Dlpc900, test::LitBy::MarlinPin>;
 
 template <class Engine>
 class ProjectorContract : public testing::Test {
@@ -54,7 +84,8 @@ class ProjectorContract : public testing::Test {
   Engine engine;
   FormulaMasks masks{PrintRig::kSize};
 };
-using Engines = testing::Types<VirtualEngine, Dlpc900Engine>;
+using Engines = testing::Types<VirtualEngine, Dlpc900Engine, ScreenEngine, ScreenAndGrbl, ScreenAndMarlin,
+                               Dlpc900AndGrbl, Dlpc900AndMarlin>;
 TYPED_TEST_SUITE(ProjectorContract, Engines);
 
 TYPED_TEST(ProjectorContract, ShowsNothingBeforeItIsAskedTo) {

@@ -20,6 +20,8 @@ struct ProjectorFacts {
   double upload_bytes_per_s = 0;      ///< measured; 0: masks cost no time
   /// Equal steps of its light from dark to full; 1: it cannot be dimmed.
   std::uint32_t light_steps = 1;
+  Microseconds exposure_step{0};      ///< exposures are whole multiples of it; 0: any
+  Microseconds longest_undivided{0};  ///< it times a longer exposure in parts; 0: none is too long
 };
 
 /// How a mask is shown.

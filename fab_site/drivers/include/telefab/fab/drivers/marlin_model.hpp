@@ -25,6 +25,16 @@ struct MarlinBoard {
   bool z_sync = false;               ///< NANODLP_Z_SYNC: says so behind each dwell
 };
 
+/// Ways a Marlin board can fail. Each strikes at the n-th line after it was planned.
+enum class MarlinFault : std::uint8_t {
+  Garbled,    ///< the line is carried out as a command that nobody knows
+  Swallowed,  ///< the line is lost and never answered
+  BrownOut,   ///< its power fails and comes back
+  CableLost,  ///< the line is gone until reopened; the board goes on with what it has
+};
+inline constexpr std::size_t kMarlinFaults = 4;
+[[nodiscard]] std::string_view name_of(MarlinFault fault);
+
 /// What is wired to its lamp.
 struct MarlinLamp {
   bool is_fan = true;  ///< else a pin
@@ -51,12 +61,7 @@ class MarlinModel final : public LineModel {
   /// Lets time pass: carries out what is due by now.
   void tick();
   [[nodiscard]] const ModelLamp& lamp() const { return lamp_; }
-  /// The cable is out until reopened; the board goes on with what it has.
-  void unplug() { is_unplugged_ = true; }
-  /// Power fails and comes back.
-  void brown_out() { restart(); }
-  /// The n-th line from now on (0: the next) is carried out garbled, as a command that nobody knows.
-  void garble_line(std::uint64_t lines_from_now) { garbled_ = lines_ + lines_from_now; }
+  void plan_fault(MarlinFault fault, std::uint64_t lines_from_now) { fault_ = {fault, lines_ + lines_from_now}; }
   [[nodiscard]] std::uint64_t lines() const { return lines_; }
 
   [[nodiscard]] double gap_mm() const { return gap_mm_; }
@@ -116,7 +121,7 @@ class MarlinModel final : public LineModel {
   std::string incoming_;
   std::size_t buffered_bytes_ = 0;
   std::uint64_t lines_ = 0;
-  std::optional<std::uint64_t> garbled_;
+  std::optional<std::pair<MarlinFault, std::uint64_t>> fault_;
   std::deque<Line> lines_in_;
   std::deque<Pending> outgoing_;
   std::deque<Motion> motions_;
