@@ -27,6 +27,7 @@ pkg_check_modules(libzip REQUIRED IMPORTED_TARGET libzip)
 pkg_check_modules(pugixml REQUIRED IMPORTED_TARGET pugixml)
 pkg_check_modules(libusb REQUIRED IMPORTED_TARGET libusb-1.0)
 pkg_check_modules(libudev REQUIRED IMPORTED_TARGET libudev)
+pkg_check_modules(libdrm REQUIRED IMPORTED_TARGET libdrm)
 pkg_check_modules(lib3mf REQUIRED IMPORTED_TARGET lib3MF)
 find_package(CGAL REQUIRED QUIET)
 

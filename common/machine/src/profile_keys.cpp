@@ -351,13 +351,9 @@ const std::vector<Key>& profile_keys() {
        words(&P::screen, &P::Screen::packing), Written::UnlessDefault},
       {"screen", "latency_frames", false, "from a flip that is confirmed to a picture that stands on the panel",
        CountKey{at(&P::screen, &P::Screen::latency_frames), 0, 60}, Written::UnlessDefault},
-      {"light", "command", false,
-       "by what the stage's board switches it: grbl spindle, marlin fan or pin, klipper "
-       "pwm-tool",
+      {"light", "command", false, "by what the stage's board switches it: grbl spindle, marlin fan or pin",
        words(&P::light, &P::Light::command), Written::UnlessDefault},
       {"light", "number", false, "marlin: of the fan or the pin", CountKey{at(&P::light, &P::Light::number), 0, 255},
-       Written::UnlessDefault},
-      {"light", "pin", false, "klipper: name of its pwm_tool", TextKey{at(&P::light, &P::Light::pin)},
        Written::UnlessDefault},
       {"light", "power", false, "what is full light, as share of the board's full PWM; nothing above is ever sent",
        NumberKey{at(&P::light, &P::Light::power), 0.01, 1}, Written::UnlessDefault},
@@ -366,9 +362,6 @@ const std::vector<Key>& profile_keys() {
       {"light", "packet_bytes", false,
        "that the board's USB adapter carries whole: 32 of a CH340, 64 of CDC and FTDI; an exposure is sent in one",
        CountKey{at(&P::light, &P::Light::packet_bytes), 32, 64}, Written::UnlessDefault},
-      {"light", "guarantee", false,
-       "what holds where this computer dies: dark as planned, or, klipper alone, when its MCU times the pin out",
-       words(&P::light, &P::Light::guarantee), Written::UnlessDefault},
   };
   return table;
 }

@@ -4,6 +4,8 @@
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/fab/drivers/make_devices.hpp>
+#include <telefab/fab/screen/guarded_display.hpp>
+#include <telefab/fab/screen/packing.hpp>
 
 #include "verbs.hpp"
 
@@ -24,6 +26,31 @@ void print_projector(const Dlpc900Projector& projector) {
                            projector.facts().upload_bytes_per_s / 1000));
 }
 
+/// True: it answers.
+bool probe_projector(const MachineProfile& machine, Clock& clock) {
+  if (machine.devices.projector == ProjectorKind::Virtual) {
+    write_output("projector: virtual\n");
+    return true;
+  }
+  if (machine.devices.projector == ProjectorKind::Screen) {
+    const auto screen = open_screen(machine, clock);
+    if (screen) {
+      write_output(
+          fmt::format("projector: {}\n  black, and its guard darkens it where this program hangs: self-test passed\n",
+                      (*screen)->facts().name));
+      return true;
+    }
+    write_output(fmt::format("projector: {}\n{}", screen.error().what, describe_screens()));
+    return false;
+  }
+  const auto projector = open_projector(machine, clock);
+  if (projector)
+    print_projector(**projector);
+  else
+    write_output(fmt::format("projector: {}\n", projector.error().what));
+  return projector.has_value();
+}
+
 }  // namespace
 
 VerbBody declare_probe(VerbOptions& options) {
@@ -39,19 +66,15 @@ VerbBody declare_probe(VerbOptions& options) {
     if (!machine) return tl::unexpected{machine.error()};
     const auto clock = make_clock(*machine);
     int silent = 0;
-    if (machine->devices.projector == ProjectorKind::Virtual) {
-      write_output("projector: virtual\n");
-    } else if (const auto projector = open_projector(*machine, *clock)) {
-      print_projector(**projector);
-    } else {
-      write_output(fmt::format("projector: {}\n", projector.error().what));
-      ++silent;
-    }
+    if (!probe_projector(*machine, *clock)) ++silent;
     if (machine->devices.stage == StageKind::Virtual) {
       write_output("stage: virtual\n");
     } else if (auto stage = open_stage(*machine, *clock)) {
       write_output(fmt::format("stage: {}, travel {} to {} mm\n", (*stage)->facts().name, (*stage)->facts().lowest_mm,
                                (*stage)->facts().highest_mm));
+      if (machine->devices.light == LightSwitch::Stage)
+        write_output(fmt::format("  {}, off; exposures in steps of {} ms\n", (*stage)->light_facts().name,
+                                 (*stage)->light_facts().exposure_step.count() / 1000));
       if (o->home) {
         if (const auto ok = (*stage)->home(); !ok) return tl::unexpected{ok.error()};
         while (true) {
@@ -70,6 +93,8 @@ VerbBody declare_probe(VerbOptions& options) {
       write_output(fmt::format("stage: {}\n", stage.error().what));
       ++silent;
     }
+    if (const auto ready = check_devices(*machine); !ready)
+      write_output(fmt::format("not yet to be printed with: {}\n", ready.error().what));
     return silent == 0 ? ExitCode::Ok : ExitCode::Device;
   };
 }

@@ -6,6 +6,7 @@
 namespace telefab::fab {
 [[nodiscard]] VerbBody declare_calibrate(VerbOptions& options);
 [[nodiscard]] VerbBody declare_export(VerbOptions& options);
+[[nodiscard]] VerbBody declare_guard_screen(VerbOptions& options);
 [[nodiscard]] VerbBody declare_import(VerbOptions& options);
 [[nodiscard]] VerbBody declare_cover(VerbOptions& options);
 [[nodiscard]] VerbBody declare_plan(VerbOptions& options);

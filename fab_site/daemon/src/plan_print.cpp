@@ -130,11 +130,8 @@ std::uint64_t print_room_bytes(const std::filesystem::path& folder, LayerIndex l
 }
 
 Result<void> go_dark(const MachineProfile& machine) {
-  if (machine.devices.projector == ProjectorKind::Virtual) return {};
   const auto clock = make_clock(machine);
-  const auto projector = open_projector(machine, *clock);  // dark when it is open
-  if (!projector) return tl::unexpected{projector.error()};
-  return (*projector)->dark();
+  return darken(machine, *clock);
 }
 
 Result<PrintRecord> print_from(const PrintTask& task, PrintControl& control, const PrintSink& sink,

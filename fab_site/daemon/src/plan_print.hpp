@@ -32,7 +32,7 @@ struct PlanOutcome {
 /// Bytes that a print from the folder still takes on its disk: the journal, where none is begun, and the records.
 [[nodiscard]] std::uint64_t print_room_bytes(const std::filesystem::path& folder, LayerIndex layers);
 
-/// The light of a machine off, without touching its stage; nothing to do for a virtual one. Fails as make_devices.
+/// As darken() of its devices: its stage is touched only where its board switches the light.
 [[nodiscard]] Result<void> go_dark(const MachineProfile& machine);
 
 }  // namespace telefab::fab

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <cmath>
 #include <telefab/fab/device/virtual_projector.hpp>
 #include <telefab/fab/device/virtual_z_stage.hpp>
 #include <telefab/fab/drivers/grbl_stage.hpp>
 #include <telefab/fab/drivers/make_devices.hpp>
+#include <telefab/fab/drivers/stage_lit_projector.hpp>
+#include <telefab/fab/screen/guarded_display.hpp>
 #include <telefab/fab/usb/libusb_transport.hpp>
 #include <telefab/fab/usb/tty_line.hpp>
 
@@ -26,8 +29,74 @@ class StageThermometer final : public Sensors {
   SerialStage& stage_;
 };
 
+StageDialect dialect_of(const MachineProfile& machine) {
+  return machine.devices.stage == StageKind::Marlin ? StageDialect::Marlin : StageDialect::Grbl;
+}
+
+BoardLight light_of(const MachineProfile& machine) {
+  const auto& light = machine.light;
+  return {light.command, light.number, light.power, light.steps, light.packet_bytes};
+}
+
+PanelLayout layout_of(const MachineProfile& machine) {
+  const auto& screen = machine.screen;
+  return {{screen.width_px, screen.height_px}, screen.packing, machine.projection.orientation, screen.rotation};
+}
+
+/// Of a light that the stage's board switches.
+Result<void> check_stage_light(const MachineProfile& machine) {
+  const auto wrong = [&](std::string_view what) {
+    return fail(ErrorCode::InvalidInput, "machine " + machine.name + ": " + std::string{what});
+  };
+  const auto& d = machine.devices;
+  if (d.light != LightSwitch::Stage) return {};
+  if (d.stage == StageKind::Virtual)
+    return wrong("devices.light = \"stage\" needs a board: state devices.stage, grbl or marlin");
+  if (d.projector == ProjectorKind::Virtual)
+    return wrong(
+        "devices.light = \"stage\" needs something that shows the masks: state devices.projector, screen or "
+        "dlpc900");
+  if ((d.stage == StageKind::Grbl) != (machine.light.command == LightCommand::Spindle))
+    return wrong("state light.command: \"spindle\" of a GRBL board, \"fan\" or \"pin\" of a Marlin board");
+  if (d.projector == ProjectorKind::Dlpc900 && d.led_current != 0)
+    return wrong(
+        "the stage's board switches the light, so the controller drives no LED: state devices.led_current = 0");
+  constexpr double kUsualWord = 1000;
+  for (const auto& [exposure_s, share] : {std::pair{machine.layers.exposure_s, machine.layers.light_share},
+                                          {machine.layers.bottom_exposure_s, machine.light_share_of_layer(0)}}) {
+    const LightOrder order{Microseconds{std::llround(exposure_s * 1e6)}, share};
+    if (const auto group = light_group(dialect_of(machine), light_of(machine), kUsualWord, order); !group)
+      return wrong(group.error().what);
+  }
+  return {};
+}
+
+Result<void> check_screen(const MachineProfile& machine) {
+  const auto wrong = [&](std::string_view what) {
+    return fail(ErrorCode::InvalidInput, "machine " + machine.name + ": " + std::string{what});
+  };
+  const auto& d = machine.devices;
+  if (d.projector != ProjectorKind::Screen) return {};
+  if (machine.screen.connector.empty() || machine.screen.width_px == 0 || machine.screen.height_px == 0)
+    return wrong(
+        "state which screen shows its masks, screen.connector, width_px and height_px; `telefab-fab probe` "
+        "lists what there is");
+  if (const auto fits = check_fits(machine.mask_size(), layout_of(machine)); !fits) return wrong(fits.error().what);
+  if (d.light == LightSwitch::Stage) return {};
+  if (d.led_cutoff == LedCutoff::None)
+    return wrong(
+        "the lamp behind its screen is always on, so nothing would darken it where this computer dies; let the "
+        "stage's board switch it (devices.light = \"stage\"), or put a watchdog before it and state "
+        "devices.led_cutoff = \"watchdog\" (deploy/docs/first-light-screens.md)");
+  for (const double share : {machine.layers.light_share, machine.light_share_of_layer(0)})
+    if (const auto step = light_step(share, 1); !step) return wrong(step.error().what);
+  return {};
+}
+
+}  // namespace
+
 /// What a print needs to be told about real devices.
-Result<void> check_statements(const MachineProfile& machine) {
+Result<void> check_devices(const MachineProfile& machine) {
   const auto wrong = [&](std::string_view what) {
     return fail(ErrorCode::InvalidInput, "machine " + machine.name + ": " + std::string{what});
   };
@@ -35,7 +104,7 @@ Result<void> check_statements(const MachineProfile& machine) {
   if (d.projector == ProjectorKind::Dlpc900 && d.led_polarity == LedPolarity::Unstated)
     return wrong(
         "state devices.led_polarity, normal or inverted, as the board's maker says (fab_site/drivers/first-light.md)");
-  if (d.projector == ProjectorKind::Dlpc900 && d.led_current == 0)
+  if (d.projector == ProjectorKind::Dlpc900 && d.light == LightSwitch::Projector && d.led_current == 0)
     return wrong("devices.led_current is 0, nothing would cure; raise it as fab_site/drivers/first-light.md says");
   if (d.projector == ProjectorKind::Dlpc900 && d.led_off == LedOff::EnableAndCurrent && d.led_cutoff == LedCutoff::None)
     return wrong(
@@ -48,7 +117,7 @@ Result<void> check_statements(const MachineProfile& machine) {
     return wrong(
         "motion.tilt_s, large_tilt_s and bottom_tilt_s are for archives and virtual stages; a stage by GRBL or "
         "Marlin tips no vat");
-  if (d.projector == ProjectorKind::Dlpc900)
+  if (d.projector == ProjectorKind::Dlpc900 && d.light == LightSwitch::Projector)
     for (const double share : {machine.layers.light_share, machine.light_share_of_layer(0)})
       if (const auto step = light_step(share, d.led_current); !step) return wrong(step.error().what);
   if (d.thermometer != Thermometer::None && d.stage != StageKind::Marlin)
@@ -57,10 +126,9 @@ Result<void> check_statements(const MachineProfile& machine) {
     return wrong("temperature limits need devices.thermometer");
   if (d.hottest_celsius > 0 && d.hottest_celsius <= d.coldest_celsius)
     return wrong("devices.hottest_celsius is not above devices.coldest_celsius");
-  return {};
+  if (const auto ok = check_screen(machine); !ok) return ok;
+  return check_stage_light(machine);
 }
-
-}  // namespace
 
 bool is_simulated(const MachineProfile& machine) {
   return machine.devices.projector == ProjectorKind::Virtual && machine.devices.stage == StageKind::Virtual;
@@ -94,7 +162,8 @@ Result<std::unique_ptr<SerialStage>> open_stage(const MachineProfile& machine, C
   auto line = open_tty(machine.devices.stage_serial);
   if (!line) return tl::unexpected{line.error()};
   SerialStageOptions options;
-  options.dialect = machine.devices.stage == StageKind::Marlin ? StageDialect::Marlin : StageDialect::Grbl;
+  options.dialect = dialect_of(machine);
+  if (machine.devices.light == LightSwitch::Stage) options.light = light_of(machine);
   options.top_mm = stage_top_mm(machine);
   options.thermometer = machine.devices.thermometer;
   options.homing_mm_per_s = machine.homing_mm_per_s();
@@ -104,27 +173,71 @@ Result<std::unique_ptr<SerialStage>> open_stage(const MachineProfile& machine, C
 
 std::unique_ptr<Sensors> thermometer_of(SerialStage& stage) { return std::make_unique<StageThermometer>(stage); }
 
+Result<std::unique_ptr<ScreenProjector>> open_screen(const MachineProfile& machine, Clock& clock) {
+  auto display = open_guarded_display(screen_settings(machine), own_guard_program(), clock);
+  if (!display) return tl::unexpected{display.error()};
+  ScreenOptions options;
+  options.mask = machine.mask_size();
+  options.layout = layout_of(machine);
+  options.latency_frames = machine.devices.light == LightSwitch::Stage ? machine.screen.latency_frames : 0;
+  return ScreenProjector::open(std::move(*display), options, clock);
+}
+
+namespace {
+
+Result<std::unique_ptr<Projector>> open_picture(const MachineProfile& machine, Clock& clock) {
+  if (machine.devices.projector == ProjectorKind::Screen) return open_screen(machine, clock);
+  return open_projector(machine, clock);
+}
+
+}  // namespace
+
+Result<void> darken(const MachineProfile& machine, Clock& clock) {
+  // The lamp first: its board restarts when it is opened.
+  if (machine.devices.light == LightSwitch::Stage && machine.devices.stage != StageKind::Virtual)
+    if (const auto stage = open_stage(machine, clock); !stage) return tl::unexpected{stage.error()};
+  if (machine.devices.projector == ProjectorKind::Virtual) return {};
+  const auto projector = open_picture(machine, clock);  // dark when it is open
+  if (!projector) return tl::unexpected{projector.error()};
+  return (*projector)->dark();
+}
+
 Result<Devices> make_devices(const MachineProfile& machine, Clock& clock) {
-  if (const auto ok = check_statements(machine); !ok) return tl::unexpected{ok.error()};
+  if (const auto ok = check_devices(machine); !ok) return tl::unexpected{ok.error()};
   Devices devices;
   devices.log = std::make_unique<MachineLog>();
-  // The projector first: it goes dark before anything else happens.
-  if (machine.devices.projector == ProjectorKind::Virtual) {
-    devices.projector = std::make_unique<VirtualProjector>(machine.mask_size(), 0, clock, *devices.log);
-  } else {
-    auto projector = open_projector(machine, clock);
-    if (!projector) return tl::unexpected{projector.error()};
-    devices.projector = std::move(*projector);
-  }
-  if (machine.devices.stage == StageKind::Virtual) {
-    devices.stage = std::make_unique<VirtualZStage>(
-        stage_top_mm(machine), clock, *devices.log,
-        VirtualStageOptions{machine.homing_mm_per_s(), machine.motion.acceleration_mm_per_s2});
-  } else {
+  SerialStage* board = nullptr;
+  const auto make_stage = [&]() -> Result<void> {
+    if (machine.devices.stage == StageKind::Virtual) {
+      devices.stage = std::make_unique<VirtualZStage>(
+          stage_top_mm(machine), clock, *devices.log,
+          VirtualStageOptions{machine.homing_mm_per_s(), machine.motion.acceleration_mm_per_s2});
+      return {};
+    }
     auto stage = open_stage(machine, clock);
     if (!stage) return tl::unexpected{stage.error()};
     if (machine.devices.thermometer != Thermometer::None) devices.sensors = thermometer_of(**stage);
+    board = stage->get();
     devices.stage = std::move(*stage);
+    return {};
+  };
+  // What makes the light first: it goes dark before anything else happens.
+  const bool is_lit_by_board = machine.devices.light == LightSwitch::Stage;
+  if (is_lit_by_board)
+    if (const auto ok = make_stage(); !ok) return tl::unexpected{ok.error()};
+  if (machine.devices.projector == ProjectorKind::Virtual) {
+    devices.projector = std::make_unique<VirtualProjector>(machine.mask_size(), 0, clock, *devices.log);
+  } else {
+    auto picture = open_picture(machine, clock);
+    if (!picture) return tl::unexpected{picture.error()};
+    devices.projector = std::move(*picture);
+  }
+  if (is_lit_by_board) {
+    auto engine = StageLitProjector::open(std::move(devices.projector), *board, clock);
+    if (!engine) return tl::unexpected{engine.error()};
+    devices.projector = std::move(*engine);
+  } else {
+    if (const auto ok = make_stage(); !ok) return tl::unexpected{ok.error()};
   }
   return devices;
 }

@@ -136,7 +136,7 @@ Result<void> SerialStage::check_board() {
   const Nanoseconds until = clock_.now() + kCheckTimeout;
   const BoardLight& light = *options_.light;
   const bool is_grbl = options_.dialect == StageDialect::Grbl;
-  if (is_grbl != (light.command == LightCommand::Spindle) || light.command == LightCommand::PwmTool)
+  if (is_grbl != (light.command == LightCommand::Spindle))
     return fail(
         ErrorCode::InvalidInput,
         fmt::format("light.command = \"{}\" is not what this stage's board has; a GRBL board has its spindle, a "

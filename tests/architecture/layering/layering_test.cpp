@@ -89,6 +89,8 @@ const std::vector<Heavy> kHeavy{
     {"polyclipping/", {"fab_site/region"}},
     {"opencv2/", {"common/image", "fab_site/mask", "fab_site/cure"}},
     {"libusb", {"fab_site/usb"}},
+    {"xf86drm", {"fab_site/screen"}},
+    {"drm_fourcc", {"fab_site/screen"}},
     {"google/protobuf", {"common/wire"}},
     {"telefab/v1/", {"common/wire"}},
     {"sqlite3.h", {"common/store"}},

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <telefab/fab/drivers/grbl_model.hpp>
+#include <telefab/fab/drivers/make_devices.hpp>
 #include <telefab/fab/drivers/marlin_model.hpp>
 #include <telefab/fab/drivers/model_transport.hpp>
 #include <telefab/test/stage_lit_rig.hpp>
@@ -256,6 +257,78 @@ TEST(StageLight, IsReportedWhereSomebodyHoldsTheBoardInIt) {
   rig.clock.advance(10s);
   rig.tick();
   EXPECT_EQ(rig.lamp().lit_for(rig.clock.now()), 300ms);
+}
+
+/// A machine whose stage's board lights what its screen shows; nothing keeps it from printing.
+MachineProfile lit_screen() {
+  MachineProfile machine;
+  machine.name = "m";
+  machine.platform = {.width_mm = 64, .depth_mm = 40, .z_travel_mm = 100};
+  machine.projection.pixel_pitch_mm = 1;
+  machine.layers.exposure_s = 2;
+  machine.layers.bottom_exposure_s = 16;
+  machine.devices.projector = ProjectorKind::Screen;
+  machine.devices.stage = StageKind::Grbl;
+  machine.devices.light = LightSwitch::Stage;
+  machine.screen.connector = "HDMI-A-1";
+  machine.screen.width_px = 64;
+  machine.screen.height_px = 40;
+  return machine;
+}
+
+TEST(StageLight, OfAProfileIsRefusedUntilItCanBeAsPlanned) {
+  const auto refusal = [](auto change) {
+    MachineProfile machine = lit_screen();
+    change(machine);
+    const auto checked = check_devices(machine);
+    return checked ? std::string{} : checked.error().what;
+  };
+  using M = MachineProfile;
+  EXPECT_EQ(refusal([](M&) {}), "");
+  EXPECT_THAT(refusal([](M& m) { m.devices.stage = StageKind::Virtual; }), HasSubstr("devices.stage"));
+  EXPECT_THAT(refusal([](M& m) { m.devices.projector = ProjectorKind::Virtual; }), HasSubstr("devices.projector"));
+  EXPECT_THAT(refusal([](M& m) { m.devices.stage = StageKind::Marlin; }), HasSubstr("light.command"));
+  EXPECT_THAT(refusal([](M& m) { m.light.command = LightCommand::Fan; }), HasSubstr("light.command"));
+  EXPECT_THAT(refusal([](M& m) { m.layers.exposure_s = 2.51; }), HasSubstr("multiples of 50 ms"));
+  EXPECT_THAT(refusal([](M& m) { m.layers.bottom_exposure_s = 16.02; }), HasSubstr("multiples of 50 ms"));
+  EXPECT_THAT(refusal([](M& m) { m.layers.light_share = 0.5; }), HasSubstr("light_share"));
+  EXPECT_EQ(refusal([](M& m) { m.layers.light_share = 0.5, m.light.steps = 10; }), "");
+  EXPECT_THAT(refusal([](M& m) {
+                m.devices.projector = ProjectorKind::Dlpc900;
+                m.devices.led_polarity = LedPolarity::Normal;
+                m.devices.led_current = 10;
+              }),
+              HasSubstr("led_current = 0"));
+  EXPECT_EQ(refusal([](M& m) {
+              m.devices.projector = ProjectorKind::Dlpc900;
+              m.devices.led_polarity = LedPolarity::Normal;
+            }),
+            "");
+}
+
+TEST(ScreenOfAProfile, IsRefusedUntilItsModeFitsAndSomethingDarkensALampThatIsAlwaysOn) {
+  const auto refusal = [](auto change) {
+    MachineProfile machine = lit_screen();
+    change(machine);
+    const auto checked = check_devices(machine);
+    return checked ? std::string{} : checked.error().what;
+  };
+  using M = MachineProfile;
+  EXPECT_THAT(refusal([](M& m) { m.screen.connector.clear(); }), HasSubstr("screen.connector"));
+  EXPECT_THAT(refusal([](M& m) { m.screen.width_px = 63; }), HasSubstr("64 x 40"));
+  EXPECT_THAT(refusal([](M& m) { m.screen.packing = PixelPacking::Bgr; }), HasSubstr("whole words"));
+  EXPECT_THAT(refusal([](M& m) { m.devices.light = LightSwitch::Projector; }), HasSubstr("watchdog"));
+  EXPECT_EQ(refusal([](M& m) {
+              m.devices.light = LightSwitch::Projector;
+              m.devices.led_cutoff = LedCutoff::Watchdog;
+            }),
+            "");
+  EXPECT_THAT(refusal([](M& m) {
+                m.devices.light = LightSwitch::Projector;
+                m.devices.led_cutoff = LedCutoff::Watchdog;
+                m.layers.light_share = 0.5;
+              }),
+              HasSubstr("light_share"));
 }
 
 TEST(StageLitProjector, RefusesAnExposureThatTheMirrorsDoNotStandFor) {

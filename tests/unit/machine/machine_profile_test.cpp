@@ -167,7 +167,6 @@ TEST(MachineProfile, TakesTheWordsOfEachEnumerationAndNoOthers) {
   takes_its_words_and_no_others("screen", "rotation", &P::screen, &P::Screen::rotation);
   takes_its_words_and_no_others("screen", "packing", &P::screen, &P::Screen::packing);
   takes_its_words_and_no_others("light", "command", &P::light, &P::Light::command);
-  takes_its_words_and_no_others("light", "guarantee", &P::light, &P::Light::guarantee);
 }
 
 TEST(MachineProfile, KeepsAMeasuredCurveAndField) {
@@ -283,7 +282,7 @@ MachineProfile lit_by_its_stage() {
   machine.devices.stage = StageKind::Grbl;
   machine.devices.light = LightSwitch::Stage;
   machine.screen = {"HDMI-A-1", "RHT 1234 0 QEMU Monitor", 540, 2560, 59.94, ScreenTurn::Quarter, PixelPacking::Bgr, 4};
-  machine.light = {LightCommand::Pin, 9, "uv", 0.8, 200, 64, LightGuarantee::McuTimeout};
+  machine.light = {LightCommand::Pin, 9, 0.8, 200, 64};
   return machine;
 }
 

@@ -206,12 +206,10 @@ struct MachineProfile {
   /// The light that the board of the stage switches, where it does.
   struct Light {
     LightCommand command = LightCommand::Spindle;
-    std::uint32_t number = 0;         ///< of the fan or the pin; marlin
-    std::string pin;                  ///< name of the pwm_tool; klipper
+    std::uint32_t number = 0;         ///< of the fan or the pin
     double power = 1;                 ///< (0, 1]; of the board's full PWM: what is full light
     std::uint32_t steps = 1;          ///< equal steps from dark to full; 1: it is not dimmed
     std::uint32_t packet_bytes = 32;  ///< that its adapter carries whole: 32 of a CH340, 64 of CDC and FTDI
-    LightGuarantee guarantee = LightGuarantee::Planned;
     friend bool operator==(const Light&, const Light&) = default;
   } light;
 

@@ -18,14 +18,11 @@ enum class OpticsTurn : std::uint8_t { Normal, MirrorX, MirrorY, Rotate180 };
 /// is named first. Auto: what the device says, the first one left.
 enum class MirrorControllers : std::uint8_t { Auto, One, LeftRight, RightLeft };
 enum class ProjectorKind : std::uint8_t { Virtual, Dlpc900, Screen };
-enum class StageKind : std::uint8_t { Virtual, Grbl, Marlin, Klipper };
+enum class StageKind : std::uint8_t { Virtual, Grbl, Marlin };
 /// Who switches the light and times it: the projector, or the board of the stage while the projector shows the mask.
 enum class LightSwitch : std::uint8_t { Projector, Stage };
-/// By what a stage's board switches a light: GRBL's spindle, a fan or a pin of Marlin, a pwm_tool of Klipper.
-enum class LightCommand : std::uint8_t { Spindle, Fan, Pin, PwmTool };
-/// What holds of the light where the computer beside the board dies: dark as planned, or no later than the longest
-/// time that the board's firmware leaves a pin on without a word.
-enum class LightGuarantee : std::uint8_t { Planned, McuTimeout };
+/// By what a stage's board switches a light: GRBL's spindle, a fan or a pin of Marlin.
+enum class LightCommand : std::uint8_t { Spindle, Fan, Pin };
 /// By how much a mask is turned to stand upright on the panel of a screen, clockwise.
 enum class ScreenTurn : std::uint8_t { None, Quarter, Half, ThreeQuarters };
 /// How grey pixels stand in the words of a screen: one in all three colours; three in one word, the first one in red or
@@ -58,13 +55,11 @@ inline constexpr std::array<std::string_view, 4> kMachineWords<MirrorControllers
 template <>
 inline constexpr std::array<std::string_view, 3> kMachineWords<ProjectorKind>{"virtual", "dlpc900", "screen"};
 template <>
-inline constexpr std::array<std::string_view, 4> kMachineWords<StageKind>{"virtual", "grbl", "marlin", "klipper"};
+inline constexpr std::array<std::string_view, 3> kMachineWords<StageKind>{"virtual", "grbl", "marlin"};
 template <>
 inline constexpr std::array<std::string_view, 2> kMachineWords<LightSwitch>{"projector", "stage"};
 template <>
-inline constexpr std::array<std::string_view, 4> kMachineWords<LightCommand>{"spindle", "fan", "pin", "pwm-tool"};
-template <>
-inline constexpr std::array<std::string_view, 2> kMachineWords<LightGuarantee>{"planned", "mcu-timeout"};
+inline constexpr std::array<std::string_view, 3> kMachineWords<LightCommand>{"spindle", "fan", "pin"};
 template <>
 inline constexpr std::array<std::string_view, 4> kMachineWords<ScreenTurn>{"0", "90", "180", "270"};
 template <>

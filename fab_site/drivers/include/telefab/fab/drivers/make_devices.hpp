@@ -7,6 +7,7 @@
 #include <telefab/fab/device/z_stage.hpp>
 #include <telefab/fab/drivers/dlpc900_projector.hpp>
 #include <telefab/fab/drivers/grbl_stage.hpp>
+#include <telefab/fab/screen/screen_projector.hpp>
 #include <telefab/machine/machine_profile.hpp>
 
 namespace telefab::fab {
@@ -14,9 +15,9 @@ namespace telefab::fab {
 /// The machine's two devices as its profile names them.
 struct Devices {
   std::unique_ptr<MachineLog> log;  ///< what virtual devices did; real ones write nothing into it
-  std::unique_ptr<Projector> projector;
   std::unique_ptr<ZStage> stage;
-  std::unique_ptr<Sensors> sensors;  ///< null where the machine feels nothing
+  std::unique_ptr<Projector> projector;  ///< ends before the stage, whose board may switch its light
+  std::unique_ptr<Sensors> sensors;      ///< null where the machine feels nothing
 };
 
 /// Both devices are virtual: time may run faster than it does.
@@ -27,12 +28,20 @@ struct Devices {
 
 /// Opens the devices of the profile, virtual or real; real ones are dark when this returns. The clock must outlive
 /// them. Fails: DeviceLost (not found; the message says what to look at), DeviceRefused (self-test), InvalidInput
-/// (also: a projector whose led_polarity is not stated or whose led_current is 0, one whose LEDs nothing but this
-/// computer darkens, a thermometer on a board that has none).
+/// (also: a projector whose led_polarity is not stated or whose led_current is 0, one whose light nothing but this
+/// computer darkens, a thermometer or a light on a board that has none, exposures that a board cannot time).
 [[nodiscard]] Result<Devices> make_devices(const MachineProfile& machine, Clock& clock);
 
-/// The two real devices alone, for `telefab-fab probe`: as make_devices(), whatever the profile calls virtual.
+/// The light of a machine off, and its screen black; nothing to do for a virtual one. Where the stage's board switches
+/// the light it restarts, and forgets its place. Fails as make_devices.
+[[nodiscard]] Result<void> darken(const MachineProfile& machine, Clock& clock);
+
+/// What keeps the profile's devices from printing; make_devices() asks this first.
+[[nodiscard]] Result<void> check_devices(const MachineProfile& machine);
+
+/// The real devices alone, for `telefab-fab probe`: as make_devices(), whatever the profile calls virtual.
 [[nodiscard]] Result<std::unique_ptr<Dlpc900Projector>> open_projector(const MachineProfile& machine, Clock& clock);
+[[nodiscard]] Result<std::unique_ptr<ScreenProjector>> open_screen(const MachineProfile& machine, Clock& clock);
 [[nodiscard]] Result<std::unique_ptr<SerialStage>> open_stage(const MachineProfile& machine, Clock& clock);
 
 /// The resin's thermometer of a Marlin board. The stage must outlive it.
