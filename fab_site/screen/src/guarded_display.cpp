@@ -28,6 +28,7 @@ namespace {
 constexpr Nanoseconds kBeat = 40ms;
 constexpr Nanoseconds kOpenPatience = 10s;
 constexpr Nanoseconds kAnswerPatience = 2s;
+constexpr Nanoseconds kShortPatience = 500ms;  ///< of what costs nothing; a guard that hangs is replaced behind it
 constexpr Nanoseconds kTrial = 5s;
 constexpr Nanoseconds kDarkWithin = 250ms;
 constexpr Nanoseconds kSilence = 400ms;  ///< tried: long enough for a guard that is late to be seen late
@@ -186,7 +187,7 @@ class GuardedDisplay final : public ScreenDisplay {
 
   Result<bool> is_shown() override {
     if (!guard_) return fail(ErrorCode::DeviceLost, "screen: its guard is gone");
-    const auto reply = guard_->ask({.order = GuardOrder::Ask}, kAnswerPatience);
+    const auto reply = guard_->ask({.order = GuardOrder::Ask}, kShortPatience);
     if (!reply) return tl::unexpected{reply.error()};
     if (reply->has_tripped != 0)
       return fail(ErrorCode::DeviceTimeout, "screen: its guard darkened it, for this program gave no sign of life");
@@ -262,7 +263,7 @@ class GuardedDisplay final : public ScreenDisplay {
 
   Result<void> order(const GuardRequest& request) {
     if (!guard_) return fail(ErrorCode::DeviceLost, "screen: its guard is gone");
-    const auto reply = guard_->ask(request, kAnswerPatience);
+    const auto reply = guard_->ask(request, request.order == GuardOrder::Black ? kShortPatience : kAnswerPatience);
     if (!reply) return tl::unexpected{reply.error()};
     return {};
   }

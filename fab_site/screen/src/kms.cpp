@@ -201,7 +201,18 @@ class KmsScanout final : public Scanout {
     return {};
   }
 
+  /// The card goes on scanning out, and takes frames, whether anything is connected or not.
+  Result<void> check() override {
+    const Connector connector{drmModeGetConnectorCurrent(card_.get(), connector_id_)};
+    if (!connector) return failed("its connector is gone");
+    if (connector->connection != DRM_MODE_CONNECTED)
+      return fail(ErrorCode::DeviceLost,
+                  fmt::format("screen: it was disconnected from {}; look at its cable and power", settings_.connector));
+    return {};
+  }
+
   Result<void> show() override {
+    if (const auto ok = check(); !ok) return ok;
     if (const auto ok = flip(buffers_[hidden_].id); !ok) return ok;
     hidden_ = 1 - hidden_;
     return {};

@@ -35,6 +35,8 @@ class Scanout {
   [[nodiscard]] virtual Result<void> show() = 0;
   /// Black, confirmed as far as the device can.
   [[nodiscard]] virtual Result<void> black() = 0;
+  /// Whether it is still there, as far as the device can tell; cheap.
+  [[nodiscard]] virtual Result<void> check() { return {}; }
   /// Open file to be shared with the program that the guard watches; -1: there is none.
   [[nodiscard]] virtual int shared_file() const { return -1; }
   [[nodiscard]] virtual BlackMeans black_means() const { return {}; }

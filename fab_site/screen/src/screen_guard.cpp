@@ -117,7 +117,7 @@ class Guard {
         reply.is_shown = shown_until_ ? 1 : 0;
         reply.has_tripped = has_tripped_ ? 1 : 0;
         reply.tripped_after_ns = tripped_after_.count();
-        return {};
+        return shown_until_ ? scanout_->check() : Result<void>{};
       case GuardOrder::Black: {
         const auto black = scanout_->black();
         if (black) {
@@ -193,6 +193,7 @@ class ScanoutOnConsole final : public Scanout {
   Result<void> prepare(std::span<const std::byte> frame) override { return screen_->prepare(frame); }
   Result<void> show() override { return screen_->show(); }
   Result<void> black() override { return screen_->black(); }
+  Result<void> check() override { return screen_->check(); }
   int shared_file() const override { return screen_->shared_file(); }
   BlackMeans black_means() const override { return screen_->black_means(); }
 
@@ -216,8 +217,8 @@ Result<std::unique_ptr<Scanout>> open_scanout(const ScreenSettings& settings, Cl
 }
 
 int run_screen_guard(int socket) {
-  // A stop is the program's to hear: the guard ends behind it.
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGPIPE}) (void)::signal(signal, SIG_IGN);
+  // A stop, a watchdog's too, is the program's to hear: the guard ends behind it.
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGABRT, SIGPIPE}) (void)::signal(signal, SIG_IGN);
   struct stat status {};
   if (::fstat(socket, &status) != 0 || !S_ISSOCK(status.st_mode)) return 1;
   // Where it is not permitted the guard is as quick as any other program.

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <fstream>
 #include <iostream>
 #include <telefab/fab/screen/guarded_display.hpp>
 #include <telefab/fab/screen/packing.hpp>
@@ -82,22 +83,25 @@ pid_t start_worker(const ScreenSettings& settings) {
   return process;
 }
 
-}  // namespace
+pid_t child_of_ours() {
+  std::ifstream children{fmt::format("/proc/self/task/{}/children", ::getpid())};
+  pid_t child = -1;
+  children >> child;
+  return child;
+}
 
-int main(int argc, char** argv) {
-  if (argc > 1 && std::strcmp(argv[1], "guard-screen") == 0) return run_screen_guard(kGuardSocket);
-  if (argc < 5) give_up("screen_guest CONNECTOR WIDTH HEIGHT PACKING");
-  SystemClock clock;
-  ScreenSettings settings;
-  settings.connector = argv[1];
-  settings.words = {static_cast<std::uint32_t>(std::atoi(argv[2])), static_cast<std::uint32_t>(std::atoi(argv[3]))};
-  settings.packing = machine_word_from<PixelPacking>(argv[4]).value();
-  say(describe_screens());
-  const std::string mode = fmt::format("{} x {} at ", settings.words.width_px, settings.words.height_px);
+void set_connection(const std::string& connector, const std::string& word) {
+  std::ofstream status{"/sys/class/drm/card0-" + connector + "/status"};
+  status << word << std::endl;
+  if (!status) give_up("cannot set the connection");
+}
+
+/// What the profile would state of this screen; what is not so is refused.
+void find_out(ScreenSettings& settings, Clock& clock) {
   const std::string all = describe_screens();
+  const std::string mode = fmt::format("{} x {} at ", settings.words.width_px, settings.words.height_px);
   if (all.find(mode) == std::string::npos) give_up("no mode " + mode + " in: " + all);
   settings.refresh_hz = std::atof(all.c_str() + all.find(mode) + mode.size());
-
   const auto unstated = open_screen(settings, clock);
   if (unstated) give_up("a screen that nobody stated was used");
   settings.edid = behind(unstated.error().what, "screen.edid = \"");
@@ -110,14 +114,29 @@ int main(int argc, char** argv) {
   wrong.refresh_hz += 7;
   const auto mode_refused = open_screen(wrong, clock);
   say("other mode: " + (mode_refused ? std::string{"ACCEPTED"} : mode_refused.error().what));
+}
 
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc > 1 && std::strcmp(argv[1], "guard-screen") == 0) return run_screen_guard(kGuardSocket);
+  if (argc < 5) give_up("screen_guest CONNECTOR WIDTH HEIGHT PACKING");
+  SystemClock clock;
+  ScreenSettings settings;
+  settings.connector = argv[1];
+  settings.words = {static_cast<std::uint32_t>(std::atoi(argv[2])), static_cast<std::uint32_t>(std::atoi(argv[3]))};
+  settings.packing = machine_word_from<PixelPacking>(argv[4]).value();
+  const bool is_framebuffer = settings.connector.starts_with('/');
+  if (!is_framebuffer) find_out(settings, clock);
   {
     const auto projector = open_screen(settings, clock);
     if (!projector) give_up(projector.error().what);
     say("name " + (*projector)->facts().name);
     step("black");
-    const auto second = open_screen(settings, clock);
-    say("second program: " + (second ? std::string{"ACCEPTED"} : second.error().what));
+    if (!is_framebuffer) {  // a framebuffer has no owner
+      const auto second = open_screen(settings, clock);
+      say("second program: " + (second ? std::string{"ACCEPTED"} : second.error().what));
+    }
     for (std::uint32_t k = 0; k < 4; ++k) {
       show(**projector, k, Microseconds{600s});
       step(fmt::format("pattern-{}", k));
@@ -129,6 +148,30 @@ int main(int argc, char** argv) {
     step("timed");
     const auto status = (*projector)->poll();
     if (!status || status->state != LightState::Exposed) give_up("the exposure did not end by itself");
+  }
+  {
+    const auto projector = open_screen(settings, clock);
+    if (!projector) give_up(projector.error().what);
+    show(**projector, 1, Microseconds{600s});
+    if (!is_framebuffer) {
+      // As if its cable were pulled.
+      set_connection(settings.connector, "off");
+      const auto lost = (*projector)->poll();
+      if (lost) give_up("a screen that is disconnected is not missed");
+      say("disconnected: " + lost.error().what);
+      if (const auto ok = (*projector)->dark(); !ok) give_up("disconnected: " + ok.error().what);
+      step("disconnected");
+      set_connection(settings.connector, "detect");
+      show(**projector, 1, Microseconds{600s});
+    }
+    const pid_t guard = child_of_ours();
+    if (guard <= 0) give_up("no guard among the children");
+    (void)::kill(guard, SIGKILL);
+    clock.sleep_for(50ms);
+    if (const auto ok = (*projector)->dark(); !ok) give_up("without its guard: " + ok.error().what);
+    step("guard-killed");
+    show(**projector, 2, Microseconds{600s});
+    step("pattern-2-again");
   }
   for (const auto& [signal, name] : {std::pair{SIGKILL, "killed"}, {SIGSTOP, "stopped"}}) {
     const pid_t worker = start_worker(settings);
