@@ -186,7 +186,7 @@ class GuardedDisplay final : public ScreenDisplay {
   }
 
   Result<bool> is_shown() override {
-    if (!guard_) return fail(ErrorCode::DeviceLost, "screen: its guard is gone");
+    if (!guard_) return no_guard();
     const auto reply = guard_->ask({.order = GuardOrder::Ask}, kShortPatience);
     if (!reply) return tl::unexpected{reply.error()};
     if (reply->has_tripped != 0)
@@ -210,6 +210,7 @@ class GuardedDisplay final : public ScreenDisplay {
     card_ = {};
     // Without a guard nothing is shown any more, but black is black.
     const auto again = start();
+    if (!again) why_no_guard_ = again.error().what;
     return black ? black : again;
   }
 
@@ -262,10 +263,14 @@ class GuardedDisplay final : public ScreenDisplay {
   }
 
   Result<void> order(const GuardRequest& request) {
-    if (!guard_) return fail(ErrorCode::DeviceLost, "screen: its guard is gone");
+    if (!guard_) return no_guard();
     const auto reply = guard_->ask(request, request.order == GuardOrder::Black ? kShortPatience : kAnswerPatience);
     if (!reply) return tl::unexpected{reply.error()};
     return {};
+  }
+
+  [[nodiscard]] tl::unexpected<Error> no_guard() const {
+    return fail(ErrorCode::DeviceLost, "screen: its guard is gone, and no other could be started: " + why_no_guard_);
   }
 
   ScreenSettings settings_;
@@ -276,6 +281,7 @@ class GuardedDisplay final : public ScreenDisplay {
   OpenFile card_;  ///< shared with the guard; outlives it
   BlackMeans means_;
   std::unique_ptr<GuardLink> guard_;
+  std::string why_no_guard_;
 };
 
 }  // namespace

@@ -153,17 +153,6 @@ int main(int argc, char** argv) {
     const auto projector = open_screen(settings, clock);
     if (!projector) give_up(projector.error().what);
     show(**projector, 1, Microseconds{600s});
-    if (!is_framebuffer) {
-      // As if its cable were pulled.
-      set_connection(settings.connector, "off");
-      const auto lost = (*projector)->poll();
-      if (lost) give_up("a screen that is disconnected is not missed");
-      say("disconnected: " + lost.error().what);
-      if (const auto ok = (*projector)->dark(); !ok) give_up("disconnected: " + ok.error().what);
-      step("disconnected");
-      set_connection(settings.connector, "detect");
-      show(**projector, 1, Microseconds{600s});
-    }
     const pid_t guard = child_of_ours();
     if (guard <= 0) give_up("no guard among the children");
     (void)::kill(guard, SIGKILL);
@@ -183,6 +172,18 @@ int main(int argc, char** argv) {
     (void)::waitpid(worker, nullptr, 0);
     clock.sleep_for(500ms);
     step(fmt::format("after-{}", name));
+  }
+  // Last: the emulated cards forget who hangs on them.
+  if (!is_framebuffer) {
+    const auto projector = open_screen(settings, clock);
+    if (!projector) give_up(projector.error().what);
+    show(**projector, 1, Microseconds{600s});
+    set_connection(settings.connector, "off");  // as if its cable were pulled
+    const auto lost = (*projector)->poll();
+    if (lost) give_up("a screen that is disconnected is not missed");
+    say("disconnected: " + lost.error().what);
+    if (const auto ok = (*projector)->dark(); !ok) give_up("disconnected: " + ok.error().what);
+    step("disconnected");
   }
   say("END");
   return 0;
