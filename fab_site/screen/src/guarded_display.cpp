@@ -25,7 +25,7 @@ using namespace std::chrono_literals;
 
 namespace {
 
-constexpr Nanoseconds kBeat = 40ms;
+constexpr Nanoseconds kBeat = 30ms;
 constexpr Nanoseconds kOpenPatience = 10s;
 constexpr Nanoseconds kAnswerPatience = 2s;
 constexpr Nanoseconds kShortPatience = 500ms;  ///< of what costs nothing; a guard that hangs is replaced behind it

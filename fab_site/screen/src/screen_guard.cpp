@@ -17,8 +17,7 @@ using namespace std::chrono_literals;
 
 namespace {
 
-constexpr Nanoseconds kSilence = 200ms;  ///< a program that says nothing for so long hangs
-constexpr Nanoseconds kLook = 20ms;
+constexpr Nanoseconds kSilence = 160ms;  ///< a program that says nothing for so long hangs
 constexpr int kBlackTries = 5;
 
 template <std::size_t kSize>
@@ -62,7 +61,7 @@ class Guard {
       }
       if (!shown_until_) continue;
       if (now >= *shown_until_ && darken()) shown_until_.reset();
-      if (shown_until_ && now - heard_at_ > kSilence) {
+      if (shown_until_ && now - heard_at_ >= kSilence) {
         has_tripped_ = true;
         if (darken()) shown_until_.reset();
         tripped_after_ = clock_.now() - heard_at_;
@@ -73,7 +72,8 @@ class Guard {
  private:
   [[nodiscard]] Nanoseconds patience() const {
     if (!shown_until_) return 1s;
-    return std::clamp(*shown_until_ - clock_.now(), Nanoseconds{0}, Nanoseconds{kLook});
+    const Nanoseconds next = std::min(*shown_until_, heard_at_ + kSilence);
+    return std::clamp(next - clock_.now(), Nanoseconds{0}, Nanoseconds{1s});
   }
 
   bool darken() {

@@ -30,7 +30,7 @@ inline constexpr int kGuardSocket = 3;
 
 /// The guard: a process of its own that alone drives the screen, and shares its open file with the program it watches.
 /// A frame that is shown becomes black when its time is over, when the program dies, and when it gives no sign of life
-/// for 200 ms, each within 250 ms; that is tried before the screen is used. Returns when its program has ended and the
+/// for 160 ms, each within 250 ms; that is tried before the screen is used. Returns when its program has ended and the
 /// screen is black, with the exit code for main(); 1 where it is called without a program.
 [[nodiscard]] int run_screen_guard(int socket);
 
