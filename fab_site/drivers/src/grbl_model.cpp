@@ -19,7 +19,6 @@ namespace {
 constexpr double kPullOff_mm = 1.0;  ///< MPos after homing is minus this
 constexpr double kHoming_mm_per_s = 20;
 constexpr double kFastest_mm_per_min = 3000;
-constexpr std::size_t kReceiveBuffer = 128;
 constexpr Nanoseconds kBoot = 500ms;
 constexpr double kLostSteps_mm = 0.5;
 
@@ -205,7 +204,7 @@ void GrblModel::take_byte(char c) {
   if (c == '?') return status();
   if (c == '!') return freeze();
   if (c == '~') return thaw();
-  if (buffered_bytes_ >= kReceiveBuffer) {
+  if (buffered_bytes_ >= board_.buffer_bytes) {
     ++overflows_;
     return;
   }
@@ -240,7 +239,7 @@ void GrblModel::status() {
   const double z = gap_mm_ - top_mm_ - kPullOff_mm;
   const std::string_view state = frozen_at_ ? "Hold:0" : locked_ ? "Alarm" : motions_.empty() ? "Idle" : "Run";
   std::string text = fmt::format("<{}|MPos:0.000,0.000,{:.3f}", state, z);
-  if ((board_.status_mask & 2) != 0) text += fmt::format("|Bf:15,{}", kReceiveBuffer - buffered_bytes_);
+  if ((board_.status_mask & 2) != 0) text += fmt::format("|Bf:15,{}", board_.buffer_bytes - buffered_bytes_);
   text += fmt::format("|FS:0,{:.0f}", lamp_.lit() ? s_ : 0);
   // Overrides and what is switched on are told after a change.
   if (std::exchange(report_accessories_, false)) text += lamp_.lit() ? "|Ov:100,100,100|A:S" : "|Ov:100,100,100";
@@ -310,7 +309,7 @@ void GrblModel::system_command(std::string_view line) {
     answer("[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\n", at_);
   else if (line == "$I")
     answer(fmt::format("[VER:{}.20190825:]\r\n[OPT:{},15,{}]\r\n", board_.version, board_.variable_spindle ? "V" : "",
-                       kReceiveBuffer),
+                       board_.buffer_bytes),
            at_);
   else if (line == "$$")
     answer(fmt::format("$10={}\r\n$22=1\r\n$30={:.3f}\r\n$31={:.3f}\r\n$32={}\r\n", board_.status_mask, board_.full_s,

@@ -140,7 +140,7 @@ void MarlinModel::quick_stop() {
   if (!waits_for_motion_ || busy_until_ <= now) return;
   // What waited for the motion is over now, and its answer comes.
   busy_until_ = now;
-  std::erase_if(outgoing_, [&](const Pending& p) { return p.due > now && p.text.starts_with("echo:busy"); });
+  std::erase_if(outgoing_, [&](const Pending& p) { return p.due > now && p.is_busy; });
   for (Pending& p : outgoing_) p.due = std::min(p.due, now);
 }
 
@@ -213,7 +213,7 @@ void MarlinModel::execute(const std::string& line) {
   if (!move(code, line) && !report(code, line) && !switch_lamp(code, line))
     answer(fmt::format("echo:Unknown command: \"{}\"", line));
   for (Nanoseconds busy = at_ + kBusyEvery; busy < busy_until_; busy += kBusyEvery)
-    answer_at("echo:busy: processing", busy);
+    outgoing_.push_back({busy, "echo:busy: processing\n", true});
   answer_at("ok", busy_until_);
 }
 

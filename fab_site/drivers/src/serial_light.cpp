@@ -107,7 +107,7 @@ Result<LightGroup> light_group(StageDialect dialect, const BoardLight& light, do
   if (group.text.size() > light.packet_bytes)
     return fail(
         ErrorCode::InvalidInput,
-        fmt::format("the {} bytes of an exposure of {} us do not go through its adapter at once; where it is no "
+        fmt::format("the {} bytes of an exposure of {} us do not go through its adapter at once; where it is not a "
                     "CH340 state light.packet_bytes = 64",
                     group.text.size(), order.duration.count()));
   // Once more, where there is room: one garbled line then leaves no light on.
@@ -158,10 +158,16 @@ Result<void> SerialStage::check_grbl(Nanoseconds until) {
   if (!banner_.starts_with("Grbl 1.1")) return unfit("its firmware is not GRBL 1.1: " + banner_);
   const auto build = answer_to("$I\n", until);
   if (!build) return tl::unexpected{build.error()};
+  // "[OPT:V,15,128]": letters of the build, blocks that it plans, bytes that it receives.
   const auto options = build->find("[OPT:");
   if (options == std::string::npos ||
       build->substr(options, build->find(',', options) - options).find('V', 5) == std::string::npos)
     return unfit("it was built without a variable spindle, so that it has no laser mode");
+  const auto bytes = build->rfind(',');
+  if (bytes == std::string::npos || bytes < options ||
+      std::from_chars(build->data() + bytes + 1, build->data() + build->size(), buffer_bytes_).ec != std::errc{} ||
+      buffer_bytes_ < options_.light->packet_bytes)
+    return unfit("it does not say that it receives an exposure at once: " + *build);
   const auto settings = answer_to("$$\n", until);
   if (!settings) return tl::unexpected{settings.error()};
   if (setting(*settings, "$32") != 1.0) return unfit("outside laser mode a hold would leave it on; set $32=1");
@@ -231,12 +237,11 @@ Result<void> SerialStage::light(const LightOrder& order) {
 }
 
 Result<void> SerialStage::check_received(const LightGroup& group) {
-  constexpr std::size_t kBuffer_bytes = 128;
   if (const auto ok = send("?"); !ok) return ok;
   for (const Nanoseconds until = clock_.now() + light_facts_.lead / 2; clock_.now() < until; clock_.sleep_for(kWait)) {
     if (const auto ok = take_lines(); !ok) return ok;
     if (!room_bytes_) continue;
-    const std::size_t held_bytes = kBuffer_bytes - std::min(kBuffer_bytes, *room_bytes_);
+    const std::size_t held_bytes = buffer_bytes_ - std::min(buffer_bytes_, *room_bytes_);
     if (held_bytes == group.behind_lead_bytes || held_bytes == group.text.size()) return {};
     return fail(ErrorCode::DeviceRefused,
                 fmt::format("stage: of an exposure of {} bytes its board holds {}", group.text.size(), held_bytes));

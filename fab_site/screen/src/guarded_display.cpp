@@ -28,7 +28,7 @@ namespace {
 constexpr Nanoseconds kBeat = 30ms;
 constexpr Nanoseconds kOpenPatience = 10s;
 constexpr Nanoseconds kAnswerPatience = 2s;
-constexpr Nanoseconds kShortPatience = 500ms;  ///< of what costs nothing; a guard that hangs is replaced behind it
+constexpr Nanoseconds kShortPatience = 300ms;  ///< of what costs nothing; a guard that hangs is replaced behind it
 constexpr Nanoseconds kTrial = 5s;
 constexpr Nanoseconds kDarkWithin = 250ms;
 constexpr Nanoseconds kSilence = 400ms;  ///< tried: long enough for a guard that is late to be seen late
@@ -42,7 +42,7 @@ class GuardLink {
   ~GuardLink() {
     beats_ = {};
     socket_ = {};  // it darkens and ends
-    if (has_ended()) return;
+    if (!hangs_ && has_ended()) return;
     (void)::kill(process_, SIGKILL);
     (void)has_ended();
   }
@@ -94,6 +94,7 @@ class GuardLink {
       if ((*reply)->error != 0) return fail(static_cast<ErrorCode>((*reply)->error), std::string{(*reply)->text});
       return **reply;
     }
+    hangs_ = true;
     return fail(ErrorCode::DeviceTimeout, "screen: its guard does not answer");
   }
 
@@ -110,6 +111,8 @@ class GuardLink {
       }
     }};
   }
+  /// It was asked and did not answer: it will not be waited for.
+  [[nodiscard]] bool hangs() const { return hangs_; }
   void fall_silent() { beats_ = {}; }
 
  private:
@@ -127,6 +130,7 @@ class GuardLink {
   SystemClock clock_;
   std::mutex mutex_;  ///< two threads send
   std::uint32_t number_ = 0;
+  bool hangs_ = false;
   std::jthread beats_;
 };
 
@@ -195,7 +199,7 @@ class GuardedDisplay final : public ScreenDisplay {
   }
 
   Result<void> black() override {
-    if (guard_) {
+    if (guard_ && !guard_->hangs()) {
       if (const auto ok = order({.order = GuardOrder::Black}); ok) return ok;
     }
     // Its guard is dead or hangs: darkened by the file that both have open, then by a new guard.

@@ -53,7 +53,7 @@ class Guard {
       }
       const Nanoseconds now = clock_.now();
       if (*request) {
-        heard_at_ = now;
+        received_at_ = now;
         if (!carry_out(**request, file)) {
           (void)darken();
           return 1;
@@ -61,10 +61,10 @@ class Guard {
       }
       if (!shown_until_) continue;
       if (now >= *shown_until_ && darken()) shown_until_.reset();
-      if (shown_until_ && now - heard_at_ >= kSilence) {
+      if (shown_until_ && now - received_at_ >= kSilence) {
         has_tripped_ = true;
         if (darken()) shown_until_.reset();
-        tripped_after_ = clock_.now() - heard_at_;
+        tripped_after_ = clock_.now() - received_at_;
       }
     }
   }
@@ -72,7 +72,7 @@ class Guard {
  private:
   [[nodiscard]] Nanoseconds patience() const {
     if (!shown_until_) return 1s;
-    const Nanoseconds next = std::min(*shown_until_, heard_at_ + kSilence);
+    const Nanoseconds next = std::min(*shown_until_, received_at_ + kSilence);
     return std::clamp(next - clock_.now(), Nanoseconds{0}, Nanoseconds{1s});
   }
 
@@ -165,7 +165,7 @@ class Guard {
   std::size_t frame_bytes_ = 0;
   std::optional<Nanoseconds> shown_until_;  ///< a frame may be shown; black by then
   bool has_tripped_ = false;
-  Nanoseconds heard_at_{}, tripped_after_{};
+  Nanoseconds received_at_{}, tripped_after_{};
 };
 
 /// A screen behind a console that was cleared before.

@@ -217,8 +217,8 @@ TEST(Services, SeeAndMayDoOnlyWhatTheyNeed) {
   EXPECT_EQ(values_of(scan, "PrivateDevices"), std::vector<std::string>{"yes"});
   const std::string fab = text_of(source() / "deploy/systemd/telefab-fab.service");
   EXPECT_EQ(values_of(fab, "DevicePolicy"), std::vector<std::string>{"closed"});
-  const std::vector<std::string> devices{"char-usb_device rw", "char-ttyACM rw", "char-ttyUSB rw", "char-drm rw",
-                                         "char-fb rw",         "/dev/tty0 rw"};
+  const std::vector<std::string> devices{"char-usb_device rw", "char-ttyACM rw", "char-ttyUSB rw",
+                                         "char-drm rw",        "char-fb rw",     "/dev/tty0 rw"};
   EXPECT_EQ(values_of(fab, "DeviceAllow"), devices);
 }
 

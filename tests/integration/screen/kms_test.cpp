@@ -85,12 +85,12 @@ class Machine {
   std::string next(Nanoseconds patience) {
     const Nanoseconds until = clock_.now() + patience;
     while (clock_.now() < until) {
-      if (const auto end = heard_.find('\n'); end != std::string::npos) {
-        std::string line = heard_.substr(0, end);
-        heard_.erase(0, end + 1);
+      if (const auto end = received_.find('\n'); end != std::string::npos) {
+        std::string line = received_.substr(0, end);
+        received_.erase(0, end + 1);
         while (!line.empty() && line.back() == '\r') line.pop_back();
         all_ += line + "\n";
-        if (line.starts_with("STEP ") || line.starts_with("SAYS ") || line.starts_with("FAIL ")) return line;
+        if (line.starts_with("STEP ") || line.starts_with("REPORT ") || line.starts_with("FAIL ")) return line;
         continue;
       }
       pollfd waited{serial_out_, POLLIN, 0};
@@ -98,7 +98,7 @@ class Machine {
       char chunk[4096];
       const ssize_t n = ::read(serial_out_, chunk, sizeof chunk);
       if (n <= 0) return {};
-      heard_.append(chunk, static_cast<std::size_t>(n));
+      received_.append(chunk, static_cast<std::size_t>(n));
     }
     return {};
   }
@@ -209,7 +209,7 @@ class Machine {
       if (::connect(qmp_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) break;
       clock_.sleep_for(20ms);
     }
-    answer();  // its greeting
+    answer();  // its first words
     ask(R"({"execute":"qmp_capabilities"})");
   }
 
@@ -236,7 +236,7 @@ class Machine {
   fs::path folder_;
   pid_t process_ = -1;
   int serial_in_ = -1, serial_out_ = -1, qmp_ = -1;
-  std::string heard_, all_;
+  std::string received_, all_;
 };
 
 /// The picture that the words of a frame are, as a display scans them out.
@@ -272,9 +272,9 @@ TEST_P(KmsScreen, ShowsMasksPixelByPixelAndIsBlackWhereItsProgramIsKilledOrHangs
     const std::string line = machine.next(60s);
     ASSERT_FALSE(line.empty()) << "the guest is silent; it said:\n" << machine.all();
     ASSERT_FALSE(line.starts_with("FAIL ")) << line << "\n" << machine.all();
-    is_over = line == "SAYS END";
-    if (line.starts_with("SAYS ")) {
-      fmt::print("{}\n", line.substr(5));
+    is_over = line == "REPORT END";
+    if (line.starts_with("REPORT ")) {
+      fmt::print("{}\n", line.substr(line.find(' ') + 1));
       EXPECT_THAT(line, testing::Not(HasSubstr("ACCEPTED")));
       continue;
     }

@@ -31,8 +31,8 @@ void step(const std::string& name) {
   std::getline(std::cin, answer);
 }
 
-void say(const std::string& what) {
-  std::printf("\nSAYS %s\n", what.c_str());
+void report(const std::string& what) {
+  std::printf("\nREPORT %s\n", what.c_str());
   std::fflush(stdout);
 }
 
@@ -105,15 +105,15 @@ void find_out(ScreenSettings& settings, Clock& clock) {
   const auto unstated = open_screen(settings, clock);
   if (unstated) give_up("a screen that nobody stated was used");
   settings.edid = behind(unstated.error().what, "screen.edid = \"");
-  say("edid " + settings.edid);
+  report("edid " + settings.edid);
   ScreenSettings wrong = settings;
   wrong.edid = "XYZ 0000 0";
   const auto other = open_screen(wrong, clock);
-  say("other edid: " + (other ? std::string{"ACCEPTED"} : other.error().what));
+  report("other edid: " + (other ? std::string{"ACCEPTED"} : other.error().what));
   wrong = settings;
   wrong.refresh_hz += 7;
   const auto mode_refused = open_screen(wrong, clock);
-  say("other mode: " + (mode_refused ? std::string{"ACCEPTED"} : mode_refused.error().what));
+  report("other mode: " + (mode_refused ? std::string{"ACCEPTED"} : mode_refused.error().what));
 }
 
 }  // namespace
@@ -131,11 +131,11 @@ int main(int argc, char** argv) {
   {
     const auto projector = open_screen(settings, clock);
     if (!projector) give_up(projector.error().what);
-    say("name " + (*projector)->facts().name);
+    report("name " + (*projector)->facts().name);
     step("black");
     if (!is_framebuffer) {  // a framebuffer has no owner
       const auto second = open_screen(settings, clock);
-      say("second program: " + (second ? std::string{"ACCEPTED"} : second.error().what));
+      report("second program: " + (second ? std::string{"ACCEPTED"} : second.error().what));
     }
     for (std::uint32_t k = 0; k < 4; ++k) {
       show(**projector, k, Microseconds{600s});
@@ -181,10 +181,10 @@ int main(int argc, char** argv) {
     set_connection(settings.connector, "off");  // as if its cable were pulled
     const auto lost = (*projector)->poll();
     if (lost) give_up("a screen that is disconnected is not missed");
-    say("disconnected: " + lost.error().what);
+    report("disconnected: " + lost.error().what);
     if (const auto ok = (*projector)->dark(); !ok) give_up("disconnected: " + ok.error().what);
     step("disconnected");
   }
-  say("END");
+  report("END");
   return 0;
 }

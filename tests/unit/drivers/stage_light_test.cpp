@@ -72,11 +72,11 @@ TEST(LightGroup, MakesMultiplesOfTheBoardsStepAndNothingElse) {
 struct RawGrbl {
   explicit RawGrbl(GrblBoard board = {}) : model{25, clock, &log, board} {
     clock.advance(1s);
-    say("$H\n");
+    send("$H\n");
     clock.advance(5s);
     (void)model.transmit();
   }
-  void say(std::string_view text) { EXPECT_TRUE(model.receive(text)); }
+  void send(std::string_view text) { EXPECT_TRUE(model.receive(text)); }
   std::string after(Nanoseconds time) {
     clock.advance(time);
     return model.transmit();
@@ -89,7 +89,7 @@ struct RawGrbl {
 TEST(GrblModel, TimesTheLightItselfToAStepWhoeverLooks) {
   for (int steps = 1; steps < 1300; steps += 7) {
     RawGrbl b;
-    b.say(group(StageDialect::Grbl, {}, steps * 50ms, 1000).text);
+    b.send(group(StageDialect::Grbl, {}, steps * 50ms, 1000).text);
     b.clock.advance(100s);
     b.model.tick();
     EXPECT_EQ(b.model.lamp().lit_for(b.clock.now()), steps * 50ms) << steps;
@@ -99,7 +99,7 @@ TEST(GrblModel, TimesTheLightItselfToAStepWhoeverLooks) {
 
 TEST(GrblModel, DwellsAStepMoreForAHairAboveIt) {
   RawGrbl b;
-  b.say("G1F1M3S1000G4P2.51\nM5\n");
+  b.send("G1F1M3S1000G4P2.51\nM5\n");
   b.clock.advance(10s);
   b.model.tick();
   EXPECT_EQ(b.model.lamp().lit_for(b.clock.now()), 2550ms);
@@ -108,9 +108,9 @@ TEST(GrblModel, DwellsAStepMoreForAHairAboveIt) {
 TEST(GrblModel, IsDarkAtOnceByAResetInAnyPartOfTheGroup) {
   for (const Nanoseconds when : {0ms, 100ms, 199ms, 200ms, 201ms, 1000ms, 2699ms}) {
     RawGrbl b;
-    b.say("G4P.19\nG1F1M3S1000G4P2.49\nM5\n");
+    b.send("G4P.19\nG1F1M3S1000G4P2.49\nM5\n");
     b.clock.advance(when);
-    b.say("\x18");
+    b.send("\x18");
     EXPECT_FALSE(b.model.lamp().lit());
     b.clock.advance(10s);
     b.model.tick();
@@ -121,14 +121,14 @@ TEST(GrblModel, IsDarkAtOnceByAResetInAnyPartOfTheGroup) {
 TEST(GrblModel, HeldInADwellFreezesItDarkInLaserModeAndLitWithout) {
   for (const bool laser : {true, false}) {
     RawGrbl b{{.laser_mode = laser}};
-    b.say("G4P.19\nG1F1M3S1000G4P0.99\nM5\n");
+    b.send("G4P.19\nG1F1M3S1000G4P0.99\nM5\n");
     b.clock.advance(700ms);
-    b.say("!");
+    b.send("!");
     EXPECT_EQ(b.model.lamp().lit(), !laser);
     b.clock.advance(60s);
     b.model.tick();
     EXPECT_EQ(b.model.lamp().lit(), !laser) << "nothing ends it";
-    b.say("~");
+    b.send("~");
     b.clock.advance(5s);
     b.model.tick();
     EXPECT_FALSE(b.model.lamp().lit());
@@ -139,7 +139,7 @@ TEST(GrblModel, HeldInADwellFreezesItDarkInLaserModeAndLitWithout) {
 TEST(GrblModel, RefusesWhatTheFirmwareRefuses) {
   RawGrbl b;
   const auto answer = [&](std::string_view line) {
-    b.say(std::string{line} + "\n");
+    b.send(std::string{line} + "\n");
     return b.after(1s);
   };
   EXPECT_THAT(answer("G1M3S1000"), HasSubstr("error:22")) << "no speed yet";
@@ -153,7 +153,7 @@ TEST(GrblModel, RefusesWhatTheFirmwareRefuses) {
 
 TEST(GrblModel, LosesWhatItsReceiveBufferDoesNotHold) {
   RawGrbl b;
-  b.say("G4P1\n" + std::string(200, 'G'));
+  b.send("G4P1\n" + std::string(200, 'G'));
   EXPECT_GT(b.model.overflows(), 70u);
 }
 
@@ -174,6 +174,22 @@ TEST(StageLight, IsRefusedOnAGrblBoardThatMustNotSwitchIt) {
   EXPECT_THAT(refused({.version = "0.9j"}), HasSubstr("GRBL 1.1"));
   EXPECT_THAT(refused({.full_s = 12000}), HasSubstr("$30"));
   EXPECT_THAT(refused({.least_s = 10}), HasSubstr("$31=0"));
+  EXPECT_THAT(refused({.buffer_bytes = 24}), HasSubstr("at once"));
+}
+
+TEST(StageLight, IsOrderedFromAGrblBoardWithABufferOfAnySize) {
+  for (const std::size_t bytes : {64u, 128u, 254u, 1024u}) {
+    VirtualClock clock;
+    GrblModel model{25, clock, nullptr, {.buffer_bytes = bytes}};
+    auto stage = SerialStage::open(std::make_unique<ModelLine>(model, clock),
+                                   {.top_mm = 25, .homing_mm_per_s = 20, .light = BoardLight{}}, clock);
+    ASSERT_TRUE(stage) << stage.error().what;
+    ASSERT_TRUE((*stage)->home());
+    while ((*stage)->poll()->moving) clock.sleep_for(10ms);
+    ASSERT_TRUE((*stage)->light({Microseconds{500ms}, 1}));
+    while (!(*stage)->poll_light()->is_over) clock.sleep_for(10ms);
+    EXPECT_EQ(model.lamp().lit_for(clock.now()), 500ms);
+  }
 }
 
 TEST(StageLight, IsRefusedOnAMarlinBoardThatMustNotSwitchIt) {

@@ -29,16 +29,17 @@ inline constexpr std::size_t kStageFaults = 9;
 
 /// How a GRBL board was built and set up.
 struct GrblBoard {
-  bool laser_mode = true;        ///< $32
-  double full_s = 1000;          ///< $30
-  double least_s = 0;            ///< $31
-  unsigned status_mask = 3;      ///< $10; 2: the report says how much room its buffers have
-  bool variable_spindle = true;  ///< built with it
+  bool laser_mode = true;          ///< $32
+  double full_s = 1000;            ///< $30
+  double least_s = 0;              ///< $31
+  unsigned status_mask = 3;        ///< $10; 2: the report says how much room its buffers have
+  std::size_t buffer_bytes = 128;  ///< of its receive buffer
+  bool variable_spindle = true;    ///< built with it
   std::string_view version = "1.1h";
 };
 
 /// A GRBL 1.1 board with one vertical axis and a lamp at its spindle pin, as bytes on its line: boots locked, refuses
-/// to move before homing, beyond its limits or without a speed. Lines wait in a receive buffer of 128 bytes, what comes
+/// to move before homing, beyond its limits or without a speed. Lines wait in a receive buffer, what comes
 /// beyond is lost; they are carried out one after the other, each at its own time, whoever looks or not: a move is
 /// answered when it is queued, G4 and the spindle wait until nothing moves, and G4 then dwells ceil(20 P) steps of 50
 /// ms. In laser mode M3 lights in G1 only. `!` freezes a dwell, and outside laser mode leaves the lamp on. Homing goes

@@ -130,6 +130,7 @@ class SerialStage final : public ZStage, public StageLight {
   std::string banner_;  ///< of the last restart
   StageLightFacts light_facts_;
   double full_word_ = 255;
+  std::size_t buffer_bytes_ = 0;  ///< of a GRBL board's receive buffer
   bool light_unsure_ = false;  ///< from the first byte of an exposure to the board's word that it is dark
   Nanoseconds lit_from_{}, lit_until_{};
   int dark_questions_ = 0;

@@ -89,6 +89,7 @@ class MarlinModel final : public LineModel {
   struct Pending {
     Nanoseconds due{};
     std::string text;
+    bool is_busy = false;
   };
   void queue_move(double to_mm, double mm_per_s, bool homing);
   void restart();
