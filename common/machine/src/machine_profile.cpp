@@ -108,6 +108,7 @@ Digest digest_of_profile(MachineProfile profile) {
   profile.devices = {};
   profile.screen = {};
   profile.light = {};
+  profile.file = {};
   profile.assumed.clear();
   Hasher hasher;
   hasher.feed(to_toml(profile));

@@ -8,6 +8,7 @@ Digest digest_of_light(const MachineProfile& profile) {
   relevant.description.clear();
   relevant.assumed.clear();
   relevant.devices = {};
+  relevant.file = {};
   relevant.devices.led_current = profile.devices.led_current;
   relevant.devices.led_colour = profile.devices.led_colour;
   relevant.devices.light = profile.devices.light;

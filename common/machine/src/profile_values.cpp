@@ -217,6 +217,8 @@ std::optional<Misfit> misfit_of(const MachineProfile& profile) {
                                                          : "",
                                               name, speed, profile.name, most)};
     }
+  if (profile.devices.printer == PrinterKind::Sdcp && profile.file.kind != PrinterFile::Goo)
+    return Misfit{"file", "devices.printer \"sdcp\" takes GOO files: state file.kind = \"goo\""};
   constexpr std::uint32_t kMostPixels = 65535;
   const PixelSize size = profile.mask_size();
   if (size.width_px > kMostPixels || size.height_px > kMostPixels)

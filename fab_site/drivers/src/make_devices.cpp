@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <cmath>
+#include <fmt/format.h>
+
 #include <telefab/fab/device/virtual_projector.hpp>
 #include <telefab/fab/device/virtual_z_stage.hpp>
 #include <telefab/fab/drivers/grbl_stage.hpp>
@@ -131,7 +133,8 @@ Result<void> check_devices(const MachineProfile& machine) {
 }
 
 bool is_simulated(const MachineProfile& machine) {
-  return machine.devices.projector == ProjectorKind::Virtual && machine.devices.stage == StageKind::Virtual;
+  return machine.devices.projector == ProjectorKind::Virtual && machine.devices.stage == StageKind::Virtual &&
+         machine.devices.printer == PrinterKind::None;
 }
 
 std::unique_ptr<Clock> make_clock(const MachineProfile& machine) {
@@ -203,6 +206,12 @@ Result<void> darken(const MachineProfile& machine, Clock& clock) {
 }
 
 Result<Devices> make_devices(const MachineProfile& machine, Clock& clock) {
+  if (machine.devices.printer != PrinterKind::None)
+    return fail(
+        ErrorCode::InvalidInput,
+        fmt::format("{} is a whole printer (devices.printer = \"{}\"), which has light and stage of its own; send "
+                    "it a plan with: telefab-fab send PLAN",
+                    machine.name, name_of(machine.devices.printer)));
   if (const auto ok = check_devices(machine); !ok) return tl::unexpected{ok.error()};
   Devices devices;
   devices.log = std::make_unique<MachineLog>();

@@ -152,6 +152,25 @@ void takes_its_words_and_no_others(std::string_view section, std::string_view ke
   EXPECT_FALSE(machine_word_from<Word>("upside-down"));
 }
 
+TEST(MachineProfile, OfAPrinterThatTakesNoFileHasTheTextAndTheDigestItEverHad) {
+  MachineProfile machine = whole();
+  EXPECT_THAT(to_toml(machine), testing::Not(HasSubstr("[file]")));
+  const Digest before = digest_of_profile(machine);
+  machine.file = {PrinterFile::Goo, "ELEGOO Mars", "", FadeReader::Odyssey, 0.1};
+  EXPECT_THAT(to_toml(machine), HasSubstr("[file]\nkind = \"goo\"\n"));
+  EXPECT_EQ(digest_of_profile(machine), before) << "what a fab hands to its printer is its own matter";
+}
+
+TEST(MachineProfile, RefusesAWholePrinterWithoutTheFileThatItTakes) {
+  MachineProfile machine = whole();
+  machine.devices.printer = PrinterKind::Sdcp;
+  const auto refused = machine_profile_from_toml(to_toml(machine), "file.toml");
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().what, HasSubstr("file.kind"));
+  machine.file.kind = PrinterFile::Goo;
+  EXPECT_EQ(machine_profile_from_toml(to_toml(machine), "file.toml").value(), machine);
+}
+
 TEST(MachineProfile, TakesTheWordsOfEachEnumerationAndNoOthers) {
   using P = MachineProfile;
   takes_its_words_and_no_others("projection", "orientation", &P::projection, &P::Projection::orientation);
@@ -167,6 +186,8 @@ TEST(MachineProfile, TakesTheWordsOfEachEnumerationAndNoOthers) {
   takes_its_words_and_no_others("screen", "rotation", &P::screen, &P::Screen::rotation);
   takes_its_words_and_no_others("screen", "packing", &P::screen, &P::Screen::packing);
   takes_its_words_and_no_others("light", "command", &P::light, &P::Light::command);
+  takes_its_words_and_no_others("file", "kind", &P::file, &P::File::kind);
+  takes_its_words_and_no_others("file", "fade", &P::file, &P::File::fade);
 }
 
 TEST(MachineProfile, KeepsAMeasuredCurveAndField) {

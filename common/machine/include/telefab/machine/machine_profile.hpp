@@ -187,6 +187,9 @@ struct MachineProfile {
     double allowed_slowdown = 1.1;  ///< real projectors: a job whose uploads stretch it beyond this is refused
     std::string projector_serial;   ///< USB serial number of the light engine; empty: the only one found
     std::string stage_serial;       ///< USB serial number of the stage's tty; empty: the only one found
+    PrinterKind printer = PrinterKind::None;  ///< a whole printer: projector and stage are not used then
+    std::string printer_address;              ///< IP address or host name; empty: found by its broadcast
+    std::string printer_id;                   ///< sdcp: its MainboardID; empty: whichever answers
     friend bool operator==(const Devices&, const Devices&) = default;
   } devices;
 
@@ -212,6 +215,16 @@ struct MachineProfile {
     std::uint32_t packet_bytes = 32;  ///< that its adapter carries whole: 32 of a CH340, 64 of CDC and FTDI
     friend bool operator==(const Light&, const Light&) = default;
   } light;
+
+  /// The file that the printer takes, where it takes one.
+  struct File {
+    PrinterFile kind = PrinterFile::None;
+    std::string model;                    ///< of the printer, as its firmware compares it; empty: not stated
+    std::string variant;                  ///< sl1: printerVariant; empty: "default"
+    FadeReader fade = FadeReader::Slafw;  ///< sl1
+    double most_exposure_error = 0.05;    ///< share; a file in which a layer is off by more is held
+    friend bool operator==(const File&, const File&) = default;
+  } file;
 
   friend bool operator==(const MachineProfile&, const MachineProfile&) = default;
 

@@ -38,6 +38,14 @@ enum class LedCutoff : std::uint8_t { None, Watchdog };
 /// Which of a board's sensors hangs in the resin.
 enum class Thermometer : std::uint8_t { None, Hotend, Bed, Chamber };
 
+/// A printer that owns its light and its stage and takes a file; None: projector and stage are driven from here.
+enum class PrinterKind : std::uint8_t { None, Sdcp };
+/// The file that a printer takes.
+enum class PrinterFile : std::uint8_t { None, Goo, Sl1, NanoDlp };
+/// How the printer's program lets the exposures of an SL1 archive fall over its numFade layers: slafw since 2024 (and
+/// PrusaSlicer), slafw up to 2022, Odyssey.
+enum class FadeReader : std::uint8_t { Slafw, Slafw2022, Odyssey };
+
 /// What joins the feet of supports on the platform. Auto: bars beside a part that stands, a plate a group of feet under
 /// a lifted one.
 enum class RaftKind : std::uint8_t { Auto, Plates, Plate, Skate, None };
@@ -74,6 +82,12 @@ template <>
 inline constexpr std::array<std::string_view, 2> kMachineWords<LedCutoff>{"none", "watchdog"};
 template <>
 inline constexpr std::array<std::string_view, 4> kMachineWords<Thermometer>{"none", "hotend", "bed", "chamber"};
+template <>
+inline constexpr std::array<std::string_view, 2> kMachineWords<PrinterKind>{"none", "sdcp"};
+template <>
+inline constexpr std::array<std::string_view, 4> kMachineWords<PrinterFile>{"none", "goo", "sl1", "nanodlp"};
+template <>
+inline constexpr std::array<std::string_view, 3> kMachineWords<FadeReader>{"slafw", "slafw-2022", "odyssey"};
 template <>
 inline constexpr std::array<std::string_view, 5> kMachineWords<RaftKind>{"auto", "plates", "plate", "skate", "none"};
 template <>
