@@ -21,6 +21,7 @@ int main(int argc, char** argv) {
        "a plan or contours in the formats of other printers and programs",
        declare_export,
        {{{"for printers that read SL1 archives", "telefab-fab export statue-plan --format sl1 --out statue.sl1"},
+         {"for Elegoo's printers", "telefab-fab export statue-plan --format goo --out statue.goo"},
          {"contours for other programs", "telefab-fab export statue.tfc --format cli --out statue.cli"}}}},
       {"import",
        "contours made elsewhere, as a contour file for a machine",

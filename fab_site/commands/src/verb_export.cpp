@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
@@ -118,20 +119,64 @@ Result<std::uint32_t> export_pictures(const Source& source, const MachineProfile
   return count;
 }
 
+std::optional<MaskFormat> mask_format_of(std::string_view name) {
+  if (name == "sl1") return MaskFormat::Sl1;
+  if (name == "nanodlp") return MaskFormat::NanoDlp;
+  if (name == "goo") return MaskFormat::Goo;
+  return std::nullopt;
+}
+
+/// What the readers of an SL1 archive make of the exposures, a line a layer that one of them makes otherwise.
+std::string fade_table(const MaskExportReport& report) {
+  constexpr std::size_t kMostRows = 24;
+  std::map<std::uint32_t, std::map<FadeReader, const FadedLayer*>> rows;
+  for (const FadedLayers& fade : report.fades)
+    for (const FadedLayer& layer : fade.layers) rows[layer.layer.count()][fade.reader] = &layer;
+  if (rows.empty()) return {};
+  std::string text =
+      fmt::format("exposures in seconds, planned and as printers read numFade = {} (-: as planned)\n{:>6} {:>9}",
+                  report.fade, "layer", "planned");
+  for (const FadedLayers& fade : report.fades) text += fmt::format(" {:>11}", name_of(fade.reader));
+  text += '\n';
+  std::size_t shown = 0;
+  for (const auto& [layer, made] : rows) {
+    if (shown++ == kMostRows) {
+      text += fmt::format("  and {} layers more\n", rows.size() - kMostRows);
+      break;
+    }
+    text += fmt::format("{:>6} {:>9.3f}", layer, made.begin()->second->planned_s);
+    for (const FadedLayers& fade : report.fades) {
+      const auto own = made.find(fade.reader);
+      text += own == made.end() ? fmt::format(" {:>11}", "-") : fmt::format(" {:>11.3f}", own->second->made_s);
+    }
+    text += '\n';
+  }
+  return text;
+}
+
+/// What holds an archive: exposures that its printer would make too far from the planned ones.
+std::optional<PreflightItem> held_exposures(const MaskExportReport& report, const MachineProfile& machine) {
+  if (report.most_exposure_error <= machine.file.most_exposure_error) return std::nullopt;
+  PreflightItem item;
+  item.name = "exposures";
+  item.verdict = PreflightItem::Verdict::Held;
+  item.value = report.most_exposure_error;
+  item.text = fmt::format(
+      "the printer would expose {} layers otherwise than planned, by up to {:.0f} % (file.most_exposure_error: {:.0f} "
+      "%); plan with layers.bottom_count = 1 and layers.transition_count, which the format can say",
+      report.other_exposures, 100 * report.most_exposure_error, 100 * machine.file.most_exposure_error);
+  return item;
+}
+
 Result<std::uint32_t> export_archive(MaskFormat format, Source& source, const MachineProfile& machine, const Options& o,
                                      const std::stop_token& stop) {
-  if (!source.plan)
-    return fail(ErrorCode::InvalidInput,
-                fmt::format("--format {} holds masks and exposures; give the folder of a plan. Make one with: "
-                            "telefab-fab plan {} --out DIR",
-                            o.format, o.from));
   const auto done = export_masks(format, source.plan->plan(), *source.plan, machine, o.out, progress_line(), stop);
   if (!done) return tl::unexpected{done.error()};
   if (done->other_exposures != 0)
     write_note(
-        fmt::format("telefab-fab: {} layers have an exposure of their own, which this format cannot say; they get the "
-                    "normal one, or one of an SL1 printer's fade\n",
-                    done->other_exposures));
+        fmt::format("telefab-fab: {} layers get another exposure than planned, by up to {:.1f} %, for this "
+                    "format holds two exposures and what lies between\n{}",
+                    done->other_exposures, 100 * done->most_exposure_error, fade_table(*done)));
   if (done->other_motions != 0)
     write_note(
         fmt::format("telefab-fab: {} layers move or wait in a way of their own, which this format cannot say; "
@@ -140,16 +185,11 @@ Result<std::uint32_t> export_archive(MaskFormat format, Source& source, const Ma
   return done->layers;
 }
 
-Result<std::uint32_t> export_as_asked(const Options& o, const std::stop_token& stop) {
-  const bool archive = o.format == "sl1" || o.format == "nanodlp";
-  auto source = open_source(o, !archive && o.format != "png");
-  if (!source) return tl::unexpected{source.error()};
-  const auto machine = machine_of(*source, o);
-  if (!machine) return tl::unexpected{machine.error()};
-  if (archive)
-    return export_archive(o.format == "sl1" ? MaskFormat::Sl1 : MaskFormat::NanoDlp, *source, *machine, o, stop);
-  if (o.format == "png") return export_pictures(*source, *machine, o, stop);
-  const auto job = job_of(*source, *machine, o);
+Result<std::uint32_t> export_as_asked(Source& source, const MachineProfile& machine, const Options& o,
+                                      const std::stop_token& stop) {
+  if (const auto format = mask_format_of(o.format)) return export_archive(*format, source, machine, o, stop);
+  if (o.format == "png") return export_pictures(source, machine, o, stop);
+  const auto job = job_of(source, machine, o);
   if (!job) return tl::unexpected{job.error()};
   const auto format = contour_format_from_name(o.format);
   if (!format) return export_lines(*job, o, stop);
@@ -158,13 +198,24 @@ Result<std::uint32_t> export_as_asked(const Options& o, const std::stop_token& s
 }
 
 /// A held plan goes to no other printer unless what holds it is named.
-Result<void> may_leave(const Options& o) {
-  std::error_code error;
-  if (!fs::is_directory(o.from, error)) return {};  // contours alone: no supports and no masks that could be held
-  const auto preflight = preflight_in(o.from);
+Result<void> may_leave(const Source& source, const MachineProfile& machine, const Options& o) {
+  if (!source.plan) return {};  // contours alone: no supports and no masks that could be held
+  auto preflight = preflight_in(o.from);
   if (!preflight) return tl::unexpected{preflight.error()};
+  std::string table;
+  if (const auto format = mask_format_of(o.format)) {
+    const auto report = survey_export(*format, source.plan->plan(), machine, o.out);
+    if (!report) return tl::unexpected{report.error()};
+    if (auto held = held_exposures(*report, machine)) {
+      preflight->items.push_back(std::move(*held));
+      table = fade_table(*report);
+    }
+  }
   const auto why = let_through(*preflight, fmt::format("{}", fmt::join(o.although, ",")));
-  if (!why) return fail_in(o.from, why.error());
+  if (!why) {
+    write_note(table);
+    return fail_in(o.from, why.error());
+  }
   if (!why->empty()) write_note(fmt::format("telefab-fab: held, and exported {}\n", *why));
   return {};
 }
@@ -176,15 +227,15 @@ VerbBody declare_export(VerbOptions& options) {
   options.add("FROM", o->from, "folder of a plan (telefab-fab plan --out), or a contour file (.tfc)").required();
   options
       .add("--format", o->format,
-           "of a plan: sl1, nanodlp (masks and exposures); of either: png (a folder of pictures), 3mf (slices), "
+           "of a plan: goo, sl1, nanodlp (masks and exposures); of either: png (a folder of pictures), 3mf (slices), "
            "cli, cli-binary (Common Layer Interface), svg, jsonl (one JSON line a layer)")
       .required()
-      .one_of({"sl1", "nanodlp", "3mf", "cli", "cli-binary", "svg", "jsonl", "png"});
+      .one_of({"goo", "sl1", "nanodlp", "3mf", "cli", "cli-binary", "svg", "jsonl", "png"});
   options.add("--out", o->out, "file, or folder for png").required();
   options
       .add("--although", o->although,
            "NAME of what holds the plan (telefab-fab plan lists it); give every one. A held plan is not exported "
-           "without")
+           "without. \"exposures\" holds where the file would make them otherwise than planned")
       .separated_by(',');
   options.flag("--no-supports", o->no_supports, "contours of a plan: the part alone, at its height above the base");
   declare_machine_choice(options, o->machine,
@@ -194,15 +245,28 @@ VerbBody declare_export(VerbOptions& options) {
       "Contours of a plan are the part and its supports, as two parts of the file (united in jsonl); of a .tfc file "
       "the\n"
       "part alone.\n"
-      "Pictures in sl1 and nanodlp are turned as projection.orientation of the machine says; the archive states it.\n"
+      "Pictures in goo, sl1 and nanodlp are turned as projection.orientation of the machine says; the file states it.\n"
+      "An sl1 file ends in .sl1, .sl1s or .m1, by the printer's model (file.model of the profile). SL1 and NanoDLP "
+      "hold\n"
+      "two exposures a job: what becomes of the others is shown, and holds the export above file.most_exposure_error.\n"
       "The same input gives the same bytes. A file appears whole or not at all.");
   return [o](std::stop_token stop) -> Result<ExitCode> {
-    if (const auto may = may_leave(*o); !may) {
+    const auto format = mask_format_of(o->format);
+    auto source = open_source(*o, !format && o->format != "png");
+    if (!source) return tl::unexpected{source.error()};
+    if (format && !source->plan)
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("--format {} holds masks and exposures; give the folder of a plan. Make one with: "
+                              "telefab-fab plan {} --out DIR",
+                              o->format, o->from));
+    const auto machine = machine_of(*source, *o);
+    if (!machine) return tl::unexpected{machine.error()};
+    if (const auto may = may_leave(*source, *machine, *o); !may) {
       if (may.error().code != ErrorCode::NotPermitted) return tl::unexpected{may.error()};
       write_note(fmt::format("telefab-fab: {}\n", may.error().what));
       return ExitCode::NotCertified;
     }
-    const auto layers = export_as_asked(*o, stop);
+    const auto layers = export_as_asked(*source, *machine, *o, stop);
     clear_progress();
     if (!layers) return tl::unexpected{layers.error()};
     write_output(fmt::format("{} layers written to {}\n", *layers, o->out));

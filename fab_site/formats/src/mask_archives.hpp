@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <string>
+#include <telefab/fab/formats/mask_export.hpp>
 #include <telefab/fab/mask/orientation.hpp>
 #include <telefab/fab/print/print_plan.hpp>
 
@@ -14,10 +15,12 @@ struct ArchiveFacts {
   PixelSize size;
   Orientation optics;
   const MachineProfile* machine = nullptr;
+  std::string model;  ///< of the printer, as its firmware compares it
   std::uint32_t layers = 0;
   std::uint32_t bottom_layers = 0;
   double exposure_s = 0;
   double bottom_exposure_s = 0;
+  std::uint32_t fade = 0;               ///< sl1: numFade
   std::uint32_t transition_layers = 0;  ///< behind the bottom ones, their exposures falling in even steps
   LayerMotion motion;                   ///< of most layers behind the bottom ones
   LayerMotion bottom_motion;
@@ -27,8 +30,10 @@ struct ArchiveFacts {
   double print_s = 0;
 };
 
-/// What an SL1 printer lets its exposures fall over: to the first layer with the normal one.
-[[nodiscard]] std::uint32_t sl1_fade(const ArchiveFacts& facts);
+/// What an archive tells of a plan, and in `report` what it cannot. Fails as export_masks does before the first mask.
+[[nodiscard]] Result<ArchiveFacts> archive_facts(MaskFormat format, const PrintPlan& plan,
+                                                 const MachineProfile& machine, const std::filesystem::path& path,
+                                                 MaskExportReport& report);
 
 /// Texts of an SL1 archive. `solid_mm3`: grey-weighted volume of all masks.
 [[nodiscard]] std::string sl1_config(const ArchiveFacts& facts, double solid_mm3);

@@ -8,7 +8,9 @@
 
 // NanoDLP's manual: meta.json, plate.json, info.json and the layers from 1.png on. It reads the slicer's settings from
 // options.json, UVtools the same from slicer.json. Thickness in micrometres, times in seconds, speeds in mm/min,
-// boundaries in millimetres from the middle of the display, boxes in info.json in pixels.
+// boundaries in millimetres from the middle of the display, boxes in info.json in pixels, areas there in mm2. What
+// TotalSolidArea of plate.json counts no document says: other writers put the volume in cm3 there, and so does this
+// one.
 
 namespace telefab::fab {
 namespace {
@@ -16,6 +18,11 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 double rounded(double value) { return std::round(value * 1e4) / 1e4; }
+/// One reader takes whole waits only, so those that are whole are written so.
+Json seconds(double value) {
+  if (value == std::floor(value) && value < 1e9) return static_cast<std::uint64_t>(value);
+  return value;
+}
 double micrometres(double mm) { return std::round(mm * 1e6) / 1e3; }
 
 int mirror_code(Orientation optics) { return (optics.mirrors_x ? 1 : 0) + (optics.mirrors_y ? 2 : 0); }
@@ -57,7 +64,7 @@ std::string nanodlp_profile(const ArchiveFacts& f) {
   const MachineProfile& m = *f.machine;
   return json_text({{"ResinID", 0},
                     {"ProfileID", 1},
-                    {"Title", m.name},
+                    {"Title", f.model},
                     {"Desc", m.resin.name},
                     {"Depth", micrometres(m.layers.thickness_mm)},
                     {"SupportDepth", micrometres(m.layers.thickness_mm)},
@@ -67,12 +74,12 @@ std::string nanodlp_profile(const ArchiveFacts& f) {
                     {"TransitionalLayer", f.transition_layers},
                     {"WaitHeight", f.motion.lift_mm},
                     {"SupportWaitHeight", f.bottom_motion.lift_mm},
-                    {"WaitBeforePrint", f.motion.settle_s},
-                    {"SupportWaitBeforePrint", f.bottom_motion.settle_s},
-                    {"WaitAfterPrint", f.motion.wait_after_exposure_s},
-                    {"SupportWaitAfterPrint", f.bottom_motion.wait_after_exposure_s},
-                    {"TopWait", f.motion.wait_after_lift_s},
-                    {"SupportTopWait", f.bottom_motion.wait_after_lift_s}},
+                    {"WaitBeforePrint", seconds(f.motion.settle_s)},
+                    {"SupportWaitBeforePrint", seconds(f.bottom_motion.settle_s)},
+                    {"WaitAfterPrint", seconds(f.motion.wait_after_exposure_s)},
+                    {"SupportWaitAfterPrint", seconds(f.bottom_motion.wait_after_exposure_s)},
+                    {"TopWait", seconds(f.motion.wait_after_lift_s)},
+                    {"SupportTopWait", seconds(f.bottom_motion.wait_after_lift_s)}},
                    1);
 }
 
@@ -100,6 +107,7 @@ std::string nanodlp_slicer(const ArchiveFacts& f) {
 
 std::string nanodlp_plate(const ArchiveFacts& f, const std::vector<LayerSurvey>& layers) {
   const double pixel_mm2 = f.machine->projection.pixel_pitch_mm * f.machine->projection.pixel_pitch_mm;
+  const double pixel_cm3 = pixel_mm2 * f.machine->layers.thickness_mm / 1000;
   double solid_px = 0;
   for (const LayerSurvey& s : layers) solid_px += s.solid_px;
   Json plate{{"PlateID", 0},
@@ -107,7 +115,7 @@ std::string nanodlp_plate(const ArchiveFacts& f, const std::vector<LayerSurvey>&
              {"Path", f.job},
              {"Processed", true},
              {"LayersCount", f.layers},
-             {"TotalSolidArea", rounded(solid_px * pixel_mm2)},
+             {"TotalSolidArea", rounded(solid_px * pixel_cm3)},
              {"PrintTime", static_cast<std::uint64_t>(f.print_s)},
              {"PrintEst", static_cast<std::uint64_t>(f.print_s)},
              {"CreatedDate", 0},

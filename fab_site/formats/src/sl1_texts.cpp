@@ -7,8 +7,9 @@
 
 // What readers ask of the two texts. UVtools: both files must be there; layers = numFast + numSlow; numFade is the
 // number of bottom layers; a layer height in either file overrides the other, so both say the same. PrusaSlicer's
-// import: display_* and both layer heights from prusaslicer.ini. The printer fades from expTimeFirst to expTime over
-// numFade layers, where our bottom layers all have the first exposure.
+// import: display_* and both layer heights from prusaslicer.ini. Odyssey: every key that PrusaSlicer writes into
+// config.ini, `hollow` among them. The printers: printerModel must be theirs. The fade fits bottom layers as near as
+// one can (sl1_fade.hpp).
 
 namespace telefab::fab {
 namespace {
@@ -29,6 +30,17 @@ std::string tilt_lines(const ArchiveFacts& f) {
   const double fill = m.motion.large_area_mm2 > 0 ? 100 * m.motion.large_area_mm2 / display_mm2 : 100;
   return fmt::format("area_fill = {:.3f}\nfast_tilt_time = {}\nslow_tilt_time = {}\n", std::min(100.0, fill),
                      f.fast_tilt_s, f.slow_tilt_s);
+}
+
+/// The display as a bed: where PrusaSlicer puts what it reads back.
+std::string bed_line(const ArchiveFacts& f) {
+  const double pitch_mm = f.machine->projection.pixel_pitch_mm;
+  return fmt::format("bed_shape = 0x0,{0:.6f}x0,{0:.6f}x{1:.6f},0x{1:.6f}\n", f.size.width_px * pitch_mm,
+                     f.size.height_px * pitch_mm);
+}
+
+std::string variant_of(const MachineProfile& machine) {
+  return machine.file.variant.empty() ? "default" : one_line(machine.file.variant);
 }
 
 /// Motion and waits in the words that UVtools reads, for the formats it makes of the archive. A lift or lowering in two
@@ -56,23 +68,22 @@ std::string notes_of(const ArchiveFacts& f) {
     if (m.wait_after_lift_s > 0) note(who + "WaitTimeAfterLift", m.wait_after_lift_s);
   };
   lift("", f.motion);
-  if (f.bottom_motion != f.motion) lift("Bottom", f.bottom_motion);
+  if (f.bottom_motion != f.motion) {
+    lift("Bottom", f.bottom_motion);
+    note("BottomLayerCount", f.bottom_layers);
+  }
   if (f.transition_layers > 0) note("TransitionLayerCount", f.transition_layers);
   return text;
 }
 
 }  // namespace
 
-std::uint32_t sl1_fade(const ArchiveFacts& f) {
-  return f.transition_layers == 0 ? f.bottom_layers : f.bottom_layers + f.transition_layers + 1;
-}
-
 std::string sl1_config(const ArchiveFacts& f, double solid_mm3) {
   const MachineProfile& m = *f.machine;
   return fmt::format(
       "action = print\n"
-      "expTime = {:.3f}\n"
-      "expTimeFirst = {:.3f}\n"
+      "expTime = {}\n"
+      "expTimeFirst = {}\n"
       "expUserProfile = 0\n"
       "fileCreationTimestamp = 1980-01-01 at 00:00:00 UTC\n"
       "hollow = 0\n"
@@ -86,11 +97,12 @@ std::string sl1_config(const ArchiveFacts& f, double solid_mm3) {
       "printTime = {:.3f}\n"
       "printerModel = {}\n"
       "printerProfile = {}\n"
-      "printerVariant = default\n"
+      "printerVariant = {}\n"
       "prusaSlicerVersion = Telefab\n"
       "usedMaterial = {:.6f}\n",
-      f.exposure_s, f.bottom_exposure_s, f.job, m.layers.thickness_mm, one_line(m.resin.name), sl1_fade(f),
-      f.layers - f.slow_layers, f.slow_layers, m.layers.thickness_mm, f.print_s, m.name, m.name, solid_mm3 / 1000);
+      f.exposure_s, f.bottom_exposure_s, f.job, m.layers.thickness_mm, one_line(m.resin.name), f.fade,
+      f.layers - f.slow_layers, f.slow_layers, m.layers.thickness_mm, f.print_s, f.model, m.name, variant_of(m),
+      solid_mm3 / 1000);
 }
 
 std::string sl1_profile(const ArchiveFacts& f) {
@@ -105,10 +117,10 @@ std::string sl1_profile(const ArchiveFacts& f) {
              "display_pixels_x = {}\n"
              "display_pixels_y = {}\n"
              "display_width = {:.6f}\n"
-             "exposure_time = {:.3f}\n"
+             "exposure_time = {}\n"
              "faded_layers = {}\n"
              "gamma_correction = 1\n"
-             "initial_exposure_time = {:.3f}\n"
+             "initial_exposure_time = {}\n"
              "initial_layer_height = {}\n"
              "layer_height = {}\n"
              "max_print_height = {}\n"
@@ -117,15 +129,15 @@ std::string sl1_profile(const ArchiveFacts& f) {
              "printer_notes = {}\n"
              "printer_settings_id = {}\n"
              "printer_technology = SLA\n"
-             "printer_variant = default\n"
+             "printer_variant = {}\n"
              "sla_material_settings_id = {}\n"
              "sla_print_settings_id = {} mm\n"
              "supports_enable = 0\n",
              f.size.height_px * m.projection.pixel_pitch_mm, f.optics.mirrors_x, f.optics.mirrors_y, f.size.width_px,
-             f.size.height_px, f.size.width_px * m.projection.pixel_pitch_mm, f.exposure_s, sl1_fade(f),
-             f.bottom_exposure_s, m.layers.thickness_mm, m.layers.thickness_mm, m.platform.z_travel_mm, m.name,
-             notes_of(f), m.name, one_line(m.resin.name), m.layers.thickness_mm) +
-         tilt_lines(f);
+             f.size.height_px, f.size.width_px * m.projection.pixel_pitch_mm, f.exposure_s, f.fade, f.bottom_exposure_s,
+             m.layers.thickness_mm, m.layers.thickness_mm, m.platform.z_travel_mm, f.model, notes_of(f), m.name,
+             variant_of(m), one_line(m.resin.name), m.layers.thickness_mm) +
+         bed_line(f) + tilt_lines(f);
 }
 
 }  // namespace telefab::fab

@@ -7,49 +7,20 @@
 #include <sstream>
 #include <telefab/fab/formats/mask_export.hpp>
 #include <telefab/fab/mask/orientation.hpp>
-#include <telefab/fab/mask/raster.hpp>
 #include <telefab/fab/print/print_time.hpp>
 #include <telefab/image/png.hpp>
-#include <telefab/test/block_stack.hpp>
 
+#include "masks_in_memory.hpp"
 #include "scratch_files.hpp"
 #include "zip_entries.hpp"
 
 namespace telefab::fab {
 namespace {
 
+using telefab::test::zip_entries;
+using test::MemoryMasks;
+using test::plan_of;
 using testing::HasSubstr;
-
-/// A part without any symmetry: an L that leans to one corner, cut shorter from layer to layer.
-class MemoryMasks final : public MaskSource {
- public:
-  MemoryMasks(const MachineProfile& machine, std::uint32_t layers) {
-    for (std::uint32_t i = 0; i < layers; ++i) {
-      const std::vector<Contour> rings{
-          Contour::from_vertices({{2, 3}, {20.03 - i, 3}, {20.03 - i, 5.55}, {6, 5.55}, {6, 14}, {2, 14}}).value()};
-      masks.push_back(rasterise(rings, mask_frame(machine)));
-    }
-  }
-  Result<Mask> mask(LayerIndex layer) override {
-    if (fail_at && *fail_at == layer.count()) return fail(ErrorCode::NotTrusted, "digest of layer 2");
-    return masks.at(layer.count());
-  }
-  std::vector<Mask> masks;
-  std::optional<std::uint32_t> fail_at;
-};
-
-PrintPlan plan_of(const MachineProfile& machine, const MemoryMasks& source) {
-  PrintPlan plan;
-  plan.job = "thumbnail of ../L";
-  plan.machine = machine.name;
-  plan.mask_size = machine.mask_size();
-  plan.z_travel_mm = machine.platform.z_travel_mm;
-  for (std::uint32_t i = 0; i < source.masks.size(); ++i)
-    plan.layers.push_back(
-        {LayerIndex{i}, (i + 1) * machine.layers.thickness_mm, std::chrono::milliseconds{i < 2 ? 8000 : 2000},
-         digest_of(std::as_bytes(std::span{source.masks[i].rows})), motion_of(machine.motion, i < 2, 100)});
-  return plan;
-}
 
 /// By spng itself, not through the library under test. Fails unless it is 8-bit grey.
 Mask decoded(const std::string& png) {
@@ -73,7 +44,7 @@ std::map<std::string, std::string> ini(const std::string& text) {
   return values;
 }
 
-class MaskExport : public test::ScratchFiles {
+class MaskExport : public telefab::test::ScratchFiles {
  protected:
   Result<MaskExportReport> write(MaskFormat format, const std::string& name = "x", std::stop_token stop = {}) {
     return export_masks(format, plan_of(machine, masks), masks, machine, folder / name, {}, stop);
@@ -86,8 +57,7 @@ TEST_F(MaskExport, Sl1HoldsEveryMaskPixelByPixel) {
   const auto report = write(MaskFormat::Sl1);
   ASSERT_TRUE(report) << report.error().what;
   EXPECT_EQ(report->layers, 6U);
-  EXPECT_EQ(report->other_exposures, 0U);
-  const auto entries = test::zip_entries(folder / "x");
+  const auto entries = zip_entries(folder / "x");
   const auto config = ini(entries.at("config.ini"));
   for (std::uint32_t i = 0; i < 6; ++i)
     EXPECT_EQ(decoded(entries.at(config.at("jobDir") + "0000" + std::to_string(i) + ".png")), masks.masks[i]) << i;
@@ -96,23 +66,28 @@ TEST_F(MaskExport, Sl1HoldsEveryMaskPixelByPixel) {
 
 TEST_F(MaskExport, Sl1SaysWhatItsReadersAskFor) {
   ASSERT_TRUE(write(MaskFormat::Sl1));
-  const auto entries = test::zip_entries(folder / "x");
+  const auto entries = zip_entries(folder / "x");
   const auto config = ini(entries.at("config.ini"));
   EXPECT_EQ(config.at("action"), "print");
   EXPECT_EQ(config.at("jobDir"), "job");  // no path, and no reader takes a layer for a preview
   EXPECT_EQ(config.at("layerHeight"), "0.1");
-  EXPECT_EQ(config.at("expTime"), "2.000");
-  EXPECT_EQ(config.at("expTimeFirst"), "8.000");
-  EXPECT_EQ(config.at("numFade"), "2");
+  EXPECT_EQ(config.at("expTime"), "2");
+  EXPECT_EQ(config.at("expTimeFirst"), "8");
+  EXPECT_EQ(config.at("numFade"), "3");  // 8 s, 5 s, 2 s: two equal ones it cannot say
   EXPECT_EQ(config.at("numFast"), "6");
   EXPECT_EQ(config.at("numSlow"), "0");
-  for (const char* key : {"materialName", "printTime", "printerModel", "printProfile", "usedMaterial"})
+  // Every key that Odyssey parses; it refuses an archive that lacks one.
+  for (const char* key :
+       {"action", "expTime", "expTimeFirst", "expUserProfile", "fileCreationTimestamp", "hollow", "jobDir",
+        "layerHeight", "materialName", "numFade", "numFast", "numSlow", "printProfile", "printTime", "printerModel",
+        "printerProfile", "printerVariant", "prusaSlicerVersion", "usedMaterial"})
     EXPECT_EQ(config.count(key), 1U) << key;
   const auto profile = ini(entries.at("prusaslicer.ini"));
   EXPECT_EQ(profile.at("display_pixels_x"), "400");
   EXPECT_EQ(profile.at("display_pixels_y"), "300");
   EXPECT_EQ(std::stod(profile.at("display_width")), 40);
   EXPECT_EQ(std::stod(profile.at("display_height")), 30);
+  EXPECT_EQ(profile.at("bed_shape"), "0x0,40.000000x0,40.000000x30.000000,0x30.000000");
   EXPECT_EQ(profile.at("display_orientation"), "landscape");
   EXPECT_EQ(profile.at("display_mirror_x"), "0");
   EXPECT_EQ(profile.at("layer_height"), config.at("layerHeight"));
@@ -125,7 +100,7 @@ TEST_F(MaskExport, Sl1SaysWhatItsReadersAskFor) {
 
 TEST_F(MaskExport, NanoDlpCountsItsLayersFromOneAndSaysWhatItsReadersAskFor) {
   ASSERT_TRUE(write(MaskFormat::NanoDlp));
-  const auto entries = test::zip_entries(folder / "x");
+  const auto entries = zip_entries(folder / "x");
   for (std::uint32_t i = 0; i < 6; ++i)
     EXPECT_EQ(decoded(entries.at(std::to_string(i + 1) + ".png")), masks.masks[i]) << i;
   const auto json = [&](const char* name) { return nlohmann::json::parse(entries.at(name)); };
@@ -149,7 +124,7 @@ TEST_F(MaskExport, NanoDlpCountsItsLayersFromOneAndSaysWhatItsReadersAskFor) {
 }
 
 TEST_F(MaskExport, GivesTheSameBytesTwice) {
-  for (const auto format : {MaskFormat::Sl1, MaskFormat::NanoDlp}) {
+  for (const auto format : {MaskFormat::Sl1, MaskFormat::NanoDlp, MaskFormat::Goo}) {
     ASSERT_TRUE(write(format, "a"));
     ASSERT_TRUE(write(format, "b"));
     EXPECT_EQ(bytes("a"), bytes("b"));
@@ -164,7 +139,7 @@ TEST_F(MaskExport, TurnsTheMasksAsTheOpticsNeedAndStatesIt) {
     const std::string_view name = name_of(turn);
     machine.projection.orientation = turn;
     ASSERT_TRUE(write(MaskFormat::Sl1));
-    const auto entries = test::zip_entries(folder / "x");
+    const auto entries = zip_entries(folder / "x");
     const Mask shown = decoded(entries.at("job00003.png"));
     EXPECT_NE(shown, masks.masks[3]);
     // What the optics do to the picture gives the mask again.
@@ -180,13 +155,21 @@ TEST_F(MaskExport, CountsLayersWhoseExposureTheFormatCannotSay) {
   plan.layers[4].exposure = std::chrono::milliseconds{3000};
   const auto report = export_masks(MaskFormat::Sl1, plan, masks, machine, folder / "x", {}, {});
   ASSERT_TRUE(report);
-  EXPECT_EQ(report->other_exposures, 1U);
-  EXPECT_EQ(ini(test::zip_entries(folder / "x").at("config.ini")).at("expTime"), "2.000");
+  EXPECT_EQ(report->other_exposures, 2U);  // the second bottom layer and this one
+  EXPECT_NEAR(report->most_exposure_error, 3.0 / 8, 1e-9);
+  EXPECT_EQ(ini(zip_entries(folder / "x").at("config.ini")).at("expTime"), "2");
+  const auto nano = export_masks(MaskFormat::NanoDlp, plan, masks, machine, folder / "x", {}, {});
+  ASSERT_TRUE(nano);
+  EXPECT_EQ(nano->other_exposures, 1U);
+  EXPECT_NEAR(nano->most_exposure_error, 1.0 / 3, 1e-9);
+  const auto goo = export_masks(MaskFormat::Goo, plan, masks, machine, folder / "x", {}, {});
+  ASSERT_TRUE(goo);
+  EXPECT_EQ(goo->other_exposures, 0U);
 }
 
 TEST_F(MaskExport, OfOnePlainMotionSaysOfItWhatItEverSaid) {
   ASSERT_TRUE(write(MaskFormat::Sl1));
-  const auto profile = ini(test::zip_entries(folder / "x").at("prusaslicer.ini"));
+  const auto profile = ini(zip_entries(folder / "x").at("prusaslicer.ini"));
   EXPECT_EQ(profile.at("printer_notes"), "LiftHeight_5\\nLiftSpeed_120\\nRetractSpeed_180\\nWaitTimeBeforeCure_0.5");
   EXPECT_EQ(profile.count("fast_tilt_time"), 0U);
 }
@@ -200,15 +183,15 @@ TEST_F(MaskExport, SaysMotionAndWaitsInTheWordsOfEachFormat) {
   const auto report = write(MaskFormat::Sl1);
   ASSERT_TRUE(report) << report.error().what;
   EXPECT_EQ(report->other_motions, 0U);
-  const auto notes = ini(test::zip_entries(folder / "x").at("prusaslicer.ini")).at("printer_notes");
+  const auto notes = ini(zip_entries(folder / "x").at("prusaslicer.ini")).at("printer_notes");
   EXPECT_EQ(notes,
             "LiftHeight_2\\nLiftSpeed_60\\nLiftHeight2_3\\nLiftSpeed2_120\\nRetractSpeed_180\\nRetractHeight2_1\\n"
             "RetractSpeed2_30\\nWaitTimeBeforeCure_0.5\\nWaitTimeAfterCure_0.25\\nWaitTimeAfterLift_1.5\\n"
             "BottomLiftHeight_2\\nBottomLiftSpeed_60\\nBottomLiftHeight2_6\\nBottomLiftSpeed2_120\\n"
             "BottomRetractSpeed_180\\nBottomRetractHeight2_1\\nBottomRetractSpeed2_30\\nBottomWaitTimeBeforeCure_4\\n"
-            "BottomWaitTimeAfterCure_2\\nBottomWaitTimeAfterLift_1.5");
+            "BottomWaitTimeAfterCure_2\\nBottomWaitTimeAfterLift_1.5\\nBottomLayerCount_2");
   ASSERT_TRUE(write(MaskFormat::NanoDlp));
-  const auto profile = nlohmann::json::parse(test::zip_entries(folder / "x").at("profile.json"));
+  const auto profile = nlohmann::json::parse(zip_entries(folder / "x").at("profile.json"));
   EXPECT_EQ(profile.at("WaitHeight"), 5);
   EXPECT_EQ(profile.at("SupportWaitHeight"), 8);
   EXPECT_EQ(profile.at("WaitBeforePrint"), 0.5);
@@ -217,6 +200,7 @@ TEST_F(MaskExport, SaysMotionAndWaitsInTheWordsOfEachFormat) {
   EXPECT_EQ(profile.at("SupportWaitAfterPrint"), 2);
   EXPECT_EQ(profile.at("TopWait"), 1.5);
   EXPECT_EQ(profile.at("SupportTopWait"), 1.5);
+  EXPECT_TRUE(profile.at("SupportWaitBeforePrint").is_number_unsigned()) << "one reader takes whole seconds only";
 }
 
 TEST_F(MaskExport, SaysFastAndSlowTiltsAndFromWhichAreaOn) {
@@ -229,7 +213,7 @@ TEST_F(MaskExport, SaysFastAndSlowTiltsAndFromWhichAreaOn) {
   const auto report = export_masks(MaskFormat::Sl1, plan, masks, machine, folder / "x", {}, {});
   ASSERT_TRUE(report) << report.error().what;
   EXPECT_EQ(report->other_motions, 0U);
-  const auto entries = test::zip_entries(folder / "x");
+  const auto entries = zip_entries(folder / "x");
   const auto config = ini(entries.at("config.ini"));
   EXPECT_EQ(config.at("numFast"), "4");
   EXPECT_EQ(config.at("numSlow"), "2");
@@ -260,15 +244,75 @@ TEST_F(MaskExport, SaysATransitionAndWhatAnSl1PrinterMakesOfIt) {
     const auto nano = export_masks(MaskFormat::NanoDlp, plan, masks, machine, folder / "x", {}, {});
     ASSERT_TRUE(nano);
     EXPECT_EQ(nano->other_exposures, 0U);
-    const auto profile = nlohmann::json::parse(test::zip_entries(folder / "x").at("profile.json"));
+    const auto profile = nlohmann::json::parse(zip_entries(folder / "x").at("profile.json"));
     EXPECT_EQ(profile.at("TransitionalLayer"), 2);
     EXPECT_EQ(profile.at("SupportLayerNumber"), bottoms);
     const auto sl1 = export_masks(MaskFormat::Sl1, plan, masks, machine, folder / "x", {}, {});
     ASSERT_TRUE(sl1);
     // F, F - (F - E)/3, F - 2 (F - E)/3, E: as an SL1 fades over four layers. A second equal one it cannot say.
-    EXPECT_EQ(ini(test::zip_entries(folder / "x").at("config.ini")).at("numFade"), bottoms == 1 ? "4" : "5");
+    EXPECT_EQ(ini(zip_entries(folder / "x").at("config.ini")).at("numFade"), bottoms == 1 ? "4" : "5");
     EXPECT_EQ(sl1->other_exposures, bottoms == 1 ? 0U : 3U);
+    ASSERT_EQ(sl1->fades.size(), 3U);
+    EXPECT_EQ(sl1->fades[0].reader, FadeReader::Slafw);
+    EXPECT_EQ(sl1->fades[0].layers.size(), bottoms == 1 ? 0U : 3U);
+    EXPECT_GT(sl1->fades[1].layers.size(), 1U) << "slafw up to 2022 keeps the first exposure for two layers more";
+    EXPECT_GT(sl1->fades[2].layers.size(), 1U) << "Odyssey divides by one layer more";
   }
+}
+
+TEST_F(MaskExport, FitsTheFadeToTheProgramThatTheProfileNames) {
+  machine.layers.exposure_s = 2, machine.layers.bottom_exposure_s = 8;
+  PrintPlan plan = plan_of(machine, masks);
+  // F, (F + E)/2, E: what Odyssey makes of numFade = 2, slafw of 3.
+  plan.layers[0].exposure = std::chrono::seconds{8};
+  plan.layers[1].exposure = std::chrono::seconds{5};
+  for (const auto& [reader, fade] : {std::pair{FadeReader::Slafw, 3U}, {FadeReader::Odyssey, 2U}}) {
+    machine.file.fade = reader;
+    const auto report = survey_export(MaskFormat::Sl1, plan, machine, "x.sl1");
+    ASSERT_TRUE(report) << report.error().what;
+    EXPECT_EQ(report->fade, fade);
+    EXPECT_EQ(report->other_exposures, 0U);
+  }
+  // F for three layers, then falling: what slafw up to 2022 makes of 2.
+  for (const std::size_t i : {0U, 1U, 2U}) plan.layers[i].exposure = std::chrono::seconds{8};
+  plan.layers[3].exposure = std::chrono::seconds{5};
+  machine.file.fade = FadeReader::Slafw2022;
+  const auto report = survey_export(MaskFormat::Sl1, plan, machine, "x.sl1");
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->fade, 2U);
+  EXPECT_EQ(report->other_exposures, 0U);
+}
+
+TEST_F(MaskExport, RefusesExposuresThatSl1PrintersRefuse) {
+  PrintPlan plan = plan_of(machine, masks);
+  plan.layers[0].exposure = plan.layers[1].exposure = std::chrono::seconds{121};
+  const auto first = survey_export(MaskFormat::Sl1, plan, machine, "x.sl1");
+  ASSERT_FALSE(first);
+  EXPECT_THAT(first.error().what, HasSubstr("layers.bottom_exposure_s"));
+  for (auto& layer : plan.layers) layer.exposure = std::chrono::seconds{61};
+  const auto normal = survey_export(MaskFormat::Sl1, plan, machine, "x.sl1");
+  ASSERT_FALSE(normal);
+  EXPECT_THAT(normal.error().what, HasSubstr("layers.exposure_s"));
+  EXPECT_TRUE(survey_export(MaskFormat::Goo, plan, machine, "x.goo"));
+}
+
+TEST_F(MaskExport, NamesTheSl1ModelByProfileDisplayOrFileEnding) {
+  const auto model = [&](const std::string& name) {
+    const auto done = write(MaskFormat::Sl1, name);
+    return done ? ini(zip_entries(folder / name).at("config.ini")).at("printerModel") : done.error().what;
+  };
+  EXPECT_EQ(model("a.sl1"), machine.name) << "no printer takes it for its own";
+  machine.file.model = "SL1S";
+  machine.file.variant = "fast";
+  EXPECT_EQ(model("b.sl1s"), "SL1S");
+  EXPECT_EQ(ini(zip_entries(folder / "b.sl1s").at("config.ini")).at("printerVariant"), "fast");
+  EXPECT_THAT(model("c.sl1"), HasSubstr(".sl1s"));
+  machine.file = {};
+  machine.platform.width_mm = 81.001, machine.platform.depth_mm = 128.001, machine.projection.pixel_pitch_mm = 0.05;
+  masks.masks = MemoryMasks{machine, 2}.masks;
+  EXPECT_EQ(model("d.sl1s"), "SL1S");
+  EXPECT_EQ(model("e.m1"), "M1");
+  EXPECT_EQ(model("f.zip"), "SL1S");
 }
 
 TEST_F(MaskExport, RefusesToLeaveDimmedLightUnsaid) {
@@ -281,18 +325,28 @@ TEST_F(MaskExport, RefusesToLeaveDimmedLightUnsaid) {
     EXPECT_THAT(refused.error().what, testing::HasSubstr("layers.light_share"));
   }
   EXPECT_EQ(files(), 0);
+  // GOO says it, in 255 steps.
+  const auto refused = export_masks(MaskFormat::Goo, plan, masks, machine, folder / "x", {}, {});
+  EXPECT_TRUE(refused) << refused.error().what;
+  plan.layers[3].light_share = 0.013;
+  EXPECT_THAT(export_masks(MaskFormat::Goo, plan, masks, machine, folder / "y", {}, {}).error().what,
+              HasSubstr("layer 3"));
+  EXPECT_EQ(files(), 1);
 }
 
 TEST_F(MaskExport, LeavesTheOlderFileWhereAMaskFailsOrTheUserStops) {
   ASSERT_TRUE(write_file_atomically(folder / "x", "older"));
   masks.fail_at = 2;
-  const auto failed = write(MaskFormat::Sl1);
-  ASSERT_FALSE(failed);
-  EXPECT_EQ(failed.error().code, ErrorCode::NotTrusted);
+  for (const auto format : {MaskFormat::Sl1, MaskFormat::Goo}) {
+    const auto failed = write(format);
+    ASSERT_FALSE(failed);
+    EXPECT_EQ(failed.error().code, ErrorCode::NotTrusted);
+  }
   masks.fail_at.reset();
   std::stop_source stop;
   stop.request_stop();
-  EXPECT_EQ(write(MaskFormat::NanoDlp, "x", stop.get_token()).error().code, ErrorCode::Cancelled);
+  for (const auto format : {MaskFormat::NanoDlp, MaskFormat::Goo})
+    EXPECT_EQ(write(format, "x", stop.get_token()).error().code, ErrorCode::Cancelled);
   EXPECT_EQ(text("x"), "older");
   EXPECT_EQ(files(), 1);
 }
