@@ -47,6 +47,16 @@ Result<ZipReader> ZipReader::open(std::span<const std::byte> bytes) {
   return ZipReader{std::move(archive)};
 }
 
+bool ZipReader::has(const std::string& name) const { return zip_name_locate(archive_->zip, name.c_str(), 0) >= 0; }
+
+std::vector<std::string> ZipReader::names() const {
+  std::vector<std::string> all;
+  const zip_int64_t count = zip_get_num_entries(archive_->zip, 0);
+  for (zip_int64_t i = 0; i < count; ++i)
+    if (const char* name = zip_get_name(archive_->zip, static_cast<zip_uint64_t>(i), 0)) all.emplace_back(name);
+  return all;
+}
+
 Result<std::string> ZipReader::entry(const std::string& name) {
   zip_stat_t stat;
   zip_stat_init(&stat);

@@ -4,6 +4,7 @@
 #include <span>
 #include <string>
 #include <telefab/base/result.hpp>
+#include <vector>
 
 namespace telefab::fab {
 
@@ -16,6 +17,9 @@ class ZipReader {
   ZipReader(ZipReader&&) noexcept;
   ZipReader& operator=(ZipReader&&) noexcept;
 
+  [[nodiscard]] bool has(const std::string& name) const;
+  /// Of all entries, in the order of the archive.
+  [[nodiscard]] std::vector<std::string> names() const;
   /// Fails: NotFound, TooLarge (more than 1 GiB, or more than 64 MiB and 200 times the archive), InvalidInput (damaged,
   /// encrypted, larger than it says).
   [[nodiscard]] Result<std::string> entry(const std::string& name);
