@@ -43,15 +43,24 @@ Digest digest_of(std::span<const std::byte> bytes) {
   return hasher.digest();
 }
 
-std::string to_hex(const Digest& digest) {
+static std::string hex_of(std::span<const std::byte> bytes) {
   constexpr std::string_view digits = "0123456789abcdef";
   std::string text;
-  text.reserve(2 * digest.bytes.size());
-  for (const std::byte b : digest.bytes) {
+  text.reserve(2 * bytes.size());
+  for (const std::byte b : bytes) {
     text += digits[std::to_integer<unsigned>(b) >> 4];
     text += digits[std::to_integer<unsigned>(b) & 15U];
   }
   return text;
+}
+
+std::string to_hex(const Digest& digest) { return hex_of(digest.bytes); }
+
+std::string md5_hex(std::span<const std::byte> bytes) {
+  std::array<std::byte, 16> sum{};
+  require(EVP_Digest(bytes.data(), bytes.size(), reinterpret_cast<unsigned char*>(sum.data()), nullptr, EVP_md5(),
+                     nullptr) == 1);
+  return hex_of(sum);
 }
 
 Result<Digest> digest_from_hex(std::string_view text) {

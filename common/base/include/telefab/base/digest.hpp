@@ -38,4 +38,7 @@ class Hasher {
 
 [[nodiscard]] Digest digest_of(std::span<const std::byte> bytes);
 
+/// MD5 (RFC 1321) in lower-case hexadecimal digits: for protocols that ask for it. It finds damage and proves nothing.
+[[nodiscard]] std::string md5_hex(std::span<const std::byte> bytes);
+
 }  // namespace telefab
