@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <telefab/base/clock.hpp>
+#include <telefab/base/digest.hpp>
+#include <telefab/fab/device/whole_printer.hpp>
+#include <telefab/fab/print/print_journal.hpp>
+#include <vector>
+
+namespace telefab::fab {
+
+/// What was done of a print on a printer that owns its light.
+enum class PrinterStep : std::uint8_t {
+  Planned,
+  Uploaded,    ///< the printer has the file and has checked it
+  Starting,    ///< about to ask for the start: from here on nobody knows, until one of the next two
+  NotStarted,  ///< the printer refused, or does nothing of it
+  Started,
+  Finished,
+  DecidedStartAgain,      ///< an operator about a start that nobody knows of
+  DecidedTreatAsStarted,  ///< likewise
+  PauseAsked,
+  Resumed,
+  CancelAsked,
+};
+/// How a print ended.
+enum class PrinterEnd : std::uint8_t {
+  Done,
+  Stopped,
+  Unknown,  ///< the printer has done something else since: whether ours came to its end, it no longer says
+};
+[[nodiscard]] std::string_view name_of(PrinterEnd end);
+
+struct PrinterJournalEntry {
+  PrinterStep step = PrinterStep::Planned;
+  Nanoseconds wall{};
+  Digest plan;                                    ///< Planned
+  std::string printer;                            ///< Planned: id of its board; empty: whichever answered
+  std::string file;                               ///< Planned: its name on the printer
+  std::string task;                               ///< Starting: the task that it had before; Started: its own
+  PrinterProblem problem = PrinterProblem::None;  ///< NotStarted, Finished
+  PrinterEnd end = PrinterEnd::Done;              ///< Finished
+  std::string by;                                 ///< Decided*, *Asked, Resumed: whose word
+};
+
+/// Where such a print is.
+enum class PrinterStage : std::uint8_t { Nothing, Planned, Uploaded, StartUnknown, Printing, Finished };
+
+/// A record line (record_line.hpp) of JSON a step; each is on disk before what it announces is done. Threads: one
+/// caller at a time.
+class PrinterJournal {
+ public:
+  /// Cuts a torn tail off. Fails: NotTrusted (damaged, or of a version that is not known: nobody can say what was
+  /// done), Storage* as the file does.
+  [[nodiscard]] static Result<PrinterJournal> open(std::unique_ptr<JournalFile> file);
+  [[nodiscard]] const std::vector<PrinterJournalEntry>& entries() const { return entries_; }
+  [[nodiscard]] PrinterStage stage() const;
+  /// The last entry of that kind; nullptr: none.
+  [[nodiscard]] const PrinterJournalEntry* last(PrinterStep step) const;
+  /// The last word of an operator.
+  [[nodiscard]] Order order() const;
+  /// Appends and syncs. StorageFailed: what it announces must not be done.
+  [[nodiscard]] Result<void> write(PrinterJournalEntry entry);
+
+ private:
+  explicit PrinterJournal(std::unique_ptr<JournalFile> file) : file_{std::move(file)} {}
+  std::unique_ptr<JournalFile> file_;
+  std::vector<PrinterJournalEntry> entries_;
+  bool broken_ = false;
+};
+
+}  // namespace telefab::fab

@@ -1,0 +1,426 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <telefab/fab/print/whole_print_runner.hpp>
+#include <utility>
+
+namespace telefab::fab {
+namespace {
+
+constexpr std::array<std::string_view, 6> kPhases{"checking", "uploading", "starting", "printing", "lost", "refused"};
+constexpr std::array<std::string_view, 7> kOutcomes{"done", "stopped",    "unknown", "refused", "awaiting-decision",
+                                                    "held", "interrupted"};
+
+/// One run: the runner's arguments, and what it knows by now.
+class Run {
+ public:
+  Run(WholePrinter& printer, PrinterJournal& journal, Clock& clock, const WholePrintJob& job,
+      const WholePrintPolicy& policy, PrintControl& control, const WholePrintSink& sink, std::stop_token stop)
+      : printer_{printer},
+        journal_{journal},
+        clock_{clock},
+        job_{job},
+        policy_{policy},
+        control_{control},
+        sink_{sink},
+        stop_{std::move(stop)} {}
+
+  Result<WholePrintReport> go() {
+    if (auto ok = begin(); !ok) return tl::unexpected{ok.error()};
+    while (true) {
+      if (stop_.stop_requested()) return *report(WholePrintOutcome::Interrupted, PrinterProblem::None, "asked to stop");
+      if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
+      auto done = step();
+      if (!done) return tl::unexpected{done.error()};
+      if (*done) return **done;
+    }
+  }
+
+ private:
+  using Step = Result<std::optional<WholePrintReport>>;  ///< nothing: go on
+
+  Result<void> begin() {
+    const PrinterJournalEntry* planned = journal_.last(PrinterStep::Planned);
+    if (planned == nullptr) {
+      PrinterJournalEntry entry;
+      entry.plan = job_.plan;
+      entry.file = job_.file.name;
+      return write(std::move(entry));
+    }
+    if (planned->plan != job_.plan || planned->file != job_.file.name)
+      return fail(ErrorCode::NotTrusted, "the journal is of the print of another plan");
+    return {};
+  }
+
+  Step step() {
+    switch (journal_.stage()) {
+      case PrinterStage::Nothing:
+      case PrinterStage::Planned:
+      case PrinterStage::Uploaded:
+        return before_start();
+      case PrinterStage::StartUnknown:
+        return await_start();
+      case PrinterStage::Printing:
+        return watch();
+      case PrinterStage::Finished:
+        break;
+    }
+    const PrinterJournalEntry& end = *journal_.last(PrinterStep::Finished);
+    const WholePrintOutcome outcome = end.end == PrinterEnd::Done      ? WholePrintOutcome::Done
+                                      : end.end == PrinterEnd::Stopped ? WholePrintOutcome::Stopped
+                                                                       : WholePrintOutcome::Unknown;
+    return report(outcome, end.problem,
+                  end.end == PrinterEnd::Unknown
+                      ? "the printer has done something else since; look at the part on its platform"
+                      : std::string{advice_on(end.problem)});
+  }
+
+  Step before_start() {
+    if (const Order order = journal_.order(); order == Order::Pause || order == Order::Cancel)
+      return report(
+          WholePrintOutcome::Held, PrinterProblem::None,
+          order == Order::Pause ? "paused before its start; resume it to go on" : "cancelled before its start");
+    emit({.phase = WholePrintPhase::Checking});
+    const auto facts = asked([&] { return printer_.facts(); });
+    if (!facts) return tl::unexpected{facts.error()};
+    if (auto misfit = misfit_of(job_, *facts);
+        misfit.problem != PrinterProblem::None &&
+        // Room is needed for what is still to be sent.
+        !(misfit.problem == PrinterProblem::StorageFull && journal_.stage() == PrinterStage::Uploaded))
+      return report(WholePrintOutcome::Refused, misfit.problem, std::move(misfit.message));
+    const auto status = asked([&] { return printer_.status(); });
+    if (!status) return tl::unexpected{status.error()};
+    task_ = status->task;
+    if (status->activity.prints || status->activity.tests)
+      return report(WholePrintOutcome::Refused, PrinterProblem::Busy,
+                    fmt::format("the printer prints {}; {}", status->task.file, advice_on(PrinterProblem::Busy)));
+    if (journal_.stage() != PrinterStage::Uploaded) return upload();
+    return start(status->task.id);
+  }
+
+  Step upload() {
+    Error last;
+    PrinterProblem problem = PrinterProblem::None;
+    for (std::uint32_t i = 0; i < policy_.uploads; ++i) {
+      if (i > 0) clock_.sleep_for(policy_.poll);
+      const auto sent = upload_once();
+      if (sent && *sent == Sent::Whole) {
+        PrinterJournalEntry entry;
+        entry.step = PrinterStep::Uploaded;
+        if (auto ok = write(std::move(entry)); !ok) return tl::unexpected{ok.error()};
+        return std::optional<WholePrintReport>{};
+      }
+      if (sent && *sent == Sent::Stopped) return std::optional<WholePrintReport>{};  // the loop looks at why
+      problem = upload_problem_;
+      if (problem == PrinterProblem::Other)
+        if (const auto status = asked([&] { return printer_.status(); }); status && !status->activity.is_idle())
+          problem = PrinterProblem::Busy;
+      if (sent && problem != PrinterProblem::FileDamaged)
+        return report(WholePrintOutcome::Refused, problem, std::string{advice_on(problem)});
+      if (!sent) last = sent.error();
+      if (!sent && !is_of_the_line(last.code)) return tl::unexpected{last};
+    }
+    if (problem != PrinterProblem::None)
+      return report(WholePrintOutcome::Refused, problem, std::string{advice_on(problem)});
+    return fail_in(fmt::format("the file could not be sent in {} tries", policy_.uploads), last);
+  }
+
+  enum class Sent : std::uint8_t { Whole, Stopped, Refused };
+  Result<Sent> upload_once() {
+    upload_problem_ = PrinterProblem::None;
+    if (auto ok = printer_.begin_upload(job_.file); !ok) return tl::unexpected{ok.error()};
+    const Nanoseconds begun = clock_.now();
+    std::uint64_t before = 0;
+    Nanoseconds moved = begun;
+    while (true) {
+      if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
+      if (stop_.stop_requested() || is_held()) {
+        (void)printer_.end_upload();  // where even that is lost, nothing was started all the same
+        return Sent::Stopped;
+      }
+      const auto step = printer_.send_part();
+      if (!step) return tl::unexpected{step.error()};
+      if (step->problem != PrinterProblem::None) {
+        upload_problem_ = step->problem;
+        return Sent::Refused;
+      }
+      if (step->sent_bytes != before) moved = clock_.now();
+      before = step->sent_bytes;
+      emit({.phase = WholePrintPhase::Uploading,
+            .share = job_.file.bytes == 0 ? 1 : double(step->sent_bytes) / double(job_.file.bytes)});
+      if (step->is_done) return Sent::Whole;
+      if (clock_.now() - moved > policy_.patience)
+        return fail(ErrorCode::DeviceTimeout, "the printer does not come to an end with checking the file");
+    }
+  }
+
+  [[nodiscard]] bool is_held() const {
+    const Order order = journal_.order();
+    return order == Order::Pause || order == Order::Cancel;
+  }
+
+  Step start(const std::string& task_before) {
+    if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
+    if (is_held() || stop_.stop_requested()) return std::optional<WholePrintReport>{};
+    PrinterJournalEntry entry;
+    entry.step = PrinterStep::Starting;
+    entry.task = task_before;
+    if (auto ok = write(std::move(entry)); !ok) return tl::unexpected{ok.error()};
+    emit({.phase = WholePrintPhase::Starting});
+    const auto answer = printer_.start(job_.file.name);
+    if (answer && *answer == PrinterProblem::None) {
+      is_promised_ = true;
+      return std::optional<WholePrintReport>{};
+    }
+    if (!answer && (answer.error().code == ErrorCode::DeviceTimeout || answer.error().code == ErrorCode::DeviceLost)) {
+      emit({.phase = WholePrintPhase::Lost, .message = answer.error().what});
+      return std::optional<WholePrintReport>{};
+    }
+    PrinterJournalEntry refused;
+    refused.step = PrinterStep::NotStarted;
+    refused.problem = answer ? *answer : PrinterProblem::Other;
+    if (auto ok = write(std::move(refused)); !ok) return tl::unexpected{ok.error()};
+    if (!answer) return tl::unexpected{answer.error()};
+    const bool wants_file = *answer == PrinterProblem::FileNotFound || *answer == PrinterProblem::FileDamaged;
+    if (wants_file && resent_++ < policy_.uploads) return upload();
+    return report(WholePrintOutcome::Refused, *answer, std::string{advice_on(*answer)});
+  }
+
+  /// The printer was asked, by this run or one before. Its task says whether it does it.
+  Step await_start() {
+    const std::string before = journal_.last(PrinterStep::Starting)->task;
+    const Nanoseconds begun = clock_.now();
+    bool was_still = true;  // idle behind the same task all the time
+    while (true) {
+      const auto status = asked([&] { return printer_.status(); });
+      if (!status) return tl::unexpected{status.error()};
+      task_ = status->task;
+      const bool is_ours = status->task.file == job_.file.name;
+      const bool is_new = status->task.id != before;
+      if (is_ours && (is_new || (is_promised_ && status->task.id.empty() && status->activity.prints)))
+        return started(status->task.id);
+      was_still = was_still && !is_new && !status->activity.prints;
+      if (clock_.now() - begun >= policy_.start_wait) break;
+      if (stop_.stop_requested()) return std::optional<WholePrintReport>{};
+      if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
+      clock_.sleep_for(policy_.poll);
+    }
+    // The name of the last task is proof only where the printer gives names.
+    if (was_still && !before.empty() && !is_promised_) {
+      PrinterJournalEntry entry;
+      entry.step = PrinterStep::NotStarted;
+      if (auto ok = write(std::move(entry)); !ok) return tl::unexpected{ok.error()};
+      return std::optional<WholePrintReport>{};
+    }
+    return report(
+        WholePrintOutcome::AwaitingDecision, PrinterProblem::None,
+        "the printer was asked to start and does not say whether it did; look at it, then decide: start-again "
+        "or treat-as-started");
+  }
+
+  Step started(const std::string& task) {
+    PrinterJournalEntry entry;
+    entry.step = PrinterStep::Started;
+    entry.task = task;
+    if (auto ok = write(std::move(entry)); !ok) return tl::unexpected{ok.error()};
+    return std::optional<WholePrintReport>{};
+  }
+
+  Step watch() {
+    // Where an operator says that it was started, the task is whichever has the file.
+    std::optional<std::string> own;
+    for (const PrinterJournalEntry& entry : journal_.entries()) {
+      if (entry.step == PrinterStep::Started) own = entry.task;
+      if (entry.step == PrinterStep::DecidedTreatAsStarted) own.reset();
+    }
+    while (true) {
+      const auto status = asked([&] { return printer_.status(); });
+      if (!status) return tl::unexpected{status.error()};
+      const PrinterTask& task = status->task;
+      const bool is_ours = own ? task.id == *own : task.file == job_.file.name;
+      if (!is_ours) return end_from_memory(own);
+      task_ = task;
+      emit({.phase = WholePrintPhase::Printing, .task = task});
+      if (task.state == TaskState::Complete) return finished(PrinterEnd::Done, task.problem);
+      if (task.state == TaskState::Stopped || (task.problem != PrinterProblem::None && !status->activity.prints))
+        return finished(PrinterEnd::Stopped, task.problem);
+      if (stop_.stop_requested()) return std::optional<WholePrintReport>{};
+      recall_word(task.state);
+      (void)pass_on();  // the sink has what came of it
+      if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
+      clock_.sleep_for(policy_.poll);
+    }
+  }
+
+  /// The printer does something else by now; it may remember how ours ended.
+  Step end_from_memory(const std::optional<std::string>& own) {
+    if (!own || own->empty()) return finished(PrinterEnd::Unknown, PrinterProblem::None);
+    const auto known = asked([&] { return printer_.task(*own); });
+    if (!known) return tl::unexpected{known.error()};
+    if (*known) task_ = **known;
+    if (*known && (*known)->state == TaskState::Complete) return finished(PrinterEnd::Done, (*known)->problem);
+    if (*known && (*known)->state == TaskState::Stopped) return finished(PrinterEnd::Stopped, (*known)->problem);
+    return finished(PrinterEnd::Unknown, PrinterProblem::None);
+  }
+
+  Step finished(PrinterEnd end, PrinterProblem problem) {
+    PrinterJournalEntry entry;
+    entry.step = PrinterStep::Finished;
+    entry.end = end;
+    entry.problem = problem;
+    if (auto ok = write(std::move(entry)); !ok) return tl::unexpected{ok.error()};
+    return std::optional<WholePrintReport>{};
+  }
+
+  /// Operators' words: journalled, and passed on to a print under way.
+  Result<void> take_words() {
+    while (auto wish = control_.take()) {
+      PrinterJournalEntry entry;
+      if (const auto* pause = std::get_if<PauseAsked>(&wish->event)) {
+        entry.step = PrinterStep::PauseAsked, entry.by = pause->by;
+      } else if (const auto* resume = std::get_if<ResumeAsked>(&wish->event)) {
+        entry.step = PrinterStep::Resumed, entry.by = resume->by;
+      } else if (const auto* cancel = std::get_if<CancelAsked>(&wish->event)) {
+        entry.step = PrinterStep::CancelAsked, entry.by = cancel->by;
+      } else {
+        if (wish->kept)
+          wish->kept(fail(ErrorCode::Conflict, "a printer that owns its light knows pause, resume and cancel"));
+        continue;
+      }
+      const PrinterStep word = entry.step;
+      auto kept = write(std::move(entry));
+      const bool is_written = kept.has_value();
+      if (is_written && journal_.stage() == PrinterStage::Printing) {
+        unpassed_ = word;
+        kept = pass_on();
+      }
+      if (wish->kept) wish->kept(kept);
+      if (!is_written) return kept;
+    }
+    return {};
+  }
+
+  /// The standing word goes to the printer. One that the line lost stays to be passed on with the next question; a word
+  /// that the printer refuses is over: DeviceRefused.
+  Result<void> pass_on() {
+    if (!unpassed_) return {};
+    const PrinterStep word = *unpassed_;
+    const auto answer = word == PrinterStep::PauseAsked ? printer_.pause()
+                        : word == PrinterStep::Resumed  ? printer_.resume()
+                                                        : printer_.stop();
+    if (!answer && is_of_the_line(answer.error().code)) {
+      emit({.phase = WholePrintPhase::Lost, .message = answer.error().what});
+      return {};
+    }
+    unpassed_.reset();
+    if (answer && *answer == PrinterProblem::None) return {};
+    const std::string why =
+        answer ? fmt::format("the printer does not do it: {}", advice_on(*answer)) : answer.error().what;
+    emit({.phase = WholePrintPhase::Refused, .message = why});
+    return fail(ErrorCode::DeviceRefused, why);
+  }
+
+  /// A word from before the start, or from a run before this one, that the printer does not follow yet.
+  void recall_word(TaskState state) {
+    if (std::exchange(is_recalled_, true) || unpassed_) return;
+    const Order order = journal_.order();
+    if (order == Order::Cancel && state != TaskState::Stopping && state != TaskState::Stopped)
+      unpassed_ = PrinterStep::CancelAsked;
+    if (order == Order::Pause && state != TaskState::Pausing && state != TaskState::Paused)
+      unpassed_ = PrinterStep::PauseAsked;
+  }
+
+  static bool is_of_the_line(ErrorCode code) {
+    return code == ErrorCode::Unreachable || code == ErrorCode::DeviceLost || code == ErrorCode::DeviceTimeout ||
+           code == ErrorCode::DeviceRefused || code == ErrorCode::ProtocolBroken;
+  }
+
+  /// Asks until there is an answer, the patience is over or somebody wants to stop.
+  template <class Ask>
+  auto asked(const Ask& ask) -> decltype(ask()) {
+    const Nanoseconds begun = clock_.now();
+    while (true) {
+      auto answer = ask();
+      if (answer || !is_of_the_line(answer.error().code)) return answer;
+      emit({.phase = WholePrintPhase::Lost, .message = answer.error().what});
+      if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
+      if (stop_.stop_requested() || clock_.now() - begun >= policy_.patience) return answer;
+      clock_.sleep_for(policy_.poll);
+    }
+  }
+
+  Result<void> write(PrinterJournalEntry entry) {
+    entry.wall = clock_.wall();
+    return journal_.write(std::move(entry));
+  }
+  void emit(const WholePrintEvent& event) {
+    if (sink_) sink_(event);
+  }
+  std::optional<WholePrintReport> report(WholePrintOutcome outcome, PrinterProblem problem, std::string message) const {
+    return WholePrintReport{outcome, problem, std::move(message), task_};
+  }
+
+  WholePrinter& printer_;
+  PrinterJournal& journal_;
+  Clock& clock_;
+  const WholePrintJob& job_;
+  const WholePrintPolicy& policy_;
+  PrintControl& control_;
+  const WholePrintSink& sink_;
+  std::stop_token stop_;
+  PrinterTask task_;
+  PrinterProblem upload_problem_ = PrinterProblem::None;
+  std::uint32_t resent_ = 0;
+  bool is_promised_ = false;  ///< the printer said yes in this run
+  std::optional<PrinterStep> unpassed_;
+  bool is_recalled_ = false;
+};
+
+}  // namespace
+
+std::string_view name_of(WholePrintPhase phase) { return kPhases.at(static_cast<std::size_t>(phase)); }
+std::string_view name_of(WholePrintOutcome outcome) { return kOutcomes.at(static_cast<std::size_t>(outcome)); }
+
+PrinterMisfit misfit_of(const WholePrintJob& job, const WholePrinterFacts& printer) {
+  if (!printer.takes_files || !printer.takes_orders)
+    return {PrinterProblem::WrongFormat, fmt::format("{} takes no files and orders over the network", printer.model)};
+  if (std::find(printer.file_kinds.begin(), printer.file_kinds.end(), job.file_kind) == printer.file_kinds.end())
+    return {PrinterProblem::WrongFormat, fmt::format("{} takes {} files, not {}", printer.model,
+                                                     fmt::join(printer.file_kinds, ", "), job.file_kind)};
+  if (printer.size != PixelSize{} && printer.size != job.size)
+    return {PrinterProblem::WrongResolution,
+            fmt::format("the panel of {} has {} x {} pixels, the plan {} x {}; plan for the profile of this printer",
+                        printer.model, printer.size.width_px, printer.size.height_px, job.size.width_px,
+                        job.size.height_px)};
+  if (printer.model != job.model)
+    return {PrinterProblem::WrongModel,
+            fmt::format("the printer is \"{}\", the file names \"{}\"; state file.model in the profile as the printer "
+                        "calls itself",
+                        printer.model, job.model)};
+  if (printer.free_bytes && *printer.free_bytes < job.file.bytes)
+    return {PrinterProblem::StorageFull,
+            fmt::format("the printer has room for {} bytes, the file has {}; delete files at its panel",
+                        *printer.free_bytes, job.file.bytes)};
+  return {};
+}
+
+Result<WholePrintReport> WholePrintRunner::run(const WholePrintJob& job, const WholePrintPolicy& policy,
+                                               PrintControl& control, const WholePrintSink& sink,
+                                               std::stop_token stop) {
+  return Run{printer_, journal_, clock_, job, policy, control, sink, std::move(stop)}.go();
+}
+
+Result<void> decide_start(PrinterJournal& journal, StartDecision decision, std::string by, Nanoseconds wall) {
+  if (journal.stage() != PrinterStage::StartUnknown)
+    return fail(ErrorCode::Conflict, "no start of this print is in question");
+  PrinterJournalEntry entry;
+  entry.step =
+      decision == StartDecision::StartAgain ? PrinterStep::DecidedStartAgain : PrinterStep::DecidedTreatAsStarted;
+  entry.by = std::move(by);
+  entry.wall = wall;
+  return journal.write(std::move(entry));
+}
+
+}  // namespace telefab::fab
