@@ -11,8 +11,11 @@ namespace telefab::fab {
 [[nodiscard]] VerbBody declare_cover(VerbOptions& options);
 [[nodiscard]] VerbBody declare_plan(VerbOptions& options);
 [[nodiscard]] VerbBody declare_predict(VerbOptions& options);
+[[nodiscard]] VerbBody declare_printers(VerbOptions& options);
 [[nodiscard]] VerbBody declare_probe(VerbOptions& options);
+[[nodiscard]] VerbBody declare_send(VerbOptions& options);
 [[nodiscard]] VerbBody declare_serve(VerbOptions& options);
+[[nodiscard]] VerbBody declare_simulate_printer(VerbOptions& options);
 [[nodiscard]] VerbBody declare_simulate_usb(VerbOptions& options);
 [[nodiscard]] VerbBody declare_supports(VerbOptions& options);
 [[nodiscard]] VerbBody declare_verify(VerbOptions& options);

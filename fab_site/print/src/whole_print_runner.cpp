@@ -10,8 +10,8 @@ namespace telefab::fab {
 namespace {
 
 constexpr std::array<std::string_view, 6> kPhases{"checking", "uploading", "starting", "printing", "lost", "refused"};
-constexpr std::array<std::string_view, 7> kOutcomes{"done", "stopped",    "unknown", "refused", "awaiting-decision",
-                                                    "held", "interrupted"};
+constexpr std::array<std::string_view, 8> kOutcomes{"done", "stopped", "unknown",    "refused", "awaiting-decision",
+                                                    "held", "sent",    "interrupted"};
 
 /// One run: the runner's arguments, and what it knows by now.
 class Run {
@@ -82,6 +82,8 @@ class Run {
       return report(
           WholePrintOutcome::Held, PrinterProblem::None,
           order == Order::Pause ? "paused before its start; resume it to go on" : "cancelled before its start");
+    if (!policy_.starts && journal_.stage() == PrinterStage::Uploaded)
+      return report(WholePrintOutcome::Sent, PrinterProblem::None, "the printer has the file; nothing was started");
     emit({.phase = WholePrintPhase::Checking});
     const auto facts = asked([&] { return printer_.facts(); });
     if (!facts) return tl::unexpected{facts.error()};

@@ -117,6 +117,25 @@ TEST(WholePrintWords, ThatThePrinterDoesNotFollowAreRefusedByName) {
   EXPECT_EQ(refused->code, ErrorCode::DeviceRefused);
 }
 
+TEST(WholePrint, ThatIsOnlySentStartsNothingUntilItIsAskedTo) {
+  WholePrintBench bench;
+  auto opened = PrinterJournal::open(memory_journal_file(bench.journal)).value();
+  SdcpOptions options;
+  options.address.host = "127.0.0.1";
+  const auto driver = make_sdcp_printer(*bench.network, bench.clock, options);
+  PrintControl control;
+  WholePrintPolicy policy;
+  policy.starts = false;
+  for (int i = 0; i < 2; ++i) {
+    const auto sent = WholePrintRunner{*driver, opened, bench.clock}.run(bench.job, policy, control, {}, {});
+    ASSERT_TRUE(sent) << sent.error().what;
+    EXPECT_EQ(sent->outcome, WholePrintOutcome::Sent);
+    EXPECT_EQ(bench.model.stored("part.goo"), bench.bytes);
+    EXPECT_EQ(bench.model.starts_of("part.goo"), 0U);
+  }
+  EXPECT_EQ(bench.run()->outcome, WholePrintOutcome::Done);
+}
+
 TEST(WholePrintWords, AboutAStartAreTakenOnlyWhereOneIsInQuestion) {
   WholePrintBench bench;
   ASSERT_TRUE(bench.run());

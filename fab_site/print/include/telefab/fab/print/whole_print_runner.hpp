@@ -44,6 +44,7 @@ enum class WholePrintOutcome : std::uint8_t {
   Refused,           ///< nothing was started (problem); may be run again
   AwaitingDecision,  ///< perhaps started: decide_start(), then run again
   Held,              ///< nothing was started: an operator's pause or cancel stands
+  Sent,              ///< the printer has the file; nothing was started (WholePrintPolicy::starts)
   Interrupted,       ///< asked to stop; a print under way goes on at the printer
 };
 [[nodiscard]] std::string_view name_of(WholePrintOutcome outcome);
@@ -59,6 +60,7 @@ struct WholePrintPolicy {
   Nanoseconds poll = std::chrono::seconds{2};         ///< between two questions; > 0
   Nanoseconds start_wait = std::chrono::seconds{30};  ///< for a start to show; >= poll
   Nanoseconds patience = std::chrono::minutes{10};    ///< without an answer, then the run fails and may be run again
+  bool starts = true;                                 ///< else the file is sent and checked, and that is all
   std::uint32_t uploads = 3;                          ///< tries to send the file; >= 1
 };
 

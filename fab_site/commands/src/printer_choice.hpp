@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <memory>
+#include <string>
+#include <telefab/base/clock.hpp>
+#include <telefab/fab/drivers/sdcp_printer.hpp>
+
+namespace telefab::fab {
+
+/// Where a printer is looked for.
+struct PrinterChoice {
+  std::string address;  ///< "HOST" or "HOST:PORT"; empty: by broadcast, where just one answers
+  std::string id;       ///< of its board; empty: any
+  std::uint16_t question_port = kSdcpQuestionPort;
+};
+
+/// The printer of that choice. Fails: InvalidInput (address), NotFound (none answers, or several: they are listed),
+/// Unreachable. Network and clock must outlive it.
+[[nodiscard]] Result<std::unique_ptr<WholePrinter>> chosen_printer(PrinterNetwork& network, Clock& clock,
+                                                                   const PrinterChoice& choice);
+
+}  // namespace telefab::fab

@@ -1,0 +1,268 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <telefab/base/file.hpp>
+#include <telefab/base/json_text.hpp>
+#include <telefab/command_line/machine_choice.hpp>
+#include <telefab/command_line/output.hpp>
+#include <telefab/fab/formats/mask_export.hpp>
+#include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/planning/preflight.hpp>
+#include <telefab/fab/print/whole_print_runner.hpp>
+
+#include "printer_choice.hpp"
+#include "read_stack.hpp"
+#include "verbs.hpp"
+
+namespace telefab::fab {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr std::uint64_t kMostFileBytes = 4ULL << 30U;
+
+struct Options {
+  std::string plan;
+  std::string to;
+  std::string work;
+  std::string decision;
+  MachineChoice machine;
+  std::vector<std::string> although;
+  std::uint16_t question_port = kSdcpQuestionPort;
+  bool starts = false;
+  bool is_json = false;
+};
+
+/// A name that every printer takes, another one for every plan.
+std::string name_on_printer(const PrintPlan& plan) {
+  std::string name;
+  for (const char c : plan.job) {
+    const bool plain =
+        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_';
+    if (name.size() < 40) name += plain ? c : '_';
+  }
+  return fmt::format("{}-{}.goo", name.empty() ? "job" : name, to_hex(plan_digest(plan)).substr(0, 8));
+}
+
+Result<WholePrintJob> job_of(PlannedJob& planned, const MachineProfile& machine, const Options& o, const fs::path& work,
+                             const std::stop_token& stop) {
+  const PrintPlan& plan = planned.plan();
+  if (auto ok = plan.fits(machine); !ok) return tl::unexpected{ok.error()};
+  if (machine.file.kind != PrinterFile::Goo || machine.file.model.empty())
+    return fail(
+        ErrorCode::InvalidInput,
+        fmt::format("the profile {} does not say what its printer takes; state [file] kind = \"goo\" and model = "
+                    "\"...\" as the printer calls itself (telefab-fab printers shows it)",
+                    machine.name));
+  const fs::path file = work / "print.goo";
+  std::error_code error;
+  if (!fs::is_regular_file(file, error)) {
+    const auto report = export_masks(MaskFormat::Goo, plan, planned, machine, file, progress_line(), stop);
+    clear_progress();
+    if (!report) return tl::unexpected{report.error()};
+    if (report->other_motions > 0 && !o.is_json)
+      write_note(
+          fmt::format("telefab-fab: {} layers tilt, which a GOO file cannot say; the printer moves as it is set\n",
+                      report->other_motions));
+  }
+  auto bytes = read_file(file, kMostFileBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  const auto kept = std::make_shared<const std::vector<std::byte>>(std::move(*bytes));
+  WholePrintJob job;
+  job.plan = plan_digest(plan);
+  job.file = {name_on_printer(plan), kept->size(), md5_hex(*kept),
+              [kept](std::uint64_t offset, std::size_t count) -> Result<std::vector<std::byte>> {
+                const auto part = std::span{*kept}.subspan(offset, count);
+                return std::vector<std::byte>(part.begin(), part.end());
+              }};
+  job.file_kind = "GOO";
+  job.model = machine.file.model;
+  job.size = plan.mask_size;
+  job.layers = static_cast<std::uint32_t>(plan.layers.size());
+  return job;
+}
+
+Json json_of(const PrinterTask& task) {
+  return {{"id", task.id},
+          {"file", task.file},
+          {"state", name_of(task.state)},
+          {"layer", task.layer},
+          {"layers", task.layers},
+          {"elapsed_ms", task.elapsed.count()},
+          {"estimated_ms", task.estimated.count()}};
+}
+
+/// A line an event: of a print under way one a layer.
+WholePrintSink sink_of(const Options& o) {
+  struct Last {
+    WholePrintPhase phase = WholePrintPhase::Checking;
+    std::uint32_t layer = 0;
+    int percent = -1;
+    TaskState state = TaskState::None;
+  };
+  const auto last = std::make_shared<Last>();
+  return [last, is_json = o.is_json](const WholePrintEvent& e) {
+    const int percent = static_cast<int>(e.share * 100) / 10 * 10;
+    const bool is_new = e.phase != last->phase || e.task.layer != last->layer || percent != last->percent ||
+                        e.task.state != last->state;
+    *last = {e.phase, e.task.layer, percent, e.task.state};
+    if (!is_new) return;
+    if (is_json) {
+      Json json{{"phase", name_of(e.phase)}};
+      if (e.phase == WholePrintPhase::Uploading) json["share"] = e.share;
+      if (e.phase == WholePrintPhase::Printing) json["task"] = json_of(e.task);
+      if (!e.message.empty()) json["message"] = e.message;
+      write_output(json_text(json) + "\n");
+    } else if (e.phase == WholePrintPhase::Uploading) {
+      write_note(fmt::format("telefab-fab: {} % sent\n", percent));
+    } else if (e.phase == WholePrintPhase::Printing) {
+      write_note(fmt::format("telefab-fab: {}, layer {} of {}\n", name_of(e.task.state), e.task.layer, e.task.layers));
+    } else {
+      write_note(fmt::format("telefab-fab: {}{}{}\n", name_of(e.phase), e.message.empty() ? "" : ": ", e.message));
+    }
+    (void)flush_output();  // whoever watches; run_program reports a failure
+  };
+}
+
+ExitCode code_of(WholePrintOutcome outcome) {
+  switch (outcome) {
+    case WholePrintOutcome::Done:
+    case WholePrintOutcome::Sent:
+      return ExitCode::Ok;
+    case WholePrintOutcome::Stopped:
+    case WholePrintOutcome::Unknown:
+      return ExitCode::JobFailed;
+    case WholePrintOutcome::Refused:
+    case WholePrintOutcome::AwaitingDecision:
+      return ExitCode::Device;
+    case WholePrintOutcome::Held:
+    case WholePrintOutcome::Interrupted:
+      break;
+  }
+  return ExitCode::Cancelled;
+}
+
+void print_report(const WholePrintReport& report, const Options& o) {
+  if (o.is_json) {
+    write_output(json_text({{"outcome", name_of(report.outcome)},
+                            {"problem", name_of(report.problem)},
+                            {"message", report.message},
+                            {"task", json_of(report.task)}}) +
+                 "\n");
+    return;
+  }
+  switch (report.outcome) {
+    case WholePrintOutcome::Done:
+      write_output(fmt::format("printed, {} layers; light: by the printer\n", report.task.layers));
+      break;
+    case WholePrintOutcome::Sent:
+      write_output("sent and checked by the printer; nothing was started. Start it with --start\n");
+      break;
+    case WholePrintOutcome::Interrupted:
+      write_note(
+          "telefab-fab: no longer watched; a print under way goes on at the printer. The same command watches it "
+          "again, telefab-fab printers --address HOST --order stop ends it\n");
+      break;
+    case WholePrintOutcome::Stopped:
+    case WholePrintOutcome::Unknown:
+    case WholePrintOutcome::Refused:
+    case WholePrintOutcome::AwaitingDecision:
+    case WholePrintOutcome::Held:
+      write_note(fmt::format("telefab-fab: {}: {}{}\n", name_of(report.outcome), report.message,
+                             report.outcome == WholePrintOutcome::AwaitingDecision ? " (--as)" : ""));
+  }
+}
+
+/// What keeps the plan from a printer.
+Result<bool> may_leave(const Options& o) {
+  const auto preflight = preflight_in(o.plan);
+  if (!preflight) return tl::unexpected{preflight.error()};
+  const auto why = let_through(*preflight, fmt::format("{}", fmt::join(o.although, ",")));
+  if (!why && why.error().code == ErrorCode::NotPermitted) {
+    write_note(fmt::format("telefab-fab: {}: {}\n", o.plan, why.error().what));
+    return false;
+  }
+  if (!why) return tl::unexpected{why.error()};
+  if (!why->empty()) write_note(fmt::format("telefab-fab: held, and sent {}\n", *why));
+  return true;
+}
+
+Result<ExitCode> send(const Options& o, const std::stop_token& stop) {
+  const auto may = may_leave(o);
+  if (!may) return tl::unexpected{may.error()};
+  if (!*may) return ExitCode::NotCertified;
+  auto planned = PlannedJob::open(o.plan);
+  if (!planned) return tl::unexpected{planned.error()};
+  const auto machine = chosen_machine(o.machine, (*planned)->plan().machine);
+  if (!machine) return tl::unexpected{machine.error()};
+
+  // Beside the plan's folder, which is replaced as a whole where the job is planned again.
+  std::string plan_path = o.plan;
+  while (plan_path.size() > 1 && plan_path.back() == '/') plan_path.pop_back();
+  const fs::path work{o.work.empty() ? plan_path + ".sent" : o.work};
+  std::error_code error;
+  fs::create_directories(work, error);
+  if (error)
+    return fail(ErrorCode::NotPermitted, fmt::format("cannot make the folder {}: {}", work.string(), error.message()));
+  const auto job = job_of(**planned, *machine, o, work, stop);
+  if (!job) return tl::unexpected{job.error()};
+  auto file = open_journal_file(work / "printer.journal");
+  if (!file) return tl::unexpected{file.error()};
+  auto journal = PrinterJournal::open(std::move(*file));
+  if (!journal) return fail_in((work / "printer.journal").string(), journal.error());
+
+  SystemClock clock;
+  if (!o.decision.empty()) {
+    const auto decision = o.decision == "start-again" ? StartDecision::StartAgain : StartDecision::TreatAsStarted;
+    if (auto ok = decide_start(*journal, decision, "command line", clock.wall()); !ok)
+      return tl::unexpected{ok.error()};
+  }
+  const auto network = make_printer_network();
+  const auto& devices = machine->devices;
+  const auto printer = chosen_printer(
+      *network, clock, {o.to.empty() ? devices.printer_address : o.to, devices.printer_id, o.question_port});
+  if (!printer) return tl::unexpected{printer.error()};
+  PrintControl control;
+  WholePrintPolicy policy;
+  policy.starts = o.starts;
+  const auto report = WholePrintRunner{**printer, *journal, clock}.run(*job, policy, control, sink_of(o), stop);
+  if (!report) return tl::unexpected{report.error()};
+  print_report(*report, o);
+  return code_of(report->outcome);
+}
+
+}  // namespace
+
+VerbBody declare_send(VerbOptions& options) {
+  auto o = std::make_shared<Options>();
+  options.add("PLAN", o->plan, "folder of a plan (telefab-fab plan --out)").required();
+  options.add("--to", o->to,
+              "the printer, HOST or HOST:PORT; default: devices.printer_address of the profile, else the only one that "
+              "answers in the network");
+  options.flag("--start", o->starts, "start the print once the printer has the file, and watch it: the printer LIGHTS");
+  options
+      .add("--although", o->although,
+           "NAME of what holds the plan (telefab-fab plan lists it); give every one. A held plan is not sent without")
+      .separated_by(',');
+  options
+      .add("--as", o->decision,
+           "after a start that nobody knows of: start-again (the printer stands idle), treat-as-started")
+      .one_of({"start-again", "treat-as-started"});
+  options.add("--work", o->work, "folder of the file that is sent and its journal; default: PLAN.sent");
+  options.add("--question-port", o->question_port, "UDP port of the question who is there").shows_default();
+  options.flag("--json", o->is_json, "one JSON line an event, the outcome last");
+  declare_machine_choice(options, o->machine, "profile that names the file its printer takes; default: the plan's",
+                         MachineIs::Optional);
+  options.footer(
+      "The printer owns light and stage: this program sends the file, checks model, resolution, kind and room before, "
+      "and\n"
+      "watches. A print is asked for once: the same command again goes on watching, and never starts a second one.\n"
+      "Interrupted it stops watching; the printer goes on. telefab-fab printers --address HOST --order stop ends it.");
+  return [o](std::stop_token stop) -> Result<ExitCode> { return send(*o, stop); };
+}
+
+}  // namespace telefab::fab
