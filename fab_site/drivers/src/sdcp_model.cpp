@@ -14,6 +14,11 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+bool is_text(const Json& object, const char* key, const std::string& text) {
+  const auto found = object.find(key);
+  return found != object.end() && found->is_string() && found->get_ref<const std::string&>() == text;
+}
+
 std::uint32_t big_endian(const std::string& bytes, std::size_t at, std::size_t size) {
   std::uint32_t value = 0;
   for (std::size_t i = 0; i < size; ++i) value = value << 8U | static_cast<unsigned char>(bytes.at(at + i));
@@ -287,7 +292,7 @@ struct SdcpModel::State {
       case sdcp::kContinue:
         return Json{{"Ack", control(command)}};
       case sdcp::kEndTransfer: {
-        const bool is_own = upload && data.value("Uuid", "") == upload->uuid;
+        const bool is_own = upload && is_text(data, "Uuid", upload->uuid);
         if (is_own) upload.reset();
         return Json{{"Ack", is_own ? 0 : 1}};
       }
@@ -420,8 +425,8 @@ PeerAnswer SdcpModel::on_message(std::string_view text) {
   const bool is_request = outer.is_object() && is_whole(outer, "Cmd") && is_whole(outer, "TimeStamp") &&
                           is_whole(outer, "From") && outer.contains("Data") && outer["Data"].is_object() &&
                           outer.contains("RequestID") && outer["RequestID"].is_string() && message.contains("Id") &&
-                          message.value("Topic", "") == "sdcp/request/" + s.options.id &&
-                          outer.value("MainboardID", "") == s.options.id;
+                          is_text(message, "Topic", "sdcp/request/" + s.options.id) &&
+                          is_text(outer, "MainboardID", s.options.id);
   if (!is_request) {
     s.violated("not a request of this printer: " + std::string{text.substr(0, 200)});
     return {};
