@@ -12,14 +12,14 @@ Result<std::unique_ptr<WholePrinter>> chosen_printer(PrinterNetwork& network, Cl
   SdcpOptions options;
   options.id = choice.id;
   options.question_port = choice.question_port;
+  options.connect_timeout = choice.wait;
   if (!choice.address.empty()) {
     auto address = printer_address_from_text(choice.address, kSdcpPort);
     if (!address) return tl::unexpected{address.error()};
     options.address = std::move(*address);
     return make_sdcp_printer(network, clock, std::move(options));
   }
-  constexpr Nanoseconds kWait = std::chrono::seconds{3};
-  auto found = find_sdcp_printers(network, "", kWait, choice.question_port);
+  auto found = find_sdcp_printers(network, "", choice.wait, choice.question_port);
   if (!found) return tl::unexpected{found.error()};
   if (!choice.id.empty()) std::erase_if(*found, [&](const FoundPrinter& p) { return p.id != choice.id; });
   if (found->empty()) return fail(ErrorCode::NotFound, "no printer answers in this network; give its address");

@@ -12,6 +12,7 @@ struct PrinterChoice {
   std::string address;  ///< "HOST" or "HOST:PORT"; empty: by broadcast, where just one answers
   std::string id;       ///< of its board; empty: any
   std::uint16_t question_port = kSdcpQuestionPort;
+  Nanoseconds wait = std::chrono::seconds{3};  ///< for its first answer
 };
 
 /// The printer of that choice. Fails: InvalidInput (address), NotFound (none answers, or several: they are listed),

@@ -22,9 +22,10 @@ struct Options {
   bool is_json = false;
 };
 
+Nanoseconds wait_of(const Options& o) { return Nanoseconds{static_cast<Nanoseconds::rep>(o.wait_s * 1e9)}; }
+
 Result<ExitCode> list(PrinterNetwork& network, const Options& o) {
-  const auto found =
-      find_sdcp_printers(network, "", Nanoseconds{static_cast<Nanoseconds::rep>(o.wait_s * 1e9)}, o.question_port);
+  const auto found = find_sdcp_printers(network, "", wait_of(o), o.question_port);
   if (!found) return tl::unexpected{found.error()};
   Json all = Json::array();
   for (const FoundPrinter& p : *found) {
@@ -86,7 +87,7 @@ void print_printer(const WholePrinterFacts& f, const WholePrinterStatus& s, bool
 
 Result<ExitCode> ask_one(PrinterNetwork& network, const Options& o) {
   SystemClock clock;
-  const auto printer = chosen_printer(network, clock, {o.address, {}, o.question_port});
+  const auto printer = chosen_printer(network, clock, {o.address, {}, o.question_port, wait_of(o)});
   if (!printer) return tl::unexpected{printer.error()};
   if (!o.order.empty()) {
     const auto answer = o.order == "pause"    ? (*printer)->pause()

@@ -44,7 +44,8 @@ VerbBody declare_simulate_printer(VerbOptions& options) {
         },
         stop);
     if (!served) return tl::unexpected{served.error()};
-    write_output(fmt::format("messages against the protocol: {}\n", model.violations().size()));
+    write_output(fmt::format("prints begun: {}, messages against the protocol: {}\n", model.starts(),
+                             model.violations().size()));
     return ExitCode::Ok;
   };
 }

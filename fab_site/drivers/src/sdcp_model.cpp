@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <telefab/base/digest.hpp>
+#include <telefab/base/json_number.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/fab/drivers/sdcp_model.hpp>
 
@@ -13,6 +14,14 @@ namespace telefab::fab {
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+std::optional<std::int64_t> whole_at(const Json& object, const char* key) {
+  try {
+    return whole_number<std::int64_t>(object.at(key));
+  } catch (const Json::exception&) {
+    return std::nullopt;
+  }
+}
 
 bool is_text(const Json& object, const char* key, const std::string& text) {
   const auto found = object.find(key);
@@ -369,6 +378,11 @@ std::size_t SdcpModel::starts_of(const std::string& file) const {
   const auto found = state_->starts.find(file);
   return found == state_->starts.end() ? 0 : found->second;
 }
+std::size_t SdcpModel::starts() const {
+  std::size_t sum = 0;
+  for (const auto& [file, count] : state_->starts) sum += count;
+  return sum;
+}
 std::size_t SdcpModel::layers_of(const std::string& file) {
   state_->advance();
   return state_->layers[file];
@@ -417,13 +431,10 @@ PeerAnswer SdcpModel::on_message(std::string_view text) {
   }
   if (text == "ping") return {{"pong"}, false};
   const Json message = json_or_discarded(text);
-  const auto is_whole = [](const Json& object, const char* key) {
-    return object.contains(key) && object[key].is_number_integer();
-  };
   const Json none;
   const Json& outer = message.is_object() && message.contains("Data") ? message["Data"] : none;
-  const bool is_request = outer.is_object() && is_whole(outer, "Cmd") && is_whole(outer, "TimeStamp") &&
-                          is_whole(outer, "From") && outer.contains("Data") && outer["Data"].is_object() &&
+  const bool is_request = outer.is_object() && whole_at(outer, "Cmd") && whole_at(outer, "TimeStamp") &&
+                          whole_at(outer, "From") && outer.contains("Data") && outer["Data"].is_object() &&
                           outer.contains("RequestID") && outer["RequestID"].is_string() && message.contains("Id") &&
                           is_text(message, "Topic", "sdcp/request/" + s.options.id) &&
                           is_text(outer, "MainboardID", s.options.id);
@@ -432,7 +443,7 @@ PeerAnswer SdcpModel::on_message(std::string_view text) {
     return {};
   }
   std::vector<std::string> behind;
-  const auto command = outer["Cmd"].get<std::int64_t>();
+  const std::int64_t command = *whole_at(outer, "Cmd");
   const auto inner = s.carry_out(command, outer["Data"], behind);
   if (s.strikes(SdcpFault::LostAnswer)) return {{}, true};
   if (!inner || s.strikes(SdcpFault::NoAnswer)) return {};
@@ -463,7 +474,7 @@ std::optional<HttpReply> SdcpModel::on_post(std::string_view path, std::string_v
   }
   const auto form = form_of(content_type, body);
   if (path != sdcp::kUploadPath || !form) {
-    s.violated("a post that is no part of a file");
+    s.violated("a post that is not a part of a file");
     return HttpReply{404, ""};
   }
   const HttpReply reply = reply_of(s.take_part(*form));

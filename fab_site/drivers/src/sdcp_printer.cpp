@@ -21,19 +21,21 @@ std::string text_at(const Json& object, const char* key) {
   return found != object.end() && found->is_string() ? to_printable(found->get<std::string>()) : std::string{};
 }
 /// A whole number, also where a board writes it as text or with a point.
+std::optional<std::int64_t> number_of(const Json& value) {
+  constexpr double kMost = 9e15;
+  if (value.is_number()) {
+    const double number = value.get<double>();
+    return number >= -kMost && number <= kMost ? std::optional{static_cast<std::int64_t>(number)} : std::nullopt;
+  }
+  if (!value.is_string()) return std::nullopt;
+  const auto& text = value.get_ref<const std::string&>();
+  std::int64_t number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  return error == std::errc{} && end == text.data() + text.size() ? std::optional{number} : std::nullopt;
+}
 std::optional<std::int64_t> number_at(const Json& object, const char* key) {
   const auto found = object.is_object() ? object.find(key) : object.end();
-  if (found == object.end()) return std::nullopt;
-  constexpr double kMost = 9e15;
-  if (found->is_number()) {
-    const double value = found->get<double>();
-    return value >= -kMost && value <= kMost ? std::optional{static_cast<std::int64_t>(value)} : std::nullopt;
-  }
-  if (!found->is_string()) return std::nullopt;
-  const auto& text = found->get_ref<const std::string&>();
-  std::int64_t value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  return error == std::errc{} && end == text.data() + text.size() ? std::optional{value} : std::nullopt;
+  return found != object.end() ? number_of(*found) : std::nullopt;
 }
 const Json& object_at(const Json& object, const char* key) {
   static const Json nothing = Json::object();
@@ -93,7 +95,7 @@ WholePrinterStatus status_of(const Json& status) {
   std::vector<std::int64_t> all;
   if (current != status.end() && current->is_array()) {
     for (const Json& item : *current)
-      if (item.is_number_integer()) all.push_back(item.get<std::int64_t>());
+      if (const auto number = number_of(item)) all.push_back(*number);
   } else if (const auto one = number_at(status, "CurrentStatus")) {
     all.push_back(*one);
   }
@@ -159,7 +161,7 @@ class SdcpPrinter final : public WholePrinter {
     upload_.reset();
     if (!is_file_name(file.name) || file.name.find('"') != std::string::npos)
       return fail(ErrorCode::InvalidInput,
-                  fmt::format("\"{}\" is no name for a file on a printer", to_printable(file.name)));
+                  fmt::format("\"{}\" is not a name for a file on a printer", to_printable(file.name)));
     if (auto ok = connected(); !ok) return ok;
     const std::string seed = fmt::format("{} {} {} {}", file.name, file.md5, clock_.wall().count(), ++uploads_);
     upload_ = Upload{file, to_hex(digest_of(std::as_bytes(std::span{seed}))).substr(0, 32)};

@@ -141,7 +141,8 @@ class Programs : public TwoSites {
     const std::string m = machines(), data = at("fab2");
     return {{{"plan", stack(), "--machines", m, "--out", planned()}},
             {{"verify", planned(), "--machines", m}},
-            {{"export", planned(), "--machines", m, "--format", "sl1", "--out", at("torus.sl1")}},
+            {{"export", planned(), "--machines", m, "--format", "sl1", "--out", at("torus.sl1"), "--although",
+              "exposures"}},
             {{"import", at("square.cli"), "--machine", "toy", "--machines", m, "--out", at("square.tfc")}},
             {{"predict", planned(), "--machines", m}},
             {{"supports", stack(), "--machines", m}},
@@ -157,6 +158,9 @@ class Programs : public TwoSites {
             {{"tokens", "list", "--data", at("fab")}},
             {{"logs", job_, "--data", at("fab")}},
             {{"audit", "--data", at("fab")}},
+            {{"printers", "--address", "127.0.0.1:1", "--wait-s", "0.1"}},
+            {{"send", planned(), "--machines", m, "--to", "127.0.0.1:1"}},
+            {{"simulate-printer", "--machine", "toy", "--machines", m, "--port", "0", "--question-port", "0"}, true},
             {{"simulate-usb", "--port", "0"}, true},
             {{"serve", "--listen", "127.0.0.1:0", "--data", data, "--machines", m}, true, fs::path{data} / "port"}};
   }

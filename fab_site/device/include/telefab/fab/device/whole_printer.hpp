@@ -125,8 +125,8 @@ class WholePrinter {
   [[nodiscard]] virtual Result<WholePrinterFacts> facts() = 0;
   /// Asks what it does. Fails as facts().
   [[nodiscard]] virtual Result<WholePrinterStatus> status() = 0;
-  /// What it remembers of a task of its own: file, state (Complete, Stopped or Unknown), layer, problem. Nothing: it does
-  /// not know it. Fails as facts().
+  /// What it remembers of a task of its own: file, state (Complete, Stopped or Unknown), layer, problem. Nothing: it
+  /// does not know it. Fails as facts().
   [[nodiscard]] virtual Result<std::optional<PrinterTask>> task(std::string_view id) = 0;
   /// Begins to send a file; one that was begun before is given up.
   [[nodiscard]] virtual Result<void> begin_upload(const PrinterUpload& file) = 0;

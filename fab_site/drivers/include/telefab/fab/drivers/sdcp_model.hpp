@@ -57,6 +57,8 @@ class SdcpModel final : public PrinterPeer {
   [[nodiscard]] std::size_t interactions() const;
   /// How often a print of that file was begun.
   [[nodiscard]] std::size_t starts_of(const std::string& file) const;
+  /// Of all files.
+  [[nodiscard]] std::size_t starts() const;
   /// Layers exposed for that file, over all of its prints.
   [[nodiscard]] std::size_t layers_of(const std::string& file);
   /// Bytes of a stored file; empty: there is none.

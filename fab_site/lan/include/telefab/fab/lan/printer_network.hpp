@@ -52,8 +52,8 @@ class PrinterNetwork {
   virtual ~PrinterNetwork() = default;
   PrinterNetwork(const PrinterNetwork&) = delete;
   PrinterNetwork& operator=(const PrinterNetwork&) = delete;
-  /// Sends a datagram to `host` and waits for a reply at most so long, or as broadcast where `host` is empty, and gathers
-  /// what comes back in all of that time. Unreachable: no network.
+  /// Sends a datagram to `host` and waits for a reply at most so long, or as broadcast where `host` is empty, and
+  /// gathers what comes back in all of that time. Unreachable: no network.
   [[nodiscard]] virtual Result<std::vector<Datagram>> ask(std::string_view host, std::uint16_t port,
                                                           std::string_view text, Nanoseconds wait) = 0;
   /// Unreachable (nobody listens, no such name), DeviceRefused (the handshake was declined), DeviceTimeout.
