@@ -34,6 +34,7 @@ struct Options {
   std::vector<std::string> although;
   std::uint16_t question_port = kSdcpQuestionPort;
   bool starts = false;
+  bool begins_again = false;
   bool is_json = false;
 };
 
@@ -48,8 +49,9 @@ std::string name_on_printer(const PrintPlan& plan) {
   return fmt::format("{}-{}.goo", name.empty() ? "job" : name, to_hex(plan_digest(plan)).substr(0, 8));
 }
 
+/// The file is made again until the printer has been asked to start: the same plan gives the same bytes.
 Result<WholePrintJob> job_of(PlannedJob& planned, const MachineProfile& machine, const Options& o, const fs::path& work,
-                             const std::stop_token& stop) {
+                             bool is_asked, const std::stop_token& stop) {
   const PrintPlan& plan = planned.plan();
   if (auto ok = plan.fits(machine); !ok) return tl::unexpected{ok.error()};
   if (machine.file.kind != PrinterFile::Goo || machine.file.model.empty())
@@ -60,7 +62,7 @@ Result<WholePrintJob> job_of(PlannedJob& planned, const MachineProfile& machine,
                     machine.name));
   const fs::path file = work / "print.goo";
   std::error_code error;
-  if (!fs::is_regular_file(file, error)) {
+  if (!is_asked || !fs::is_regular_file(file, error)) {
     const auto report = export_masks(MaskFormat::Goo, plan, planned, machine, file, progress_line(), stop);
     clear_progress();
     if (!report) return tl::unexpected{report.error()};
@@ -191,6 +193,29 @@ Result<bool> may_leave(const Options& o) {
   return true;
 }
 
+/// The journal of the print there; where it is over and is to begin again, a new one beside the old.
+Result<PrinterJournal> journal_in(const fs::path& work, bool begins_again) {
+  const fs::path path = work / "printer.journal";
+  const auto open = [&]() -> Result<PrinterJournal> {
+    auto file = open_journal_file(path);
+    if (!file) return tl::unexpected{file.error()};
+    auto journal = PrinterJournal::open(std::move(*file));
+    if (!journal) return fail_in(path.string(), journal.error());
+    return journal;
+  };
+  auto journal = open();
+  if (!journal || !begins_again) return journal;
+  if (journal->stage() != PrinterStage::Finished)
+    return fail(ErrorCode::Conflict,
+                "--again begins a print that is over; this one is not. Leave the word out to go on");
+  int number = 1;
+  std::error_code error;
+  while (fs::exists(work / fmt::format("printer.journal.{}", number), error)) ++number;
+  fs::rename(path, work / fmt::format("printer.journal.{}", number), error);
+  if (error) return fail(ErrorCode::StorageFailed, fmt::format("cannot rename {}: {}", path.string(), error.message()));
+  return open();
+}
+
 Result<ExitCode> send(const Options& o, const std::stop_token& stop) {
   const auto may = may_leave(o);
   if (!may) return tl::unexpected{may.error()};
@@ -208,12 +233,11 @@ Result<ExitCode> send(const Options& o, const std::stop_token& stop) {
   fs::create_directories(work, error);
   if (error)
     return fail(ErrorCode::NotPermitted, fmt::format("cannot make the folder {}: {}", work.string(), error.message()));
-  const auto job = job_of(**planned, *machine, o, work, stop);
+  auto journal = journal_in(work, o.begins_again);
+  if (!journal) return tl::unexpected{journal.error()};
+  const bool is_asked = journal->stage() > PrinterStage::Uploaded;
+  const auto job = job_of(**planned, *machine, o, work, is_asked, stop);
   if (!job) return tl::unexpected{job.error()};
-  auto file = open_journal_file(work / "printer.journal");
-  if (!file) return tl::unexpected{file.error()};
-  auto journal = PrinterJournal::open(std::move(*file));
-  if (!journal) return fail_in((work / "printer.journal").string(), journal.error());
 
   SystemClock clock;
   if (!o.decision.empty()) {
@@ -244,6 +268,8 @@ VerbBody declare_send(VerbOptions& options) {
               "the printer, HOST or HOST:PORT; default: devices.printer_address of the profile, else the only one that "
               "answers in the network");
   options.flag("--start", o->starts, "start the print once the printer has the file, and watch it: the printer LIGHTS");
+  options.flag("--again", o->begins_again,
+               "print once more what was printed before: without it nothing is started twice");
   options
       .add("--although", o->although,
            "NAME of what holds the plan (telefab-fab plan lists it); give every one. A held plan is not sent without")

@@ -30,6 +30,7 @@ std::string body_of(const PrinterJournalEntry& e) {
   if (e.step == PrinterStep::Planned) json["plan"] = to_hex(e.plan);
   if (!e.printer.empty()) json["printer"] = e.printer;
   if (!e.file.empty()) json["file"] = e.file;
+  if (!e.md5.empty()) json["md5"] = e.md5;
   if (e.step == PrinterStep::Starting || e.step == PrinterStep::Started) json["task"] = e.task;
   if (e.problem != PrinterProblem::None) json["problem"] = name_of(e.problem);
   if (e.step == PrinterStep::Finished) json["end"] = name_of(e.end);
@@ -52,6 +53,7 @@ std::optional<PrinterJournalEntry> entry_of(std::string_view body) {
     }
     e.printer = json.value("printer", "");
     e.file = json.value("file", "");
+    e.md5 = json.value("md5", "");
     e.task = json.value("task", "");
     e.by = json.value("by", "");
     if (e.step == PrinterStep::Finished) {

@@ -47,10 +47,13 @@ class Run {
       PrinterJournalEntry entry;
       entry.plan = job_.plan;
       entry.file = job_.file.name;
+      entry.md5 = job_.file.md5;
       return write(std::move(entry));
     }
-    if (planned->plan != job_.plan || planned->file != job_.file.name)
-      return fail(ErrorCode::NotTrusted, "the journal is of the print of another plan");
+    if (planned->plan != job_.plan || planned->file != job_.file.name || planned->md5 != job_.file.md5)
+      return fail(ErrorCode::NotTrusted,
+                  "the journal is of the print of another plan, or of this one for another profile; finish that print "
+                  "first, or keep the new one in another folder");
     return {};
   }
 

@@ -83,7 +83,9 @@ TEST_F(Send, GivesAPlanToAPrinterStartsItWhenAskedAndOnce) {
   const auto json = nlohmann::json::parse(asked.output);
   EXPECT_EQ(json.at("model"), "ELEGOO Toy");
   EXPECT_EQ(json.at("task").at("state"), "complete");
-  EXPECT_THAT(end_of_printer(), HasSubstr("prints begun: 1, messages against the protocol: 0"));
+  const Outcome second = run(words({"--start", "--again"}));
+  EXPECT_EQ(second.code, 0) << second.errors;
+  EXPECT_THAT(end_of_printer(), HasSubstr("prints begun: 2, messages against the protocol: 0"));
 }
 
 TEST_F(Send, KilledInTheMiddleWatchesOnAndStartsNothingAgain) {
@@ -97,6 +99,7 @@ TEST_F(Send, KilledInTheMiddleWatchesOnAndStartsNothingAgain) {
     first.send_signal(SIGKILL);
     EXPECT_EQ(first.finish(), -SIGKILL);
   }
+  EXPECT_EQ(run(words({"--start", "--again"})).code, static_cast<int>(ExitCode::Refused)) << "it is not over";
   const Outcome again = run(words({"--start", "--json"}));
   EXPECT_EQ(again.code, 0) << again.errors << again.output;
   EXPECT_THAT(again.output, HasSubstr("\"outcome\":\"done\""));

@@ -39,6 +39,7 @@ struct PrinterJournalEntry {
   Digest plan;                                    ///< Planned
   std::string printer;                            ///< Planned: id of its board; empty: whichever answered
   std::string file;                               ///< Planned: its name on the printer
+  std::string md5;                                ///< Planned: of the file
   std::string task;                               ///< Starting: the task that it had before; Started: its own
   PrinterProblem problem = PrinterProblem::None;  ///< NotStarted, Finished
   PrinterEnd end = PrinterEnd::Done;              ///< Finished
