@@ -61,9 +61,10 @@ TEST_F(PrusaSlicer, MakesArchivesThatAreReadAsTheyLieOnThePlatform) {
         ini, fmt::format("printer_technology = SLA\nsupports_enable = 0\npad_enable = 0\nsupport_object_elevation = 0\n"
                          "display_orientation = {}\ndisplay_mirror_x = {}\ndisplay_mirror_y = {}\ndisplay_width = {}\n"
                          "display_height = {}\ndisplay_pixels_x = 2560\ndisplay_pixels_y = 1440\n"
-                         "bed_shape = 0x0,{3}x0,{3}x{4},0x{4}\nlayer_height = 0.05\ninitial_layer_height = 0.05\n"
+                         "bed_shape = 0x0,{}x0,{}x{},0x{}\nlayer_height = 0.05\ninitial_layer_height = 0.05\n"
                          "exposure_time = 2\ninitial_exposure_time = 20\nfaded_layers = 5\nprinter_model = SL1\n",
-                         s.orientation, s.mirror_x, s.mirror_y, kWidth_mm, kHeight_mm)));
+                         s.orientation, s.mirror_x, s.mirror_y, kWidth_mm, kHeight_mm, kWidth_mm, kWidth_mm, kHeight_mm,
+                         kHeight_mm)));
     const auto sliced =
         telefab::test::run({"/usr/bin/env", "prusa-slicer", "--export-sla", "--load", ini.string(), "--center", "40,20",
                             "--output", archive.string(), (folder.path() / "l.stl").string()});
