@@ -24,8 +24,8 @@ class Send : public testing::Test {
   void SetUp() override {
     setenv("XDG_CONFIG_HOME", (folder_.path() / "config").c_str(), 1);
     write_profile("machines", "ELEGOO Toy");
-    write_torus(folder_.path() / "torus.ply", 400, 100);
-    ASSERT_EQ(run({bin("telefab-scan"), "slice", at("torus.ply"), "--machine", "toy", "--machines", at("machines"),
+    write_torus(folder_.path() / "torus.xyz", 180, 72);
+    ASSERT_EQ(run({bin("telefab-scan"), "slice", at("torus.xyz"), "--machine", "toy", "--machines", at("machines"),
                    "--height-mm", "4", "--out", at("torus.tfc")})
                   .code,
               0);
