@@ -255,6 +255,9 @@ Result<ExitCode> send(const Options& o, const std::stop_token& stop) {
   policy.starts = o.starts;
   const auto report = WholePrintRunner{**printer, *journal, clock}.run(*job, policy, control, sink_of(o), stop);
   if (!report) return tl::unexpected{report.error()};
+  if (journal->stage() == PrinterStage::Finished)
+    if (auto ok = write_file_atomically(work / "record.json", whole_print_record(*journal)); !ok)
+      return tl::unexpected{ok.error()};
   print_report(*report, o);
   return code_of(report->outcome);
 }
@@ -278,7 +281,8 @@ VerbBody declare_send(VerbOptions& options) {
       .add("--as", o->decision,
            "after a start that nobody knows of: start-again (the printer stands idle), treat-as-started")
       .one_of({"start-again", "treat-as-started"});
-  options.add("--work", o->work, "folder of the file that is sent and its journal; default: PLAN.sent");
+  options.add("--work", o->work,
+              "folder of the file that is sent, its journal and, in the end, record.json; default: PLAN.sent");
   options.add("--question-port", o->question_port, "UDP port of the question who is there").shows_default();
   options.flag("--json", o->is_json, "one JSON line an event, the outcome last");
   declare_machine_choice(options, o->machine, "profile that names the file its printer takes; default: the plan's",

@@ -29,6 +29,7 @@ std::string body_of(const PrinterJournalEntry& e) {
   Json json{{"step", kSteps.at(static_cast<std::size_t>(e.step))}, {"wall_ns", e.wall.count()}};
   if (e.step == PrinterStep::Planned) json["plan"] = to_hex(e.plan);
   if (!e.printer.empty()) json["printer"] = e.printer;
+  if (!e.printer_name.empty()) json["printer_name"] = e.printer_name;
   if (!e.file.empty()) json["file"] = e.file;
   if (!e.md5.empty()) json["md5"] = e.md5;
   if (e.step == PrinterStep::Starting || e.step == PrinterStep::Started) json["task"] = e.task;
@@ -52,6 +53,7 @@ std::optional<PrinterJournalEntry> entry_of(std::string_view body) {
       e.plan = *plan;
     }
     e.printer = json.value("printer", "");
+    e.printer_name = json.value("printer_name", "");
     e.file = json.value("file", "");
     e.md5 = json.value("md5", "");
     e.task = json.value("task", "");
@@ -156,6 +158,44 @@ Result<void> PrinterJournal::write(PrinterJournalEntry entry) {
   }
   entries_.push_back(std::move(entry));
   return {};
+}
+
+std::string whole_print_record(const PrinterJournal& journal) {
+  Json record{{"format", "telefab-whole-print-record-1"}, {"light", "by the printer"}};
+  Json orders = Json::array();
+  for (const PrinterJournalEntry& e : journal.entries()) {
+    switch (e.step) {
+      case PrinterStep::Planned:
+        record["plan"] = to_hex(e.plan);
+        record["file"] = {{"name", e.file}, {"md5", e.md5}};
+        break;
+      case PrinterStep::Starting:
+        record["printer"] = {{"id", e.printer}, {"name", e.printer_name}};
+        record["asked_ns"] = e.wall.count();
+        break;
+      case PrinterStep::Started:
+        record["task"] = e.task;
+        break;
+      case PrinterStep::Finished:
+        record["end"] = name_of(e.end);
+        record["problem"] = name_of(e.problem);
+        record["ended_ns"] = e.wall.count();
+        break;
+      case PrinterStep::DecidedStartAgain:
+      case PrinterStep::DecidedTreatAsStarted:
+      case PrinterStep::PauseAsked:
+      case PrinterStep::Resumed:
+      case PrinterStep::CancelAsked:
+        orders.push_back(
+            {{"what", kSteps.at(static_cast<std::size_t>(e.step))}, {"by", e.by}, {"wall_ns", e.wall.count()}});
+        break;
+      case PrinterStep::Uploaded:
+      case PrinterStep::NotStarted:
+        break;
+    }
+  }
+  record["orders"] = std::move(orders);
+  return json_text(record, 1) + "\n";
 }
 
 }  // namespace telefab::fab

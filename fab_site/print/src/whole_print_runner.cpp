@@ -102,7 +102,22 @@ class Run {
       return report(WholePrintOutcome::Refused, PrinterProblem::Busy,
                     fmt::format("the printer prints {}; {}", status->task.file, advice_on(PrinterProblem::Busy)));
     if (journal_.stage() != PrinterStage::Uploaded) return upload();
-    return start(status->task.id);
+    return start(status->task.id, *facts);
+  }
+
+  /// Whoever was asked to start must be the one that is watched: an address may have gone to another printer.
+  Result<void> same_printer() {
+    const PrinterJournalEntry* asked_one = journal_.last(PrinterStep::Starting);
+    if (is_known_ || asked_one == nullptr || asked_one->printer.empty()) return {};
+    const std::string id = asked_one->printer;
+    const auto facts = asked([&] { return printer_.facts(); });
+    if (!facts) return tl::unexpected{facts.error()};
+    if (facts->id != id)
+      return fail(ErrorCode::NotTrusted,
+                  fmt::format("the print was given to the printer {}, and {} answers; give the address of the former",
+                              id, facts->id));
+    is_known_ = true;
+    return {};
   }
 
   Step upload() {
@@ -166,12 +181,15 @@ class Run {
     return order == Order::Pause || order == Order::Cancel;
   }
 
-  Step start(const std::string& task_before) {
+  Step start(const std::string& task_before, const WholePrinterFacts& facts) {
     if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
     if (is_held() || stop_.stop_requested()) return std::optional<WholePrintReport>{};
     PrinterJournalEntry entry;
     entry.step = PrinterStep::Starting;
     entry.task = task_before;
+    entry.printer = facts.id;
+    entry.printer_name = fmt::format("{}, firmware {}", facts.model, facts.firmware);
+    is_known_ = true;
     if (auto ok = write(std::move(entry)); !ok) return tl::unexpected{ok.error()};
     emit({.phase = WholePrintPhase::Starting});
     const auto answer = printer_.start(job_.file.name);
@@ -195,6 +213,7 @@ class Run {
 
   /// The printer was asked, by this run or one before. Its task says whether it does it.
   Step await_start() {
+    if (auto ok = same_printer(); !ok) return tl::unexpected{ok.error()};
     const std::string before = journal_.last(PrinterStep::Starting)->task;
     const Nanoseconds begun = clock_.now();
     bool was_still = true;  // idle behind the same task all the time
@@ -234,6 +253,7 @@ class Run {
   }
 
   Step watch() {
+    if (auto ok = same_printer(); !ok) return tl::unexpected{ok.error()};
     // Where an operator says that it was started, the task is whichever has the file.
     std::optional<std::string> own;
     for (const PrinterJournalEntry& entry : journal_.entries()) {
@@ -381,6 +401,7 @@ class Run {
   bool is_promised_ = false;  ///< the printer said yes in this run
   std::optional<PrinterStep> unpassed_;
   bool is_recalled_ = false;
+  bool is_known_ = false;  ///< the printer that answers is the one that was asked to start
 };
 
 }  // namespace

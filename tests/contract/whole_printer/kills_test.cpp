@@ -127,6 +127,32 @@ TEST(WholePrint, WithTheJournalOfAnotherPlanStartsNothing) {
   EXPECT_EQ(refused.error().code, ErrorCode::NotTrusted);
 }
 
+TEST(WholePrint, IsNotWatchedAtAnotherPrinterThatHasItsAddressNow) {
+  WholePrintBench bench;
+  KillingNetwork network{*bench.network, 60, true};
+  ASSERT_FALSE(lived(bench, network));
+  ASSERT_EQ(bench.model.starts_of("part.goo"), 1U);
+  SdcpModelOptions other = bench.printer;
+  other.id = "00000000000000ff";
+  SdcpModel another{other, bench.clock};
+  const auto its_network = model_network(another, bench.clock);
+  const auto refused = bench.run_of(bench.job, bench.journal, *its_network);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::NotTrusted);
+  EXPECT_EQ(another.starts(), 0U);
+  EXPECT_EQ(bench.run()->outcome, WholePrintOutcome::Done);
+}
+
+TEST(WholePrint, IsRecordedWithItsPrinterAndAsLitByIt) {
+  WholePrintBench bench;
+  ASSERT_TRUE(bench.run());
+  const auto journal = PrinterJournal::open(memory_journal_file(bench.journal)).value();
+  const std::string record = whole_print_record(journal);
+  for (const std::string& part : {std::string{"by the printer"}, bench.printer.id, bench.printer.model,
+                                  to_hex(bench.job.plan), bench.job.file.md5, std::string{"\"end\": \"done\""}})
+    EXPECT_THAT(record, testing::HasSubstr(part));
+}
+
 TEST(WholePrint, WhoseLastLineIsTornGoesOnWhereTheOneBeforeEnds) {
   WholePrintBench bench;
   ASSERT_TRUE(bench.run());

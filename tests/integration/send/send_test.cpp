@@ -76,6 +76,10 @@ TEST_F(Send, GivesAPlanToAPrinterStartsItWhenAskedAndOnce) {
   const std::string last = printed.output.substr(printed.output.rfind('\n', printed.output.size() - 2) + 1);
   EXPECT_EQ(nlohmann::json::parse(last).at("outcome"), "done") << last;
   EXPECT_THAT(printed.output, HasSubstr("\"phase\":\"printing\""));
+  std::ifstream record{at("plan.sent") + "/record.json"};
+  const auto recorded = nlohmann::json::parse(record);
+  EXPECT_EQ(recorded.at("light"), "by the printer");
+  EXPECT_EQ(recorded.at("end"), "done");
   EXPECT_EQ(run(words({"--start"})).code, 0) << "it is known to be done";
   const Outcome asked =
       run({bin("telefab-fab"), "printers", "--address", address_, "--question-port", question_port_, "--json"});

@@ -37,7 +37,8 @@ struct PrinterJournalEntry {
   PrinterStep step = PrinterStep::Planned;
   Nanoseconds wall{};
   Digest plan;                                    ///< Planned
-  std::string printer;                            ///< Planned: id of its board; empty: whichever answered
+  std::string printer;                            ///< Starting: id of its board
+  std::string printer_name;                       ///< Starting: model and firmware, for people
   std::string file;                               ///< Planned: its name on the printer
   std::string md5;                                ///< Planned: of the file
   std::string task;                               ///< Starting: the task that it had before; Started: its own
@@ -71,5 +72,9 @@ class PrinterJournal {
   std::vector<PrinterJournalEntry> entries_;
   bool broken_ = false;
 };
+
+/// What is known of such a print, as canonical JSON: plan, file, printer, task, times, end, operators' words, and
+/// "light": "by the printer", for nothing here timed or saw it. Same journal, same bytes.
+[[nodiscard]] std::string whole_print_record(const PrinterJournal& journal);
 
 }  // namespace telefab::fab
