@@ -88,14 +88,14 @@ class Run {
     if (!policy_.starts && journal_.stage() == PrinterStage::Uploaded)
       return report(WholePrintOutcome::Sent, PrinterProblem::None, "the printer has the file; nothing was started");
     emit({.phase = WholePrintPhase::Checking});
-    const auto facts = asked([&] { return printer_.facts(); });
+    const auto facts = asked([&] { return printer_.facts(); }, policy_.contact);
     if (!facts) return tl::unexpected{facts.error()};
     if (auto misfit = misfit_of(job_, *facts);
         misfit.problem != PrinterProblem::None &&
         // Room is needed for what is still to be sent.
         !(misfit.problem == PrinterProblem::StorageFull && journal_.stage() == PrinterStage::Uploaded))
       return report(WholePrintOutcome::Refused, misfit.problem, std::move(misfit.message));
-    const auto status = asked([&] { return printer_.status(); });
+    const auto status = asked([&] { return printer_.status(); }, policy_.contact);
     if (!status) return tl::unexpected{status.error()};
     task_ = status->task;
     if (status->activity.prints || status->activity.tests)
@@ -365,13 +365,17 @@ class Run {
   /// Asks until there is an answer, the patience is over or somebody wants to stop.
   template <class Ask>
   auto asked(const Ask& ask) -> decltype(ask()) {
+    return asked(ask, policy_.patience);
+  }
+  template <class Ask>
+  auto asked(const Ask& ask, Nanoseconds patience) -> decltype(ask()) {
     const Nanoseconds begun = clock_.now();
     while (true) {
       auto answer = ask();
       if (answer || !is_of_the_line(answer.error().code)) return answer;
       emit({.phase = WholePrintPhase::Lost, .message = answer.error().what});
       if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
-      if (stop_.stop_requested() || clock_.now() - begun >= policy_.patience) return answer;
+      if (stop_.stop_requested() || clock_.now() - begun >= patience) return answer;
       clock_.sleep_for(policy_.poll);
     }
   }

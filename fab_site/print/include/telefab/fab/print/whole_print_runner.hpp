@@ -60,6 +60,7 @@ struct WholePrintPolicy {
   Nanoseconds poll = std::chrono::seconds{2};         ///< between two questions; > 0
   Nanoseconds start_wait = std::chrono::seconds{30};  ///< for a start to show; >= poll
   Nanoseconds patience = std::chrono::minutes{10};    ///< without an answer, then the run fails and may be run again
+  Nanoseconds contact = std::chrono::seconds{20};     ///< the same before anything was started
   bool starts = true;                                 ///< else the file is sent and checked, and that is all
   std::uint32_t uploads = 3;                          ///< tries to send the file; >= 1
 };
