@@ -17,6 +17,8 @@ namespace {
 
 constexpr std::size_t kLongestName = 64;
 constexpr std::size_t kFields = 5;
+constexpr std::size_t kFieldsWithDigest = 7;
+constexpr std::size_t kMd5Digits = 32, kSha256Digits = 64;
 
 bool is_name(std::string_view text) {
   return !text.empty() && text.size() <= kLongestName && std::ranges::all_of(text, [](char c) {
@@ -32,17 +34,23 @@ Digest digest_of_token(std::string_view salt, std::string_view token) {
   return hasher.digest();
 }
 
-/// NAME ROLE SALT DIGEST MADE
+/// NAME ROLE SALT DIGEST MADE [MD5 SHA256]
 std::string line_of(const OperatorToken& token) {
-  return fmt::format("{} {} {} {} {}\n", token.name, name_of(token.may), token.salt, to_hex(token.digest),
-                     token.made_unix_s);
+  const auto& keys = token.digest_login;
+  return fmt::format("{} {} {} {} {}{}\n", token.name, name_of(token.may), token.salt, to_hex(token.digest),
+                     token.made_unix_s, keys ? fmt::format(" {} {}", keys->md5, keys->sha256) : "");
+}
+
+bool is_hex(std::string_view text, std::size_t digits) {
+  return text.size() == digits && text.find_first_not_of("0123456789abcdef") == std::string_view::npos;
 }
 
 std::optional<OperatorToken> token_from(std::string_view line) {
-  std::array<std::string_view, kFields> fields;
-  for (std::size_t i = 0; i < kFields; ++i) {
+  std::array<std::string_view, kFieldsWithDigest> fields;
+  const auto count = static_cast<std::size_t>(std::ranges::count(line, ' ')) + 1;
+  if (count != kFields && count != kFieldsWithDigest) return std::nullopt;
+  for (std::size_t i = 0; i < count; ++i) {
     const auto space = line.find(' ');
-    if ((space == std::string_view::npos) != (i + 1 == kFields)) return std::nullopt;
     fields[i] = line.substr(0, space);
     line.remove_prefix(std::min(fields[i].size() + 1, line.size()));
   }
@@ -55,6 +63,12 @@ std::optional<OperatorToken> token_from(std::string_view line) {
   const char* end = fields[4].data() + fields[4].size();
   const auto number = std::from_chars(fields[4].data(), end, token.made_unix_s);
   if (!digest || !is_name(token.name) || number.ec != std::errc{} || number.ptr != end) return std::nullopt;
+  if (count == kFieldsWithDigest) {
+    // A library without MD5 makes none of it.
+    if ((!fields[5].empty() && !is_hex(fields[5], kMd5Digits)) || !is_hex(fields[6], kSha256Digits))
+      return std::nullopt;
+    token.digest_login = DigestKeys{std::string{fields[5]}, std::string{fields[6]}};
+  }
   return token;
 }
 
@@ -92,8 +106,11 @@ Result<std::vector<OperatorToken>> read_operator_tokens(const std::filesystem::p
     const auto end = std::min(rest.find('\n'), rest.size());
     auto token = token_from(rest.substr(0, end));
     if (!token)
-      return fail(ErrorCode::InvalidInput, fmt::format("{} line {}: not NAME ROLE SALT DIGEST MADE; remove the line",
-                                                       file.string(), tokens.size() + 1));
+      return fail(
+          ErrorCode::InvalidInput,
+          fmt::format(
+              "{} line {}: not NAME ROLE SALT DIGEST MADE, with or without two keys of a digest login; remove the line",
+              file.string(), tokens.size() + 1));
     tokens.push_back(std::move(*token));
     rest.remove_prefix(std::min(end + 1, rest.size()));
   }
@@ -101,7 +118,7 @@ Result<std::vector<OperatorToken>> read_operator_tokens(const std::filesystem::p
 }
 
 Result<std::string> add_operator_token(const std::filesystem::path& file, const std::string& name, Access may,
-                                       Nanoseconds wall) {
+                                       Nanoseconds wall, DigestUse use) {
   // Those the daemon itself uses of who has shown no name of his own.
   if (!is_name(name) || name == "web" || name == "local")
     return fail(ErrorCode::InvalidInput,
@@ -117,8 +134,10 @@ Result<std::string> add_operator_token(const std::filesystem::path& file, const 
   const auto salt = random_token();
   auto token = random_token();
   if (!salt || !token) return tl::unexpected{salt ? token.error() : salt.error()};
-  tokens->push_back({name, may, *salt, digest_of_token(*salt, *token),
-                     std::chrono::duration_cast<std::chrono::seconds>(wall).count()});
+  OperatorToken made{name, may, *salt, digest_of_token(*salt, *token),
+                     std::chrono::duration_cast<std::chrono::seconds>(wall).count()};
+  if (use == DigestUse::Yes) made.digest_login = digest_keys_of(name, *token);
+  tokens->push_back(std::move(made));
   if (auto written = write_tokens(file, *tokens); !written) return tl::unexpected{written.error()};
   return token;
 }

@@ -16,6 +16,8 @@ namespace {
 
 constexpr std::size_t kMostSessions = 256;
 constexpr std::string_view kBearer = "Bearer ";
+constexpr std::string_view kDigest = "digest ";
+constexpr std::string_view kSharedName = "web";  // of who has shown no name of his own
 
 bool are_equal(std::string_view a, std::string_view b) {
   return a.size() == b.size() && CRYPTO_memcmp(a.data(), b.data(), a.size()) == 0;
@@ -81,7 +83,10 @@ constexpr const char* kForeign = "this was sent by a page of somebody else, so i
 }  // namespace
 
 SignIn::SignIn(SignInOptions options, const Clock& clock, SignInEvents events)
-    : options_{std::move(options)}, clock_{clock}, events_{std::move(events)} {
+    : options_{std::move(options)},
+      clock_{clock},
+      events_{std::move(events)},
+      digest_{random_token().value_or(std::string{}), clock} {
   if (!events_.noted) events_.noted = [](std::string_view, std::string_view) {};
   if (!events_.refused) events_.refused = [](const std::string&, const Error&) {};
   refresh();
@@ -112,7 +117,7 @@ std::optional<SignIn::Session> SignIn::by_token(std::string_view token) {
   if (const OperatorToken* owner = owner_of(tokens_, token))
     return Session{{owner->name, owner->may}, owner->digest, ends};
   if (!is_required && !options_.shared_token.empty() && are_equal(token, options_.shared_token))
-    return Session{{"web", Access::Operators}, {}, ends};
+    return Session{{std::string{kSharedName}, Access::Operators}, {}, ends};
   return std::nullopt;
 }
 
@@ -131,15 +136,49 @@ std::optional<Visitor> SignIn::by_cookie(const WebRequest& request) {
   return std::nullopt;
 }
 
+tl::expected<Visitor, SignIn::Refusal> SignIn::by_digest(const WebRequest& request, const DigestAnswer& shown) {
+  const auto named = std::ranges::find_if(
+      tokens_, [&](const OperatorToken& token) { return token.digest_login.has_value() && token.name == shown.user; });
+  std::optional<DigestKeys> keys;
+  Visitor visitor;
+  if (named != tokens_.end()) {
+    keys = named->digest_login;
+    visitor = {named->name, named->may};
+  } else if (!must_sign_in() && !options_.shared_token.empty() && shown.user == kSharedName) {
+    keys = digest_keys_of(kSharedName, options_.shared_token);
+    visitor = {std::string{kSharedName}, Access::Operators};
+  }
+  switch (digest_.judge(request, shown, keys ? &*keys : nullptr)) {
+    case DigestLogin::Verdict::Right:
+      // A browser repeats it by itself, as it does a cookie.
+      if (is_change(request) && !request.origin.empty() && !is_from_here(request)) return refuse(403, kForeign);
+      return visitor;
+    case DigestLogin::Verdict::Stale:
+      return tl::unexpected{Refusal{401, "this login is too old or was used before: log in again", true}};
+    case DigestLogin::Verdict::Wrong:
+      break;
+  }
+  if (request.is_whole)
+    events_.refused(request.address, {ErrorCode::NotTrusted, "the page: a digest login that is nobody's"});
+  return refuse(401,
+                "this user and password open nothing here: the password of the user NAME is the token that the verb "
+                "`tokens add NAME --digest` made");
+}
+
 tl::expected<Visitor, SignIn::Refusal> SignIn::identify(const WebRequest& request) {
   refresh();
-  // Another scheme is a proxy's own affair.
   if (request.authorization.starts_with(kBearer)) {
     if (const auto owner = by_token(std::string_view{request.authorization}.substr(kBearer.size())))
       return owner->visitor;
     if (request.is_whole)
       events_.refused(request.address, {ErrorCode::NotTrusted, "the page: a token that is nobody's"});
     return refuse(401, "this token is nobody's here, or no longer");
+  }
+  // Another scheme or realm is a proxy's own affair.
+  if (lower(std::string_view{request.authorization}.substr(0, kDigest.size())) == kDigest) {
+    const auto shown = digest_answer_from(std::string_view{request.authorization}.substr(kDigest.size()));
+    if (!shown) return refuse(401, shown.error().what);
+    if (shown->realm == DigestLogin::kRealm) return by_digest(request, *shown);
   }
   // A browser adds cookies and certificates by itself, whoever wrote the page that asks.
   if (const auto visitor = by_cookie(request)) {
@@ -181,7 +220,8 @@ WebResponse SignIn::session(const WebRequest& request) {
   if (!visitor) return answer_of(visitor.error());
   if (visitor->name.empty()) return describe(*visitor, nullptr);
   if (request.authorization.starts_with(kBearer)) return describe(*visitor, "token");
-  return describe(*visitor, by_cookie(request) ? "session" : "certificate");
+  if (by_cookie(request)) return describe(*visitor, "session");
+  return describe(*visitor, request.certified ? "certificate" : "digest");
 }
 
 WebResponse SignIn::sign_in(const WebRequest& request) {

@@ -15,9 +15,39 @@ bool is_id(std::string_view text) {
   return true;
 }
 
+int hex_digit(char c) {
+  return c >= '0' && c <= '9'   ? c - '0'
+         : c >= 'a' && c <= 'f' ? c - 'a' + 10
+         : c >= 'A' && c <= 'F' ? c - 'A' + 10
+                                : -1;
+}
+
+/// RFC 3986, 2.1; nothing where a percent sign is followed by something else than two digits.
+std::optional<std::string> without_escapes(std::string_view text) {
+  std::string out;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if (text[i] != '%') {
+      out += text[i];
+      continue;
+    }
+    const int high = i + 2 < text.size() ? hex_digit(text[i + 1]) : -1;
+    const int low = high < 0 ? -1 : hex_digit(text[i + 2]);
+    if (low < 0) return std::nullopt;
+    out += static_cast<char>(high * 16 + low);
+    i += 2;
+  }
+  return out;
+}
+
 std::optional<PathArguments> match(std::string_view pattern, std::string_view path) {
   PathArguments arguments;
   while (true) {
+    if (pattern == "{path}") {
+      auto rest = without_escapes(path);
+      if (!rest || rest->empty()) return std::nullopt;
+      arguments.path = std::move(*rest);
+      return arguments;
+    }
     const auto next = [](std::string_view& rest) {
       const auto slash = rest.find('/');
       const std::string_view segment = rest.substr(0, slash);
@@ -27,9 +57,9 @@ std::optional<PathArguments> match(std::string_view pattern, std::string_view pa
     const auto [wanted, wanted_more] = next(pattern);
     const auto [found, found_more] = next(path);
     if (wanted_more != found_more) return std::nullopt;
-    if (wanted == "{id}") {
+    if (wanted == "{id}" || wanted == "{storage}") {
       if (!is_id(found)) return std::nullopt;
-      arguments.id = found;
+      (wanted == "{id}" ? arguments.id : arguments.storage) = found;
     } else if (wanted == "{layer}") {
       const auto [end, error] = std::from_chars(found.data(), found.data() + found.size(), arguments.layer);
       if (found.empty() || error != std::errc{} || end != found.data() + found.size()) return std::nullopt;
@@ -42,8 +72,7 @@ std::optional<PathArguments> match(std::string_view pattern, std::string_view pa
 
 }  // namespace
 
-tl::expected<Routed, WebResponse> find_route(std::span<const WebRoute> routes, const WebRequest& request,
-                                             SignIn& sign_in) {
+tl::expected<Routed, WebResponse> find_row(std::span<const WebRoute> routes, const WebRequest& request) {
   const std::string_view path = std::string_view{request.target}.substr(0, request.target.find('?'));
   const std::string_view method = request.method == "HEAD" ? std::string_view{"GET"} : std::string_view{request.method};
   bool path_known = false;
@@ -52,13 +81,21 @@ tl::expected<Routed, WebResponse> find_route(std::span<const WebRoute> routes, c
     if (!arguments) continue;
     path_known = true;
     if (routes[row].method != method) continue;
-    const auto visitor = sign_in.admit(request, routes[row].needs);
-    if (!visitor) return tl::unexpected{web_problem(visitor.error().status, "not-permitted", visitor.error().what)};
-    return Routed{row, std::move(*arguments), *visitor};
+    return Routed{row, std::move(*arguments), {}};
   }
   if (path_known)
     return tl::unexpected{web_problem(405, "not-permitted", "this address does not take the method " + request.method)};
   return tl::unexpected{web_problem(404, "not-found", "no such address; the API begins at /v1/jobs")};
+}
+
+tl::expected<Routed, WebResponse> find_route(std::span<const WebRoute> routes, const WebRequest& request,
+                                             SignIn& sign_in) {
+  auto routed = find_row(routes, request);
+  if (!routed) return routed;
+  auto visitor = sign_in.admit(request, routes[routed->row].needs);
+  if (!visitor) return tl::unexpected{web_problem(visitor.error().status, "not-permitted", visitor.error().what)};
+  routed->visitor = std::move(*visitor);
+  return routed;
 }
 
 }  // namespace telefab

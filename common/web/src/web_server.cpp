@@ -35,8 +35,11 @@ constexpr std::uint64_t kMaxBodyBytes = 64U << 10U;
 constexpr std::uint64_t kLargestBody = 1U << 30U;
 constexpr std::uint32_t kMaxHeaderBytes = 16U << 10U;
 constexpr std::size_t kBufferBytes = 256U << 10U;
+constexpr std::size_t kDiscardBytes = 64U << 10U;
 constexpr auto kHandshakeTimeout = std::chrono::seconds{10};
 constexpr auto kGoodbyeTimeout = std::chrono::seconds{2};
+/// For what a client still sends that was refused by its head: closed at once, its answer could be lost to it.
+constexpr auto kLingerTimeout = std::chrono::seconds{5};
 constexpr auto kRequestTimeout = std::chrono::seconds{30};
 constexpr auto kUploadTimeout = std::chrono::minutes{10};
 constexpr auto kKeepAliveEvery = std::chrono::seconds{15};
@@ -199,6 +202,8 @@ class StreamSession final : public Session, public std::enable_shared_from_this<
     request.host = text_of(message[http::field::host]);
     request.origin = text_of(message[http::field::origin]);
     request.cookie = text_of(message[http::field::cookie]);
+    request.overwrite = text_of(message["Overwrite"]);
+    request.print_after_upload = text_of(message["Print-After-Upload"]);
     request.address = address_;
     request.is_encrypted = kIsTls;
     request.is_whole = false;
@@ -223,7 +228,11 @@ class StreamSession final : public Session, public std::enable_shared_from_this<
     const std::uint64_t most = std::max(shared_.site.most_body(head_), kMaxBodyBytes);
     if (most > kMaxBodyBytes) lowest().expires_after(kUploadTimeout);
     // A length that is stated and too large is refused before a byte of it is taken; chunks are counted.
-    if (const auto stated = parser_->content_length(); stated && *stated > most) return refuse(http::error::body_limit);
+    if (const auto stated = parser_->content_length(); stated && *stated > most) {
+      // Who can still log in is told so, else the old login of a large upload would look like a large request.
+      if (!visitor && !visitor.error().challenges.empty()) return send(visitor.error(), false);
+      return refuse(http::error::body_limit);
+    }
     parser_->body_limit(most);
     if (beast::iequals(parser_->get()[http::field::expect], "100-continue")) return go_on();
     read_rest();
@@ -274,6 +283,8 @@ class StreamSession final : public Session, public std::enable_shared_from_this<
     response_.set(http::field::cache_control, response.cacheable ? "private, max-age=3600" : "no-store");
     if (!response.location.empty()) response_.set(http::field::location, response.location);
     if (!response.cookie.empty()) response_.set(http::field::set_cookie, response.cookie);
+    for (const std::string& challenge : response.challenges) response_.insert(http::field::www_authenticate, challenge);
+    for (const auto& [name, value] : response.headers) response_.set(name, value);
     const std::size_t length = response.body.size();
     if (!head_only_) response_.body() = std::move(response.body);
     // No body, no length: RFC 9110, 8.6.
@@ -321,7 +332,18 @@ class StreamSession final : public Session, public std::enable_shared_from_this<
     } else {
       beast::error_code ignored;  // likewise
       stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
+      if (parser_ && !parser_->is_done()) {
+        lowest().expires_after(kLingerTimeout);
+        discard();
+      }
     }
+  }
+
+  void discard() {
+    buffer_.clear();
+    stream_.async_read_some(buffer_.prepare(kDiscardBytes), [self = own()](beast::error_code error, std::size_t) {
+      if (!error) self->discard();
+    });
   }
 
   Stream stream_;

@@ -14,6 +14,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       WebRoute{"GET", "/v1/jobs/{id}", "one"},
       WebRoute{"GET", "/v1/jobs/{id}/layers/{layer}/mask.png", "mask", Access::Operators},
       WebRoute{"POST", "/v1/jobs/{id}/approve", "approve", Access::Operators},
+      WebRoute{"PUT", "/api/v1/files/{storage}/{path}", "upload", Access::Operators},
   };
   const std::string_view all{reinterpret_cast<const char*>(data), size};
   const std::size_t line = std::min(all.find('\n'), all.size());
@@ -33,5 +34,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const WebRoute& route = kRoutes.at(routed->row);
   if (route.needs == Access::Operators && request.authorization != "Bearer secret") std::abort();
   if (routed->arguments.id.find_first_of("./\\%") != std::string::npos) std::abort();
+  if (routed->arguments.storage.find_first_of("./\\%") != std::string::npos) std::abort();
+  if (routed->arguments.path.size() > request.target.size()) std::abort();
   return 0;
 }

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <telefab/base/clock.hpp>
+#include <telefab/web/digest_login.hpp>
 #include <telefab/web/operator_tokens.hpp>
 #include <telefab/web/web_message.hpp>
 #include <tl/expected.hpp>
@@ -26,8 +27,9 @@ struct SignInEvents {
   std::function<void(const std::string& address, const Error& why)> refused;
 };
 
-/// Decides who comes in at a page: by a client certificate, by a token in the head of a request, or by the session that
-/// a token began. Sessions are cookies that scripts cannot read and other sites do not send; they end after twelve
+/// Decides who comes in at a page: by a client certificate, by a token in the head of a request, by HTTP digest login
+/// with such a token as the password (of whom it was made for so; of the user "web" the shared one), or by the session
+/// that a token began. Sessions are cookies that scripts cannot read and other sites do not send; they end after twelve
 /// hours, at the sign-out, with their token, and with the daemon. Threads: the page's.
 class SignIn {
  public:
@@ -39,12 +41,20 @@ class SignIn {
   struct Refusal {
     unsigned status = 401;  ///< or 403: known, and still not allowed
     std::string what;
+    bool is_stale = false;  ///< the password was right, and a new challenge is needed
   };
   /// Who asks, where that is enough for `needed`. What is shown and wrong is refused even where nothing is needed, but
   /// for a session that has ended.
   [[nodiscard]] tl::expected<Visitor, Refusal> admit(const WebRequest& request, Access needed);
 
-  /// {"name":...,"may":...,"must_sign_in":...,"by":"session"|"token"|"certificate"|null}: what a page asks first.
+  /// What WWW-Authenticate says to a program that can log in by digest. Not for a page: its browser would ask for a
+  /// password.
+  [[nodiscard]] std::vector<std::string> challenges(const Refusal& refusal) {
+    return digest_.challenges(refusal.is_stale);
+  }
+
+  /// {"name":...,"may":...,"must_sign_in":...,"by":"session"|"token"|"digest"|"certificate"|null}: what a page asks
+  /// first.
   [[nodiscard]] WebResponse session(const WebRequest& request);
   /// Begins a session by {"token":"..."}.
   [[nodiscard]] WebResponse sign_in(const WebRequest& request);
@@ -64,12 +74,14 @@ class SignIn {
   /// Who shows this token; nothing: nobody.
   [[nodiscard]] std::optional<Session> by_token(std::string_view token);
   [[nodiscard]] std::optional<Visitor> by_cookie(const WebRequest& request);
+  [[nodiscard]] tl::expected<Visitor, Refusal> by_digest(const WebRequest& request, const DigestAnswer& shown);
   [[nodiscard]] tl::expected<Visitor, Refusal> identify(const WebRequest& request);
   [[nodiscard]] WebResponse describe(const Visitor& visitor, const char* by);
 
   SignInOptions options_;
   const Clock& clock_;
   SignInEvents events_;
+  DigestLogin digest_;
   std::vector<OperatorToken> tokens_;
   std::string stamp_;  ///< of the file that was read
   bool has_file_ = false;

@@ -7,6 +7,8 @@
 #include <string_view>
 #include <telefab/base/result.hpp>
 #include <telefab/web/visitor.hpp>
+#include <utility>
+#include <vector>
 
 namespace telefab {
 
@@ -24,15 +26,20 @@ struct WebRequest {
   std::optional<Visitor> certified = {};  ///< by a client certificate that holds now
   bool is_encrypted = false;              ///< came over TLS
   bool is_whole = true;                   ///< false: its head alone has come
+  std::string sent_target = {};           ///< what was sent, where a site reads a shorter `target`; empty: the same
+  std::string overwrite = {};             ///< the header of PrusaLink's upload, "?1" or "?0"
+  std::string print_after_upload = {};    ///< likewise
 };
 
 struct WebResponse {
   unsigned status = 200;
   std::string content_type = "application/json";
   std::string body = {};
-  bool cacheable = false;     ///< true for what never changes under its address
-  std::string location = {};  ///< of what was made; empty: nothing was
-  std::string cookie = {};    ///< Set-Cookie; empty: none
+  bool cacheable = false;                                         ///< true for what never changes under its address
+  std::string location = {};                                      ///< of what was made; empty: nothing was
+  std::string cookie = {};                                        ///< Set-Cookie; empty: none
+  std::vector<std::string> challenges = {};                       ///< WWW-Authenticate, one header each
+  std::vector<std::pair<std::string, std::string>> headers = {};  ///< further ones, name and value
 };
 
 /// {"error":{"code":...,"what":...}}

@@ -12,7 +12,7 @@ namespace telefab {
 /// One row of an API: the OpenAPI file is checked against the rows, tests walk over them.
 struct WebRoute {
   std::string_view method;
-  std::string_view path;  ///< {id} and {layer} stand for one segment
+  std::string_view path;  ///< {id}, {layer} and {storage} stand for one segment, {path} for one or more up to the end
   std::string_view summary;
   Access needs = Access::Readers;
   std::uint64_t most_body = 0;  ///< bytes; 0: WebServer's small limit
@@ -33,9 +33,11 @@ template <class Rows>
   return routes;
 }
 
-/// What stood for {id} and {layer} in a path.
+/// What stood for {id}, {layer}, {storage} and {path} in a path.
 struct PathArguments {
   std::string id;
+  std::string storage;
+  std::string path;  ///< its percent signs read, so any bytes at all
   std::uint32_t layer = 0;
 };
 
@@ -45,6 +47,10 @@ struct Routed {
   PathArguments arguments;
   Visitor visitor;  ///< empty where the row needs nobody
 };
+
+/// The row for a request, whoever sends it (its visitor is empty), or the answer that refuses it: 404 for an unknown
+/// path, 405 for a known one with another method. HEAD counts as GET.
+[[nodiscard]] tl::expected<Routed, WebResponse> find_row(std::span<const WebRoute> routes, const WebRequest& request);
 
 /// The row for a request, or the answer that refuses it: 404 for an unknown path, 405 for a known one with another
 /// method, 401 and 403 as SignIn has it. HEAD counts as GET.

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <fmt/format.h>
+#include <openssl/evp.h>
+
+#include <string>
+#include <string_view>
+
+namespace telefab::test {
+
+/// The client's half of an HTTP digest login, written from RFC 7616 alone.
+struct DigestClient {
+  std::string user, password;
+  std::string realm = "Telefab";
+  std::string algorithm = "SHA-256";
+
+  [[nodiscard]] std::string hash(std::string_view text) const {
+    unsigned char out[EVP_MAX_MD_SIZE];
+    unsigned int size = 0;
+    EVP_Digest(text.data(), text.size(), out, &size, algorithm == "MD5" ? EVP_md5() : EVP_sha256(), nullptr);
+    std::string hex;
+    for (unsigned int i = 0; i < size; ++i) hex += fmt::format("{:02x}", out[i]);
+    return hex;
+  }
+
+  /// The Authorization header that answers a nonce.
+  [[nodiscard]] std::string answer(std::string_view method, std::string_view uri, std::string_view nonce,
+                                   std::string_view count = "00000001") const {
+    const std::string a1 = hash(fmt::format("{}:{}:{}", user, realm, password));
+    const std::string a2 = hash(fmt::format("{}:{}", method, uri));
+    const std::string response = hash(fmt::format("{}:{}:{}:0a4f113b:auth:{}", a1, nonce, count, a2));
+    return fmt::format(
+        R"(Digest username="{}", realm="{}", nonce="{}", uri="{}", algorithm={}, qop=auth, nc={}, cnonce="0a4f113b", response="{}")",
+        user, realm, nonce, uri, algorithm, count, response);
+  }
+
+  /// The nonce of a WWW-Authenticate header, or of an answer that has one; empty: there is none.
+  [[nodiscard]] static std::string nonce_of(std::string_view challenge) {
+    constexpr std::string_view kMark = "nonce=\"";
+    const auto at = challenge.find(kMark);
+    if (at == std::string_view::npos) return {};
+    challenge.remove_prefix(at + kMark.size());
+    return std::string{challenge.substr(0, challenge.find('"'))};
+  }
+};
+
+}  // namespace telefab::test
