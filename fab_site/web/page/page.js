@@ -225,5 +225,22 @@ byId("layer").oninput = () => {
   showLayer();
 };
 
+// The job waits for approval as any that was sent without a word of starting it.
+byId("file-form").onsubmit = async (event) => {
+  event.preventDefault();
+  const [file] = byId("file").files, say = (text) => (byId("file-answer").textContent = text);
+  if (state.visitor.may !== "operator") return askToSignIn(state.visitor.name ? `${state.visitor.name} may look and change nothing.` : "");
+  say(`sending ${file.name}`);
+  try {
+    const answer = await fetch(`/v1/files/${encodeURIComponent(file.name)}`, { method: "POST", body: file });
+    const body = await answer.json();
+    if (!answer.ok) return say(body.error.what);
+    say(`${file.name} is job ${body.id}`);
+    byId("file-form").reset();
+  } catch (error) {
+    say(error.message);
+  }
+};
+
 site.begun = showDevices;
 begin();

@@ -4,11 +4,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
-#include <telefab/base/text.hpp>
 #include <telefab/web/form_data.hpp>
+
+#include "job_on_machine.hpp"
+#include "uploads.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -17,18 +18,8 @@ using nlohmann::ordered_json;
 
 WebResponse with(unsigned status, const ordered_json& value) { return {status, "application/json", json_text(value)}; }
 
-/// OctoPrint says what went wrong as {"error": "text"}.
-WebResponse octoprint_problem(unsigned status, std::string_view what) { return with(status, {{"error", what}}); }
-WebResponse octoprint_problem(const Error& error) { return octoprint_problem(web_problem(error).status, error.what); }
-
-/// What the machine is at: the job being printed, else the one that is nearest to it, else the newest. Null: no job.
-const JobView* on_machine(const std::vector<JobView>& jobs) {
-  static constexpr std::array kNearest{JobState::Printing,         JobState::Paused,   JobState::Ready,
-                                       JobState::AwaitingApproval, JobState::Planning, JobState::Sending};
-  for (const JobState state : kNearest)
-    for (const JobView& job : jobs)
-      if (job.state == state) return &job;
-  return jobs.empty() ? nullptr : &jobs.front();
+WebResponse octoprint_problem(const Error& error) {
+  return fab::octoprint_problem(web_problem(error).status, error.what);
 }
 
 /// Before it is printed a job is, for OctoPrint, a file that was chosen.
@@ -47,49 +38,14 @@ std::string_view value_of(const std::vector<FormField>& fields, std::string_view
   return {};
 }
 
-/// The last part of a path of either kind.
-std::string_view base_name(std::string_view path) {
-  const auto slash = path.find_last_of("/\\");
-  return slash == std::string_view::npos ? path : path.substr(slash + 1);
-}
-
-bool ends_with(std::string_view text, std::string_view ending) {
-  return text.size() >= ending.size() && std::equal(ending.rbegin(), ending.rend(), text.rbegin(), [](char a, char b) {
-           return a == static_cast<char>(std::tolower(static_cast<unsigned char>(b)));
-         });
-}
-
-/// Why a file that is no .tfc is not taken, with what to do instead.
-std::string not_taken(std::string_view name) {
-  static constexpr std::array kClouds{".ply", ".pcd", ".xyz", ".ptx", ".pts", ".txt", ".csv", ".asc", ".stl", ".obj"};
-  for (const char* ending : kClouds)
-    if (ends_with(name, ending))
-      return fmt::format(
-          "{} is a scan or a mesh, and this is a fab site: it prints layers and cuts none. Send it to a scan site "
-          "(telefab submit FILE --machine NAME), or cut it into a .tfc file first (telefab-scan slice FILE --out "
-          "part.tfc)",
-          name);
-  return fmt::format("{} is not a .tfc file; a fab takes layers as telefab-scan slice writes them", name);
-}
-
 }  // namespace
 
-std::optional<WebResponse> octoprint_refusal(const WebRequest& request, SignIn& sign_in) {
-  if (!request.target.starts_with("/api/")) return std::nullopt;
-  // A client proves its key by any question: a wrong one is said even where none is needed.
-  const auto visitor = sign_in.admit(request, request.method == "POST" ? Access::Operators : Access::Readers);
-  if (visitor) return std::nullopt;
-  return octoprint_problem(403, "X-Api-Key: " + visitor.error().what);
-}
-
-WebResponse octoprint_version(const std::string& version) {
-  return with(200, {{"api", "0.1"}, {"server", version}, {"text", "OctoPrint (Telefab " + version + ")"}});
-}
+WebResponse octoprint_problem(unsigned status, std::string_view what) { return with(status, {{"error", what}}); }
 
 WebResponse octoprint_job(PageBackend& backend) {
   const auto jobs = backend.jobs();
   if (!jobs) return octoprint_problem(jobs.error());
-  const JobView* job = on_machine(*jobs);
+  const JobView* job = job_on_machine(*jobs);
   ordered_json file{{"name", nullptr}, {"origin", nullptr}, {"size", nullptr}, {"date", nullptr}};
   ordered_json progress{
       {"completion", nullptr}, {"filepos", nullptr}, {"printTime", nullptr}, {"printTimeLeft", nullptr}};
@@ -121,7 +77,7 @@ WebResponse octoprint_job(PageBackend& backend) {
 WebResponse octoprint_printer(PageBackend& backend) {
   const auto jobs = backend.jobs();
   if (!jobs) return octoprint_problem(jobs.error());
-  const JobView* job = on_machine(*jobs);
+  const JobView* job = job_on_machine(*jobs);
   const bool is_printing = job && job->state == JobState::Printing, is_paused = job && job->state == JobState::Paused;
   return with(200, {{"temperature", ordered_json::object()},
                     {"sd", {{"ready", false}}},
@@ -148,7 +104,7 @@ WebResponse octoprint_command(const WebRequest& request, PageBackend& backend, c
   const std::string command = text("command"), action = text("action");
   const auto jobs = backend.jobs();
   if (!jobs) return octoprint_problem(jobs.error());
-  const JobView* job = on_machine(*jobs);
+  const JobView* job = job_on_machine(*jobs);
   const auto is = [job](JobState state) { return job && job->state == state; };
   std::optional<JobCommand> wanted;
   const bool starts = command == "start";
@@ -185,12 +141,10 @@ WebResponse octoprint_upload(const WebRequest& request, PageBackend& backend, co
     return field.name == "file" && !field.file_name.empty();
   });
   if (file == fields->end()) return octoprint_problem(400, "the form has no field \"file\" with a file in it");
-  const std::string name{base_name(file->file_name)};
-  if (!is_file_name(name)) return octoprint_problem(400, "the file's name cannot be kept; rename it");
-  if (!ends_with(name, ".tfc")) return octoprint_problem(415, not_taken(name));
   const bool is_to_print = is_yes(value_of(*fields, "print"));
-  const auto job = backend.take_file(name, file->content, is_to_print, who);
-  if (!job) return octoprint_problem(job.error());
+  const auto job = take_upload(backend, file->file_name, file->content, is_to_print, who);
+  if (!job) return octoprint_problem(job.error().status, job.error().what);
+  const std::string name{base_name(file->file_name)};
   WebResponse made = with(201, {{"files",
                                  {{"local",
                                    {{"name", name},

@@ -8,6 +8,9 @@
 
 #include "metrics.hpp"
 #include "octoprint.hpp"
+#include "prusalink.hpp"
+#include "sender_api.hpp"
+#include "uploads.hpp"
 
 namespace telefab::fab {
 
@@ -48,8 +51,11 @@ struct Call {
   PageBackend& backend;
   SignIn& sign_in;
   const WebOptions& options;
+  SenderApi api = SenderApi::OctoPrint;
 
   [[nodiscard]] const std::string& id() const { return routed.arguments.id; }
+  [[nodiscard]] const std::string& storage() const { return routed.arguments.storage; }
+  [[nodiscard]] const std::string& path() const { return routed.arguments.path; }
   [[nodiscard]] const std::string& who() const { return routed.visitor.name; }
 };
 
@@ -143,10 +149,25 @@ WebResponse resume(const Call& call) {
   return web_problem(400, "invalid-input", R"(the body is empty, {"as":"treat-as-exposed"} or {"as":"expose-again"})");
 }
 
+/// Of the page: a file chosen there.
+WebResponse upload(const Call& call) {
+  const auto id = take_upload(call.backend, call.path(), call.request.body, false, call.who());
+  if (!id) return web_problem(id.error().status, "invalid-input", id.error().what);
+  const auto job = call.backend.job(*id);
+  WebResponse made{201, "application/json", json_text(job ? to_json(*job) : json{{"id", *id}})};
+  made.location = "/v1/jobs/" + *id;
+  return made;
+}
+
 WebResponse asset(std::string_view target, const WebOptions& options) {
   if (target.substr(0, target.find('?')) == "/three.js" && !options.three_js.empty())
     return {200, "text/javascript; charset=utf-8", options.three_js, true};
   return web_asset(page_assets(), target);
+}
+
+template <JobCommand command>
+WebResponse prusalink_act(const Call& call) {
+  return prusalink_command(call.backend, call.id(), command, call.who());
 }
 
 /// 30,000 places with all their figures in full.
@@ -207,6 +228,9 @@ const std::vector<Row>& rows() {
        forget},
       {{"POST", "/v1/machines/{id}/cleared", "say that the part is off the platform of a machine", Access::Operators},
        clear_platform},
+      {{"POST", "/v1/files/{path}", "make a job of a file that a fab prints; it waits for approval", Access::Operators,
+        kMostUpload},
+       upload},
       {{"GET", "/metrics", "gauges for Prometheus"},
        [](const Call& c) -> WebResponse {
          const auto jobs = c.backend.jobs();
@@ -225,19 +249,70 @@ const std::vector<Row>& rows() {
          // The server keeps a GET open; this is what a HEAD is told.
          return {200, "text/event-stream", "data: " + event_data(c.backend) + "\n\n"};
        }},
-      {{"GET", "/api/version", "OctoPrint's: version of the API"},
-       [](const Call& c) { return octoprint_version(c.options.version); }},
+      {{"GET", "/api/version", "OctoPrint's and PrusaLink's: version of the API, and what kind of host this is"},
+       [](const Call& c) { return version_for(c.api, c.options.version); }},
       {{"GET", "/api/job", "OctoPrint's: the job on the machine and its progress"},
        [](const Call& c) { return octoprint_job(c.backend); }},
       {{"GET", "/api/printer", "OctoPrint's: state of the printer"},
        [](const Call& c) { return octoprint_printer(c.backend); }},
       {{"POST", "/api/job", "OctoPrint's: start, pause, resume or cancel the job on the machine", Access::Operators},
        [](const Call& c) { return octoprint_command(c.request, c.backend, c.who()); }},
-      {{"POST", "/api/files/local", "OctoPrint's: upload a .tfc file and make it a job", Access::Operators,
+      {{"POST", "/api/files/local", "OctoPrint's: upload a file that a fab prints and make it a job", Access::Operators,
         kMostUpload},
        [](const Call& c) { return octoprint_upload(c.request, c.backend, c.who()); }},
+      {{"GET", "/api/v1/info", "PrusaLink's: what this is"}, [](const Call& c) { return prusalink_info(c.request); }},
+      {{"GET", "/api/v1/status", "PrusaLink's: state of the printer and of the job it prints"},
+       [](const Call& c) { return prusalink_status(c.backend); }},
+      {{"GET", "/api/v1/job", "PrusaLink's: the job that is being printed or is paused"},
+       [](const Call& c) { return prusalink_job(c.backend); }},
+      {{"DELETE", "/api/v1/job/{id}", "PrusaLink's: end the job", Access::Operators},
+       prusalink_act<JobCommand::Cancel>},
+      {{"PUT", "/api/v1/job/{id}/pause", "PrusaLink's: stop before the next exposure, lifted", Access::Operators},
+       prusalink_act<JobCommand::Pause>},
+      {{"PUT", "/api/v1/job/{id}/resume", "PrusaLink's: go on with the next layer", Access::Operators},
+       prusalink_act<JobCommand::Resume>},
+      {{"PUT", "/api/v1/job/{id}/continue", "PrusaLink's: the same", Access::Operators},
+       prusalink_act<JobCommand::Resume>},
+      {{"GET", "/api/v1/storage", "PrusaLink's: where files go"},
+       [](const Call& c) { return prusalink_storage(c.backend); }},
+      {{"GET", "/api/v1/transfer", "PrusaLink's: the file that is on its way; a fab shows it once it is whole"},
+       [](const Call&) -> WebResponse {
+         return {204, "application/json", ""};
+       }},
+      {{"GET", "/api/v1/files/{storage}", "PrusaLink's: jobs as files, newest first"},
+       [](const Call& c) { return prusalink_files(c.backend, c.storage()); }},
+      {{"GET", "/api/v1/files/{storage}/{path}", "PrusaLink's: the job of a file"},
+       [](const Call& c) {
+         return prusalink_file(c.backend, {c.storage(), c.path()});
+       }},
+      {{"PUT", "/api/v1/files/{storage}/{path}", "PrusaLink's: upload a file that a fab prints and make it a job",
+        Access::Operators, kMostUpload},
+       [](const Call& c) {
+         return prusalink_upload(c.request, c.backend, {c.storage(), c.path()}, c.who());
+       }},
+      {{"POST", "/api/v1/files/{storage}/{path}", "PrusaLink's: let the job of a file that waits for approval print",
+        Access::Operators},
+       [](const Call& c) {
+         return prusalink_start(c.backend, {c.storage(), c.path()}, c.who());
+       }},
+      {{"DELETE", "/api/v1/files/{storage}/{path}",
+        "PrusaLink's: cancel and forget the job of a file that is not being printed", Access::Operators},
+       [](const Call& c) {
+         return prusalink_delete(c.backend, {c.storage(), c.path()}, c.who());
+       }},
   };
   return table;
+}
+
+/// The row for a request and who sends it, or the answer that refuses it.
+tl::expected<Routed, WebResponse> route_of(const SenderRequest& asked, SignIn& sign_in) {
+  if (!is_of_sender(asked.request.target)) return find_route(web_routes(), asked.request, sign_in);
+  auto routed = find_row(web_routes(), asked.request);
+  // A program proves its key by any question: a wrong one is refused even where none is needed.
+  auto visitor = sign_in.admit(asked.request, routed ? web_routes()[routed->row].needs : Access::Readers);
+  if (!visitor) return tl::unexpected{refuse_sender(asked, visitor.error(), sign_in)};
+  if (routed) routed->visitor = std::move(*visitor);
+  return routed;
 }
 
 }  // namespace
@@ -248,9 +323,9 @@ const std::vector<WebRoute>& web_routes() {
 }
 
 WebResponse answer(const WebRequest& request, PageBackend& backend, SignIn& sign_in, const WebOptions& options) {
-  if (auto refused = octoprint_refusal(request, sign_in)) return std::move(*refused);
-  const auto routed = find_route(web_routes(), request, sign_in);
-  if (routed) return rows()[routed->row].run(Call{request, *routed, backend, sign_in, options});
+  const SenderRequest asked = read_sender(request);
+  const auto routed = route_of(asked, sign_in);
+  if (routed) return rows()[routed->row].run(Call{asked.request, *routed, backend, sign_in, options, asked.api});
   if (routed.error().status == 404 && (request.method == "GET" || request.method == "HEAD"))
     return asset(request.target, options);
   return routed.error();
@@ -263,14 +338,14 @@ std::string event_data(PageBackend& backend) {
 }
 
 tl::expected<Visitor, WebResponse> FabWeb::admit(const WebRequest& head) {
-  auto routed = find_route(web_routes(), head, sign_in_);
+  auto routed = route_of(read_sender(head), sign_in_);
   if (!routed) return tl::unexpected{std::move(routed.error())};
   return std::move(routed->visitor);
 }
 
 std::uint64_t FabWeb::most_body(const WebRequest& head) {
   // Whoever may not upload is not listened to at length.
-  const auto routed = find_route(web_routes(), head, sign_in_);
+  const auto routed = route_of(read_sender(head), sign_in_);
   return routed ? web_routes()[routed->row].most_body : 0;
 }
 

@@ -31,9 +31,27 @@ constexpr std::array kGetRoutes{"/",
                                 "/api/version",
                                 "/api/job",
                                 "/api/printer",
-                                "/api/files/local"};
-constexpr std::array kPostRoutes{"/v1/jobs/JOB/approve", "/v1/jobs/JOB/pause", "/v1/jobs/JOB/resume",
-                                 "/v1/jobs/JOB/cancel",  "/api/job",           "/api/files/local"};
+                                "/api/files/local",
+                                "/api/v1/info",
+                                "/api/v1/status",
+                                "/api/v1/job",
+                                "/api/v1/job/1",
+                                "/api/v1/job/1/pause",
+                                "/api/v1/storage",
+                                "/api/v1/transfer",
+                                "/api/v1/files/local",
+                                "/api/v1/files/local/JOB",
+                                "/prusalink/api/v1/status",
+                                "/prusa-sla/api/version"};
+constexpr std::array kPostRoutes{"/v1/jobs/JOB/approve",
+                                 "/v1/jobs/JOB/pause",
+                                 "/v1/jobs/JOB/resume",
+                                 "/v1/jobs/JOB/cancel",
+                                 "/api/job",
+                                 "/api/files/local",
+                                 "/v1/files/part.tfc",
+                                 "/api/v1/files/local/JOB",
+                                 "/prusalink/api/v1/files/usb/JOB"};
 constexpr std::array kTricks{"/../../etc/passwd",
                              "/v1/jobs/../../../etc/passwd",
                              "/v1/jobs/%2e%2e%2f%2e%2e/events",
@@ -48,7 +66,15 @@ constexpr std::array kTricks{"/../../etc/passwd",
                              "*",
                              "/web-token",
                              "/jobs.sqlite",
-                             "/.%2e/.%2e/web-token"};
+                             "/.%2e/.%2e/web-token",
+                             "/api/v1/files/local/../../../etc/passwd",
+                             "/api/v1/files/local/%2e%2e%2f%2e%2e%2fetc%2fcron.d%2fx.tfc",
+                             "/api/v1/files/..%2f../part.tfc",
+                             "/api/v1/files/local/%",
+                             "/api/v1/files/local/a%00.tfc",
+                             "/api/v1/job/99999999999999999999/pause",
+                             "/prusalink/prusalink/api/version",
+                             "/prusa-sla/../web-token"};
 constexpr std::array kMethods{"PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "CONNECT", "get", "POST ", "X"};
 
 std::string with_job(std::string path, const std::string& job) {
@@ -108,7 +134,16 @@ class Attacker {
   std::string post_route() { return with_job(pick(kPostRoutes), job_); }
   std::string method_or(const char* usual) { return rng_() % 3 ? usual : "POST"; }
   std::string wrong_key() {
-    switch (rng_() % 4) {
+    switch (rng_() % 7) {
+      case 4:
+        return "Authorization: Digest " + noise_text(rng_() % 400) + "\r\n";
+      case 5:
+        return "Authorization: Digest username=\"web\", realm=\"Telefab\", nonce=\"" + std::string(rng_() % 200, '0') +
+               "\", uri=\"/api/v1/files/local/JOB\", qop=auth, nc=ffffffff, cnonce=\"x\", response=\"" +
+               std::string(rng_() % 2 ? 64 : 32, 'a') + "\"\r\n";
+      case 6:
+        return "Authorization: Digest username=\"" + std::string(rng_() % 3000, 'u') + "\"\r\nOverwrite: ?1\r\n" +
+               "Print-After-Upload: ?1\r\n";
       case 0:
         return "";
       case 1:
@@ -122,6 +157,12 @@ class Attacker {
   std::string noise(std::size_t size) {
     std::string text(size, '\0');
     for (char& c : text) c = static_cast<char>(rng_());
+    return text;
+  }
+  /// Of characters that may stand in a header.
+  std::string noise_text(std::size_t size) {
+    std::string text(size, ' ');
+    for (char& c : text) c = static_cast<char>(' ' + rng_() % 95);
     return text;
   }
   std::string damaged(std::string text) {

@@ -51,6 +51,8 @@ std::size_t changes(const fab::RecordingBackend& backend) {
   return backend.actions.size() + backend.approvals.size() + backend.cleared.size() + backend.files.size();
 }
 
+bool may_change(std::string_view method) { return method == "POST" || method == "PUT" || method == "DELETE"; }
+
 bool shows_a_part(const WebResponse& response) {
   static constexpr std::array kOfAPart{"statue", "layers\":3", "islands", "irradiance", "certificate\":", "queued"};
   return response.status == 200 && response.content_type != "text/javascript; charset=utf-8" &&
@@ -102,7 +104,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (response.status < 200 || response.status > 421 || (response.status != 204 && response.body.empty()))
       std::abort();
     if (admitted && admitted->may > allowed) std::abort();
-    if (changes(backend) != before && (allowed != Access::Operators || request.method != "POST")) std::abort();
+    if (changes(backend) != before && (allowed != Access::Operators || !may_change(request.method))) std::abort();
     if (shows_a_part(response) && allowed == Access::Anybody) std::abort();
     if (!response.cookie.empty()) {
       const std::string cookie = response.cookie.substr(0, response.cookie.find(';'));

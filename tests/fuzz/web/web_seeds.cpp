@@ -16,6 +16,8 @@ std::string concrete(std::string_view pattern) {
   std::string path{pattern};
   if (const auto at = path.find("{id}"); at != std::string::npos) path.replace(at, 4, "job-1");
   if (const auto at = path.find("{layer}"); at != std::string::npos) path.replace(at, 7, "2");
+  if (const auto at = path.find("{storage}"); at != std::string::npos) path.replace(at, 9, "local");
+  if (const auto at = path.find("{path}"); at != std::string::npos) path.replace(at, 6, "part%20a.sl1");
   return path;
 }
 
@@ -31,6 +33,12 @@ std::string every_route(std::string_view lines) {
 std::string token_line(std::string_view name, std::string_view role, int number) {
   const std::string salt = fmt::format("{:032x}", number);
   return fmt::format("{} {} {} {} {}\n", name, role, salt, to_hex(digest_of(std::as_bytes(std::span{salt}))), number);
+}
+
+/// The line as one of a token that also logs in by digest.
+std::string with_keys(std::string line, const std::string& md5) {
+  line.pop_back();
+  return line + " " + md5 + " " + std::string(64, 'b') + "\n";
 }
 
 }  // namespace
@@ -62,6 +70,9 @@ Result<void> write_seeds(const std::filesystem::path& corpus) {
       {"tokens/torn", token_line("ada", "operator", 1) + token_line("eve", "read-only", 2).substr(0, 60)},
       {"tokens/fields", token_line("ada", "operator", 1) + "\n"},
       {"tokens/old", token_line("ada", "operator", -1)},
+      {"tokens/digest", with_keys(token_line("ada", "operator", 1), std::string(32, 'a'))},
+      {"tokens/digest_without_md5", with_keys(token_line("ada", "operator", 1), "")},
+      {"tokens/digest_of_another_length", with_keys(token_line("ada", "operator", 1), std::string(31, 'a'))},
   };
   for (const auto& [name, text] : seeds) {
     std::filesystem::create_directories((corpus / name).parent_path());

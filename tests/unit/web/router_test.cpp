@@ -34,12 +34,15 @@ std::string concrete(std::string_view pattern) {
   std::string path{pattern};
   if (const auto at = path.find("{id}"); at != std::string::npos) path.replace(at, 4, "job-1");
   if (const auto at = path.find("{layer}"); at != std::string::npos) path.replace(at, 7, "2");
+  if (const auto at = path.find("{path}"); at != std::string::npos) path.replace(at, 6, "job-1");
+  if (const auto at = path.find("{storage}"); at != std::string::npos) path.replace(at, 9, "local");
   return path;
 }
 
 TEST(WebRouter, AnswersEveryRouteOfItsTable) {
   RecordingBackend backend;
   for (const WebRoute& route : web_routes()) {
+    if (route.path.starts_with("/api/v1/") || route.path.starts_with("/v1/files/")) continue;  // prusalink_test.cpp
     const WebResponse response = answer({std::string{route.method}, concrete(route.path), "Bearer secret"}, backend);
     // Without a body the two POSTs of OctoPrint's API, the sign-in and supports by hand say what is missing.
     EXPECT_THAT(response.status, testing::AnyOf(200U, 409U, 400U)) << route.path;
@@ -126,12 +129,17 @@ TEST(WebRouter, WantsTheTokenForWhateverChangesState) {
   for (const WebRoute& route : web_routes()) {
     if (route.needs != Access::Operators) continue;
     for (const char* shown :
-         {"", "Bearer ", "Bearer secre", "Bearer secrets", "Bearer SECRET", "Basic secret", "secret"})
-      EXPECT_EQ(answer(ask("POST", concrete(route.path), shown), backend).status,
-                route.path.starts_with("/api/") ? 403U : 401U)
-          << route.path << ' ' << shown;
+         {"", "Bearer ", "Bearer secre", "Bearer secrets", "Bearer SECRET", "Basic secret", "secret"}) {
+      // A wrong key is refused as OctoPrint does; who shows none may still log in.
+      const bool is_octoprint = route.path.starts_with("/api/") && !route.path.starts_with("/api/v1/");
+      const bool is_key = std::string_view{shown}.starts_with("Bearer ");
+      EXPECT_EQ(answer(ask(std::string{route.method}, concrete(route.path), shown), backend).status,
+                is_octoprint && is_key ? 403U : 401U)
+          << route.method << ' ' << route.path << ' ' << shown;
+    }
   }
   EXPECT_THAT(backend.actions, IsEmpty());
+  EXPECT_THAT(backend.files, IsEmpty());
 }
 
 TEST(WebRouter, ChangesNothingAtAllWhereNoTokenIsSet) {

@@ -85,9 +85,10 @@ class PageBackend {
   [[nodiscard]] virtual Result<void> approve(std::string_view id, std::string_view although, std::string_view who) = 0;
   /// The platform of the machine was emptied. Conflict: it is empty already, or its part is still being made.
   [[nodiscard]] virtual Result<void> clear_platform(std::string_view machine, std::string_view who) = 0;
-  /// Makes a job of the bytes of a .tfc file; its id. Printed as soon as it is planned where `start`, else it waits for
-  /// approval. `who` owns it. InvalidInput: not a .tfc file, damaged, or for a machine this fab has not.
-  [[nodiscard]] virtual Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start,
+  /// Makes a job of the bytes of a file of an accepted kind (accepted_endings), judged by name and content; its id.
+  /// Printed as soon as it is planned where `start`, else it waits for approval. `who` owns it. InvalidInput: not what
+  /// its name says, damaged, or for a machine this fab has not.
+  [[nodiscard]] virtual Result<std::string> take_file(std::string_view name, std::string_view bytes, bool start,
                                                       std::string_view who) = 0;
   /// Every machine that stands in the fab, in the order of its list.
   [[nodiscard]] virtual std::vector<MachineStatus> machines() = 0;

@@ -17,7 +17,7 @@ struct WebOptions {
 [[nodiscard]] const std::vector<WebRoute>& web_routes();
 
 /// Answers one request. Never throws, touches no socket. GET and HEAD never change state; whatever changes state is a
-/// POST of an operator whom `sign_in` knows. Unknown paths are 404, known paths with another method 405.
+/// POST, PUT or DELETE of an operator whom `sign_in` knows. Unknown paths are 404, known paths with another method 405.
 [[nodiscard]] WebResponse answer(const WebRequest& request, PageBackend& backend, SignIn& sign_in,
                                  const WebOptions& options);
 
