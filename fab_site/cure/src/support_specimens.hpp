@@ -2,8 +2,7 @@
 #pragma once
 #include <array>
 #include <telefab/fab/cure/support_calibration.hpp>
-
-#include "pixel_rings.hpp"
+#include <telefab/fab/mask/pixel_rings.hpp>
 
 namespace telefab::fab {
 

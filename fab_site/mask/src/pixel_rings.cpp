@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "pixel_rings.hpp"
-
 #include <algorithm>
 #include <array>
+#include <telefab/fab/mask/pixel_rings.hpp>
 
 namespace telefab::fab {
 namespace {
