@@ -178,6 +178,11 @@ std::vector<std::byte> tfc_of(const StackHeader& header, std::span<const Chunk> 
   return bytes;
 }
 
+bool is_tfc(std::span<const std::byte> bytes) {
+  constexpr std::size_t kWord = 4;
+  return bytes.size() >= kWord && std::memcmp(bytes.data(), kMagic.data(), kWord) == 0;
+}
+
 Result<LayerStack> read_tfc(std::span<const std::byte> bytes) {
   std::size_t at = 0;
   const auto bad = [&](std::string what) {

@@ -26,10 +26,6 @@ struct Options {
   std::string place = "keep";
 };
 
-bool is_tfc(std::span<const std::byte> bytes) {
-  return bytes.size() >= 4 && std::string_view{reinterpret_cast<const char*>(bytes.data()), 4} == "TFC1";
-}
-
 /// A contour file is proved to be whole and to fit the machine, and copied as it is.
 Result<std::uint32_t> copy_tfc(std::span<const std::byte> bytes, const MachineProfile& machine, const Options& o) {
   const auto stack = read_tfc(bytes);

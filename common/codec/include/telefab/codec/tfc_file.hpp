@@ -37,6 +37,9 @@ class TfcWriter {
 [[nodiscard]] std::vector<std::byte> tfc_of(const StackHeader& header, std::span<const Chunk> chunks,
                                             const Digest& stack);
 
+/// Whether bytes begin as a .tfc file does, one whose line ends were translated on its way included.
+[[nodiscard]] bool is_tfc(std::span<const std::byte> bytes);
+
 /// Reads a .tfc file back. Fails with InvalidInput: not a .tfc file, truncated, damaged (checksum, digest), a layer
 /// that breaks its bounds; the message says which record and at which byte.
 [[nodiscard]] Result<LayerStack> read_tfc(std::span<const std::byte> bytes);
