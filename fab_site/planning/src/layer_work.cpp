@@ -7,25 +7,16 @@
 #include "mask_passes.hpp"
 
 namespace telefab::fab {
-namespace {
-
-LayerRuns lit_of(const Mask& mask, std::uint32_t index, const MachineProfile& machine) {
-  const std::chrono::duration<double> exposure = exposure_of(machine, index);
-  return LayerRuns::from_mask(mask.view(), gel_level(machine, exposure.count()));
-}
-
-}  // namespace
-
 std::chrono::microseconds exposure_of(const MachineProfile& machine, std::uint32_t print_layer) {
   return std::chrono::microseconds{std::llround(machine.exposure_of_layer_s(print_layer) * 1e6)};
 }
 
-LayerWork made_layer(MaskMaker::Made made, const std::function<void(Mask&)>& cured, const MachineProfile& machine) {
+LayerWork made_layer(MaskMaker::Made made, const std::function<void(Mask&)>& cured, std::uint8_t lit_from) {
   LayerWork work;
   work.index = made.index;
   work.mask = PackedMask{made.mask};
   work.supports = std::move(made.section);
-  work.light.lit = lit_of(made.mask, made.index, machine);
+  work.light.lit = LayerRuns::from_mask(made.mask.view(), lit_from);
   const Mask lit = made.mask;
   cured(made.mask);
   work.runs = LayerRuns::from_mask(made.mask.view(), kCuredPixel);
@@ -35,16 +26,16 @@ LayerWork made_layer(MaskMaker::Made made, const std::function<void(Mask&)>& cur
   return work;
 }
 
-std::uint64_t darken_specks(LayerWork& work, const LayerRuns& specks, const MachineProfile& machine) {
+std::uint64_t darken_specks(LayerWork& work, const LayerRuns& specks, std::uint8_t lit_from) {
   if (specks.count() == 0) return 0;
   Mask mask = work.mask.unpacked();
   darken(mask, specks, work.runs);
-  work.light.lit = lit_of(mask, work.index, machine);
+  work.light.lit = LayerRuns::from_mask(mask.view(), lit_from);
   work.mask = PackedMask{mask};
   return components_of(specks, true).components.size();
 }
 
-Result<void> encode(LayerWork& work, const MachineProfile& machine, const FeatureWatch& features,
+Result<void> encode(LayerWork& work, std::chrono::microseconds exposure, const FeatureWatch& features,
                     const ContactSheet& sheet) {
   const Mask mask = work.mask.unpacked();
   work.mask = {};
@@ -53,7 +44,7 @@ Result<void> encode(LayerWork& work, const MachineProfile& machine, const Featur
   work.png = std::move(*png);
   work.digest = digest_of(std::as_bytes(std::span{mask.rows}));
   work.grey_sum = sums_of(mask.rows).grey;
-  work.at_features = features.light_of(work.index, {mask.view(), exposure_of(machine, work.index)});
+  work.at_features = features.light_of(work.index, {mask.view(), exposure});
   if (sheet.shows(work.index)) work.tile = sheet.tile_of(mask);
   return {};
 }

@@ -30,13 +30,14 @@ struct LayerWork {
   Image tile;                      ///< of the contact sheet; empty: the layer is none of its
 };
 
-/// A layer as it comes from the mask maker. Threads: from several at once, like the next but one.
+/// A layer as it comes from the mask maker; its own exposure begins to cure from `lit_from` on. Threads: from several
+/// at once, like the next but one.
 [[nodiscard]] LayerWork made_layer(MaskMaker::Made made, const std::function<void(Mask&)>& cured,
-                                   const MachineProfile& machine);
+                                   std::uint8_t lit_from);
 /// Takes the light from specks; how many there were. What later layers cure of them hangs on these.
-std::uint64_t darken_specks(LayerWork& work, const LayerRuns& specks, const MachineProfile& machine);
+std::uint64_t darken_specks(LayerWork& work, const LayerRuns& specks, std::uint8_t lit_from);
 /// The mask as a picture, and all that is known of it alone. Fails as the encoder does.
-[[nodiscard]] Result<void> encode(LayerWork& work, const MachineProfile& machine, const FeatureWatch& features,
+[[nodiscard]] Result<void> encode(LayerWork& work, std::chrono::microseconds exposure, const FeatureWatch& features,
                                   const ContactSheet& sheet);
 
 }  // namespace telefab::fab

@@ -27,6 +27,7 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
                              const PlanSink& sink, const Clock& clock, const ProgressSink& progress,
                              std::stop_token stop) {
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
+  if (options.ready) return plan_pass(stack, machine, options, sink, clock, progress, std::move(stop));
   const Millimetres growth{machine.resin.hole_growth_mm};
   const auto drawn = with_grown_holes(stack, growth);
   if (!drawn) return tl::unexpected{drawn.error()};

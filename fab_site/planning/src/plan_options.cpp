@@ -25,6 +25,12 @@ Result<void> PlanOptions::validate() const {
         fmt::format("the pattern {} needs masks by blend-stack, which take account of the light of later layers; "
                     "they are by {}",
                     name_of(pattern.kind), name_of(masks)));
+  if (ready && (ready->layers.empty() || !ready->masks || !(ready->thickness_mm > 0)))
+    return fail(ErrorCode::InvalidInput, "a ready print without layers, masks or thickness");
+  if (ready && (masks != MaskMethod::Cover || supports.mode != SupportOptions::Mode::None || cure_depth_layers != 0))
+    return fail(ErrorCode::InvalidInput,
+                "a ready print is printed as it is: its masks count as by cover, and neither supports nor a cure depth "
+                "can be asked for");
   return supports.validate();
 }
 

@@ -14,6 +14,7 @@
 #include "contact_sheet.hpp"
 #include "layer_work.hpp"
 #include "mask_maker.hpp"
+#include "ready_maker.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -80,6 +81,47 @@ std::uint64_t most_speck_pixels(const MachineProfile& machine, const PlanOptions
   return static_cast<std::uint64_t>(std::numbers::pi * tip_px * tip_px);
 }
 
+/// Times and motion of layers: as the machine has them, or as another program made them.
+class LayerTimes {
+ public:
+  /// As MaskRounds has them.
+  LayerTimes(const MachineProfile& machine, const MachineProfile& shown, const ReadyPrint* ready)
+      : machine_{machine}, shown_{shown}, ready_{ready} {}
+
+  [[nodiscard]] std::chrono::microseconds at_full_light(std::uint32_t index) const {
+    if (!ready_) return exposure_of(machine_, index);
+    const ReadyPrint::Layer& layer = ready_->layers[index];
+    return std::chrono::microseconds{std::llround(static_cast<double>(layer.exposure.count()) * layer.light_share)};
+  }
+  /// The grey from which the layer's own exposure begins to cure.
+  [[nodiscard]] std::uint8_t lit_from(std::uint32_t index) const {
+    if (ready_) return kReadySolid;
+    return gel_level(machine_, std::chrono::duration<double>{at_full_light(index)}.count());
+  }
+  /// Of a layer that lights so much; a dark one is passed without light.
+  void set(PlannedLayer& planned, bool is_dark, double lit_mm2, double thickness_mm) const {
+    const std::uint32_t index = planned.index.count();
+    if (ready_) {
+      const ReadyPrint::Layer& layer = ready_->layers[index];
+      planned.z_mm = layer.z_mm;
+      planned.exposure = layer.exposure;
+      planned.light_share = layer.light_share;
+      planned.motion = layer.motion;
+    } else {
+      planned.z_mm = (index + 1) * thickness_mm;
+      planned.exposure = exposure_of(shown_, index);
+      planned.light_share = shown_.light_share_of_layer(index);
+      planned.motion = motion_of(shown_.motion, index < shown_.layers.bottom_count, lit_mm2);
+    }
+    if (is_dark) planned.exposure = std::chrono::microseconds{0};
+  }
+
+ private:
+  const MachineProfile& machine_;
+  const MachineProfile& shown_;
+  const ReadyPrint* ready_;
+};
+
 /// The masks of a print, round by round: made in parallel, decided upon in order, encoded in parallel, handed on in
 /// order. What is under way lies here.
 class MaskRounds {
@@ -89,6 +131,7 @@ class MaskRounds {
              const MachineProfile& shown, const PlanOptions& options, const PlanSink& sink, PlanSummary& summary)
       : stack_{stack},
         machine_{machine},
+        times_{machine, shown, options.ready.get()},
         shown_{shown},
         sink_{sink},
         summary_{summary},
@@ -104,7 +147,8 @@ class MaskRounds {
 
   [[nodiscard]] Result<void> run(const PlanOptions& options, const Clock& clock, const ProgressSink& progress,
                                  const std::stop_token& stop) {
-    auto maker = make_mask_maker(source_, machine_, options, clock);
+    auto maker = options.ready ? ready_mask_maker(*options.ready, mask_frame(machine_).size)
+                               : make_mask_maker(source_, machine_, options, clock);
     if (!maker) return tl::unexpected{maker.error()};
     const std::uint32_t in_round = (*maker)->block_layers() * kBlocksPerRound * static_cast<std::uint32_t>(at_once_);
     for (std::uint32_t first = 0; first < print_layers_; first += in_round) {
@@ -140,7 +184,7 @@ class MaskRounds {
       const std::uint32_t from = first + block * in_block;
       const auto take = [&](MaskMaker::Made made, const std::function<void(Mask&)>& cured) -> Result<void> {
         const std::uint32_t place = made.index - first;
-        round_[place] = made_layer(std::move(made), cured, machine_);
+        round_[place] = made_layer(std::move(made), cured, times_.lit_from(first + place));
         return {};
       };
       reached[block] = maker.make(from, std::min(in_block, first + count - from), take, stop);
@@ -160,7 +204,7 @@ class MaskRounds {
   Result<void> decide() {
     for (LayerWork& work : round_) {
       const LayerRuns specks = watch_.specks(work.runs, &work.light, most_speck_px_);
-      summary_.specks += darken_specks(work, specks, machine_);
+      summary_.specks += darken_specks(work, specks, times_.lit_from(work.index));
       const double pitch_mm = machine_.projection.pixel_pitch_mm;
       const double solid_mm2 = static_cast<double>(work.solid_pixels) * pitch_mm * pitch_mm;
       const double pull_share = machine_.pull_share_of_layer(work.index, solid_mm2);
@@ -172,8 +216,10 @@ class MaskRounds {
 
   Result<void> encode_all() {
     arena_.execute([&] {
-      tbb::parallel_for(std::size_t{0}, round_.size(),
-                        [&](std::size_t i) { round_[i].outcome = encode(round_[i], machine_, features_, sheet_); });
+      tbb::parallel_for(std::size_t{0}, round_.size(), [&](std::size_t i) {
+        LayerWork& work = round_[i];
+        work.outcome = encode(work, times_.at_full_light(work.index), features_, sheet_);
+      });
     });
     for (const LayerWork& work : round_)
       if (!work.outcome) return work.outcome;
@@ -186,14 +232,11 @@ class MaskRounds {
     const double pitch_mm = machine_.projection.pixel_pitch_mm, thickness_mm = stack_.header().layer_thickness_mm;
     PlannedLayer planned;
     planned.index = index;
-    planned.z_mm = (index.count() + 1) * thickness_mm;
-    planned.exposure = work.grey_sum == 0 ? std::chrono::microseconds{0} : exposure_of(shown_, work.index);
-    planned.light_share = shown_.light_share_of_layer(work.index);
     planned.mask = work.digest;
     // What is solid in the end may have been lit by later layers alone; the pull is judged by the larger area.
     const double lit_mm2 = std::max(static_cast<double>(work.grey_sum) / 255, static_cast<double>(work.solid_pixels)) *
                            pitch_mm * pitch_mm;
-    planned.motion = motion_of(shown_.motion, work.index < shown_.layers.bottom_count, lit_mm2);
+    times_.set(planned, work.grey_sum == 0, lit_mm2, thickness_mm);
     if (lit_mm2 > summary_.peel.most_mm2) summary_.peel = {lit_mm2, index};
     summary_.cured_mm3 += static_cast<double>(work.solid_pixels) * (pitch_mm * pitch_mm * thickness_mm);
     summary_.exposure_s += std::chrono::duration<double>(planned.exposure).count();
@@ -205,6 +248,7 @@ class MaskRounds {
 
   const LayerStack& stack_;
   const MachineProfile& machine_;
+  LayerTimes times_;
   const MachineProfile& shown_;
   const PlanSink& sink_;
   PlanSummary& summary_;
@@ -231,6 +275,7 @@ PlanSummary summary_of(const LayerStack& stack, const SupportPlan& supports, con
   summary.supports_json = to_json(supports);
   summary.registration_rms_mm = options.registration_rms_mm;
   summary.contour_limits = options.contour_limits;
+  if (options.ready) summary.origin = options.ready->origin;
   summary.masks = options.masks;
   summary.mask_iterations = options.masks == MaskMethod::Cover ? 0 : options.mask_iterations;
   summary.pattern = options.pattern;
@@ -248,6 +293,24 @@ PlanSummary summary_of(const LayerStack& stack, const SupportPlan& supports, con
   return summary;
 }
 
+/// What of a profile a ready print says itself.
+void take_over(const ReadyPrint& ready, MachineProfile& machine) {
+  machine.layers.thickness_mm = ready.thickness_mm;
+  machine.layers.exposure_s = std::chrono::duration<double>{ready.layers[ready.layers.size() / 2].exposure}.count();
+}
+
+SupportPlan without_supports(const LayerStack& stack) {
+  SupportFigures figures;
+  for (const Layer& layer : stack.layers())
+    for (const Contour& ring : layer.contours)
+      figures.part_mm3 += ring.signed_area_mm2() * stack.header().layer_thickness_mm;
+  const double thickness_mm = stack.header().layer_thickness_mm;
+  return {0,
+          {},
+          StructureSections{Structure{}, thickness_mm, stack.header().layer_count, Millimetres{thickness_mm}},
+          figures};
+}
+
 }  // namespace
 
 Result<PlanSummary> plan_pass(const LayerStack& stack, const MachineProfile& profile, const PlanOptions& options,
@@ -255,14 +318,16 @@ Result<PlanSummary> plan_pass(const LayerStack& stack, const MachineProfile& pro
                               std::stop_token stop) {
   const auto exposed = exposed_to_depth(profile, options.cure_depth_layers);
   if (!exposed) return tl::unexpected{exposed.error()};
-  const MachineProfile machine = exposed->at_full_light();
+  MachineProfile machine = exposed->at_full_light();
+  if (options.ready) take_over(*options.ready, machine);
   const StackHeader& header = stack.header();
   if (auto ok = fits(stack, machine, header.layer_count); !ok) return tl::unexpected{ok.error()};
 
   const Nanoseconds begun = clock.now();
   SupportOptions support_options = options.supports;
   support_options.threads = options.threads;
-  const auto supports = options.regions
+  const auto supports = options.ready ? Result<SupportPlan>{without_supports(stack)}
+                        : options.regions
                             ? plan_supports(*options.regions, header, machine, support_options, progress, stop)
                             : plan_supports(stack.layers(), header, machine, support_options, progress, stop);
   if (!supports) return tl::unexpected{supports.error()};

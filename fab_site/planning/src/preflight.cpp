@@ -204,7 +204,13 @@ PreflightItem masks_of(const PlanSummary& summary) {
   const BlendFigures& figures = summary.mask_figures;
   PreflightItem item{"masks", Verdict::Passed, {}, figures.residual_px(), "px", {}, {}};
   item.text = fmt::format("by {}", name_of(summary.masks));
-  if (summary.masks == MaskMethod::Cover) {
+  if (!summary.origin.empty()) {
+    item.value.reset();
+    item.text =
+        "as they came, judged as if half of white and more were solid: what is held up by the light of later layers "
+        "alone "
+        "counts as floating";
+  } else if (summary.masks == MaskMethod::Cover) {
     item.value.reset();
     item.text += ": the share of each pixel that the part covers, no dose is computed";
   } else {
@@ -258,6 +264,7 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
   Preflight preflight;
   auto& items = preflight.items;
   items.push_back(size_of(stack, machine, summary));
+  if (!summary.origin.empty()) items.push_back({"file", Verdict::Passed, summary.origin, {}, "", {}, {}});
   items.push_back(certificates_of(stack, summary));
   items.push_back(empty_layers_of(stack, summary));
   items.push_back(surface_of(stack, summary));

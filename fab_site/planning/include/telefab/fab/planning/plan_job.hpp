@@ -11,6 +11,7 @@
 #include <telefab/fab/mask/blend.hpp>
 #include <telefab/fab/mask/inner_pattern.hpp>
 #include <telefab/fab/mask/mask.hpp>
+#include <telefab/fab/planning/ready_print.hpp>
 #include <telefab/fab/print/print_plan.hpp>
 #include <telefab/fab/support/support_plan.hpp>
 #include <telefab/fab/verify/support_check.hpp>
@@ -44,7 +45,10 @@ struct PlanOptions {
   ContourLimits contour_limits;
   SupportOptions supports;
   std::shared_ptr<const PartRegions> regions;  ///< of the very layers, where they were analysed as they came
-  int threads = 0;                             ///< 0 (all cores) to 1024; the plan is the same for any number
+  /// What is printed instead of the stack's layers, which are its outlines_of: no supports are added, masks stay as
+  /// they are, and what concerns either is passed over.
+  std::shared_ptr<const ReadyPrint> ready;
+  int threads = 0;  ///< 0 (all cores) to 1024; the plan is the same for any number
   [[nodiscard]] Result<void> validate() const;
 };
 
@@ -66,6 +70,7 @@ struct PlanSummary {
   ThinReport thin;      ///< of the part's contours and the final masks
   SupportFigures figures;
   ContourLimits contour_limits;  ///< as the options had them
+  std::string origin;            ///< ReadyPrint::origin, for people; empty: masks were made here
   std::vector<Anchor> anchors;
   std::uint32_t part_layers = 0;
   std::uint32_t elevation_layers = 0;

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "ready_maker.hpp"
+
+#include <fmt/format.h>
+
+#include <mutex>
+
+#include "mask_passes.hpp"
+
+namespace telefab::fab {
+namespace {
+
+class ReadyMaker final : public MaskMaker {
+ public:
+  ReadyMaker(const ReadyPrint& print, PixelSize size) : print_{print}, size_{size} {}
+
+  [[nodiscard]] std::uint32_t block_layers() const override { return 8; }
+
+  [[nodiscard]] Result<BlendFigures> make(std::uint32_t first, std::uint32_t count, const Take& take,
+                                          const std::stop_token& stop) const override {
+    for (std::uint32_t i = first; i < first + count; ++i) {
+      if (stop.stop_requested()) return cancelled("planning");
+      auto mask = read(i);
+      if (!mask) return tl::unexpected{mask.error()};
+      if (!(mask->size == size_))
+        return fail(ErrorCode::InvalidInput,
+                    fmt::format("the mask of layer {} has {} x {} pixels, the machine {} x {}", i, mask->size.width_px,
+                                mask->size.height_px, size_.width_px, size_.height_px));
+      if (auto ok = take({i, std::move(*mask), {}}, [](Mask& m) { keep_from(kReadySolid, m.rows); }); !ok)
+        return tl::unexpected{ok.error()};
+    }
+    return BlendFigures{};
+  }
+
+ private:
+  /// Masks have one reader at a time.
+  [[nodiscard]] Result<Mask> read(std::uint32_t layer) const {
+    const std::scoped_lock lock{mutex_};
+    return print_.masks->mask(LayerIndex{layer});
+  }
+
+  const ReadyPrint& print_;
+  PixelSize size_;
+  mutable std::mutex mutex_;
+};
+
+}  // namespace
+
+std::unique_ptr<MaskMaker> ready_mask_maker(const ReadyPrint& print, PixelSize size) {
+  return std::make_unique<ReadyMaker>(print, size);
+}
+
+}  // namespace telefab::fab
