@@ -3,8 +3,10 @@
 
 #include <memory>
 #include <telefab/base/file.hpp>
+#include <telefab/codec/tfc_file.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
+#include <telefab/fab/formats/foreign_print.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/planning/preflight.hpp>
 
@@ -27,6 +29,24 @@ struct Options {
   int threads = 0;
   bool json = false;
 };
+
+constexpr std::uint64_t kMostBytes = 4ULL << 30U;
+
+/// What is to be planned: contours of a scan site, or what another program cut.
+struct Given {
+  LayerStack stack;
+  FileBytes tfc;                            ///< the file as it came; none: it was another
+  std::shared_ptr<const ReadyPrint> ready;  ///< of a file of masks
+};
+
+Result<Given> given_print(const Options& o, const FileBytes& bytes, const MachineProfile& machine,
+                          const std::stop_token& stop) {
+  auto foreign =
+      read_foreign_print(bytes, machine, std::filesystem::path{o.stack}.filename().string(), progress_line(), stop);
+  clear_progress();
+  if (!foreign) return fail_in(o.stack, foreign.error());
+  return Given{std::move(foreign->stack), nullptr, std::move(foreign->ready)};
+}
 
 Result<PlanOptions> plan_options(const Options& o) {
   PlanOptions options;
@@ -51,20 +71,33 @@ void print_summary(const PlanSummary& s, const Preflight& preflight, const std::
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
-  const auto options = plan_options(o);
+  auto options = plan_options(o);
   if (!options) return tl::unexpected{options.error()};
-  const auto file = read_stack_file(o.stack);
-  if (!file) return tl::unexpected{file.error()};
-  const auto machine = chosen_machine(o.machine, file->stack.header().machine);
+  auto read = read_file(o.stack, kMostBytes);
+  if (!read) return tl::unexpected{read.error()};
+  const auto bytes = std::make_shared<const std::vector<std::byte>>(std::move(*read));
+  const bool is_ours = is_tfc(*bytes) || !is_foreign_print(*bytes);  // what is neither is refused as a .tfc
+  auto stack = is_ours ? read_tfc(*bytes).map([](LayerStack s) { return std::optional{std::move(s)}; })
+                       : Result<std::optional<LayerStack>>{std::nullopt};
+  if (!stack) return fail_in(o.stack, stack.error());
+  const auto machine = chosen_machine(o.machine, *stack ? (*stack)->header().machine : std::string{});
   if (!machine) return tl::unexpected{machine.error()};
+  auto given =
+      *stack ? Result<Given>{Given{std::move(**stack), bytes, nullptr}} : given_print(o, bytes, *machine, stop);
+  if (!given) return tl::unexpected{given.error()};
+  if (given->ready) {
+    options->ready = given->ready;
+    options->masks = MaskMethod::Cover;
+    options->supports.mode = SupportOptions::Mode::None;
+  }
   const SystemClock clock;
   std::error_code unknown;  // a folder that cannot be looked at is refused below
   const bool replaced = std::filesystem::exists(std::filesystem::path{o.out} / "plan.json", unknown);
-  const auto summary =
-      write_plan_folder(o.out, file->stack, *machine, *options, clock, progress_line(), stop, file->bytes);
+  const auto summary = write_plan_folder(o.out, given->stack, *machine, *options, clock, progress_line(), stop,
+                                         given->tfc ? std::span{*given->tfc} : std::span<const std::byte>{});
   clear_progress();
   if (!summary) return tl::unexpected{summary.error()};
-  const Preflight preflight = preflight_of(file->stack, *machine, *summary);
+  const Preflight preflight = preflight_of(given->stack, *machine, *summary);
   if (o.json)
     write_output(to_json(*summary));
   else
@@ -76,7 +109,12 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 VerbBody declare_plan(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add("FILE", o->stack, "contour file (.tfc) of telefab-scan slice").required();
+  options
+      .add("FILE", o->stack,
+           "contour file (.tfc) of telefab-scan slice; or, for --machine, what another program cut: masks (SL1, "
+           "NanoDLP, "
+           "GOO), printed as they are, or contours (CLI, SVG, 3MF with slices)")
+      .required();
   declare_machine_choice(options, o->machine, "machine profile; default: the one it was sliced for",
                          MachineIs::Optional);
   options.add("--out", o->out, "folder for masks, plan.json, supports.json, preview.png, report.json, preflight.json")
