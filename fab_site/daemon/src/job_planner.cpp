@@ -87,6 +87,7 @@ Result<Job> JobPlanner::plan_again(const std::string& job, const HandList& suppo
   // An approval is of the plan that was looked at, and whatever is approved may light at any moment.
   if (state == JobState::Ready) return refuse("it is approved; its supports can be changed only before that");
   if (state != JobState::AwaitingApproval) return refuse("it is on its machine; its supports can no longer be changed");
+  if (has_ready_print(found->folder)) return refuse("it came as masks, and its supports are part of them");
   std::error_code error;
   if (std::filesystem::exists(found->folder / "journal", error) || error)
     return refuse("its journal has an approval of the plan before; cancel it and send it again to have other supports");
@@ -149,6 +150,15 @@ Result<PlanOutcome> JobPlanner::attempt(const std::string& job, std::stop_token 
   if (!hand) return tl::unexpected{hand.error()};
   options.supports.hand = std::move(*hand);
   options.regions = take_analysed(job, layers);
+  if (has_ready_print(found->folder)) {
+    auto ready = ready_print_in(found->folder, *machine);
+    if (!ready) return tl::unexpected{ready.error()};
+    options.ready = std::move(*ready);
+    options.masks = MaskMethod::Cover;
+    options.pattern = {};
+    options.cure_depth_layers = 0;
+    options.supports.mode = SupportOptions::Mode::None;
+  }
   return plan_into(
       found->folder, *part, *machine, std::move(options), site_.clock(),
       [&](const Progress& progress) {

@@ -329,9 +329,9 @@ Result<void> SitePageBackend::clear_platform(std::string_view machine, std::stri
   return carry_out(post_, command);
 }
 
-Result<std::string> SitePageBackend::take_file(std::string_view name, std::string_view tfc, bool start,
+Result<std::string> SitePageBackend::take_file(std::string_view name, std::string_view bytes, bool start,
                                                std::string_view who) {
-  auto upload = write_upload(folder_, profiles_.machines(), name, std::as_bytes(std::span{tfc}), start, who);
+  auto upload = write_upload(folder_, profiles_.machines(), name, std::as_bytes(std::span{bytes}), start, who);
   if (!upload) return tl::unexpected{upload.error()};
   const auto job = command_and_wait(
       [&](const Command&, std::function<void(Result<Job>)> done) { uploaded_(*upload, std::move(done)); }, {});

@@ -69,7 +69,8 @@ class SitePageBackend final : public PageBackend {
   Result<void> act(std::string_view id, JobCommand action, std::string_view who) override;
   Result<void> approve(std::string_view id, std::string_view although, std::string_view who) override;
   Result<void> clear_platform(std::string_view machine, std::string_view who) override;
-  Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start, std::string_view who) override;
+  Result<std::string> take_file(std::string_view name, std::string_view bytes, bool start,
+                                std::string_view who) override;
   std::vector<MachineStatus> machines() override { return asker_.standing(); }
   std::string devices_json() override;
   Result<void> healthy() override {

@@ -8,6 +8,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/base/secret.hpp>
 #include <telefab/codec/tfc_file.hpp>
+#include <telefab/fab/formats/foreign_print.hpp>
 
 #include "intake.hpp"
 
@@ -16,6 +17,9 @@ namespace {
 
 constexpr const char* kApprovalMark = "wait-for-approval";
 constexpr std::size_t kLongestName = 255;
+/// A file of masks as it was uploaded, beside the layers that were made of it.
+constexpr const char* kReadyFile = "masks-as-sent";
+constexpr std::uint64_t kMostBytes = 4ULL << 30U;
 
 /// "u" and twelve hexadecimal digits: no scan site's ids look like that.
 Result<std::string> fresh_id() {
@@ -53,39 +57,85 @@ Result<void> write_layers(const std::filesystem::path& folder, const Offer& offe
       {offer.job, intake->spool().chunk_count(), intake->spool().chain(), encoder->stack_digest(), {}});
 }
 
+/// What is in a file, and for which of the machines.
+struct Given {
+  MachineProfile machine;
+  LayerStack stack;
+  bool has_masks = false;
+};
+
+Result<Given> given_by_tfc(std::span<const std::byte> bytes, const std::vector<MachineProfile>& machines) {
+  auto stack = read_tfc(bytes);
+  if (!stack) return tl::unexpected{stack.error()};
+  auto machine = find_machine(machines, stack->header().machine);
+  if (!machine) return tl::unexpected{machine.error()};
+  if (auto fits = check_fits(stack->header(), *machine); !fits) return tl::unexpected{fits.error()};
+  return Given{std::move(*machine), std::move(*stack), false};
+}
+
+/// The first machine that it fits; the reasons of the others where it fits none.
+Result<Given> given_by_others(std::span<const std::byte> bytes, const std::vector<MachineProfile>& machines,
+                              std::string_view name) {
+  const auto kept = std::make_shared<const std::vector<std::byte>>(bytes.begin(), bytes.end());
+  std::optional<Error> why;
+  for (const MachineProfile& machine : machines) {
+    auto print = read_foreign_print(kept, machine, name, {}, {});
+    if (print) return Given{machine, std::move(print->stack), print->ready != nullptr};
+    // What is wrong with the file itself is so for every machine.
+    if (!why || print.error().what != why->what)
+      why = why ? Error{why->code, why->what + "; " + print.error().what} : print.error();
+  }
+  if (!why) return fail(ErrorCode::Conflict, "this fab has no machine");
+  return tl::unexpected{*why};
+}
+
 }  // namespace
 
 Result<NewJob> write_upload(const DataFolder& data, const std::vector<MachineProfile>& machines, std::string_view name,
-                            std::span<const std::byte> tfc, bool start, std::string_view who) {
-  const auto stack = read_tfc(tfc);
-  if (!stack) return fail_in(std::string{name}, stack.error());
-  const auto machine = find_machine(machines, stack->header().machine);
-  if (!machine) return tl::unexpected{machine.error()};
-  if (auto fits = check_fits(stack->header(), *machine); !fits) return tl::unexpected{fits.error()};
+                            std::span<const std::byte> bytes, bool start, std::string_view who) {
+  const auto given = is_tfc(bytes) || !is_foreign_print(bytes) ? given_by_tfc(bytes, machines)
+                                                               : given_by_others(bytes, machines, name);
+  if (!given) return fail_in(std::string{name}, given.error());
   const auto id = fresh_id();
   if (!id) return tl::unexpected{id.error()};
   const auto folder = data.job(*id);
   if (!folder) return tl::unexpected{folder.error()};
   const std::string kept_name{name.substr(0, kLongestName)};
-  const std::string parameters = fmt::format(R"({{"upload_sha256":"{}"}})", to_hex(digest_of(tfc)));
+  const std::string parameters = fmt::format(R"({{"upload_sha256":"{}"}})", to_hex(digest_of(bytes)));
   const Offer offer{*id,
                     kept_name,
-                    machine->name,
+                    given->machine.name,
                     parameters,
-                    digest_of_profile(*machine),
-                    stack->header(),
+                    digest_of_profile(given->machine),
+                    given->stack.header(),
                     static_cast<std::uint32_t>(Coding::Exact),
                     std::string{who},
                     {},
                     {}};
-  auto written = write_layers(*folder, offer, *stack);
+  Result<void> written;
+  if (given->has_masks) written = write_file_atomically(*folder / kReadyFile, bytes);
+  if (written) written = write_layers(*folder, offer, given->stack);
   if (written && !start) written = hold_for_approval(*folder);
   if (!written) {
     std::error_code ignored;  // the reason is the error that is told
     std::filesystem::remove_all(*folder, ignored);
     return tl::unexpected{written.error()};
   }
-  return NewJob{*id, kept_name, machine->name, parameters, std::string{who}};
+  return NewJob{*id, kept_name, given->machine.name, parameters, std::string{who}};
+}
+
+bool has_ready_print(const std::filesystem::path& folder) {
+  std::error_code error;
+  return std::filesystem::exists(folder / kReadyFile, error);
+}
+
+Result<std::shared_ptr<const ReadyPrint>> ready_print_in(const std::filesystem::path& folder,
+                                                         const MachineProfile& machine) {
+  auto bytes = read_file(folder / kReadyFile, kMostBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  auto print = ready_for(std::make_shared<const std::vector<std::byte>>(std::move(*bytes)), machine);
+  if (!print) return fail_in((folder / kReadyFile).string(), print.error());
+  return std::make_shared<const ReadyPrint>(std::move(*print));
 }
 
 Result<void> hold_for_approval(const std::filesystem::path& folder) {

@@ -1,21 +1,30 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <filesystem>
+#include <memory>
 #include <span>
 #include <string_view>
+#include <telefab/fab/planning/ready_print.hpp>
 #include <telefab/machine/machine_profile.hpp>
 #include <telefab/service/data_folder.hpp>
 #include <telefab/store/job_store.hpp>
 
 namespace telefab::fab {
 
-/// Writes the layers of a .tfc file into the folder of a new job, as if a scan site had sent them; what is still to be
-/// done is to make the job, which is `who`'s. Where not `start`, the job waits for approval once it is planned.
-/// InvalidInput: not a .tfc file, damaged, for a machine this fab has not, or for another pitch or thickness of it;
-/// StorageFailed.
+/// Writes the layers of a file into the folder of a new job, as if a scan site had sent them; what is still to be done
+/// is to make the job, which is `who`'s. A .tfc file is for the machine that it names, what another program cut
+/// (read_foreign_print) for the first that it fits; masks stay beside the layers, to be printed as they are. Where not
+/// `start`, the job waits for approval once it is planned. InvalidInput: none of the formats, damaged, for a machine
+/// this fab has not, or for other pixels or layers than its machines have; StorageFailed.
 [[nodiscard]] Result<NewJob> write_upload(const DataFolder& data, const std::vector<MachineProfile>& machines,
-                                          std::string_view name, std::span<const std::byte> tfc, bool start,
+                                          std::string_view name, std::span<const std::byte> bytes, bool start,
                                           std::string_view who);
+
+/// Whether the job in this folder is a file of masks.
+[[nodiscard]] bool has_ready_print(const std::filesystem::path& folder);
+/// The masks of such a job. Fails as ready_for, and with StorageFailed.
+[[nodiscard]] Result<std::shared_ptr<const ReadyPrint>> ready_print_in(const std::filesystem::path& folder,
+                                                                       const MachineProfile& machine);
 
 /// Whether the job in this folder was uploaded to wait for approval.
 [[nodiscard]] Result<void> hold_for_approval(const std::filesystem::path& folder);
