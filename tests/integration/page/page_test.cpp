@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <filesystem>
+#include <fstream>
 #include <mutex>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/test/recording_backend.hpp>
@@ -340,6 +341,31 @@ TEST_F(SignInPage, ShowsNothingBeforeTheSignInAndNothingAfterTheSignOut) {
   browser->click("#sign-out");
   ASSERT_TRUE(says("#link", "not signed in"));
   EXPECT_FALSE(browser->run("return document.body.textContent.includes('statue');").get<bool>());
+}
+
+TEST_F(SignInPage, SendsAChosenFileOnceSomebodyHasSignedIn) {
+  const auto file = folder / "Büste 1.sl1";
+  std::ofstream{file} << "layers";
+  ASSERT_TRUE(says("#link", "not signed in"));
+  browser->type("#file", file.string());
+  browser->click("#file-form button");
+  EXPECT_TRUE(browser->becomes_true("return document.activeElement.id === 'token';"));
+  EXPECT_TRUE(backend.files.empty());
+  browser->type("#token", ada + "\n");
+  ASSERT_TRUE(says("#visitor-name", "ada"));
+  browser->click("#file-form button");
+  ASSERT_TRUE(says("#file-answer", "is job job-1")) << browser->run("return document.body.textContent;");
+  ASSERT_EQ(backend.files.size(), 1U);
+  EXPECT_EQ(backend.files[0].name, "Büste 1.sl1");
+  EXPECT_EQ(backend.files[0].content, "layers");
+  EXPECT_FALSE(backend.files[0].start) << "it waits for approval";
+  test::keep_screenshot(*browser, "page-file-sent");
+  const auto mesh = folder / "lion.stl";
+  std::ofstream{mesh} << "solid";
+  browser->type("#file", mesh.string());
+  browser->click("#file-form button");
+  EXPECT_TRUE(says("#file-answer", "scan or a mesh"));
+  EXPECT_EQ(backend.files.size(), 1U);
 }
 
 TEST_F(SignInPage, AsksAgainWhereTheTokenWasRevokedUnderAnOpenPage) {
