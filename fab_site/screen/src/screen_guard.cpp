@@ -222,7 +222,7 @@ int run_screen_guard(int socket) {
   struct stat status {};
   if (::fstat(socket, &status) != 0 || !S_ISSOCK(status.st_mode)) return 1;
   // Where it is not permitted the guard is as quick as any other program.
-  (void)::mlockall(MCL_CURRENT | MCL_FUTURE);
+  (void)::mlockall(MCL_CURRENT);
   (void)::setpriority(PRIO_PROCESS, 0, -10);
   Guard guard{socket};
   return guard.watch();
