@@ -131,7 +131,7 @@ class SerialStage final : public ZStage, public StageLight {
   StageLightFacts light_facts_;
   double full_word_ = 255;
   std::size_t buffer_bytes_ = 0;  ///< of a GRBL board's receive buffer
-  bool light_unsure_ = false;  ///< from the first byte of an exposure to the board's word that it is dark
+  bool light_unsure_ = false;     ///< from the first byte of an exposure to the board's word that it is dark
   Nanoseconds lit_from_{}, lit_until_{};
   int dark_questions_ = 0;
   std::optional<std::size_t> room_bytes_;  ///< of the receive buffer, in the last report
