@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <telefab/fab/drivers/board_motion.hpp>
 
 namespace telefab::fab {
 
@@ -43,6 +44,25 @@ std::vector<Nanoseconds> walk(double from_mm, std::span<const BoardMove> moves, 
     from_mm = moves[i].to_mm;
   }
   return times;
+}
+
+void queue_move(std::deque<BoardMotion>& motions, Nanoseconds idle, double gap_mm, double to_mm, double mm_per_s,
+                bool homing, Nanoseconds queued, double acceleration_mm_per_s2) {
+  const double from_mm = motions.empty() ? gap_mm : motions.back().to_mm;
+  const auto takes = Nanoseconds{static_cast<Nanoseconds::rep>(std::abs(to_mm - from_mm) / mm_per_s * 1e9)};
+  motions.push_back({idle, idle + takes, from_mm, to_mm, homing, mm_per_s, queued});
+  if (acceleration_mm_per_s2 <= 0) return;
+  const auto first =
+      std::find_if(motions.begin(), motions.end(), [&](const BoardMotion& m) { return m.queued == queued; });
+  std::vector<BoardMove> moves;
+  for (auto m = first; m != motions.end(); ++m) moves.push_back({m->to_mm, m->mm_per_s});
+  const auto times = walk(first->from_mm, moves, acceleration_mm_per_s2);
+  Nanoseconds at = first->from;
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    BoardMotion& m = *(first + static_cast<std::ptrdiff_t>(i));
+    m.from = at;
+    m.until = at += times[i];
+  }
 }
 
 }  // namespace telefab::fab

@@ -8,8 +8,6 @@
 #include <utility>
 #include <vector>
 
-#include "board_walk.hpp"
-
 namespace telefab::fab {
 
 using namespace std::chrono_literals;
@@ -94,7 +92,7 @@ void MarlinModel::answer_at(const std::string& text, Nanoseconds due) {
 
 void MarlinModel::end_motions(Nanoseconds until) {
   while (!motions_.empty() && motions_.front().until <= until) {
-    const Motion m = motions_.front();
+    const BoardMotion m = motions_.front();
     motions_.pop_front();
     gap_mm_ = m.to_mm;
     if (m.homing) homed_ = true;
@@ -130,7 +128,7 @@ void MarlinModel::quick_stop() {
   const Nanoseconds now = clock_.now();
   end_motions(now);
   if (!motions_.empty()) {
-    const Motion& m = motions_.front();
+    const BoardMotion& m = motions_.front();
     const double share = double((now - m.from).count()) / double((m.until - m.from).count());
     gap_mm_ = m.from_mm + (m.to_mm - m.from_mm) * std::clamp(share, 0.0, 1.0);
     if (log_ != nullptr && now > m.from) log_->moved({m.from, now, m.from_mm, gap_mm_});
@@ -145,23 +143,7 @@ void MarlinModel::quick_stop() {
 }
 
 void MarlinModel::queue_move(double to_mm, double mm_per_s, bool homing) {
-  const double from_mm = motions_.empty() ? gap_mm_ : motions_.back().to_mm;
-  const Nanoseconds from = idle_at();
-  const auto takes = Nanoseconds{static_cast<Nanoseconds::rep>(std::abs(to_mm - from_mm) / mm_per_s * 1e9)};
-  motions_.push_back({from, from + takes, from_mm, to_mm, homing, mm_per_s, at_});
-  if (acceleration_mm_per_s2_ <= 0) return;
-  // What came at one time is planned as one path.
-  const auto first =
-      std::find_if(motions_.begin(), motions_.end(), [this](const Motion& m) { return m.queued == at_; });
-  std::vector<BoardMove> moves;
-  for (auto m = first; m != motions_.end(); ++m) moves.push_back({m->to_mm, m->mm_per_s});
-  const auto times = walk(first->from_mm, moves, acceleration_mm_per_s2_);
-  Nanoseconds at = first->from;
-  for (std::size_t i = 0; i < times.size(); ++i) {
-    Motion& m = *(first + static_cast<std::ptrdiff_t>(i));
-    m.from = at;
-    m.until = at += times[i];
-  }
+  fab::queue_move(motions_, idle_at(), gap_mm_, to_mm, mm_per_s, homing, at_, acceleration_mm_per_s2_);
 }
 
 bool MarlinModel::receive(std::string_view bytes) {

@@ -7,6 +7,7 @@
 #include <string_view>
 #include <telefab/base/clock.hpp>
 #include <telefab/fab/device/machine_log.hpp>
+#include <telefab/fab/drivers/board_motion.hpp>
 #include <telefab/fab/drivers/line_model.hpp>
 #include <telefab/fab/drivers/model_lamp.hpp>
 
@@ -76,13 +77,6 @@ class GrblModel final : public LineModel {
     Nanoseconds came{};
     std::string text;
   };
-  struct Motion {
-    Nanoseconds from{}, until{};
-    double from_mm = 0, to_mm = 0;
-    bool homing = false;
-    double mm_per_s = 0;
-    Nanoseconds queued{};
-  };
   struct Block;
   void queue_move(double to_mm, double mm_per_s, bool homing);
   void end_motions(Nanoseconds until);
@@ -121,7 +115,7 @@ class GrblModel final : public LineModel {
   Nanoseconds ready_at_{};  ///< for the next line
   std::optional<Nanoseconds> frozen_at_;
   std::deque<Pending> outgoing_;
-  std::deque<Motion> motions_;
+  std::deque<BoardMotion> motions_;
   double feed_mm_per_min_ = 0;
   double s_ = 0;
   bool spindle_on_ = false;

@@ -6,6 +6,7 @@
 #include <string>
 #include <telefab/base/clock.hpp>
 #include <telefab/fab/device/machine_log.hpp>
+#include <telefab/fab/drivers/board_motion.hpp>
 #include <telefab/fab/drivers/line_model.hpp>
 #include <telefab/fab/drivers/model_lamp.hpp>
 
@@ -75,13 +76,6 @@ class MarlinModel final : public LineModel {
   void lose_next_line() { lose_line_ = true; }
 
  private:
-  struct Motion {
-    Nanoseconds from{}, until{};
-    double from_mm = 0, to_mm = 0;
-    bool homing = false;
-    double mm_per_s = 0;
-    Nanoseconds queued{};
-  };
   struct Line {
     Nanoseconds came{};
     std::string text;
@@ -125,7 +119,7 @@ class MarlinModel final : public LineModel {
   std::optional<std::pair<MarlinFault, std::uint64_t>> fault_;
   std::deque<Line> lines_in_;
   std::deque<Pending> outgoing_;
-  std::deque<Motion> motions_;
+  std::deque<BoardMotion> motions_;
 };
 
 }  // namespace telefab::fab
