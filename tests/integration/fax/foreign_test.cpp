@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <gmock/gmock.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <telefab/test/http_client.hpp>
+#include <telefab/test/two_sites.hpp>
+#include <thread>
+
+// Prints that other programs cut, sent to a fab as files.
+
+namespace telefab::test {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::json;
+using testing::HasSubstr;
+namespace fs = std::filesystem;
+
+class ForeignFiles : public TwoSites {
+ protected:
+  [[nodiscard]] Outcome tool(std::vector<std::string> words) const {
+    words[0] = std::string{std::getenv("TELEFAB_BIN")} + "/" + words[0];
+    words.insert(words.end(), {"--machines", (folder() / "machines").string()});
+    return run(words);
+  }
+  /// A torus as a plan drawn by cover, in the format of another printer.
+  [[nodiscard]] fs::path written(const std::string& format) {
+    const std::string tfc = (folder() / "t.tfc").string(), file = (folder() / ("t." + format)).string();
+    const Outcome sliced =
+        tool({"telefab-scan", "slice", torus().string(), "--machine", "toy", "--height-mm", "4", "--out", tfc});
+    EXPECT_EQ(sliced.code, 0) << sliced.errors;
+    const Outcome planned = tool({"telefab-fab", "plan", tfc, "--out", own_plan().string(), "--masks", "cover"});
+    EXPECT_TRUE(planned.code == 0 || planned.code == 8) << planned.errors;
+    const Outcome exported = tool({"telefab-fab", "export", own_plan().string(), "--format", format, "--out", file,
+                                   "--although", "carry,exposures"});
+    EXPECT_EQ(exported.code, 0) << exported.errors;
+    return file;
+  }
+  [[nodiscard]] fs::path own_plan() const { return folder() / "own"; }
+  /// Sends a file as PrusaLink's senders do; the answer.
+  [[nodiscard]] std::string sent(const fs::path& file, const std::string& name) const {
+    const auto port = static_cast<std::uint16_t>(std::stoi(text_of(folder() / "fab" / "web-port")));
+    const std::string token = text_of(folder() / "fab" / "web-token").substr(0, 32);
+    return http_ask(port, "PUT", "/api/v1/files/local/" + name, "X-Api-Key: " + token + "\r\n", text_of(file));
+  }
+  [[nodiscard]] json jobs() const {
+    return json::parse(telefab({"jobs", "--json", "--site", fab_site()}).output, nullptr, false);
+  }
+  /// The only job, once it is in that state.
+  [[nodiscard]] json job_in(const std::string& state) const {
+    for (int tries = 0; tries < 600; ++tries, std::this_thread::sleep_for(50ms))
+      if (const json all = jobs(); all.is_array() && all.size() == 1 && all[0]["state"] == state) return all[0];
+    ADD_FAILURE() << "never " << state << ": " << jobs().dump();
+    return {};
+  }
+  [[nodiscard]] json layers_of(const fs::path& plan) const {
+    return json::parse(text_of(plan / "plan.json"))["layers"];
+  }
+};
+
+TEST_F(ForeignFiles, OfMasksArePrintedPixelForPixelOnceSomebodyHasApprovedThem) {
+  start_fab({"--web", "127.0.0.1:0"});
+  EXPECT_THAT(sent(written("goo"), "torus.goo"), HasSubstr("HTTP/1.1 201"));
+  const std::string job = job_in("awaiting-approval")["id"];
+  const fs::path plan = folder() / "fab" / "jobs" / job / "plan";
+  EXPECT_EQ(layers_of(plan).size(), layers_of(own_plan()).size());
+  for (std::size_t i = 0; i < layers_of(plan).size(); ++i)
+    EXPECT_EQ(layers_of(plan)[i]["mask_sha256"], layers_of(own_plan())[i]["mask_sha256"]) << "layer " << i;
+  EXPECT_THAT(text_of(plan / "preflight.json"), HasSubstr("masks, times and motion are those of a file (goo"));
+  // After a restart too: the file lies beside the layers.
+  kill_fab();
+  start_fab({"--web", "127.0.0.1:0"});
+  std::string names;
+  for (const json& item : json::parse(text_of(plan / "preflight.json"))["items"])
+    if (item["verdict"] == "held") names += (names.empty() ? "" : ",") + item["name"].get<std::string>();
+  std::vector<std::string> words{"approve", job, "--site", fab_site()};
+  if (!names.empty()) words.insert(words.end(), {"--although", names});
+  const Outcome approved = telefab(words);
+  ASSERT_EQ(approved.code, 0) << approved.errors;
+  EXPECT_EQ(job_in("done")["id"], job);
+}
+
+TEST_F(ForeignFiles, OfContoursArePlannedAsAnyOthers) {
+  start_fab({"--web", "127.0.0.1:0"});
+  EXPECT_THAT(sent(written("svg"), "torus.svg"), HasSubstr("HTTP/1.1 201"));
+  const std::string job = job_in("awaiting-approval")["id"];
+  const std::string preflight = text_of(folder() / "fab" / "jobs" / job / "plan" / "preflight.json");
+  EXPECT_THAT(preflight, testing::Not(HasSubstr("\"file\"")));
+}
+
+TEST_F(ForeignFiles, ThatFitNoMachineAreRefusedWithTheReason) {
+  start_fab({"--web", "127.0.0.1:0"});
+  const fs::path goo = written("goo");
+  std::string profile = text_of(folder() / "machines" / "toy.toml");
+  const auto width = profile.find("width_mm = 20.0");
+  ASSERT_NE(width, std::string::npos);
+  std::ofstream{folder() / "machines" / "toy.toml"} << profile.replace(width, 15, "width_mm = 30.0");
+  kill_fab();
+  start_fab({"--web", "127.0.0.1:0"});
+  EXPECT_THAT(sent(goo, "torus.goo"), HasSubstr("Slice it for this machine"));
+  EXPECT_THAT(sent(folder() / "machines" / "toy.toml", "torus.goo"), HasSubstr("HTTP/1.1 4"));
+  EXPECT_EQ(jobs().size(), 0U);
+}
+
+}  // namespace
+}  // namespace telefab::test
