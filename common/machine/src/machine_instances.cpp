@@ -14,7 +14,8 @@ namespace telefab {
 namespace {
 
 constexpr std::string_view kTable = "machine";
-constexpr std::string_view kDevices = "devices";
+/// What differs between machines of one profile: what they are connected to.
+constexpr std::array<std::string_view, 3> kSections{"devices", "screen", "light"};
 
 /// A text of a [[machine]], and where it stands in a machine's file that inherits from the profile.
 struct Text {
@@ -62,12 +63,13 @@ class InstanceReader {
 
  private:
   Result<void> read_entry(std::string_view key, const toml::node& node) {
-    if (key == kDevices && node.is_table()) return read_devices(*node.as_table());
+    if (std::ranges::find(kSections, key) != kSections.end() && node.is_table())
+      return read_section(key, *node.as_table());
     const auto text = std::ranges::find(kTexts, key, &Text::key);
     if (text == kTexts.end())
       return refuse(part_.origin, node.source(),
                     fmt::format("unknown key \"{}\"; a [[machine]] has name, profile, resin, print, description and "
-                                "[machine.devices]; the rest is its profile's",
+                                "[machine.devices], [machine.screen] and [machine.light]; the rest is its profile's",
                                 key));
     auto value = read_text(key, node, part_.origin);
     if (!value) return tl::unexpected{value.error()};
@@ -78,11 +80,11 @@ class InstanceReader {
     return {};
   }
 
-  Result<void> read_devices(const toml::table& table) {
+  Result<void> read_section(std::string_view section, const toml::table& table) {
     for (const auto& [name, node] : table) {
-      const Key* key = find_key(kDevices, name.str());
+      const Key* key = find_key(section, name.str());
       if (!key)
-        return refuse(part_.origin, node.source(), fmt::format("unknown key \"machine.devices.{}\"", name.str()));
+        return refuse(part_.origin, node.source(), fmt::format("unknown key \"machine.{}.{}\"", section, name.str()));
       if (auto read = read_value(*key, node, part_.values, part_.origin); !read) return read;
       part_.lines[label_of(*key)] = static_cast<int>(node.source().begin.line);
     }
@@ -119,8 +121,9 @@ bool states_anything(const ProfilePart& part) {
 }
 
 /// What decides with the plan's exposures how much light there is.
-bool is_same_light(const MachineProfile::Devices& a, const MachineProfile::Devices& b) {
-  return a.led_current == b.led_current && a.led_colour == b.led_colour;
+bool is_same_light(const MachineProfile& a, const MachineProfile& b) {
+  return a.devices.led_current == b.devices.led_current && a.devices.led_colour == b.devices.led_colour &&
+         a.devices.light == b.devices.light && a.light.power == b.light.power;
 }
 
 }  // namespace
@@ -194,7 +197,7 @@ Result<InstanceFit> fit_of(const ProfileCatalogue& catalogue, const MachineInsta
   const auto own = catalogue.compose({instance.name});
   if (!own) return tl::unexpected{own.error()};
   if (!own->resin.empty() && own->resin != asked->resin) return InstanceFit::OtherResin;
-  if (!is_same_light(own->profile.devices, asked->profile.devices)) return InstanceFit::OtherLight;
+  if (!is_same_light(own->profile, asked->profile)) return InstanceFit::OtherLight;
   return InstanceFit::Fits;
 }
 

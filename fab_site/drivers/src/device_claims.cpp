@@ -9,6 +9,10 @@ std::string_view name_of(ClaimKind kind) {
       return "light engine";
     case ClaimKind::StageBoard:
       return "stage";
+    case ClaimKind::Screen:
+      return "screen";
+    case ClaimKind::WholePrinter:
+      return "printer";
   }
   return "stage";
 }
@@ -16,8 +20,16 @@ std::string_view name_of(ClaimKind kind) {
 std::vector<DeviceClaim> devices_of(const MachineProfile& machine) {
   const MachineProfile::Devices& d = machine.devices;
   std::vector<DeviceClaim> claims;
-  if (d.projector != ProjectorKind::Virtual)
+  if (d.printer != PrinterKind::None) {
+    const bool has_id = !d.printer_id.empty();
+    claims.push_back({ClaimKind::WholePrinter, has_id ? d.printer_id : d.printer_address,
+                      has_id ? "devices.printer_id" : "devices.printer_address"});
+    return claims;
+  }
+  if (d.projector == ProjectorKind::Dlpc900)
     claims.push_back({ClaimKind::LightEngine, d.projector_serial, "devices.projector_serial"});
+  if (d.projector == ProjectorKind::Screen)
+    claims.push_back({ClaimKind::Screen, machine.screen.connector, "screen.connector"});
   if (d.stage != StageKind::Virtual) claims.push_back({ClaimKind::StageBoard, d.stage_serial, "devices.stage_serial"});
   return claims;
 }

@@ -29,6 +29,26 @@ TEST(DeviceClaims, NameEachRealDevice) {
   EXPECT_EQ(claims[1].identity, "G1");
 }
 
+TEST(DeviceClaims, NameTheConnectorOfAScreen) {
+  MachineProfile left = machine(ProjectorKind::Screen, "", StageKind::Virtual, ""), right = left;
+  left.screen.connector = "HDMI-A-1";
+  right.screen.connector = "HDMI-A-2";
+  ASSERT_EQ(devices_of(left).size(), 1U);
+  EXPECT_EQ(devices_of(left)[0], (DeviceClaim{ClaimKind::Screen, "HDMI-A-1", "screen.connector"}));
+  EXPECT_FALSE(may_be_one(devices_of(left)[0], devices_of(right)[0]));
+  EXPECT_TRUE(may_be_one(devices_of(left)[0], devices_of(left)[0]));
+}
+
+TEST(DeviceClaims, NameAWholePrinterAndNothingElseOfItsMachine) {
+  MachineProfile printer = machine(ProjectorKind::Dlpc900, "", StageKind::Grbl, "");
+  printer.devices.printer = PrinterKind::Sdcp;
+  printer.devices.printer_address = "10.0.0.7";
+  ASSERT_EQ(devices_of(printer).size(), 1U);
+  EXPECT_EQ(devices_of(printer)[0], (DeviceClaim{ClaimKind::WholePrinter, "10.0.0.7", "devices.printer_address"}));
+  printer.devices.printer_id = "000000000001d354";
+  EXPECT_EQ(devices_of(printer)[0].key, "devices.printer_id");
+}
+
 TEST(DeviceClaims, MayBeOneDeviceWhereOneOfThemSaysOnlyWhicheverIsFound) {
   const DeviceClaim first{ClaimKind::StageBoard, "G1", {}}, second{ClaimKind::StageBoard, "G2", {}};
   const DeviceClaim any{ClaimKind::StageBoard, "", {}}, light{ClaimKind::LightEngine, "", {}};

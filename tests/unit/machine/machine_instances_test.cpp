@@ -58,6 +58,17 @@ TEST(MachineInstances, AreReadWithWhatTheyStateThemselves) {
   EXPECT_FALSE(instances[1].part.states("devices.projector_serial"));
 }
 
+TEST(MachineInstances, StateTheScreenAndTheLightThatAreTheirOwn) {
+  const auto instances = list(
+      "[[machine]]\nname = \"left\"\nprofile = \"machine-a\"\n[machine.screen]\nconnector = \"HDMI-A-1\"\n"
+      "[machine.light]\nnumber = 2\n");
+  ASSERT_EQ(instances.size(), 1U);
+  EXPECT_TRUE(instances[0].part.states("screen.connector"));
+  EXPECT_TRUE(instances[0].part.states("light.number"));
+  EXPECT_THAT(refusal("[[machine]]\nname = \"a\"\nprofile = \"b\"\n[machine.screen]\nusb = \"c\""),
+              HasSubstr("unknown key \"machine.screen.usb\""));
+}
+
 TEST(MachineInstances, AreRefusedByFileAndLineWithWhatToDo) {
   EXPECT_THAT(refusal(""), HasSubstr("fab.toml has no [[machine]]"));
   EXPECT_THAT(refusal("name = \"a\""), HasSubstr("line 1: \"name\" is not a [[machine]] table"));

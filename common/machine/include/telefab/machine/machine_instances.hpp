@@ -15,15 +15,15 @@ struct MachineInstance {
   std::string name;     ///< 1 to 64 of a-z, 0-9 and -
   std::string profile;  ///< it is one of
   /// What it states itself, as a machine's file that inherits from the profile would: what is loaded, its default way
-  /// to print, and keys of [devices].
+  /// to print, and keys of [devices], [screen] and [light].
   ProfilePart part;
   /// Named by a list; else it is there because the profile is, and all that is known of it is the profile.
   bool is_stated = false;
 };
 
 /// Reads a list of machines, `[[machine]]` tables with name, profile, and, where they differ from the profile's,
-/// resin, print, description and [machine.devices]. `file`: for messages. InvalidInput: file, line, what is wrong, how
-/// it should be; also two of one name, none, or more than kMaxInstances.
+/// resin, print, description, [machine.devices], [machine.screen] and [machine.light]. `file`: for messages.
+/// InvalidInput: file, line, what is wrong, how it should be; also two of one name, none, or more than kMaxInstances.
 [[nodiscard]] Result<std::vector<MachineInstance>> machine_instances_from_toml(std::string_view text,
                                                                                std::string_view file);
 /// One for each machine that a catalogue offers, named as its profile.

@@ -10,16 +10,18 @@ namespace telefab::fab {
 
 /// What a machine needs of the computer for itself alone.
 enum class ClaimKind : std::uint8_t {
-  LightEngine,  ///< on USB
-  StageBoard,   ///< behind a tty
+  LightEngine,   ///< on USB
+  StageBoard,    ///< behind a tty
+  Screen,        ///< a connector, a framebuffer
+  WholePrinter,  ///< in the network
 };
-/// "light engine", "stage".
+/// "light engine", ...
 [[nodiscard]] std::string_view name_of(ClaimKind kind);
 
 /// One device that a profile names. Every kind of device that make_devices() opens has its row in devices_of().
 struct DeviceClaim {
   ClaimKind kind = ClaimKind::LightEngine;
-  std::string identity;  ///< serial number, or path of a tty; empty: the only one found
+  std::string identity;  ///< serial number, path of a tty, connector, board or address; empty: the only one found
   std::string_view key;  ///< of the profile, that states it
   friend bool operator==(const DeviceClaim&, const DeviceClaim&) = default;
 };
