@@ -37,7 +37,7 @@ bool send_packet(int socket, const Packet& packet, int file) {
     std::memcpy(CMSG_DATA(head), &file, sizeof file);
   }
   while (true) {
-    const ssize_t n = ::sendmsg(socket, &message, MSG_NOSIGNAL);
+    const ssize_t n = ::sendmsg(socket, &message, MSG_NOSIGNAL | MSG_DONTWAIT);  // EAGAIN: the other end hangs
     if (n >= 0) return n == static_cast<ssize_t>(sizeof copy);
     if (errno != EINTR) return false;
   }

@@ -68,8 +68,14 @@ class GuardLink {
     posix_spawn_file_actions_t actions;
     ::posix_spawn_file_actions_init(&actions);
     ::posix_spawn_file_actions_adddup2(&actions, theirs.get(), kGuardSocket);
+    // No socket of the daemon; and no key at its terminal reaches the one that is to darken.
+    ::posix_spawn_file_actions_addclosefrom_np(&actions, kGuardSocket + 1);
+    posix_spawnattr_t attributes;
+    ::posix_spawnattr_init(&attributes);
+    ::posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
     pid_t process = -1;
-    const int failed = ::posix_spawn(&process, program.path.c_str(), &actions, nullptr, arguments.data(), environ);
+    const int failed = ::posix_spawn(&process, program.path.c_str(), &actions, &attributes, arguments.data(), environ);
+    ::posix_spawnattr_destroy(&attributes);
     ::posix_spawn_file_actions_destroy(&actions);
     if (failed != 0)
       return fail(ErrorCode::DeviceRefused,
@@ -84,7 +90,11 @@ class GuardLink {
     request.number = ++number_;
     {
       const std::lock_guard lock{mutex_};
-      if (!send_packet(socket_.get(), request, file)) return fail(ErrorCode::DeviceLost, "screen: its guard is gone");
+      if (!send_packet(socket_.get(), request, file)) {
+        if (errno != EAGAIN) return fail(ErrorCode::DeviceLost, "screen: its guard is gone");
+        hangs_ = true;
+        return fail(ErrorCode::DeviceTimeout, "screen: its guard does not answer");
+      }
     }
     const Nanoseconds until = clock_.now() + patience;
     while (clock_.now() < until) {
@@ -105,7 +115,7 @@ class GuardLink {
       while (!stop.stop_requested()) {
         {
           const std::lock_guard lock{mutex_};
-          if (!send_packet(socket_.get(), GuardRequest{})) return;
+          if (!send_packet(socket_.get(), GuardRequest{}) && errno != EAGAIN) return;
         }
         clock.sleep_for(kBeat);
       }
@@ -207,7 +217,7 @@ class GuardedDisplay final : public ScreenDisplay {
     Result<void> black;
     if (card_.get() >= 0) {
       black = blacken_kms(card_.get(), means_);
-    } else if (settings_.connector.starts_with('/')) {
+    } else if (was_ours_ && settings_.connector.starts_with('/')) {
       const auto by_hand = open_framebuffer(settings_);
       if (!by_hand) black = tl::unexpected{by_hand.error()};
     }
@@ -238,6 +248,7 @@ class GuardedDisplay final : public ScreenDisplay {
     facts_.frame = Nanoseconds{reply->frame_ns};
     facts_.confirms = reply->confirms != 0;
     guard_ = std::move(*link);
+    was_ours_ = true;
     return {};
   }
 
@@ -285,6 +296,7 @@ class GuardedDisplay final : public ScreenDisplay {
   OpenFile card_;  ///< shared with the guard; outlives it
   BlackMeans means_;
   std::unique_ptr<GuardLink> guard_;
+  bool was_ours_ = false;  ///< a guard had it; what another program shows is not darkened by hand
   std::string why_no_guard_;
 };
 

@@ -256,7 +256,8 @@ class KmsScanout final : public Scanout {
     card_ = OpenFile{::open(path.c_str(), O_RDWR | O_CLOEXEC)};
     if (card_.get() < 0) return failed("cannot open " + path);
     // The first that opens a card drives it; where another one did before, this fails and nothing is shown.
-    if (drmSetMaster(card_.get()) != 0 && drmIsMaster(card_.get()) == 0) return failed("cannot drive " + path);
+    if (drmSetMaster(card_.get()) != 0 && drmIsMaster(card_.get()) == 0)
+      return failed("cannot drive " + path + ", of which one machine at a time has all connectors");
     return {};
   }
 

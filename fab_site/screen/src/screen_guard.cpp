@@ -1,4 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/file.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -147,6 +150,12 @@ class Guard {
     void* frame = ::mmap(nullptr, frame_bytes_, PROT_READ, MAP_SHARED, file.get(), 0);
     if (frame == MAP_FAILED) return fail(ErrorCode::Internal, "screen: its guard cannot read the frame");
     frame_ = static_cast<std::byte*>(frame);
+    if (settings.connector.starts_with('/')) {
+      lock_ = OpenFile{::open(settings.connector.c_str(), O_RDONLY | O_CLOEXEC)};
+      if (lock_.get() >= 0 && ::flock(lock_.get(), LOCK_EX | LOCK_NB) != 0)
+        return fail(ErrorCode::DeviceRefused,
+                    fmt::format("screen: another program shows its masks on {}", settings.connector));
+    }
     auto scanout = open_scanout(settings, clock_);
     if (!scanout) return tl::unexpected{scanout.error()};
     scanout_ = std::move(*scanout);
@@ -160,6 +169,7 @@ class Guard {
 
   int socket_;
   SystemClock clock_;
+  OpenFile lock_;  ///< a framebuffer has no owner of its own
   std::unique_ptr<Scanout> scanout_;
   std::byte* frame_ = nullptr;
   std::size_t frame_bytes_ = 0;
