@@ -197,12 +197,14 @@ Result<std::unique_ptr<Projector>> open_picture(const MachineProfile& machine, C
 
 Result<void> darken(const MachineProfile& machine, Clock& clock) {
   // The lamp first: its board restarts when it is opened.
+  Result<void> unlit;
   if (machine.devices.light == LightSwitch::Stage && machine.devices.stage != StageKind::Virtual)
-    if (const auto stage = open_stage(machine, clock); !stage) return tl::unexpected{stage.error()};
-  if (machine.devices.projector == ProjectorKind::Virtual) return {};
+    if (const auto stage = open_stage(machine, clock); !stage) unlit = tl::unexpected{stage.error()};
+  if (machine.devices.projector == ProjectorKind::Virtual) return unlit;
   const auto projector = open_picture(machine, clock);  // dark when it is open
-  if (!projector) return tl::unexpected{projector.error()};
-  return (*projector)->dark();
+  if (!projector) return unlit ? tl::unexpected{projector.error()} : unlit;
+  const auto black = (*projector)->dark();
+  return unlit ? black : unlit;
 }
 
 Result<Devices> make_devices(const MachineProfile& machine, Clock& clock) {
