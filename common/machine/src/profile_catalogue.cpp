@@ -254,7 +254,10 @@ class Composition {
       is_assumed = value(kExposure).is_assumed;
     }
     // To a millisecond: two processors may differ in the last digit of exp, and both sites compare what they find.
-    seconds = std::round(seconds * kMillisecondsPerSecond) / kMillisecondsPerSecond;
+    // A board may time light in coarser steps.
+    const double step_s = p.exposure_step_s();
+    seconds = step_s > 0 ? std::max(1.0, std::round(seconds / step_s)) * step_s
+                         : std::round(seconds * kMillisecondsPerSecond) / kMillisecondsPerSecond;
     const Key& row = *find_key("layers", std::string_view{key}.substr(std::string_view{"layers."}.size()));
     const auto& range = std::get<NumberKey>(row.kind);
     if (!(seconds >= range.least && seconds <= range.most))
