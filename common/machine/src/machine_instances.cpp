@@ -123,7 +123,9 @@ bool states_anything(const ProfilePart& part) {
 /// What decides with the plan's exposures how much light there is.
 bool is_same_light(const MachineProfile& a, const MachineProfile& b) {
   return a.devices.led_current == b.devices.led_current && a.devices.led_colour == b.devices.led_colour &&
-         a.devices.light == b.devices.light && a.light.power == b.light.power;
+         a.devices.light == b.devices.light && a.light.power == b.light.power && a.light.steps == b.light.steps &&
+         a.exposure_step_s() == b.exposure_step_s() && a.screen.rotation == b.screen.rotation &&
+         a.screen.packing == b.screen.packing;
 }
 
 }  // namespace

@@ -90,6 +90,11 @@ FabMachines::Fits FabMachines::fits(const Job& job) const {
     const std::string& name = instances_[place].name;
     if (!fit)
       others.push_back(fit.error().what);
+    else if (*fit == InstanceFit::Fits && composed_[place].profile.devices.printer != PrinterKind::None)
+      others.push_back(
+          fmt::format("{} is a whole printer, which this service does not drive yet; send it the plan: "
+                      "telefab-fab send PLAN",
+                      name));
     else if (*fit == InstanceFit::Fits)
       found.places.push_back(place);
     else if (*fit == InstanceFit::OtherResin)
@@ -106,7 +111,12 @@ FabMachines::Fits FabMachines::fits(const Job& job) const {
 
 Result<MachineProfile> FabMachines::profile_on(std::size_t place, const Job& job) const {
   auto profile = profile_of_job(*profiles_, job.machine, job.parameters);
-  if (profile) profile->devices = this->profile(place).devices;
+  if (profile) {
+    const MachineProfile& own = this->profile(place);
+    profile->devices = own.devices;
+    profile->screen = own.screen;
+    profile->light = own.light;
+  }
   return profile;
 }
 
