@@ -113,6 +113,10 @@ class LayerTimes {
       planned.light_share = shown_.light_share_of_layer(index);
       planned.motion = motion_of(shown_.motion, index < shown_.layers.bottom_count, lit_mm2);
     }
+    // As transitions are: to what the light can be timed.
+    if (const auto step = std::llround(shown_.exposure_step_s() * 1e6); step > 0 && planned.exposure.count() > 0)
+      planned.exposure =
+          std::chrono::microseconds{std::max<std::int64_t>(1, (planned.exposure.count() + step / 2) / step) * step};
     if (is_dark) planned.exposure = std::chrono::microseconds{0};
   }
 
@@ -237,6 +241,9 @@ class MaskRounds {
     const double lit_mm2 = std::max(static_cast<double>(work.grey_sum) / 255, static_cast<double>(work.solid_pixels)) *
                            pitch_mm * pitch_mm;
     times_.set(planned, work.grey_sum == 0, lit_mm2, thickness_mm);
+    if (work.grey_sum > 0 && planned.exposure.count() == 0)
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("layer {} has pixels to light and an exposure of 0 s; correct it", work.index));
     if (lit_mm2 > summary_.peel.most_mm2) summary_.peel = {lit_mm2, index};
     summary_.cured_mm3 += static_cast<double>(work.solid_pixels) * (pitch_mm * pitch_mm * thickness_mm);
     summary_.exposure_s += std::chrono::duration<double>(planned.exposure).count();
@@ -296,7 +303,12 @@ PlanSummary summary_of(const LayerStack& stack, const SupportPlan& supports, con
 /// What of a profile a ready print says itself.
 void take_over(const ReadyPrint& ready, MachineProfile& machine) {
   machine.layers.thickness_mm = ready.thickness_mm;
-  machine.layers.exposure_s = std::chrono::duration<double>{ready.layers[ready.layers.size() / 2].exposure}.count();
+  const auto is_lit = [](const ReadyPrint::Layer& layer) { return layer.exposure.count() > 0; };
+  const auto middle = ready.layers.begin() + static_cast<std::ptrdiff_t>(ready.layers.size() / 2);
+  auto lit = std::find_if(middle, ready.layers.end(), is_lit);
+  if (lit == ready.layers.end()) lit = std::find_if(ready.layers.begin(), middle, is_lit);
+  if (lit != ready.layers.end())
+    machine.layers.exposure_s = std::chrono::duration<double>{lit->exposure}.count() * lit->light_share;
 }
 
 SupportPlan without_supports(const LayerStack& stack) {

@@ -12,7 +12,8 @@
 namespace telefab::fab {
 namespace {
 
-constexpr std::uint32_t kBlock = 16;  ///< layers that are traced at once
+constexpr std::uint32_t kBlock = 16;  ///< layers that are traced at once, of large masks fewer
+constexpr std::uint64_t kMostBytes = 320U << 20U, kCopies = 3;
 /// Stairs of pixels become lines; what is smaller than so many pixels keeps its edges, else it might vanish.
 constexpr double kSmooth_px = 0.72, kSmall_px = 60;
 constexpr std::size_t kLongestName = 256;
@@ -58,9 +59,13 @@ Result<LayerStack> outlines_of(const ReadyPrint& print, const MachineProfile& ma
   header.bounds = {{0, 0}, {machine.platform.width_mm, machine.platform.depth_mm}};
   std::vector<Layer> layers(count);
   bool any = false;
-  for (std::uint32_t first = 0; first < count; first += kBlock) {
+  const PixelSize size = machine.mask_size();
+  const std::uint64_t mask_bytes = std::uint64_t{size.width_px} * size.height_px;
+  const auto block =
+      static_cast<std::uint32_t>(std::clamp<std::uint64_t>(kMostBytes / (kCopies * mask_bytes), 1, kBlock));
+  for (std::uint32_t first = 0; first < count; first += block) {
     if (stop.stop_requested()) return cancelled("reading masks");
-    const std::uint32_t in_block = std::min(kBlock, count - first);
+    const std::uint32_t in_block = std::min(block, count - first);
     std::vector<Mask> masks;
     for (std::uint32_t i = 0; i < in_block; ++i) {
       auto mask = print.masks->mask(LayerIndex{first + i});
