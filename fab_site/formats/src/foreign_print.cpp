@@ -45,6 +45,16 @@ Result<void> check_layers(const SlicedJob& job, const MachineProfile& machine) {
       (platform.most_layer_mm > 0 && t > platform.most_layer_mm * (1 + kPitchShare)))
     return fail(ErrorCode::InvalidInput, fmt::format("the layers are {} mm thick; {} makes layers of {} to {} mm", t,
                                                      machine.name, platform.least_layer_mm, platform.most_layer_mm));
+  if (!job.layers.empty() && job.layers.back().z_mm > platform.z_travel_mm)
+    return fail(ErrorCode::InvalidInput, fmt::format("the print is {:.2f} mm high; {} travels {} mm",
+                                                     job.layers.back().z_mm, machine.name, platform.z_travel_mm));
+  // Before any pixel is unpacked: many thin layers would cost much.
+  for (std::size_t i = 1; i < job.layers.size(); ++i)
+    if (const double own = job.layers[i].z_mm - job.layers[i - 1].z_mm; std::abs(own - t) > 0.05 * t + 1e-3)
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("layer {} is {:.4f} mm thick and the file states {}; layers of different thickness are "
+                              "not read",
+                              i, own, t));
   for (std::size_t i = 0; i < job.layers.size(); ++i)
     if (job.layers[i].pauses)
       return fail(ErrorCode::InvalidInput,
@@ -55,21 +65,21 @@ Result<void> check_layers(const SlicedJob& job, const MachineProfile& machine) {
 }
 
 /// What the file leaves unsaid of a layer's motion, from the machine's.
-LayerMotion completed(LayerMotion said, const SlicedJob& job, const LayerMotion& own) {
+LayerMotion completed(LayerMotion stated, const SlicedJob& job, const LayerMotion& own) {
   if (job.lacks(SlicedValue::Lift)) {
-    if (said.lift_mm <= 0 && said.tilt_s <= 0) {
-      said.lift_mm = own.lift_mm;
-      said.peel_mm = own.peel_mm;
-      said.peel_speed_mm_per_s = own.peel_speed_mm_per_s;
-      said.tilt_s = own.tilt_s;
+    if (stated.lift_mm <= 0 && stated.tilt_s <= 0) {
+      stated.lift_mm = own.lift_mm;
+      stated.peel_mm = own.peel_mm;
+      stated.peel_speed_mm_per_s = own.peel_speed_mm_per_s;
+      stated.tilt_s = own.tilt_s;
     }
-    said.lift_speed_mm_per_s = own.lift_speed_mm_per_s;
+    stated.lift_speed_mm_per_s = own.lift_speed_mm_per_s;
   }
-  if (job.lacks(SlicedValue::LowerSpeed)) said.lower_speed_mm_per_s = own.lower_speed_mm_per_s;
-  if (job.lacks(SlicedValue::WaitBeforeExposure)) said.settle_s = own.settle_s;
-  if (job.lacks(SlicedValue::WaitAfterExposure)) said.wait_after_exposure_s = own.wait_after_exposure_s;
-  if (job.lacks(SlicedValue::WaitAfterLift)) said.wait_after_lift_s = own.wait_after_lift_s;
-  return said;
+  if (job.lacks(SlicedValue::LowerSpeed)) stated.lower_speed_mm_per_s = own.lower_speed_mm_per_s;
+  if (job.lacks(SlicedValue::WaitBeforeExposure)) stated.settle_s = own.settle_s;
+  if (job.lacks(SlicedValue::WaitAfterExposure)) stated.wait_after_exposure_s = own.wait_after_exposure_s;
+  if (job.lacks(SlicedValue::WaitAfterLift)) stated.wait_after_lift_s = own.wait_after_lift_s;
+  return stated;
 }
 
 std::string origin_of(const SlicedJob& job, const MachineProfile& machine) {
@@ -99,13 +109,13 @@ Result<Read> read_for(const FileBytes& bytes, const MachineProfile& machine) {
   if (auto ok = check_layers(job, machine); !ok) return tl::unexpected{ok.error()};
   read.print.thickness_mm = job.thickness_mm;
   for (std::uint32_t i = 0; i < job.layers.size(); ++i) {
-    const SlicedLayer& said = job.layers[i];
-    ReadyPrint::Layer layer{said.z_mm, said.exposure, {}, said.light_share};
+    const SlicedLayer& stated = job.layers[i];
+    ReadyPrint::Layer layer{stated.z_mm, stated.exposure, {}, stated.light_share};
     if (job.lacks(SlicedValue::Exposure)) {
       layer.exposure = std::chrono::microseconds{std::llround(machine.exposure_of_layer_s(i) * 1e6)};
       layer.light_share = machine.light_share_of_layer(i);
     }
-    layer.motion = completed(said.motion, job, motion_of(machine.motion, i < machine.layers.bottom_count, 0));
+    layer.motion = completed(stated.motion, job, motion_of(machine.motion, i < machine.layers.bottom_count, 0));
     if (auto ok = layer.motion.validate(); !ok) return fail_in(fmt::format("layer {}", i), ok.error());
     read.print.layers.push_back(layer);
   }
@@ -144,9 +154,10 @@ Result<ForeignPrint> read_foreign_print(const FileBytes& bytes, const MachinePro
     if (!import) return tl::unexpected{import.error()};
     return ForeignPrint{name_of(*contours), std::move(import->stack), nullptr, std::move(import->report), std::nullopt};
   }
-  return fail(ErrorCode::InvalidInput,
-              "this is no print that can be read: .tfc of a scan site, SL1, NanoDLP and GOO with masks, CLI, SVG with "
-              "slic3r:z, 3MF with slices and JSON lines with contours are");
+  return fail(
+      ErrorCode::InvalidInput,
+      "none of the formats that can be read: .tfc of a scan site, SL1, NanoDLP and GOO with masks, CLI, SVG with "
+      "slic3r:z, 3MF with slices and JSON lines with contours are");
 }
 
 }  // namespace telefab::fab

@@ -17,7 +17,7 @@ class Facts {
  public:
   static Result<Facts> read(ZipReader& archive, const std::string& name) {
     if (!archive.has(name)) return Facts{Json::object(), name, false};
-    auto text = archive.entry(name);
+    auto text = archive.entry(name, ZipReader::kMostText);
     if (!text) return tl::unexpected{text.error()};
     Json json = json_or_discarded(*text);
     if (!json.is_object()) return fail(ErrorCode::InvalidInput, fmt::format("{} is not a JSON object", name));

@@ -248,12 +248,12 @@ Result<void> read_motions(const Settings& profile, const Config& c, SlicedJob& j
 }  // namespace
 
 Result<std::unique_ptr<SlicedFile>> read_sl1(ZipReader archive) {
-  const auto config_text = archive.entry("config.ini");
+  const auto config_text = archive.entry("config.ini", ZipReader::kMostText);
   if (!config_text) return tl::unexpected{config_text.error()};
   const Settings config{*config_text, "config.ini"};
   std::string profile_text;
   if (archive.has("prusaslicer.ini")) {
-    auto text = archive.entry("prusaslicer.ini");
+    auto text = archive.entry("prusaslicer.ini", ZipReader::kMostText);
     if (!text) return tl::unexpected{text.error()};
     profile_text = std::move(*text);
   }

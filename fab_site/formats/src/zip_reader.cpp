@@ -57,12 +57,14 @@ std::vector<std::string> ZipReader::names() const {
   return all;
 }
 
-Result<std::string> ZipReader::entry(const std::string& name) {
+Result<std::string> ZipReader::entry(const std::string& name, std::uint64_t most) {
   zip_stat_t stat;
   zip_stat_init(&stat);
   if (zip_stat(archive_->zip, name.c_str(), 0, &stat) != 0)
     return fail(ErrorCode::NotFound, fmt::format("the archive has no {}", name));
   if ((stat.valid & ZIP_STAT_SIZE) == 0) return fail(ErrorCode::InvalidInput, fmt::format("{} has no size", name));
+  if (stat.size > most)
+    return fail(ErrorCode::TooLarge, fmt::format("{} unpacks to {} bytes; {} are read", name, stat.size, most));
   if (stat.size > kMostBytes || (stat.size > kAlwaysAllowed && stat.size / kMostRatio > archive_->size))
     return fail(ErrorCode::TooLarge,
                 fmt::format("{} unpacks to {} bytes from an archive of {}; at most {} bytes and {} times its size are "
