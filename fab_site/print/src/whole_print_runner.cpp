@@ -98,6 +98,15 @@ class Run {
     const auto status = asked([&] { return printer_.status(); }, policy_.contact);
     if (!status) return tl::unexpected{status.error()};
     task_ = status->task;
+    // Asked before, and taken for not started: where our file is the printer's task now, it started late.
+    const PrinterJournalEntry* asked_before = journal_.last(PrinterStep::Starting);
+    const bool is_to_start_again =
+        !journal_.entries().empty() && journal_.entries().back().step == PrinterStep::DecidedStartAgain;
+    if (asked_before != nullptr && !is_to_start_again && status->task.file == job_.file.name &&
+        !status->task.id.empty() && status->task.id != asked_before->task) {
+      if (auto ok = same_printer(); !ok) return tl::unexpected{ok.error()};
+      return started(status->task.id);
+    }
     if (status->activity.prints || status->activity.tests)
       return report(WholePrintOutcome::Refused, PrinterProblem::Busy,
                     fmt::format("the printer prints {}; {}", status->task.file, advice_on(PrinterProblem::Busy)));
@@ -190,6 +199,7 @@ class Run {
     entry.printer = facts.id;
     entry.printer_name = fmt::format("{}, firmware {}", facts.model, facts.firmware);
     is_known_ = true;
+    const bool was_asked = journal_.last(PrinterStep::Starting) != nullptr;
     if (auto ok = write(std::move(entry)); !ok) return tl::unexpected{ok.error()};
     emit({.phase = WholePrintPhase::Starting});
     const auto answer = printer_.start(job_.file.name);
@@ -201,6 +211,8 @@ class Run {
       emit({.phase = WholePrintPhase::Lost, .message = answer.error().what});
       return std::optional<WholePrintReport>{};
     }
+    // Busy behind an earlier question: perhaps with this very file.
+    if (answer && *answer == PrinterProblem::Busy && was_asked) return std::optional<WholePrintReport>{};
     PrinterJournalEntry refused;
     refused.step = PrinterStep::NotStarted;
     refused.problem = answer ? *answer : PrinterProblem::Other;
@@ -264,7 +276,13 @@ class Run {
       const auto status = asked([&] { return printer_.status(); });
       if (!status) return tl::unexpected{status.error()};
       const PrinterTask& task = status->task;
-      const bool is_ours = own ? task.id == *own : task.file == job_.file.name;
+      const bool is_ours = own && !own->empty() ? task.id == *own : task.file == job_.file.name;
+      if (!is_ours && task.id.empty() && status->activity.prints) {  // says nothing of its task just now
+        if (stop_.stop_requested()) return std::optional<WholePrintReport>{};
+        if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
+        clock_.sleep_for(policy_.poll);
+        continue;
+      }
       if (!is_ours) return end_from_memory(own);
       task_ = task;
       emit({.phase = WholePrintPhase::Printing, .task = task});
