@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/file.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <memory>
@@ -216,6 +219,24 @@ Result<PrinterJournal> journal_in(const fs::path& work, bool begins_again) {
   return open();
 }
 
+/// One send at a time for a folder; let go of when it ends, however it ends.
+class FolderLock {
+ public:
+  explicit FolderLock(const fs::path& folder) : file_{::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)} {
+    is_held_ = file_ >= 0 && ::flock(file_, LOCK_EX | LOCK_NB) == 0;
+  }
+  ~FolderLock() {
+    if (file_ >= 0) ::close(file_);
+  }
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+  [[nodiscard]] bool is_held() const { return is_held_; }
+
+ private:
+  int file_;
+  bool is_held_ = false;
+};
+
 Result<ExitCode> send(const Options& o, const std::stop_token& stop) {
   const auto may = may_leave(o);
   if (!may) return tl::unexpected{may.error()};
@@ -233,6 +254,11 @@ Result<ExitCode> send(const Options& o, const std::stop_token& stop) {
   fs::create_directories(work, error);
   if (error)
     return fail(ErrorCode::NotPermitted, fmt::format("cannot make the folder {}: {}", work.string(), error.message()));
+  const FolderLock lock{work};
+  if (!lock.is_held())
+    return fail(
+        ErrorCode::Conflict,
+        fmt::format("another telefab-fab send is at this print ({}); let it go on, or end it first", work.string()));
   auto journal = journal_in(work, o.begins_again);
   if (!journal) return tl::unexpected{journal.error()};
   const bool is_asked = journal->stage() > PrinterStage::Uploaded;
