@@ -120,6 +120,11 @@ WebResponse octoprint_command(const WebRequest& request, PageBackend& backend, c
   } else if (command == "restart") {
     return octoprint_problem(409, "a print of resin cannot be begun again from its first layer; send the file again");
   }
+  const auto on_machines = std::ranges::count_if(
+      *jobs, [](const JobView& j) { return j.state == JobState::Printing || j.state == JobState::Paused; });
+  if (wanted && !starts && on_machines > 1)
+    return octoprint_problem(
+        409, "several machines have a print, and this command names none: use the page, telefab or PrusaLink's jobs");
   if (!wanted && !starts)
     return octoprint_problem(400,
                              R"(the body must be JSON with "command": start, cancel, restart or pause, and for pause )"
