@@ -156,7 +156,7 @@ Result<Job> JobDispatcher::clear_platform(const std::string& machine) {
   if (occupant && !is_final(occupant->state))
     return fail(ErrorCode::Conflict, fmt::format("job {} is {} on the platform of {}; cancel it first", occupant->id,
                                                  name_of(occupant->state), machine));
-  if (auto cleared = platforms_.clear(machine); !cleared) return tl::unexpected{cleared.error()};
+  if (auto cleared = empty_platform(*place); !cleared) return tl::unexpected{cleared.error()};
   queue_.set_part(*place, std::nullopt);
   queue_.forget_trouble(*place);
   shown_[*place] = {};

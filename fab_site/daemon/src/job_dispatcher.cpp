@@ -65,6 +65,14 @@ JobDispatcher::JobDispatcher(Site& site, const FabSiteConfig& config, FabMachine
   publish();
 }
 
+Result<void> JobDispatcher::empty_platform(std::size_t place) {
+  const MachineInstance& at = machines_[place];
+  // It had no name of its own before (read_platforms).
+  if (at.name != at.profile && machines_.of_profile(at.profile).size() == 1)
+    if (auto cleared = platforms_.clear(at.profile); !cleared) return cleared;
+  return platforms_.clear(at.name);
+}
+
 std::unique_ptr<JobPrinter> JobDispatcher::make_printer(std::size_t place, const FabSiteConfig& config) {
   JobPrinter::Parts parts;
   parts.name = machines_[place].name;
@@ -189,8 +197,10 @@ void JobDispatcher::follow(const Job& job, const StartCase& before, const StartV
   const std::string why = fab::sentence_of(verdict);
   switch (verdict.ruling) {
     case StartRuling::GoOn:
-    case StartRuling::KeepRecord:
       return wait_for_machine(job.id);  // its journal knows how far it came
+    case StartRuling::KeepRecord:       // whatever the machine has become
+      queue_.add(job.id, {});
+      return dispatch_soon();
     case StartRuling::End:
       return tracker().end(job.id, JobState::Cancelled, fmt::format("by {}", before.facts.order.by));
     case StartRuling::WaitForApproval:
@@ -224,8 +234,14 @@ void JobDispatcher::wait_for_machine(const std::string& job, InTrouble in_troubl
   const auto now = store().find(job);
   if (!now) return log_warning(now.error().what, {job});
   const auto fits = machines_.fits(*now);
+  const auto begun = queue_.begun_on(job);
+  if (begun && std::ranges::find(fits.places, *begun) == fits.places.end())
+    return tracker().move(job, JobState::Paused,
+                          fmt::format("its print began on {}, which has another resin or light now; put that back in "
+                                      "the list and start the fab again, or cancel the job",
+                                      machines_[*begun].name));
   // Nothing that happens to a machine would end its wait: somebody is to change the fab, and to say so.
-  if (fits.places.empty() && !queue_.begun_on(job))
+  if (fits.places.empty() && !begun)
     return tracker().move(job, JobState::Paused, fits.why_none + "; telefab resume tries again");
   queue_.add(job, fits.places, in_trouble);
   dispatch_soon();
@@ -329,7 +345,7 @@ void JobDispatcher::on_left(const std::string& job, const PrintEnd& end) {
   if (place) {
     shown_[*place] = end.trouble == MachineTrouble::None ? Shown{} : Shown{-1, end.why, job};
     if (end.is_nothing_made && queue_.part_on(*place) == job) {
-      if (auto cleared = platforms_.clear(machines_[*place].name); !cleared) log_warning(cleared.error().what, {job});
+      if (auto cleared = empty_platform(*place); !cleared) log_warning(cleared.error().what, {job});
       queue_.set_part(*place, std::nullopt);
     }
   }

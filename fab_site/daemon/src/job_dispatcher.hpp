@@ -86,6 +86,8 @@ class JobDispatcher {
 
   /// Platforms as they were kept; the one of a profile goes to its only machine.
   void read_platforms();
+  /// No part is on that platform any more, under any name that it had.
+  [[nodiscard]] Result<void> empty_platform(std::size_t place);
   /// Where a job began whose part is made, by the list, by the platforms, by its machine's name. Nothing: nobody
   /// knows. Fails with Conflict where that machine does not stand here any more.
   [[nodiscard]] Result<std::optional<std::size_t>> where_begun(const Job& job) const;

@@ -214,7 +214,11 @@ Result<void> JobPlanner::attempt_accuracy(const std::string& job, const std::sto
   if (std::filesystem::exists(found->folder / "report" / "accuracy.png", error)) return {};
   const auto choice = profile_choice_of(found->job.machine, found->job.parameters);
   if (!choice) return tl::unexpected{choice.error()};
-  return keep_accuracy(found->folder, *choice, site_.options().machines, stop);
+  // The verb knows the profiles of the folder, not the fab's list of machines.
+  const auto composed = site_.profiles().compose(*choice);
+  if (!composed) return tl::unexpected{composed.error()};
+  return keep_accuracy(found->folder, {composed->profile.name, composed->resin, composed->print},
+                       site_.options().machines, stop);
 }
 
 }  // namespace telefab::fab

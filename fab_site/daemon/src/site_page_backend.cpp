@@ -15,7 +15,6 @@
 
 #include "intake.hpp"
 #include "job_supports.hpp"
-#include "upload.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -329,9 +328,28 @@ Result<void> SitePageBackend::clear_platform(std::string_view machine, std::stri
   return carry_out(post_, command);
 }
 
+std::vector<UploadTarget> SitePageBackend::upload_targets() {
+  // A profile of which no machine would take the job is passed over for its machines, which follow it.
+  std::vector<UploadTarget> targets;
+  const auto offered = profiles_.offered(ProfileKind::Machine);  // in the order of machines()
+  const auto standing = asker_.standing();
+  for (std::size_t i = 0; i < offered.size(); ++i) {
+    const bool is_taken = std::ranges::any_of(standing, [&](const MachineStatus& machine) {
+      MachineInstance instance;
+      instance.name = machine.name;
+      instance.profile = machine.profile;
+      instance.is_stated = true;
+      const auto fit = fit_of(profiles_, instance, {offered[i]->name});
+      return fit && *fit == InstanceFit::Fits;
+    });
+    if (is_taken) targets.push_back({offered[i]->name, profiles_.machines()[i]});
+  }
+  return targets;
+}
+
 Result<std::string> SitePageBackend::take_file(std::string_view name, std::string_view bytes, bool start,
                                                std::string_view who) {
-  auto upload = write_upload(folder_, profiles_.machines(), name, std::as_bytes(std::span{bytes}), start, who);
+  auto upload = write_upload(folder_, upload_targets(), name, std::as_bytes(std::span{bytes}), start, who);
   if (!upload) return tl::unexpected{upload.error()};
   const auto job = command_and_wait(
       [&](const Command&, std::function<void(Result<Job>)> done) { uploaded_(*upload, std::move(done)); }, {});

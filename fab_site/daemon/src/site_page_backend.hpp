@@ -7,11 +7,14 @@
 #include <telefab/fab/support/support_plan.hpp>
 #include <telefab/fab/web/page_backend.hpp>
 #include <telefab/geometry/layer.hpp>
+#include <telefab/machine/machine_instances.hpp>
 #include <telefab/machine/profile_catalogue.hpp>
 #include <telefab/service/disk_room.hpp>
 #include <telefab/service/web_page.hpp>
 #include <telefab/store/job_store.hpp>
 #include <telefab/wire/message.hpp>
+
+#include "upload.hpp"
 
 namespace telefab::fab {
 
@@ -80,6 +83,8 @@ class SitePageBackend final : public PageBackend {
   std::uint64_t revision() override { return store_.revision() + asker_.revision(); }
 
  private:
+  /// What uploads may be for: every machine and profile that some machine of the fab would take a job for.
+  [[nodiscard]] std::vector<UploadTarget> upload_targets();
   struct LayerImages {
     std::string job;
     std::filesystem::file_time_type planned;  ///< of the plan they are of

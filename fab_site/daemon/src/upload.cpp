@@ -59,28 +59,35 @@ Result<void> write_layers(const std::filesystem::path& folder, const Offer& offe
 
 /// What is in a file, and for which of the machines.
 struct Given {
+  std::string asked;  ///< as UploadTarget has it
   MachineProfile machine;
   LayerStack stack;
   bool has_masks = false;
 };
 
-Result<Given> given_by_tfc(std::span<const std::byte> bytes, const std::vector<MachineProfile>& machines) {
+Result<Given> given_by_tfc(std::span<const std::byte> bytes, const std::vector<UploadTarget>& targets) {
   auto stack = read_tfc(bytes);
   if (!stack) return tl::unexpected{stack.error()};
-  auto machine = find_machine(machines, stack->header().machine);
-  if (!machine) return tl::unexpected{machine.error()};
-  if (auto fits = check_fits(stack->header(), *machine); !fits) return tl::unexpected{fits.error()};
-  return Given{std::move(*machine), std::move(*stack), false};
+  std::vector<MachineProfile> machines;
+  for (const UploadTarget& target : targets) machines.push_back(target.machine);
+  if (auto known = find_machine(machines, stack->header().machine); !known) return tl::unexpected{known.error()};
+  Result<void> fits;
+  for (const UploadTarget& target : targets) {
+    if (target.machine.name != stack->header().machine) continue;
+    fits = check_fits(stack->header(), target.machine);
+    if (fits) return Given{target.asked, target.machine, std::move(*stack), false};
+  }
+  return tl::unexpected{fits.error()};
 }
 
 /// The first machine that it fits; the reasons of the others where it fits none.
-Result<Given> given_by_others(std::span<const std::byte> bytes, const std::vector<MachineProfile>& machines,
+Result<Given> given_by_others(std::span<const std::byte> bytes, const std::vector<UploadTarget>& targets,
                               std::string_view name) {
   const auto kept = std::make_shared<const std::vector<std::byte>>(bytes.begin(), bytes.end());
   std::optional<Error> why;
-  for (const MachineProfile& machine : machines) {
+  for (const auto& [asked, machine] : targets) {
     auto print = read_foreign_print(kept, machine, name, {}, {});
-    if (print) return Given{machine, std::move(print->stack), print->ready != nullptr};
+    if (print) return Given{asked, machine, std::move(print->stack), print->ready != nullptr};
     // What is wrong with the file itself is so for every machine.
     if (!why || print.error().what != why->what)
       why = why ? Error{why->code, why->what + "; " + print.error().what} : print.error();
@@ -91,10 +98,10 @@ Result<Given> given_by_others(std::span<const std::byte> bytes, const std::vecto
 
 }  // namespace
 
-Result<NewJob> write_upload(const DataFolder& data, const std::vector<MachineProfile>& machines, std::string_view name,
+Result<NewJob> write_upload(const DataFolder& data, const std::vector<UploadTarget>& targets, std::string_view name,
                             std::span<const std::byte> bytes, bool start, std::string_view who) {
-  const auto given = is_tfc(bytes) || !is_foreign_print(bytes) ? given_by_tfc(bytes, machines)
-                                                               : given_by_others(bytes, machines, name);
+  const auto given =
+      is_tfc(bytes) || !is_foreign_print(bytes) ? given_by_tfc(bytes, targets) : given_by_others(bytes, targets, name);
   if (!given) return fail_in(std::string{name}, given.error());
   const auto id = fresh_id();
   if (!id) return tl::unexpected{id.error()};
@@ -104,7 +111,7 @@ Result<NewJob> write_upload(const DataFolder& data, const std::vector<MachinePro
   const std::string parameters = fmt::format(R"({{"upload_sha256":"{}"}})", to_hex(digest_of(bytes)));
   const Offer offer{*id,
                     kept_name,
-                    given->machine.name,
+                    given->asked,
                     parameters,
                     digest_of_profile(given->machine),
                     given->stack.header(),
@@ -121,7 +128,7 @@ Result<NewJob> write_upload(const DataFolder& data, const std::vector<MachinePro
     std::filesystem::remove_all(*folder, ignored);
     return tl::unexpected{written.error()};
   }
-  return NewJob{*id, kept_name, given->machine.name, parameters, std::string{who}};
+  return NewJob{*id, kept_name, given->asked, parameters, std::string{who}};
 }
 
 bool has_ready_print(const std::filesystem::path& folder) {

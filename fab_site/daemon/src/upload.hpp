@@ -11,12 +11,18 @@
 
 namespace telefab::fab {
 
+/// What an upload may be for: the name that its job asks for, a machine's or a profile's, and how that prints.
+struct UploadTarget {
+  std::string asked;
+  MachineProfile machine;
+};
+
 /// Writes the layers of a file into the folder of a new job, as if a scan site had sent them; what is still to be done
 /// is to make the job, which is `who`'s. A .tfc file is for the machine that it names, what another program cut
 /// (read_foreign_print) for the first that it fits; masks stay beside the layers, to be printed as they are. Where not
 /// `start`, the job waits for approval once it is planned. InvalidInput: none of the formats, damaged, for a machine
 /// this fab has not, or for other pixels or layers than its machines have; StorageFailed.
-[[nodiscard]] Result<NewJob> write_upload(const DataFolder& data, const std::vector<MachineProfile>& machines,
+[[nodiscard]] Result<NewJob> write_upload(const DataFolder& data, const std::vector<UploadTarget>& targets,
                                           std::string_view name, std::span<const std::byte> bytes, bool start,
                                           std::string_view who);
 
