@@ -33,10 +33,18 @@ class ForeignFiles : public TwoSites {
     EXPECT_EQ(sliced.code, 0) << sliced.errors;
     const Outcome planned = tool({"telefab-fab", "plan", tfc, "--out", own_plan().string(), "--masks", "cover"});
     EXPECT_TRUE(planned.code == 0 || planned.code == 8) << planned.errors;
-    const Outcome exported = tool({"telefab-fab", "export", own_plan().string(), "--format", format, "--out", file,
-                                   "--although", "carry,exposures"});
+    std::vector<std::string> words{"telefab-fab", "export", own_plan().string(), "--format", format, "--out", file};
+    if (const std::string held = held_of(own_plan()); !held.empty()) words.insert(words.end(), {"--although", held});
+    const Outcome exported = tool(words);
     EXPECT_EQ(exported.code, 0) << exported.errors;
     return file;
+  }
+  /// Names of what holds a plan.
+  [[nodiscard]] std::string held_of(const fs::path& plan) const {
+    std::string names;
+    for (const json& item : json::parse(text_of(plan / "preflight.json"))["items"])
+      if (item["verdict"] == "held") names += (names.empty() ? "" : ",") + item["name"].get<std::string>();
+    return names;
   }
   [[nodiscard]] fs::path own_plan() const { return folder() / "own"; }
   /// Sends a file as PrusaLink's senders do; the answer.
@@ -72,9 +80,7 @@ TEST_F(ForeignFiles, OfMasksArePrintedPixelForPixelOnceSomebodyHasApprovedThem) 
   // After a restart too: the file lies beside the layers.
   kill_fab();
   start_fab({"--web", "127.0.0.1:0"});
-  std::string names;
-  for (const json& item : json::parse(text_of(plan / "preflight.json"))["items"])
-    if (item["verdict"] == "held") names += (names.empty() ? "" : ",") + item["name"].get<std::string>();
+  const std::string names = held_of(plan);
   std::vector<std::string> words{"approve", job, "--site", fab_site()};
   if (!names.empty()) words.insert(words.end(), {"--although", names});
   const Outcome approved = telefab(words);

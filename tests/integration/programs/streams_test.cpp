@@ -162,6 +162,7 @@ class Programs : public TwoSites {
             {{"send", planned(), "--machines", m, "--to", "127.0.0.1:1"}},
             {{"simulate-printer", "--machine", "toy", "--machines", m, "--port", "0", "--question-port", "0"}, true},
             {{"simulate-usb", "--port", "0"}, true},
+            {{"guard-screen"}},
             {{"serve", "--listen", "127.0.0.1:0", "--data", data, "--machines", m}, true, fs::path{data} / "port"}};
   }
   [[nodiscard]] std::vector<Command> commands_of_client() {

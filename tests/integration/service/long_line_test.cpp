@@ -80,7 +80,7 @@ TEST_F(LongLine, CarriesAnyNumberOfJobsOneAfterTheOther) {
   Offer offer = recorded_offer();
   constexpr std::size_t kBatches = 3, kJobs = 100;
   OfferingSite site{fab_site()};
-  ASSERT_TRUE(site.is_ready);
+  ASSERT_TRUE(site.is_ready) << site.fault;
   for (std::size_t batch = 0; batch < kBatches && site.fault.empty(); ++batch) {
     for (std::size_t i = 0; i < kJobs; ++i) {
       offer.job = fmt::format("joffered-{}", batch * kJobs + i);
@@ -103,7 +103,7 @@ TEST_F(LongLine, PutsOffAJobTooManyUntilOneIsOver) {
   Offer offer = recorded_offer();
   constexpr std::size_t kJobs = 256;
   OfferingSite site{fab_site()};
-  ASSERT_TRUE(site.is_ready);
+  ASSERT_TRUE(site.is_ready) << site.fault;
   for (std::size_t i = 0; i <= kJobs; ++i) {
     offer.job = fmt::format("joffered-{}", i);
     site.send(offer);
