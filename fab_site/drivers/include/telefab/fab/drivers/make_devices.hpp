@@ -29,8 +29,8 @@ struct Devices {
 /// Opens the devices of the profile, virtual or real; real ones are dark when this returns. The clock must outlive
 /// them. Fails: DeviceLost (not found; the message says what to look at), DeviceRefused (self-test), InvalidInput
 /// (also: a whole printer, whose devices are its own; a projector whose led_polarity is not stated or whose led_current
-/// is 0, one whose light nothing but this computer darkens, a thermometer or a light on a board that has none, exposures
-/// that a board cannot time).
+/// is 0, one whose light nothing but this computer darkens, a thermometer or a light on a board that has none,
+/// exposures that a board cannot time).
 [[nodiscard]] Result<Devices> make_devices(const MachineProfile& machine, Clock& clock);
 
 /// The light of a machine off, and its screen black; nothing to do for a virtual one. Where the stage's board switches
