@@ -2,13 +2,11 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <pthread.h>
-#include <sys/file.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <chrono>
 #include <span>
-#include <telefab/base/clock.hpp>
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/service/data_folder.hpp>
@@ -18,20 +16,9 @@ namespace telefab {
 namespace {
 
 constexpr std::uint64_t kMaxRecordBytes = 1U << 30U;
+/// A daemon that was killed can leave a child behind that was just begun: for some milliseconds, more on a busy
+/// machine, it is a copy of the daemon and holds the lock too.
 constexpr auto kChildrenEndWithin = std::chrono::seconds{3};
-constexpr auto kLookAgainAfter = std::chrono::milliseconds{10};
-
-/// 0, or the errno; EWOULDBLOCK: somebody holds it still. A daemon that was killed can leave a child behind that was
-/// just begun: for some milliseconds, more on a busy machine, it is a copy of the daemon and holds the lock too.
-int lock_within(std::chrono::milliseconds patience, int file) {
-  SystemClock clock;  // processes are waited for, which know no other
-  const Nanoseconds end = clock.now() + patience;
-  while (::flock(file, LOCK_EX | LOCK_NB) != 0) {
-    if (errno != EWOULDBLOCK || clock.now() >= end) return errno;
-    clock.sleep_for(kLookAgainAfter);
-  }
-  return 0;
-}
 
 }  // namespace
 
@@ -44,10 +31,9 @@ Result<DataFolder> DataFolder::open(const std::filesystem::path& path) {
                   fmt::format("cannot make the folder {}: {}", folder.string(), error.message()));
   }
   const auto lock_path = path / "lock";
-  const int lock = ::open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0640);
-  if (lock < 0) return fail_system("write in", path, errno);
-  if (const int held = lock_within(kChildrenEndWithin, lock); held != 0) {
-    ::close(lock);
+  OpenFile lock{::open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0640)};
+  if (lock.get() < 0) return fail_system("write in", path, errno);
+  if (const int held = take_lock(lock, kChildrenEndWithin); held != 0) {
     if (held != EWOULDBLOCK) return fail_system("lock", lock_path, held);
     return fail(ErrorCode::Conflict,
                 fmt::format("another daemon works in {}; give each its own --data", path.string()));
@@ -56,14 +42,7 @@ Result<DataFolder> DataFolder::open(const std::filesystem::path& path) {
   for (const auto& left : std::filesystem::directory_iterator{path / "incoming", error})
     std::filesystem::remove_all(left.path(), error);
   std::filesystem::remove(path / "port", error);
-  return DataFolder{path, lock};
-}
-
-DataFolder::DataFolder(DataFolder&& other) noexcept
-    : path_{std::move(other.path_)}, lock_{std::exchange(other.lock_, -1)} {}
-
-DataFolder::~DataFolder() {
-  if (lock_ >= 0) ::close(lock_);
+  return DataFolder{path, std::move(lock)};
 }
 
 Result<void> make_folder(const std::filesystem::path& path) {

@@ -2,13 +2,14 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <openssl/crypto.h>
-#include <sys/file.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <charconv>
 #include <optional>
+#include <telefab/base/file.hpp>
+#include <telefab/base/open_file.hpp>
 #include <telefab/base/secret.hpp>
 #include <telefab/web/operator_tokens.hpp>
 
@@ -72,23 +73,19 @@ std::optional<OperatorToken> token_from(std::string_view line) {
   return token;
 }
 
-/// Changes what the file holds, one change after another. Taken: the folder of the file.
-class Changing {
- public:
-  explicit Changing(const std::filesystem::path& file)
-      : folder_{
-            ::open((file.has_parent_path() ? file.parent_path() : ".").c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)} {
-    if (folder_ >= 0) ::flock(folder_, LOCK_EX);
-  }
-  ~Changing() {
-    if (folder_ >= 0) ::close(folder_);
-  }
-  Changing(const Changing&) = delete;
-  Changing& operator=(const Changing&) = delete;
-
- private:
-  int folder_;
-};
+/// Keeps others from changing what the file holds for as long as it lives. Taken: the folder of the file. Fails with
+/// NotFound, NotPermitted, StorageFailed, Conflict.
+Result<OpenFile> keep_for_us(const std::filesystem::path& file) {
+  constexpr auto kOthersEndWithin = std::chrono::seconds{10};
+  const auto folder = file.has_parent_path() ? file.parent_path() : ".";
+  OpenFile kept{::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)};
+  if (kept.get() < 0) return fail_system("open", folder, errno);
+  const int held = take_lock(kept, kOthersEndWithin);
+  if (held == EWOULDBLOCK)
+    return fail(ErrorCode::Conflict, fmt::format("another program changes {}; try again later", file.string()));
+  if (held != 0) return fail_system("lock", folder, held);
+  return kept;
+}
 
 Result<void> write_tokens(const std::filesystem::path& file, std::span<const OperatorToken> tokens) {
   std::string text;
@@ -125,7 +122,8 @@ Result<std::string> add_operator_token(const std::filesystem::path& file, const 
                 fmt::format("\"{}\" is not a name for an operator: up to {} letters, digits, -, _ and ., and neither "
                             "\"web\" nor \"local\"",
                             name, kLongestName));
-  const Changing changing{file};
+  const auto kept = keep_for_us(file);
+  if (!kept) return tl::unexpected{kept.error()};
   auto tokens = read_operator_tokens(file);
   if (!tokens && tokens.error().code != ErrorCode::NotFound) return tl::unexpected{tokens.error()};
   if (!tokens) tokens.emplace();
@@ -143,7 +141,8 @@ Result<std::string> add_operator_token(const std::filesystem::path& file, const 
 }
 
 Result<void> revoke_operator_token(const std::filesystem::path& file, const std::string& name) {
-  const Changing changing{file};
+  const auto kept = keep_for_us(file);
+  if (!kept) return tl::unexpected{kept.error()};
   auto tokens = read_operator_tokens(file);
   if (!tokens) return tl::unexpected{tokens.error()};
   if (std::erase_if(*tokens, [&](const OperatorToken& each) { return each.name == name; }) == 0)

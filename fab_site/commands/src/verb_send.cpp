@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/file.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
 #include <telefab/base/json_text.hpp>
+#include <telefab/base/open_file.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/fab/formats/mask_export.hpp>
@@ -219,24 +220,6 @@ Result<PrinterJournal> journal_in(const fs::path& work, bool begins_again) {
   return open();
 }
 
-/// One send at a time for a folder; let go of when it ends, however it ends.
-class FolderLock {
- public:
-  explicit FolderLock(const fs::path& folder) : file_{::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)} {
-    is_held_ = file_ >= 0 && ::flock(file_, LOCK_EX | LOCK_NB) == 0;
-  }
-  ~FolderLock() {
-    if (file_ >= 0) ::close(file_);
-  }
-  FolderLock(const FolderLock&) = delete;
-  FolderLock& operator=(const FolderLock&) = delete;
-  [[nodiscard]] bool is_held() const { return is_held_; }
-
- private:
-  int file_;
-  bool is_held_ = false;
-};
-
 Result<ExitCode> send(const Options& o, const std::stop_token& stop) {
   const auto may = may_leave(o);
   if (!may) return tl::unexpected{may.error()};
@@ -254,8 +237,10 @@ Result<ExitCode> send(const Options& o, const std::stop_token& stop) {
   fs::create_directories(work, error);
   if (error)
     return fail(ErrorCode::NotPermitted, fmt::format("cannot make the folder {}: {}", work.string(), error.message()));
-  const FolderLock lock{work};
-  if (!lock.is_held())
+  const OpenFile one_at_a_time{::open(work.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)};
+  if (const int held = take_lock(one_at_a_time); held != 0 && held != EWOULDBLOCK)
+    return fail_system("lock", work, held);
+  else if (held == EWOULDBLOCK)
     return fail(
         ErrorCode::Conflict,
         fmt::format("another telefab-fab send is at this print ({}); let it go on, or end it first", work.string()));

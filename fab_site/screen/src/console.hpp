@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <cstdint>
-
-#include "open_file.hpp"
+#include <telefab/base/open_file.hpp>
 
 namespace telefab::fab {
 

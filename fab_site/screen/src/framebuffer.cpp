@@ -8,10 +8,10 @@
 
 #include <cerrno>
 #include <cstring>
+#include <telefab/base/open_file.hpp>
 #include <telefab/fab/screen/packing.hpp>
 #include <vector>
 
-#include "open_file.hpp"
 #include "scanout.hpp"
 
 namespace telefab::fab {

@@ -3,9 +3,9 @@
 #include <cstdint>
 #include <optional>
 #include <telefab/base/clock.hpp>
+#include <telefab/base/open_file.hpp>
 #include <telefab/base/result.hpp>
 
-#include "open_file.hpp"
 #include "scanout.hpp"
 
 namespace telefab::fab {

@@ -13,11 +13,11 @@
 #include <cmath>
 #include <cstring>
 #include <optional>
+#include <telefab/base/open_file.hpp>
 #include <telefab/fab/screen/edid.hpp>
 #include <telefab/fab/screen/packing.hpp>
 #include <vector>
 
-#include "open_file.hpp"
 #include "scanout.hpp"
 
 namespace telefab::fab {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/file.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -152,7 +151,7 @@ class Guard {
     frame_ = static_cast<std::byte*>(frame);
     if (settings.connector.starts_with('/')) {
       lock_ = OpenFile{::open(settings.connector.c_str(), O_RDONLY | O_CLOEXEC)};
-      if (lock_.get() >= 0 && ::flock(lock_.get(), LOCK_EX | LOCK_NB) != 0)
+      if (lock_.get() >= 0 && take_lock(lock_) != 0)
         return fail(ErrorCode::DeviceRefused,
                     fmt::format("screen: another program shows its masks on {}", settings.connector));
     }

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <optional>
 #include <string_view>
+#include <telefab/base/open_file.hpp>
 #include <telefab/base/result.hpp>
 
 namespace telefab {
@@ -14,9 +15,6 @@ class DataFolder {
  public:
   /// Makes what is missing. Fails with NotPermitted, StorageFailed, Conflict (another daemon works there, for seconds).
   [[nodiscard]] static Result<DataFolder> open(const std::filesystem::path& path);
-  ~DataFolder();
-  DataFolder(DataFolder&& other) noexcept;
-  DataFolder& operator=(DataFolder&&) = delete;
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
   [[nodiscard]] std::filesystem::path incoming() const { return path_ / "incoming"; }
@@ -31,9 +29,9 @@ class DataFolder {
   [[nodiscard]] Result<void> announce_port(std::uint16_t port) const;
 
  private:
-  DataFolder(std::filesystem::path path, int lock) : path_{std::move(path)}, lock_{lock} {}
+  DataFolder(std::filesystem::path path, OpenFile lock) : path_{std::move(path)}, lock_{std::move(lock)} {}
   std::filesystem::path path_;
-  int lock_ = -1;
+  OpenFile lock_;
 };
 
 /// Makes a folder in a daemon's own one, and those above it, where there is none. Fails with StorageFailed, whatever

@@ -2,9 +2,10 @@
 #pragma once
 #include <unistd.h>
 
+#include <chrono>
 #include <utility>
 
-namespace telefab::fab {
+namespace telefab {
 
 /// An open file that is closed with it; -1: none.
 class OpenFile {
@@ -27,4 +28,9 @@ class OpenFile {
   int number_ = -1;
 };
 
-}  // namespace telefab::fab
+/// Takes the one lock that a file or folder has among programs (flock); the last copy of it that is closed gives it
+/// back, however its program ends.
+/// Returns 0, EWOULDBLOCK (somebody holds it for longer than `patience`), or another errno.
+[[nodiscard]] int take_lock(const OpenFile& file, std::chrono::milliseconds patience = {});
+
+}  // namespace telefab
