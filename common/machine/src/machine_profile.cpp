@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <telefab/machine/exposure_time.hpp>
 #include <telefab/machine/machine_profile.hpp>
 
 namespace telefab {
@@ -53,8 +54,12 @@ double MachineProfile::exposure_of_layer_s(std::uint32_t print_layer) const {
   // The dose falls in even steps; where all light is alike, so does the time.
   const double from = layers.bottom_exposure_s * light_share_of_layer(0) / layers.light_share;
   const double even = from + (layers.exposure_s - from) * (above + 1) / (layers.transition_count + 1);
-  const double step = exposure_step_s();
-  return step > 0 ? std::max(1.0, std::round(even / step)) * step : even;
+  return timed_exposure_s(*this, even);
+}
+
+double timed_exposure_s(const MachineProfile& machine, double seconds) {
+  const double step_s = machine.exposure_step_s();
+  return step_s > 0 ? std::max(1.0, std::round(seconds / step_s)) * step_s : seconds;
 }
 
 double MachineProfile::light_share_of_layer(std::uint32_t print_layer) const {

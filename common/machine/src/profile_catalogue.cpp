@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <set>
+#include <telefab/machine/exposure_time.hpp>
 #include <telefab/machine/profile_catalogue.hpp>
 
 #include "profile_values.hpp"
@@ -255,9 +256,7 @@ class Composition {
     }
     // To a millisecond: two processors may differ in the last digit of exp, and both sites compare what they find.
     // A board may time light in coarser steps.
-    const double step_s = p.exposure_step_s();
-    seconds = step_s > 0 ? std::max(1.0, std::round(seconds / step_s)) * step_s
-                         : std::round(seconds * kMillisecondsPerSecond) / kMillisecondsPerSecond;
+    seconds = timed_exposure_s(p, std::round(seconds * kMillisecondsPerSecond) / kMillisecondsPerSecond);
     const Key& row = *find_key("layers", std::string_view{key}.substr(std::string_view{"layers."}.size()));
     const auto& range = std::get<NumberKey>(row.kind);
     if (!(seconds >= range.least && seconds <= range.most))

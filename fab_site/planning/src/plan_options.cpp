@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <telefab/fab/planning/plan_job.hpp>
+#include <telefab/machine/exposure_time.hpp>
 
 namespace telefab::fab {
 
@@ -45,8 +46,9 @@ Result<MachineProfile> exposed_to_depth(MachineProfile machine, double cure_dept
                             "resin.critical_dose_mj_per_cm2, resin.penetration_mm and projection.irradiance_mw_per_cm2",
                             machine.name));
   const double dose = critical * std::exp(cure_depth_layers * layers.thickness_mm / machine.resin.penetration_mm);
-  layers.bottom_exposure_s *= dose / irradiance / layers.exposure_s;
-  layers.exposure_s = dose / irradiance;
+  const double exposure_s = dose / irradiance, longer = exposure_s / layers.exposure_s;
+  layers.bottom_exposure_s = timed_exposure_s(machine, layers.bottom_exposure_s * longer);
+  layers.exposure_s = timed_exposure_s(machine, exposure_s);
   return machine;
 }
 

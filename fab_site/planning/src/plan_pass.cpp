@@ -9,10 +9,12 @@
 #include <cmath>
 #include <numbers>
 #include <telefab/fab/print/print_time.hpp>
+#include <telefab/machine/exposure_time.hpp>
 #include <telefab/machine/profile_digest.hpp>
 
 #include "contact_sheet.hpp"
 #include "layer_work.hpp"
+#include "mask_budget.hpp"
 #include "mask_maker.hpp"
 #include "ready_maker.hpp"
 
@@ -20,8 +22,6 @@ namespace telefab::fab {
 namespace {
 
 constexpr std::uint32_t kBlocksPerRound = 2;  // for every thread
-constexpr std::uint64_t kMaskBudgetBytes = 320U << 20U;
-constexpr std::uint64_t kCopiesPerMask = 3;  // the mask, the PNG before and after it is deflated
 
 Result<void> fits(const LayerStack& stack, const MachineProfile& machine, std::uint32_t print_layers) {
   const StackHeader& header = stack.header();
@@ -66,14 +66,6 @@ CarryOptions carry_options(const MachineProfile& machine) {
           .least_held_mm2 = std::min(kLittleMm2, kFewTips * std::numbers::pi * tip_mm * tip_mm)};
 }
 
-/// So that large masks do not fill the memory, few of them are under way at once.
-int masks_at_once(const MaskFrame& frame, const PlanOptions& options) {
-  const std::uint64_t mask_bytes = std::uint64_t{frame.size.width_px} * frame.size.height_px;
-  const int threads = options.threads == 0 ? tbb::this_task_arena::max_concurrency() : options.threads;
-  return static_cast<int>(std::clamp<std::uint64_t>(kMaskBudgetBytes / (kCopiesPerMask * mask_bytes), 1,
-                                                    static_cast<std::uint64_t>(threads)));
-}
-
 /// A speck that no pin's tip is as small as would cure on nothing: it gets no light of its own.
 std::uint64_t most_speck_pixels(const MachineProfile& machine, const PlanOptions& options) {
   if (options.supports.mode == SupportOptions::Mode::None) return 0;
@@ -104,7 +96,7 @@ class LayerTimes {
     if (ready_) {
       const ReadyPrint::Layer& layer = ready_->layers[index];
       planned.z_mm = layer.z_mm;
-      planned.exposure = layer.exposure;
+      planned.exposure = timed(layer.exposure);
       planned.light_share = layer.light_share;
       planned.motion = layer.motion;
     } else {
@@ -113,14 +105,17 @@ class LayerTimes {
       planned.light_share = shown_.light_share_of_layer(index);
       planned.motion = motion_of(shown_.motion, index < shown_.layers.bottom_count, lit_mm2);
     }
-    // As transitions are: to what the light can be timed.
-    if (const auto step = std::llround(shown_.exposure_step_s() * 1e6); step > 0 && planned.exposure.count() > 0)
-      planned.exposure =
-          std::chrono::microseconds{std::max<std::int64_t>(1, (planned.exposure.count() + step / 2) / step) * step};
     if (is_dark) planned.exposure = std::chrono::microseconds{0};
   }
 
  private:
+  /// To what the light of this machine can be timed; none stays none.
+  [[nodiscard]] std::chrono::microseconds timed(std::chrono::microseconds exposure) const {
+    if (exposure.count() == 0) return exposure;
+    const double seconds = timed_exposure_s(shown_, std::chrono::duration<double>{exposure}.count());
+    return std::chrono::microseconds{std::llround(seconds * 1e6)};
+  }
+
   const MachineProfile& machine_;
   const MachineProfile& shown_;
   const ReadyPrint* ready_;
@@ -146,7 +141,10 @@ class MaskRounds {
         carry_{carry_options(machine)},
         features_{stack.layers(), summary.elevation_layers, machine.projection.pixel_pitch_mm, model_of(machine)},
         most_speck_px_{most_speck_pixels(machine, options)},
-        at_once_{masks_at_once(mask_frame(machine), options)},
+        at_once_{static_cast<int>(
+            masks_at_once(mask_frame(machine).size,
+                          static_cast<std::uint32_t>(options.threads == 0 ? tbb::this_task_arena::max_concurrency()
+                                                                          : options.threads)))},
         arena_{at_once_} {}
 
   [[nodiscard]] Result<void> run(const PlanOptions& options, const Clock& clock, const ProgressSink& progress,

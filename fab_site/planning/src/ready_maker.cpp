@@ -22,10 +22,6 @@ class ReadyMaker final : public MaskMaker {
       if (stop.stop_requested()) return cancelled("planning");
       auto mask = read(i);
       if (!mask) return tl::unexpected{mask.error()};
-      if (!(mask->size == size_))
-        return fail(ErrorCode::InvalidInput,
-                    fmt::format("the mask of layer {} has {} x {} pixels, the machine {} x {}", i, mask->size.width_px,
-                                mask->size.height_px, size_.width_px, size_.height_px));
       if (auto ok = take({i, std::move(*mask), {}}, [](Mask& m) { keep_from(kReadySolid, m.rows); }); !ok)
         return tl::unexpected{ok.error()};
     }
@@ -36,7 +32,7 @@ class ReadyMaker final : public MaskMaker {
   /// Masks have one reader at a time.
   [[nodiscard]] Result<Mask> read(std::uint32_t layer) const {
     const std::scoped_lock lock{mutex_};
-    return print_.masks->mask(LayerIndex{layer});
+    return ready_mask(print_, LayerIndex{layer}, size_);
   }
 
   const ReadyPrint& print_;
@@ -45,6 +41,15 @@ class ReadyMaker final : public MaskMaker {
 };
 
 }  // namespace
+
+Result<Mask> ready_mask(const ReadyPrint& print, LayerIndex layer, PixelSize size) {
+  auto mask = print.masks->mask(layer);
+  if (mask && !(mask->size == size))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("the mask of layer {} has {} x {} pixels, the machine {} x {}", layer.count(),
+                            mask->size.width_px, mask->size.height_px, size.width_px, size.height_px));
+  return mask;
+}
 
 std::unique_ptr<MaskMaker> ready_mask_maker(const ReadyPrint& print, PixelSize size) {
   return std::make_unique<ReadyMaker>(print, size);

@@ -9,11 +9,13 @@
 #include <telefab/fab/region/region.hpp>
 #include <telefab/fab/verify/layer_runs.hpp>
 
+#include "mask_budget.hpp"
+#include "ready_maker.hpp"
+
 namespace telefab::fab {
 namespace {
 
 constexpr std::uint32_t kBlock = 16;  ///< layers that are traced at once, of large masks fewer
-constexpr std::uint64_t kMostBytes = 320U << 20U, kCopies = 3;
 /// Stairs of pixels become lines; what is smaller than so many pixels keeps its edges, else it might vanish.
 constexpr double kSmooth_px = 0.72, kSmall_px = 60;
 constexpr std::size_t kLongestName = 256;
@@ -60,21 +62,14 @@ Result<LayerStack> outlines_of(const ReadyPrint& print, const MachineProfile& ma
   std::vector<Layer> layers(count);
   bool any = false;
   const PixelSize size = machine.mask_size();
-  const std::uint64_t mask_bytes = std::uint64_t{size.width_px} * size.height_px;
-  const auto block =
-      static_cast<std::uint32_t>(std::clamp<std::uint64_t>(kMostBytes / (kCopies * mask_bytes), 1, kBlock));
+  const std::uint32_t block = masks_at_once(size, kBlock);
   for (std::uint32_t first = 0; first < count; first += block) {
     if (stop.stop_requested()) return cancelled("reading masks");
     const std::uint32_t in_block = std::min(block, count - first);
     std::vector<Mask> masks;
     for (std::uint32_t i = 0; i < in_block; ++i) {
-      auto mask = print.masks->mask(LayerIndex{first + i});
+      auto mask = ready_mask(print, LayerIndex{first + i}, size);
       if (!mask) return tl::unexpected{mask.error()};
-      if (!(mask->size == machine.mask_size()))
-        return fail(ErrorCode::InvalidInput,
-                    fmt::format("the mask of layer {} has {} x {} pixels, {} has {} x {}", first + i,
-                                mask->size.width_px, mask->size.height_px, machine.name, machine.mask_size().width_px,
-                                machine.mask_size().height_px));
       masks.push_back(std::move(*mask));
     }
     std::vector<Result<std::vector<Contour>>> rings(in_block);
