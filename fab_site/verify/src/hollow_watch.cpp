@@ -33,7 +33,7 @@ void HollowWatch::list_cup(Space& space) {
 
 void HollowWatch::add(const LayerRuns& solid, const LayerRuns* removable) {
   LayerRuns empty = solid.complement();
-  const RunComponents gaps = components_of(empty, false);
+  RunComponents gaps = components_of(empty, false);
   const auto first = static_cast<std::uint32_t>(spaces_.size());
   for (const RunComponents::Component& c : gaps.components) {
     Space space;
@@ -58,17 +58,17 @@ void HollowWatch::add(const LayerRuns& solid, const LayerRuns* removable) {
       spaces_[root(space_of_run_[here])].hollow.holds_support = true;
     });
   empty_ = std::move(empty);
+  gaps_ = std::move(gaps);
   ++layers_;
 }
 
 std::vector<HollowWatch::Opening> HollowWatch::openings() const {
   std::vector<Opening> found;
-  const RunComponents gaps = components_of(empty_, false);
-  std::vector<std::int64_t> number(gaps.components.size(), -1);
+  std::vector<std::int64_t> number(gaps_.components.size(), -1);
   for (std::uint32_t r = 0; r < empty_.count(); ++r) {
     const Space& space = spaces_[space_of_run_[r]];
     if (space.open) continue;
-    std::int64_t& at = number[gaps.of_run[r]];
+    std::int64_t& at = number[gaps_.of_run[r]];
     if (at < 0) {
       at = static_cast<std::int64_t>(found.size());
       found.push_back({r, {}, space.hollow.first});

@@ -58,6 +58,7 @@ class HollowWatch {
   std::uint32_t least_;
   std::uint32_t layers_ = 0;
   LayerRuns empty_;
+  RunComponents gaps_;                       ///< of empty_
   std::vector<std::uint32_t> space_of_run_;  ///< of empty_
   std::vector<Space> spaces_;
   std::vector<Hollow> found_;
