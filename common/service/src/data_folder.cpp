@@ -2,6 +2,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <pthread.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -94,5 +95,10 @@ Result<void> DataFolder::announce_port(std::uint16_t port) const {
 }
 
 void set_thread_name(const char* name) { pthread_setname_np(pthread_self(), name); }
+
+void give_way() {
+  constexpr int kLowPriority = 10;
+  (void)::setpriority(PRIO_PROCESS, 0, kLowPriority);  // of a thread, here; without it all goes on as well
+}
 
 }  // namespace telefab

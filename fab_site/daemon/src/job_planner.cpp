@@ -52,6 +52,7 @@ void JobPlanner::ask_to_end() {
 }
 
 void JobPlanner::plan(const std::string& job, std::stop_token stop) {
+  give_way();  // to the prints that run beside it, and so do the threads that solve its masks
   if (const auto now = site_.store().find(job); now && is_final(now->state)) return;  // it waited, and was cancelled
   const Nanoseconds began = site_.clock().now();
   Result<PlanOutcome> outcome = fail(ErrorCode::Internal, "not begun");

@@ -41,4 +41,7 @@ class DataFolder {
 /// Names the calling thread, as the site's README lists it; at most 15 bytes.
 void set_thread_name(const char* name);
 
+/// The calling thread, and those that it begins from now on, give way to all others where cores are few.
+void give_way();
+
 }  // namespace telefab
