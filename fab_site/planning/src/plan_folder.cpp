@@ -5,6 +5,7 @@
 #include <telefab/codec/tfc_file.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/planning/preflight.hpp>
+#include <telefab/fab/planning/print_view.hpp>
 #include <telefab/geometry/contour_lines.hpp>
 
 namespace telefab::fab {
@@ -17,6 +18,7 @@ constexpr std::uint64_t kMaxMaskBytes = 256U << 20U;
 constexpr std::uint64_t kMaxPartBytes = 4ULL << 30U;
 constexpr const char* kPartFile = "part.tfc";
 constexpr const char* kSupportsFile = "supports.jsonl";
+constexpr const char* kViewFile = "view.png";
 
 std::string mask_name(LayerIndex layer) { return fmt::format("{:05}.png", layer.count()); }
 
@@ -70,6 +72,26 @@ Result<void> may_be_replaced(const fs::path& folder) {
               fmt::format("{} holds something else than a plan; name another folder", folder.string()));
 }
 
+/// PNG of the print as it stands. `support_lines`: a line of JSON a print layer, beginning at `line_starts`.
+Result<std::vector<std::byte>> view_of_print(const LayerStack& stack, std::uint32_t elevation_layers,
+                                             std::string_view support_lines, std::span<const std::size_t> line_starts) {
+  const auto count = static_cast<std::uint32_t>(line_starts.size());
+  const auto viewer = [&](LayerIndex index, const std::function<void(const ViewedLayer&)>& look) -> Result<void> {
+    const std::uint32_t i = index.count();
+    const std::size_t end = i + 1 < count ? line_starts[i + 1] : support_lines.size();
+    const std::span<const Contour> part =
+        i < elevation_layers ? std::span<const Contour>{} : stack.layers()[i - elevation_layers].contours;
+    return read_json_lines(support_lines.substr(line_starts[i], end - line_starts[i]),
+                           [&](const Layer& supports) -> Result<void> {
+                             look({supports.z_mm, part, supports.contours});
+                             return {};
+                           });
+  };
+  const auto image = draw_print(LayerIndex{count}, viewer);
+  if (!image) return tl::unexpected{image.error()};
+  return encode_png(*image);
+}
+
 }  // namespace
 
 Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& stack, const MachineProfile& machine,
@@ -81,8 +103,10 @@ Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& 
   const FolderUnderWay under_way{wanted};
   if (auto ok = under_way.begin(); !ok) return tl::unexpected{ok.error()};
   std::string support_lines;
+  std::vector<std::size_t> line_starts;
   const auto keep = [&](const PlannedImage& layer_image) -> Result<void> {
-    if (layer_image.index.count() == 0) support_lines.clear();  // planned again
+    if (layer_image.index.count() == 0) support_lines.clear(), line_starts.clear();  // planned again
+    line_starts.push_back(support_lines.size());
     Layer supports;
     supports.index = layer_image.index;
     supports.z_mm = cut_height_mm(layer_image.index, stack.header().layer_thickness_mm);
@@ -94,6 +118,8 @@ Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& 
   if (!summary) return summary;
   const auto preview = encode_png(summary->preview);
   if (!preview) return tl::unexpected{preview.error()};
+  const auto view = view_of_print(stack, summary->elevation_layers, support_lines, line_starts);
+  if (!view) return tl::unexpected{view.error()};
   std::vector<std::byte> encoded;
   if (tfc.empty()) {
     auto bytes = write_tfc(stack, CodecOptions{.coding = Coding::Exact});
@@ -111,7 +137,8 @@ Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& 
       {"report.json", as_bytes(report_text)},
       {"preflight.json", as_bytes(preflight_text)},
       {kPartFile, tfc},
-      {"preview.png", *preview}};
+      {"preview.png", *preview},
+      {kViewFile, *view}};
   for (const auto& [name, bytes] : files)
     if (auto done = write_new_file(under_way.path() / name, bytes); !done) return tl::unexpected{done.error()};
   if (auto done = under_way.arrive(); !done) return tl::unexpected{done.error()};

@@ -28,7 +28,7 @@ class PlanFolderTest : public testing::Test {
 TEST_F(PlanFolderTest, HoldsEverythingAPrintNeedsAndNothingElseIsLeft) {
   const auto summary = write(root / "plan");
   ASSERT_TRUE(summary) << summary.error().what;
-  for (const char* name : {"plan.json", "supports.json", "report.json", "preview.png", "masks/00000.png"})
+  for (const char* name : {"plan.json", "supports.json", "report.json", "preview.png", "view.png", "masks/00000.png"})
     EXPECT_TRUE(fs::exists(root / "plan" / name)) << name;
   EXPECT_EQ(std::distance(fs::directory_iterator{root}, {}), 1);
   const auto job = PlannedJob::open(root / "plan");
