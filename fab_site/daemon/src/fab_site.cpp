@@ -86,7 +86,9 @@ WebSite& FabSite::open_page(SignIn& sign_in, CommandPost post) {
       [this](const std::string& job) {
         return JobQuestions{dispatcher_.is_exposure_unknown(job), dispatcher_.platform_waited_for(job)};
       },
-      MachineAsker{[this] { return dispatcher_.standing(); }, [this] { return dispatcher_.revision(); }});
+      MachineAsker{[this] { return dispatcher_.standing(); },
+                   [this](std::string_view machine) { return dispatcher_.moment(machine); },
+                   [this] { return dispatcher_.revision(); }});
   std::string three_js;
   if (const auto library = read_file(kThreeJs, kMaxThreeJsBytes))
     three_js.assign(reinterpret_cast<const char*>(library->data()), library->size());

@@ -82,6 +82,10 @@ std::unique_ptr<JobPrinter> JobDispatcher::make_printer(std::size_t place, const
   parts.events = {[this](const std::string& job, bool is_paused, double seconds_left) {
                     on_progress(job, is_paused, seconds_left);
                   },
+                  [this, place](const MachineMoment& now) {
+                    shown_[place].now = now;
+                    publish();
+                  },
                   [this](const std::string& job) { return fits_elsewhere(job); },
                   [this](const std::string& job, const PrintEnd& end) { on_left(job, end); }};
   return std::make_unique<JobPrinter>(site_, questions_, std::move(parts));
@@ -343,7 +347,7 @@ void JobDispatcher::on_left(const std::string& job, const PrintEnd& end) {
   if (const auto now = store().find(job); !place && now) place = queue_.find(now->instance);
   queue_.release(job, end.trouble);
   if (place) {
-    shown_[*place] = end.trouble == MachineTrouble::None ? Shown{} : Shown{-1, end.why, job};
+    shown_[*place] = end.trouble == MachineTrouble::None ? Shown{} : Shown{-1, end.why, job, {}, false};
     if (end.is_nothing_made && queue_.part_on(*place) == job) {
       if (auto cleared = empty_platform(*place); !cleared) log_warning(cleared.error().what, {job});
       queue_.set_part(*place, std::nullopt);
@@ -380,10 +384,20 @@ void JobDispatcher::publish() {
     status.is_stated = machine.is_stated;
     all.push_back(std::move(status));
   }
+  std::map<std::string, MachineMoment, std::less<>> moments;
+  for (std::size_t place = 0; place < machines_.size(); ++place)
+    if (shown_[place].now && queue_.job_of(place)) moments.emplace(machines_[place].name, *shown_[place].now);
   const std::lock_guard lock{mutex_};
-  if (all == published_) return;
+  if (all == published_ && moments == moments_) return;
   published_ = std::move(all);
+  moments_ = std::move(moments);
   ++revision_;
+}
+
+std::optional<MachineMoment> JobDispatcher::moment(std::string_view machine) {
+  const std::lock_guard lock{mutex_};
+  const auto found = moments_.find(machine);
+  return found == moments_.end() ? std::nullopt : std::optional{found->second};
 }
 
 std::vector<MachineStatus> JobDispatcher::standing() {

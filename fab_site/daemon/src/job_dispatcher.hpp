@@ -46,7 +46,9 @@ class JobDispatcher {
   [[nodiscard]] std::string platform_waited_for(const std::string& job);
   /// What every machine is at, in the order of the list. Any thread.
   [[nodiscard]] std::vector<MachineStatus> standing();
-  /// Grows with every change of standing() that is not one of a job's own. Any thread.
+  /// What the print on a machine does this moment; nothing where none is under way. Any thread.
+  [[nodiscard]] std::optional<MachineMoment> moment(std::string_view machine);
+  /// Grows with every change of standing() and moment() that is not one of a job's own. Any thread.
   [[nodiscard]] std::uint64_t revision() const { return revision_; }
 
   /// Whether a print under way, if there is any, still looks at its devices. One that does not is told by standing(),
@@ -111,7 +113,8 @@ class JobDispatcher {
     double seconds_left = -1;
     std::string why;           ///< it is in trouble
     std::string left_by = {};  ///< the job that met it
-    bool has_hung = false;     ///< the print on it no longer looks at its devices
+    std::optional<MachineMoment> now = {};
+    bool has_hung = false;  ///< the print on it no longer looks at its devices
   };
 
   Site& site_;
@@ -126,6 +129,7 @@ class JobDispatcher {
   std::mutex mutex_;
   std::map<std::string, std::string> for_platform_;  ///< machine by job that waits for its platform; guarded by mutex_
   std::vector<MachineStatus> published_;             ///< guarded by mutex_
+  std::map<std::string, MachineMoment, std::less<>> moments_;  ///< by machine; guarded by mutex_
   std::atomic<std::uint64_t> revision_ = 0;
   bool is_ending_ = false;
   bool is_dispatch_due_ = false;

@@ -161,6 +161,8 @@ void JobPrinter::on_progress(const std::string& job, const PrintProgress& progre
       c.layers_printed = printed;
     });
     if (!is_live) return;
+    events_.step({std::string{name_of(progress.phase)}, progress.phase == PrintPhase::Exposing, progress.z_mm,
+                  progress.resin_celsius});
     // A fault says in its record whether a layer was perhaps exposed.
     if (progress.phase != PrintPhase::Faulted) questions_.set(job, progress.phase == PrintPhase::AwaitingDecision);
     if (progress.phase == PrintPhase::Done || progress.phase == PrintPhase::Cancelled) return;  // the record follows

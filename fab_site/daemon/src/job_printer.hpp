@@ -6,6 +6,7 @@
 #include <telefab/fab/print/machine_queue.hpp>
 #include <telefab/fab/print/print_word.hpp>
 #include <telefab/fab/print/start_rule.hpp>
+#include <telefab/fab/web/page_backend.hpp>
 #include <telefab/service/service_notifier.hpp>
 #include <telefab/service/site.hpp>
 #include <telefab/service/work_queue.hpp>
@@ -27,6 +28,8 @@ struct PrintEnd {
 struct PrinterEvents {
   /// The print waits for an operator, or goes on; so many seconds are left of it.
   std::function<void(const std::string& job, bool is_paused, double seconds_left)> progress;
+  /// What the machine does now, at every step of it.
+  std::function<void(const MachineMoment& now)> step;
   /// Whether another machine than the one it is on fits the job.
   std::function<bool(const std::string& job)> fits_elsewhere;
   /// The machine is free of the job, whose state says what becomes of it.

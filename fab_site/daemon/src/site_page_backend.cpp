@@ -9,6 +9,8 @@
 #include <telefab/base/file.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
+#include <telefab/fab/planning/preflight.hpp>
+#include <telefab/fab/print/print_journal.hpp>
 #include <telefab/fab/print/print_record.hpp>
 #include <telefab/fab/print/print_time.hpp>
 #include <telefab/geometry/contour_lines.hpp>
@@ -103,17 +105,38 @@ const SitePageBackend::Light* SitePageBackend::light_of(const Job& job) {
   for (const Nanoseconds left : time_left(*plan, pace)) light.left_s.push_back(real_seconds(left));
   if (const auto written = text_of(*folder / "report" / "print.json"))
     if (const auto record = print_record_from_json(*written)) {
-      light.measured_s.resize(light.planned_s.size());
-      light.resin_celsius.resize(light.planned_s.size());
-      for (const LayerRecord& layer : record->layers) {
-        light.retries += layer.retries;
-        if (layer.index.count() >= light.measured_s.size()) continue;
-        light.measured_s[layer.index.count()] = std::chrono::duration<double>(layer.measured).count();
-        light.resin_celsius[layer.index.count()] = layer.resin_celsius;
-      }
+      light.measured.take(record->layers, light.planned_s.size());
     }
+  if (const auto preflight = preflight_in(*folder / "plan"))
+    for (const PreflightItem& item : preflight->items)
+      if (item.name == "resin" && item.unit == "ml") light.resin_ml = item.value.value_or(0);
   if (lights_.size() > kMostJobs) lights_.clear();
   return &lights_.insert_or_assign(job.id, std::move(light)).first->second;
+}
+
+void SitePageBackend::Measured::take(std::span<const LayerRecord> made, std::size_t layers) {
+  exposure_s.assign(layers, {});
+  resin_celsius.assign(layers, {});
+  retries = 0;
+  for (const LayerRecord& layer : made) {
+    retries += layer.retries;
+    if (layer.index.count() >= layers) continue;
+    exposure_s[layer.index.count()] = std::chrono::duration<double>(layer.measured).count();
+    resin_celsius[layer.index.count()] = layer.resin_celsius;
+  }
+}
+
+const SitePageBackend::Measured& SitePageBackend::measured_so_far(const Job& job, std::size_t layers) {
+  const auto path = folder_.path() / "jobs" / job.id / "journal";
+  std::error_code error;
+  const std::uintmax_t bytes = std::filesystem::file_size(path, error);
+  if (!error && live_.job == job.id && live_.journal_bytes == bytes) return live_.measured;
+  live_ = {job.id, bytes, {}};
+  // Read beside the print that writes it: a copy, whose torn end is cut off and not the journal's.
+  if (auto text = text_of(path))
+    if (const auto journal = PrintJournal::open(memory_journal_file(*text)))
+      live_.measured.take(journal->layers(), layers);
+  return live_.measured;
 }
 
 JobView SitePageBackend::view_of(const Job& job) {
@@ -124,6 +147,7 @@ JobView SitePageBackend::view_of(const Job& job) {
   JobView view;
   view.id = job.id;
   view.name = job.name;
+  view.owner = job.owner;
   view.machine = job.machine;
   view.instance = job.instance;
   view.state = job.state;
@@ -148,9 +172,10 @@ JobView SitePageBackend::view_of(const Job& job) {
     const std::size_t printed = std::min<std::size_t>(c.layers_printed, light->left_s.size() - 1);
     if (is_ahead) view.seconds_left = printed == 0 ? light->print_s : light->left_s[printed];
     view.print_seconds = light->print_s;
+    view.resin_ml = light->resin_ml;
     view.planned_exposure_s = std::accumulate(light->planned_s.begin(), light->planned_s.end(), 0.0);
-    for (const auto& seconds : light->measured_s) view.measured_exposure_s += seconds.value_or(0);
-    view.retries = light->retries;
+    for (const auto& seconds : light->measured.exposure_s) view.measured_exposure_s += seconds.value_or(0);
+    view.retries = light->measured.retries;
   }
   return view;
 }
@@ -216,11 +241,12 @@ Result<std::string> SitePageBackend::exposures(std::string_view id) {
     for (const auto& value : values) array.push_back(value ? ordered_json(*value) : ordered_json{});
     return array;
   };
+  const Measured& measured = is_final(job->state) ? light->measured : measured_so_far(*job, light->planned_s.size());
   return json_text({{"irradiance_mw_per_cm2", light->irradiance_mw_per_cm2},
                     {"planned_s", light->planned_s},
                     {"light_share", light->share},
-                    {"measured_s", list(light->measured_s)},
-                    {"resin_celsius", list(light->resin_celsius)}});
+                    {"measured_s", list(measured.exposure_s)},
+                    {"resin_celsius", list(measured.resin_celsius)}});
 }
 
 Result<std::vector<std::byte>> SitePageBackend::mask_png(std::string_view id, std::uint32_t layer) {
@@ -231,6 +257,12 @@ Result<std::vector<std::byte>> SitePageBackend::mask_png(std::string_view id, st
 
 Result<std::vector<std::byte>> SitePageBackend::preview_png(std::string_view id) {
   const auto path = plan_file(id, "preview.png");
+  if (!path) return tl::unexpected{path.error()};
+  return read_file(*path, kMaxFileBytes);
+}
+
+Result<std::vector<std::byte>> SitePageBackend::view_png(std::string_view id) {
+  const auto path = plan_file(id, "view.png");
   if (!path) return tl::unexpected{path.error()};
   return read_file(*path, kMaxFileBytes);
 }
@@ -349,10 +381,19 @@ std::vector<UploadTarget> SitePageBackend::upload_targets() {
 
 Result<std::string> SitePageBackend::take_file(std::string_view name, std::string_view bytes, bool start,
                                                std::string_view who) {
-  auto upload = write_upload(folder_, upload_targets(), name, std::as_bytes(std::span{bytes}), start, who);
-  if (!upload) return tl::unexpected{upload.error()};
+  return make_job(write_upload(folder_, upload_targets(), name, std::as_bytes(std::span{bytes}), start, who));
+}
+
+Result<std::string> SitePageBackend::print_again(std::string_view id, std::string_view who) {
+  const auto job = store_.find(id);
+  if (!job) return tl::unexpected{job.error()};
+  return make_job(write_again(folder_, *job, who));
+}
+
+Result<std::string> SitePageBackend::make_job(const Result<NewJob>& written) {
+  if (!written) return tl::unexpected{written.error()};
   const auto job = command_and_wait(
-      [&](const Command&, std::function<void(Result<Job>)> done) { uploaded_(*upload, std::move(done)); }, {});
+      [&](const Command&, std::function<void(Result<Job>)> done) { uploaded_(*written, std::move(done)); }, {});
   if (!job) return tl::unexpected{job.error()};
   return job->id;
 }

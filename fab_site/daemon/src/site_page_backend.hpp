@@ -36,6 +36,7 @@ using QuestionAsker = std::function<JobQuestions(const std::string& job)>;
 /// What the machines of the fab are at, and a number that grows with every change of that. Any thread.
 struct MachineAsker {
   std::function<std::vector<MachineStatus>()> standing;
+  std::function<std::optional<MachineMoment>(std::string_view machine)> moment;
   std::function<std::uint64_t()> revision;
 };
 
@@ -65,6 +66,7 @@ class SitePageBackend final : public PageBackend {
   Result<std::string> exposures(std::string_view id) override;
   Result<std::vector<std::byte>> mask_png(std::string_view id, std::uint32_t layer) override;
   Result<std::vector<std::byte>> preview_png(std::string_view id) override;
+  Result<std::vector<std::byte>> view_png(std::string_view id) override;
   Result<std::vector<std::byte>> accuracy_png(std::string_view id) override;
   Result<std::string> layer_json(std::string_view id, std::uint32_t layer) override;
   Result<std::string> supports(std::string_view id) override;
@@ -74,6 +76,8 @@ class SitePageBackend final : public PageBackend {
   Result<void> clear_platform(std::string_view machine, std::string_view who) override;
   Result<std::string> take_file(std::string_view name, std::string_view bytes, bool start,
                                 std::string_view who) override;
+  Result<std::string> print_again(std::string_view id, std::string_view who) override;
+  std::optional<MachineMoment> moment(std::string_view machine) override { return asker_.moment(machine); }
   std::vector<MachineStatus> machines() override { return asker_.standing(); }
   std::string devices_json() override;
   Result<void> healthy() override {
@@ -85,6 +89,8 @@ class SitePageBackend final : public PageBackend {
  private:
   /// What uploads may be for: every machine and profile that some machine of the fab would take a job for.
   [[nodiscard]] std::vector<UploadTarget> upload_targets();
+  /// The job whose folder was written; its id.
+  [[nodiscard]] Result<std::string> make_job(const Result<NewJob>& written);
   struct LayerImages {
     std::string job;
     std::filesystem::file_time_type planned;  ///< of the plan they are of
@@ -92,22 +98,36 @@ class SitePageBackend final : public PageBackend {
     std::vector<Layer> supports;  ///< by print layer
     Bounds2 bounds;               ///< of part and supports
   };
+  /// What was measured of each print layer; nothing of those that were not made yet.
+  struct Measured {
+    std::vector<std::optional<double>> exposure_s;
+    std::vector<std::optional<double>> resin_celsius;
+    std::uint32_t retries = 0;
+    void take(std::span<const LayerRecord> made, std::size_t layers);
+  };
+  /// The same of a print that goes on, as its journal has it.
+  struct LiveMeasured {
+    std::string job;
+    std::uintmax_t journal_bytes = 0;  ///< when it was read
+    Measured measured;
+  };
   /// What a job's plan and record say of its light; kept as long as the plan is the same.
   struct Light {
     double print_s = 0;             ///< of the whole print on this machine
     std::vector<double> left_s;     ///< of it when each layer is next; one more for the raising of the part
     std::vector<double> share;      ///< of full light, by layer
     std::vector<double> planned_s;  ///< exposure of each layer
-    std::vector<std::optional<double>> measured_s;  ///< by layer; empty until printed
-    std::vector<std::optional<double>> resin_celsius;
-    std::uint32_t retries = 0;
+    Measured measured;              ///< as recorded; empty until printed
     double irradiance_mw_per_cm2 = 0;
+    double resin_ml = 0;                      ///< that the print cures; 0: its preflight does not say
     bool is_whole = false;                    ///< read when the job had ended
     std::filesystem::file_time_type planned;  ///< of the plan it was read from
   };
   [[nodiscard]] JobView view_of(const Job& job);
   /// Null until planned.
   [[nodiscard]] const Light* light_of(const Job& job);
+  /// Of a job that has not ended.
+  [[nodiscard]] const Measured& measured_so_far(const Job& job, std::size_t layers);
   [[nodiscard]] Result<std::filesystem::path> plan_file(std::string_view id, std::string_view name);
   [[nodiscard]] Result<const LayerImages*> layer_images_of(std::string_view id);
 
@@ -121,6 +141,7 @@ class SitePageBackend final : public PageBackend {
   QuestionAsker questions_;
   MachineAsker asker_;
   std::optional<LayerImages> layer_images_;
+  LiveMeasured live_;                    ///< of the job last asked for
   std::map<std::string, Light> lights_;  ///< by job
 };
 

@@ -11,6 +11,7 @@
 #include <telefab/fab/formats/foreign_print.hpp>
 
 #include "intake.hpp"
+#include "job_supports.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -38,6 +39,24 @@ Result<void> check_fits(const StackHeader& header, const MachineProfile& machine
   return {};
 }
 
+/// The next chunk of a job that nobody sends.
+Result<void> take_next(Intake& intake, const Chunk& c) {
+  const Digest chain = chain_after(intake.spool().chain(), c.sequence, c.first_layer, c.layer_count, c.payload);
+  return intake.take({intake.offer().job, c.sequence, c.first_layer, c.layer_count, c.payload, chain});
+}
+
+Result<void> end_with(Intake& intake, const Digest& layers) {
+  return intake.finish({intake.offer().job, intake.spool().chunk_count(), intake.spool().chain(), layers, {}});
+}
+
+Result<void> write_chunks(const std::filesystem::path& folder, const Offer& offer, const ReceivedStack& received) {
+  auto intake = Intake::open(folder, offer);
+  if (!intake) return tl::unexpected{intake.error()};
+  for (const Chunk& chunk : received.chunks)
+    if (auto taken = take_next(*intake, chunk); !taken) return taken;
+  return end_with(*intake, received.digest);
+}
+
 Result<void> write_layers(const std::filesystem::path& folder, const Offer& offer, const LayerStack& stack) {
   auto intake = Intake::open(folder, offer);
   if (!intake) return tl::unexpected{intake.error()};
@@ -45,16 +64,12 @@ Result<void> write_layers(const std::filesystem::path& folder, const Offer& offe
   if (!encoder) return tl::unexpected{encoder.error()};
   const auto keep = [&](const Result<std::optional<Chunk>>& chunk) -> Result<void> {
     if (!chunk) return tl::unexpected{chunk.error()};
-    if (!*chunk) return {};
-    const Chunk& c = **chunk;
-    const Digest chain = chain_after(intake->spool().chain(), c.sequence, c.first_layer, c.layer_count, c.payload);
-    return intake->take({offer.job, c.sequence, c.first_layer, c.layer_count, c.payload, chain});
+    return *chunk ? take_next(*intake, **chunk) : Result<void>{};
   };
   for (const Layer& layer : stack.layers())
     if (auto kept = keep(encoder->add(layer)); !kept) return kept;
   if (auto kept = keep(encoder->finish()); !kept) return kept;
-  return intake->finish(
-      {offer.job, intake->spool().chunk_count(), intake->spool().chain(), encoder->stack_digest(), {}});
+  return end_with(*intake, encoder->stack_digest());
 }
 
 /// What is in a file, and for which of the machines.
@@ -129,6 +144,41 @@ Result<NewJob> write_upload(const DataFolder& data, const std::vector<UploadTarg
     return tl::unexpected{written.error()};
   }
   return NewJob{*id, kept_name, given->asked, parameters, std::string{who}};
+}
+
+Result<NewJob> write_again(const DataFolder& data, const Job& job, std::string_view who) {
+  const auto from = data.job(job.id);
+  if (!from) return tl::unexpected{from.error()};
+  const auto before = Intake::reopen(*from);
+  if (!before || !before->is_complete())
+    return fail(ErrorCode::Conflict, fmt::format("not all layers of job {} are here; submit it again", job.id));
+  const auto received = received_stack(*from);
+  if (!received) return tl::unexpected{received.error()};
+  const auto id = fresh_id();
+  if (!id) return tl::unexpected{id.error()};
+  const auto folder = data.job(*id);
+  if (!folder) return tl::unexpected{folder.error()};
+  Offer offer = before->offer();
+  offer.job = *id;
+  offer.owner = who;
+  offer.public_key.clear(), offer.signature.clear();
+  Result<void> written;
+  if (has_ready_print(*from)) {
+    const auto masks = read_file(*from / kReadyFile, kMostBytes);
+    written = masks ? write_file_atomically(*folder / kReadyFile, *masks) : tl::unexpected{masks.error()};
+  }
+  if (const auto by_hand = hand_list_in(*from); written && !by_hand)
+    written = tl::unexpected{by_hand.error()};
+  else if (written && !by_hand->is_empty())
+    written = want_hand_list(*folder, *by_hand);
+  if (written) written = write_chunks(*folder, offer, *received);
+  if (written) written = hold_for_approval(*folder);
+  if (!written) {
+    std::error_code ignored;  // the reason is the error that is told
+    std::filesystem::remove_all(*folder, ignored);
+    return tl::unexpected{written.error()};
+  }
+  return NewJob{*id, offer.name, offer.machine, offer.parameters, std::string{who}};
 }
 
 bool has_ready_print(const std::filesystem::path& folder) {

@@ -26,6 +26,11 @@ struct UploadTarget {
                                           std::string_view name, std::span<const std::byte> bytes, bool start,
                                           std::string_view who);
 
+/// Writes the layers of a job into the folder of a new one, in the coding in which they came, with its masks and its
+/// list of supports by hand where it has them; what is still to be done is to make the job, which is `who`'s and waits
+/// for approval. Nobody signs for it. Conflict: not all layers are here; StorageFailed, NotTrusted.
+[[nodiscard]] Result<NewJob> write_again(const DataFolder& data, const Job& job, std::string_view who);
+
 /// Whether the job in this folder is a file of masks.
 [[nodiscard]] bool has_ready_print(const std::filesystem::path& folder);
 /// The masks of such a job. Fails as ready_for, and with StorageFailed.

@@ -144,7 +144,8 @@ class Run {
     if (std::holds_alternative<AwaitingDecision>(state_))
       message = fmt::format("layer {} was perhaps exposed: decide whether to expose it again", layer.count());
     const auto count = static_cast<std::uint32_t>(plan_.layers.size());
-    sink_({phase_of(state_), layer, LayerIndex{count}, z_mm_, left_[std::min(layer.count(), count)], message});
+    sink_({phase_of(state_), layer, LayerIndex{count}, z_mm_, left_[std::min(layer.count(), count)], message,
+           resin_celsius_});
   }
 
   [[nodiscard]] std::optional<PrintEvent> carry_out(const PrintCommand& command) {
@@ -248,7 +249,7 @@ class Run {
     if (sensors_ != nullptr) {
       const auto reading = sensors_->read();
       if (!reading) return DeviceFailed{reading.error()};
-      made_.resin_celsius = reading->resin_celsius;
+      made_.resin_celsius = resin_celsius_ = reading->resin_celsius;
       if (reading->interlock_open) return InterlockOpened{};
       if (policy_.hottest_celsius && reading->resin_celsius && *reading->resin_celsius > *policy_.hottest_celsius)
         return WrongTemperature{*reading->resin_celsius, true};
@@ -327,6 +328,7 @@ class Run {
   Ticket last_{};
   std::optional<Waiting> move_, load_, timer_, exposure_;
   LayerRecord made_;
+  std::optional<double> resin_celsius_;  ///< last measured
   std::uint32_t retries_ = 0;
   std::uint32_t recoveries_;
   bool stopping_ = false;

@@ -23,6 +23,7 @@ using json = nlohmann::ordered_json;
 json to_json(const JobView& job) {
   json value{{"id", job.id},
              {"name", job.name},
+             {"owner", job.owner},
              {"machine", job.machine},
              {"instance", job.instance},
              {"state", name_of(job.state)},
@@ -37,6 +38,8 @@ json to_json(const JobView& job) {
              {"progress", job.progress},
              {"created_unix_s", job.created_unix_s}};
   value["seconds_left"] = job.seconds_left < 0 ? json{} : json(job.seconds_left);
+  value["print_seconds"] = job.print_seconds > 0 ? json(job.print_seconds) : json{};
+  value["resin_ml"] = job.resin_ml > 0 ? json(job.resin_ml) : json{};
   return value;
 }
 
@@ -59,9 +62,17 @@ struct Call {
   [[nodiscard]] const std::string& who() const { return routed.visitor.name; }
 };
 
+/// A machine as it stands, and as "now" what its print does this moment; null where there is none.
 json machine_list(PageBackend& backend) {
   json list = json::array();
-  for (const MachineStatus& machine : backend.machines()) list.push_back(json_or_discarded(telefab::to_json(machine)));
+  for (const MachineStatus& machine : backend.machines()) {
+    json& value = list.emplace_back(json_or_discarded(telefab::to_json(machine)));
+    value["now"] = nullptr;
+    if (const auto now = backend.moment(machine.name)) {
+      value["now"] = {{"phase", now->phase}, {"light", now->is_lit}, {"z_mm", now->z_mm}, {"resin_celsius", nullptr}};
+      if (now->resin_celsius) value["now"]["resin_celsius"] = *now->resin_celsius;
+    }
+  }
   return list;
 }
 
@@ -97,6 +108,19 @@ template <JobCommand action>
 WebResponse act(const Call& call) {
   if (const auto done = call.backend.act(call.id(), action, call.who()); !done) return web_problem(done.error());
   return show_job(call);
+}
+
+WebResponse made_job(PageBackend& backend, const std::string& id) {
+  const auto job = backend.job(id);
+  WebResponse made{201, "application/json", json_text(job ? to_json(*job) : json{{"id", id}})};
+  made.location = "/v1/jobs/" + id;
+  return made;
+}
+
+WebResponse print_again(const Call& call) {
+  const auto id = call.backend.print_again(call.id(), call.who());
+  if (!id) return web_problem(id.error());
+  return made_job(call.backend, *id);
 }
 
 /// There is no job to show afterwards.
@@ -153,10 +177,7 @@ WebResponse resume(const Call& call) {
 WebResponse upload(const Call& call) {
   const auto id = take_upload(call.backend, call.path(), call.request.body, false, call.who());
   if (!id) return web_problem(id.error().status, "invalid-input", id.error().what);
-  const auto job = call.backend.job(*id);
-  WebResponse made{201, "application/json", json_text(job ? to_json(*job) : json{{"id", *id}})};
-  made.location = "/v1/jobs/" + *id;
-  return made;
+  return made_job(call.backend, *id);
 }
 
 WebResponse asset(std::string_view target, const WebOptions& options) {
@@ -207,6 +228,8 @@ const std::vector<Row>& rows() {
        [](const Call& c) { return web_json(c.backend.exposures(c.id())); }},
       {{"GET", "/v1/jobs/{id}/preview.png", "contact sheet of the plan"},
        [](const Call& c) { return as_png(c.backend.preview_png(c.id())); }},
+      {{"GET", "/v1/jobs/{id}/view.png", "the print as it stands on its platform"},
+       [](const Call& c) { return as_png(c.backend.view_png(c.id())); }},
       {{"GET", "/v1/jobs/{id}/accuracy.png", "the predicted part and the error of its edges"},
        [](const Call& c) { return as_png(c.backend.accuracy_png(c.id())); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}", "contours of part and supports in one layer"},
@@ -226,6 +249,8 @@ const std::vector<Row>& rows() {
       {{"POST", "/v1/jobs/{id}/forget", "take a job that has ended off this site, with its files; its record stays",
         Access::Operators},
        forget},
+      {{"POST", "/v1/jobs/{id}/again", "make a new job of the same layers; it waits for approval", Access::Operators},
+       print_again},
       {{"POST", "/v1/machines/{id}/cleared", "say that the part is off the platform of a machine", Access::Operators},
        clear_platform},
       {{"POST", "/v1/files/{path}", "make a job of a file that a fab prints; it waits for approval", Access::Operators,

@@ -45,13 +45,32 @@ TEST(WebRouter, AnswersEveryRouteOfItsTable) {
     if (route.path.starts_with("/api/v1/") || route.path.starts_with("/v1/files/")) continue;  // prusalink_test.cpp
     const WebResponse response = answer({std::string{route.method}, concrete(route.path), "Bearer secret"}, backend);
     // Without a body the two POSTs of OctoPrint's API, the sign-in and supports by hand say what is missing.
-    EXPECT_THAT(response.status, testing::AnyOf(200U, 409U, 400U)) << route.path;
+    EXPECT_THAT(response.status, testing::AnyOf(200U, 201U, 409U, 400U)) << route.path;
     EXPECT_EQ(response.status == 400, route.path == "/v1/sign-in" ||
                                           (route.method == "POST" && route.path.ends_with("/supports")) ||
                                           (route.needs == Access::Operators && route.path.starts_with("/api/")))
         << route.path;
     EXPECT_FALSE(response.body.empty()) << route.path;
   }
+}
+
+TEST(WebRouter, MakesANewJobOfTheLayersOfAnotherForAnOperatorAlone) {
+  RecordingBackend backend;
+  EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/again", ""), backend).status, 401);
+  EXPECT_EQ(backend.printed_again, 0);
+  const WebResponse made = answer(ask("POST", "/v1/jobs/job-1/again", "Bearer secret"), backend);
+  EXPECT_EQ(made.status, 201);
+  EXPECT_EQ(made.location, "/v1/jobs/u2");
+  EXPECT_EQ(backend.printed_again, 1);
+  EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-9/again", "Bearer secret"), backend).status, 409);
+}
+
+TEST(WebRouter, TellsWhatAPrintDoesThisMomentAndNothingOfMachinesWithoutOne) {
+  RecordingBackend backend;
+  const auto machines = nlohmann::json::parse(answer(ask("GET", "/v1/machines", ""), backend).body)["machines"];
+  EXPECT_EQ(machines[0]["now"],
+            nlohmann::json({{"phase", "exposing"}, {"light", true}, {"z_mm", 0.4}, {"resin_celsius", 24.5}}));
+  EXPECT_TRUE(machines[1]["now"].is_null());
 }
 
 TEST(WebRouter, TellsWhatEachMachineIsAtInTheOrderOfTheFabsList) {

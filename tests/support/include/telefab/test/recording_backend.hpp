@@ -33,6 +33,9 @@ class RecordingBackend : public PageBackend {
   [[nodiscard]] Result<std::vector<std::byte>> preview_png(std::string_view) override {
     return std::vector<std::byte>{std::byte{0x89}};
   }
+  [[nodiscard]] Result<std::vector<std::byte>> view_png(std::string_view) override {
+    return std::vector<std::byte>{std::byte{0x89}};
+  }
   [[nodiscard]] Result<std::vector<std::byte>> accuracy_png(std::string_view) override {
     return std::vector<std::byte>{std::byte{0x89}};
   }
@@ -71,6 +74,16 @@ class RecordingBackend : public PageBackend {
     files.push_back({std::string{name}, std::string{tfc}, start});
     return std::string{"u1"};
   }
+  [[nodiscard]] Result<std::string> print_again(std::string_view id, std::string_view who) override {
+    if (id != "job-1") return fail(ErrorCode::Conflict, "not all layers of the job are here");
+    names.emplace_back(who);
+    ++printed_again;
+    return std::string{"u2"};
+  }
+  [[nodiscard]] std::optional<MachineMoment> moment(std::string_view machine) override {
+    if (machine != "hall-1") return std::nullopt;
+    return MachineMoment{"exposing", true, 0.4, 24.5};
+  }
   [[nodiscard]] std::vector<MachineStatus> machines() override {
     return {
         {"hall-1",
@@ -106,6 +119,7 @@ class RecordingBackend : public PageBackend {
   std::vector<std::pair<std::string, std::string>> approvals;   ///< job, although
   std::vector<std::string> cleared;                             ///< machines
   std::vector<File> files;
+  int printed_again = 0;
 
  private:
   static JobView view() {

@@ -91,11 +91,12 @@ struct PrintPolicy {
 /// Told after every change of state, from the runner's thread.
 struct PrintProgress {
   PrintPhase phase = PrintPhase::Idle;
-  LayerIndex layer;     ///< next to expose
-  LayerIndex layers;    ///< of the plan
-  double z_mm = 0;      ///< last known
-  Nanoseconds left{};   ///< estimate of what remains
-  std::string message;  ///< for people: the cause in Faulted, the question in AwaitingDecision
+  LayerIndex layer;                          ///< next to expose
+  LayerIndex layers;                         ///< of the plan
+  double z_mm = 0;                           ///< last known
+  Nanoseconds left{};                        ///< estimate of what remains
+  std::string message;                       ///< for people: the cause in Faulted, the question in AwaitingDecision
+  std::optional<double> resin_celsius = {};  ///< last measured, where the machine has a thermometer
 };
 using PrintSink = std::function<void(const PrintProgress&)>;
 

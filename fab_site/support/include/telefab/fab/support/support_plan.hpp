@@ -41,6 +41,7 @@ struct HandList {
   std::vector<Extra> extra;
   std::vector<Forbidden> forbidden;
   std::vector<Removed> removed;
+  [[nodiscard]] bool is_empty() const { return extra.empty() && forbidden.empty() && removed.empty(); }
 };
 
 /// {"extra":[{"x_mm":1,"y_mm":2,"z_mm":0}],"forbidden":[{"x_mm":1,"y_mm":2,"radius_mm":3,"from_z_mm":0,"to_z_mm":9}],

@@ -2,6 +2,7 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <telefab/base/result.hpp>
@@ -15,6 +16,7 @@ namespace telefab::fab {
 struct JobView {
   std::string id;
   std::string name;      ///< file name of the scan
+  std::string owner;     ///< who submitted it
   std::string machine;   ///< that was asked for: a profile, or one machine
   std::string instance;  ///< machine that it is on or was on; empty: none yet
   JobState state{};
@@ -29,6 +31,7 @@ struct JobView {
   double progress = 0;       ///< 0 to 1 of the present state
   double seconds_left = -1;  ///< of the print; below 0: not known
   double print_seconds = 0;  ///< of the whole print as planned; 0: not planned yet
+  double resin_ml = 0;       ///< that the print cures, supports included; 0: not planned yet
   std::int64_t created_unix_s = 0;
   std::vector<StageSeconds> stage_seconds;
   double planned_exposure_s = 0;   ///< light of the whole print; 0: not planned yet
@@ -40,6 +43,15 @@ struct JobView {
 struct JobEventView {
   std::int64_t unix_ms = 0;
   std::string text;
+};
+
+/// What the print on a machine does this moment.
+struct MachineMoment {
+  std::string phase;                    ///< name of a PrintPhase, or what a printer says of itself
+  bool is_lit = false;                  ///< an exposure goes on
+  double z_mm = 0;                      ///< of the platform, as last reported
+  std::optional<double> resin_celsius;  ///< where the machine has a thermometer
+  friend bool operator==(const MachineMoment&, const MachineMoment&) = default;
 };
 
 /// The daemon as the web page sees it. Calls come from the web thread one at a time; each returns at once.
@@ -65,6 +77,8 @@ class PageBackend {
   [[nodiscard]] virtual Result<std::vector<std::byte>> mask_png(std::string_view id, std::uint32_t layer) = 0;
   /// PNG contact sheet of the plan.
   [[nodiscard]] virtual Result<std::vector<std::byte>> preview_png(std::string_view id) = 0;
+  /// PNG of the print as it stands on its platform; NotFound until planned, and of plans that have none.
+  [[nodiscard]] virtual Result<std::vector<std::byte>> view_png(std::string_view id) = 0;
   /// PNG of the predicted part and how far its edges lie from the contours; NotFound until that was computed.
   [[nodiscard]] virtual Result<std::vector<std::byte>> accuracy_png(std::string_view id) = 0;
   /// JSON of one print layer, millimetres, build frame; z_mm is its middle, bounds are those of the whole print:
@@ -90,6 +104,11 @@ class PageBackend {
   /// its name says, damaged, or for a machine this fab has not.
   [[nodiscard]] virtual Result<std::string> take_file(std::string_view name, std::string_view bytes, bool start,
                                                       std::string_view who) = 0;
+  /// Makes a new job of the layers of another, as they are and for what it was for; its id. It waits for approval and
+  /// is `who`'s. Conflict: not all of its layers are here.
+  [[nodiscard]] virtual Result<std::string> print_again(std::string_view id, std::string_view who) = 0;
+  /// Of a machine by its name; nothing where no print is under way on it.
+  [[nodiscard]] virtual std::optional<MachineMoment> moment(std::string_view machine) = 0;
   /// Every machine that stands in the fab, in the order of its list.
   [[nodiscard]] virtual std::vector<MachineStatus> machines() = 0;
   /// JSON of projector and stage: names, light, Z, temperature if there is one.
