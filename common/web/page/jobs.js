@@ -6,8 +6,9 @@
 const byId = (id) => document.getElementById(id);
 const state = { jobs: [], chosen: null, visitor: { name: null, may: "nothing", must_sign_in: false, by: null }, waiting: null, told: "", stage: "" };
 
-// Of the page itself: showJob(job) for every change, showStage(job) once a state, chosen(id) when another job is chosen,
-// news(data) for every event and begun() once somebody may see the page, where there is one.
+// Of the page itself: showJob(job) for every change, showStage(job) once a state, chosen(id) when another job is chosen;
+// and where there is one: news(data) for every event, begun() once somebody may see the page, showJobs() instead of the
+// plain list, approval(held) to ask whether what holds a job is let through (names, or null).
 const site = {};
 
 const hasEnded = (s) => ["done", "failed", "cancelled"].includes(s);
@@ -18,7 +19,22 @@ const allowed = {
   cleared: () => true,
   cancel: (s) => !hasEnded(s),
   forget: hasEnded,
+  again: hasEnded,
 };
+const whyNot = {
+  approve: "Only a job that is planned and waits for approval can be approved.",
+  pause: "Only a print under way can be paused.",
+  resume: "Only a paused print can go on.",
+  cancel: "The job has ended.",
+  forget: "Only a job that has ended can be forgotten.",
+  again: "Only a job that has ended is printed again.",
+};
+
+// What somebody who opens the page wants to see: what is being made, else what waits for a word, else the newest.
+function firstJob() {
+  const in_ = (...states) => state.jobs.find((job) => states.includes(job.state));
+  return in_("printing") || in_("paused") || in_("awaiting-approval") || state.jobs.find((job) => !hasEnded(job.state)) || state.jobs[0];
+}
 
 function duration(seconds) {
   if (seconds === null || seconds < 0) return "";
@@ -40,6 +56,7 @@ function element(name, text) {
 }
 
 function showJobs() {
+  if (site.showJobs) return site.showJobs();
   const list = byId("jobs");
   const focused = document.activeElement && document.activeElement.dataset.job;
   list.replaceChildren(...state.jobs.map((job) => {
@@ -66,9 +83,11 @@ function showJob() {
   for (const button of document.querySelectorAll("[data-action]")) {
     button.disabled = !allowed[button.dataset.action](job.state);
     // A layer that was perhaps exposed is a question: its two answers stand in the place of the plain button.
-    if (button.dataset.action === "forget") button.title = button.disabled ? "Only a job that has ended can be forgotten." : "";
+    button.title = button.disabled ? whyNot[button.dataset.action] || "" : "";
+    // What cannot be done now is not offered.
+    button.hidden = button.disabled;
     if (button.dataset.action === "cleared") button.hidden = button.disabled = !job.waits_for_platform;
-    if (button.dataset.action === "resume") button.hidden = Boolean(job.exposure_unknown) !== Boolean(button.dataset.as);
+    if (button.dataset.action === "resume" && !button.disabled) button.hidden = Boolean(job.exposure_unknown) !== Boolean(button.dataset.as);
   }
   site.showJob(job);
 }
@@ -107,6 +126,10 @@ async function approval() {
   const { items } = await get(`/v1/jobs/${state.chosen}/preflight`).catch(() => ({ items: [] }));
   const held = items.filter((item) => item.verdict === "held");
   if (!held.length) return {};
+  if (site.approval) {
+    const names = await site.approval(held);
+    return names && { although: names };
+  }
   const why = held.map((item) => `${item.name}: ${item.text}`).join("\n");
   return confirm(`This job is held:\n${why}\nLet it print all the same? Your approval names this in the record.`)
     ? { although: [...new Set(held.map((item) => item.name))] } : null;
@@ -131,7 +154,12 @@ async function act(action, as, machine) {
     await findVisitor();
     return act(action, as, machine);
   }
-  byId("answer").textContent = answer.ok ? `${action}${as ? ` as ${as}` : ""}: accepted` : (await answer.json()).error.what;
+  const body = await answer.json();
+  byId("answer").textContent = answer.ok ? `${action}${as ? ` as ${as}` : ""}: accepted` : body.error.what;
+  if (answer.ok && action === "again") {
+    state.jobs = [body, ...state.jobs];
+    choose(body.id);
+  }
 }
 
 // Who has signed in is known by a cookie that no script can read, or by a certificate.
@@ -181,7 +209,7 @@ function follow() {
     if (site.news) site.news(news);
     // What was chosen may have been forgotten, here or by somebody else.
     if (!state.jobs.some((job) => job.id === state.chosen)) state.chosen = null;
-    if (!state.chosen && state.jobs.length) return choose(state.jobs[0].id);
+    if (!state.chosen && state.jobs.length) return choose(firstJob().id);
     showJobs();
     showJob();
     showDetails();

@@ -286,7 +286,10 @@ Result<const SitePageBackend::LayerImages*> SitePageBackend::layer_images_of(std
   if (!lines) return fail(ErrorCode::NotFound, "the layers can be looked at once the job is planned");
   auto part = received_stack(path->parent_path().parent_path());
   if (!part) return tl::unexpected{part.error()};
-  LayerImages images{std::string{id}, planned, std::move(part->layers), {}, {}};
+  LayerImages images{std::string{id}, planned, std::move(part->layers), {}, {}, {}};
+  if (const auto job = store_.find(id))
+    if (const auto machine = profiles_.compose({job->instance.empty() ? job->machine : job->instance}))
+      images.platform_mm = {machine->profile.platform.width_mm, machine->profile.platform.depth_mm};
   const auto read = read_json_lines(*lines, [&](Layer layer) -> Result<void> {
     images.supports.push_back(std::move(layer));
     return {};
@@ -311,6 +314,7 @@ Result<std::string> SitePageBackend::layer_json(std::string_view id, std::uint32
   return json_text({{"layer", layer},
                     {"z_mm", cut_height_mm(LayerIndex{layer}, thickness_mm)},
                     {"thickness_mm", thickness_mm},
+                    {"platform_mm", s.platform_mm ? ordered_json(*s.platform_mm) : ordered_json{}},
                     {"bounds", {s.bounds.min.x_mm, s.bounds.min.y_mm, s.bounds.max.x_mm, s.bounds.max.y_mm}},
                     {"part", part ? rings_json(part->contours) : ordered_json::array()},
                     {"supports", rings_json(s.supports[layer].contours)},

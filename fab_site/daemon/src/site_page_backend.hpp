@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <array>
 #include <functional>
 #include <map>
 #include <optional>
@@ -95,8 +96,9 @@ class SitePageBackend final : public PageBackend {
     std::string job;
     std::filesystem::file_time_type planned;  ///< of the plan they are of
     LayerStack part;
-    std::vector<Layer> supports;  ///< by print layer
-    Bounds2 bounds;               ///< of part and supports
+    std::vector<Layer> supports;                       ///< by print layer
+    Bounds2 bounds;                                    ///< of part and supports
+    std::optional<std::array<double, 2>> platform_mm;  ///< width and depth; none: the machine is not here any more
   };
   /// What was measured of each print layer; nothing of those that were not made yet.
   struct Measured {

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The fab's page: layers, masks, preflight and doses of a job, beside what jobs.js shows of every job.
+// The job that is looked at: its layers, masks, preflight, places and doses; lab.js shows what is around it.
 "use strict";
 
 site.showJob = (job) => {
   const where = job.instance ? `on ${job.instance}` : `for ${job.machine}`;
-  byId("job-line").textContent = `${job.state} ${where}, job ${job.id}, ${job.bytes_received} bytes received`;
+  byId("job-line").textContent = [`${job.state.replaceAll("-", " ")} ${where}`, job.owner && `by ${job.owner}`, `job ${job.id}`,
+    job.print_seconds && `${clock(job.print_seconds)} of print`, job.resin_ml && `${job.resin_ml.toFixed(1)} ml`].filter(Boolean).join(" · ");
   byId("job-progress").value = job.progress;
   const count = job.layers ? `layer ${job.layers_printed} of ${job.layers}` : `${job.layers_received} layers received`;
   byId("job-count").textContent = [count, duration(job.seconds_left)].filter(Boolean).join(", ");
@@ -14,11 +15,14 @@ site.showJob = (job) => {
   if (byId("follow").checked && job.layers) slider.value = Math.max(0, Math.min(job.layers_printed, job.layers - 1));
   if (job.layers) showLayer();
   site.showPlanning?.(job);
+  showDoseLater(job);
+  document.dispatchEvent(new CustomEvent("job-shown"));
 };
 
 site.chosen = (id) => {
   state.layer = "";
   site.view = null;
+  state.issues = [];
   byId("accuracy-box").hidden = true;
   document.dispatchEvent(new CustomEvent("job-chosen"));
 };
@@ -34,20 +38,62 @@ site.showStage = async (job) => {
   showPreflight(job.id);
   showDose(job.id);
   showAccuracy(job.id);
+  let report = {}, text = "";
   try {
-    byId("report").textContent = JSON.stringify(await get(`/v1/jobs/${job.id}/report`), null, 1);
+    report = await get(`/v1/jobs/${job.id}/report`);
+    text = JSON.stringify(report, null, 1);
   } catch (error) {
-    byId("report").textContent = error.message;
+    text = error.message;
   }
+  if (job.id !== state.chosen) return;
+  byId("report").textContent = text;
+  state.issues = issuesOf(report);
+  showIssues();
 };
 
 state.plan = 0;
+state.issues = [];
+
+// ---- one layer ----------------------------------------------------------------------------------------------------
+
+// The longest of 1, 2, 5, 10, ... mm that is at most a quarter of the picture.
+function scaleBar(mm) {
+  const most = mm / 4, ten = 10 ** Math.floor(Math.log10(most));
+  return [5, 2, 1].map((n) => n * ten).find((length) => length <= most);
+}
+
+// The plate's edge and a bar of a round length.
+function drawPlate(pen, layer, { x, y, scale }, style) {
+  pen.strokeStyle = pen.fillStyle = style.getPropertyValue("--quiet");
+  pen.lineWidth = 1.5;
+  if (layer.platform_mm) {
+    const [w, d] = layer.platform_mm;
+    pen.strokeRect(x([0, 0]), y([0, d]), w * scale, d * scale);
+  }
+  const bar = scaleBar(pen.canvas.width / scale), right = pen.canvas.width - 16, low = pen.canvas.height - 16;
+  pen.beginPath();
+  pen.moveTo(right - bar * scale, low - 5), pen.lineTo(right - bar * scale, low), pen.lineTo(right, low), pen.lineTo(right, low - 5);
+  pen.stroke();
+  pen.font = "22px system-ui, sans-serif";
+  pen.textAlign = "right";
+  pen.fillText(`${Number(bar.toPrecision(1))} mm`, right, low - 8);
+}
+
+function drawIssues(pen, layer, { x, y }, style) {
+  pen.strokeStyle = style.getPropertyValue("--danger");
+  state.issues.forEach((issue, i) => {
+    if (layer.layer < issue.layer || layer.layer > issue.last) return;
+    pen.lineWidth = i === state.issue ? 5 : 2.5;
+    pen.beginPath();
+    pen.arc(x(issue.place), y(issue.place), 11, 0, 2 * Math.PI);
+    pen.stroke();
+  });
+}
 
 function draw(layer) {
   const canvas = byId("contours"), pen = canvas.getContext("2d");
   const style = getComputedStyle(document.documentElement);
   pen.clearRect(0, 0, canvas.width, canvas.height);
-  const rings = layer.part.concat(layer.supports);
   const box = layer.bounds;
   const scale = Math.min(canvas.width / (box[2] - box[0]), canvas.height / (box[3] - box[1])) * 0.95;
   const x = (p) => canvas.width / 2 + (p[0] - (box[0] + box[2]) / 2) * scale;
@@ -55,7 +101,7 @@ function draw(layer) {
   const middle = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
   const toMm = (px, py) => [middle[0] + (px - canvas.width / 2) / scale, middle[1] - (py - canvas.height / 2) / scale];
   site.view = { layer, x, y, scale, middle, toMm };
-  if (!rings.length) return site.drawOver?.(pen);
+  drawPlate(pen, layer, site.view, style);
   for (const [set, colour] of [[layer.supports, "--support"], [layer.part, "--part"]]) {
     pen.beginPath();
     for (const ring of set) {
@@ -65,6 +111,7 @@ function draw(layer) {
     pen.fillStyle = style.getPropertyValue(colour);
     pen.fill("nonzero");
   }
+  drawIssues(pen, layer, site.view, style);
   site.drawOver?.(pen);
 }
 
@@ -72,9 +119,10 @@ site.redraw = () => site.view && draw(site.view.layer);
 
 async function showLayer() {
   const layer = Number(byId("layer").value);
-  byId("layer-number").textContent = `${layer}`;
   const key = `${state.chosen}/${layer}`;
   if (state.layer === key) return;
+  byId("layer-number").textContent = `${layer}`;
+  byId("layer").setAttribute("aria-valuetext", `layer ${layer}`);
   state.layer = key;
   const base = `/v1/jobs/${state.chosen}/layers/${layer}`;
   byId("mask").src = `${base}/mask.png?plan=${state.plan}`;
@@ -82,13 +130,72 @@ async function showLayer() {
     const shape = await get(base);
     if (state.layer !== key) return;  // the slider has moved on
     draw(shape);
+    document.dispatchEvent(new CustomEvent("layer-drawn", { detail: shape }));
     state.drawn = key;
     state.drawnAt = performance.now();
+    byId("layer-number").textContent = `${layer}, z ${shape.z_mm.toFixed(2)} mm`;
     byId("certificate").textContent = shape.certificate ? `· ${shape.certificate}` : "";
   } catch (error) {
     byId("certificate").textContent = `· ${error.message}`;
   }
 }
+
+// ---- what was found -----------------------------------------------------------------------------------------------
+
+const mm2 = (area) => `${area.toFixed(2)} mm²`;
+
+// The places of a plan's report that somebody may want to see, what holds the job first.
+function issuesOf({ plan }) {
+  const issues = [];
+  for (const f of plan?.check?.findings || [])
+    issues.push({ holds: f.holds_the_job, text: `${f.kind.replaceAll("-", " ")}, ${mm2(f.size_mm2)}`, layer: f.layer, last: f.last_layer, place: [f.x_mm, f.y_mm] });
+  for (const [weak, holds] of [[plan?.carry?.weak, true], [plan?.carry?.weak_small, false]])
+    for (const w of weak?.places || [])
+      issues.push({ holds, text: `may tear: ${mm2(w.section_mm2)} bear ${w.demand.toFixed(0)} times the pull`, layer: w.layer, last: w.layer, place: w.place });
+  for (const t of plan?.thin?.weak || [])
+    issues.push({ holds: false, text: `${t.kind} of ${t.width_mm.toFixed(2)} mm, easily lost`, layer: t.layer, last: t.layer, place: t.place });
+  return issues.sort((a, b) => b.holds - a.holds || a.layer - b.layer);
+}
+
+function goTo(layer) {
+  byId("follow").checked = false;
+  byId("layer").value = layer;
+  showLayer();
+}
+
+function showIssue(i) {
+  state.issue = i;
+  goTo(state.issues[i].layer);
+  site.redraw();
+  document.dispatchEvent(new CustomEvent("issue-chosen", { detail: state.issues[i] }));
+  for (const [k, button] of byId("issues").querySelectorAll("button").entries()) button.setAttribute("aria-current", String(k === i));
+}
+
+function showIssues() {
+  const most = 500, list = state.issues;
+  state.issue = -1;
+  byId("issues-box").hidden = list.length === 0;
+  byId("issues-count").textContent = `${list.length} ${list.length === 1 ? "place" : "places"} to look at` +
+    (list.some((issue) => issue.holds) ? `, ${list.filter((issue) => issue.holds).length} of them hold the job` : "");
+  byId("issues").replaceChildren(...list.slice(0, most).map((issue, i) => {
+    const item = document.createElement("li"), button = element("button", `layer ${issue.layer}: ${issue.text} at (${issue.place.map((v) => v.toFixed(1)).join(", ")}) mm`);
+    button.onclick = () => showIssue(i);
+    item.append(button);
+    return item;
+  }));
+  site.redraw();
+  document.dispatchEvent(new CustomEvent("issues-found"));
+}
+
+// A click on a mark chooses its place.
+byId("contours").addEventListener("click", (event) => {
+  if (!site.view || byId("supports-box").open) return;
+  const canvas = byId("contours"), box = canvas.getBoundingClientRect();
+  const px = (event.clientX - box.left) * (canvas.width / box.width), py = (event.clientY - box.top) * (canvas.height / box.height);
+  const hit = state.issues.findIndex((issue) => site.view.layer.layer >= issue.layer && site.view.layer.layer <= issue.last &&
+    Math.hypot(site.view.x(issue.place) - px, site.view.y(issue.place) - py) < 14);
+  if (hit >= 0) showIssue(hit), (byId("issues-box").open = true);
+});
 
 async function showPreflight(id) {
   let list = [];
@@ -99,12 +206,30 @@ async function showPreflight(id) {
   }
   if (id !== state.chosen) return;
   byId("preflight-box").hidden = list.length === 0;
-  byId("preflight").replaceChildren(...list.map((each) => {
-    const item = document.createElement("li");
-    item.className = each.verdict;
-    item.append(element("b", each.verdict.replace("-", " ")), element("span", each.name), element("span", each.text));
-    return item;
-  }));
+  const matters = (item) => ["held", "warning"].includes(item.verdict);
+  const rest = list.filter((item) => !matters(item)), unknown = rest.filter((item) => item.verdict === "not-known").length;
+  byId("preflight").replaceChildren(...list.filter(matters).sort((a, b) => (b.verdict === "held") - (a.verdict === "held")).map(preflightItem));
+  byId("preflight-passed").replaceChildren(...rest.map(preflightItem));
+  byId("preflight-rest").hidden = rest.length === 0;
+  byId("preflight-count").textContent = [`${rest.length - unknown} passed`, unknown && `${unknown} not known`].filter(Boolean).join(", ");
+}
+
+function preflightItem(each) {
+  const item = document.createElement("li");
+  item.className = each.verdict;
+  item.append(element("b", each.verdict.replace("-", " ")), element("span", each.name), element("span", each.text));
+  if (typeof each.layer === "number") {
+    const show = element("button", "Show");
+    show.setAttribute("aria-label", `Show layer ${each.layer}: ${each.name}`);
+    const near = (issue) => each.place && issue.layer === each.layer && Math.hypot(issue.place[0] - each.place[0], issue.place[1] - each.place[1]) < 0.01;
+    show.onclick = () => {
+      const found = state.issues.findIndex(near);
+      if (found >= 0) return showIssue(found);
+      goTo(each.layer);
+    };
+    item.append(show);
+  }
+  return item;
 }
 
 // Computed in the background once the job is planned: asked for again until it is there.
@@ -134,6 +259,16 @@ function drawSteps(pen, values, count, top, colour) {
   pen.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue(colour);
   pen.lineWidth = 2;
   pen.stroke();
+}
+
+// While a print goes on its doses come one by one; they are asked for every other second at most.
+function showDoseLater(job) {
+  if (!["printing", "paused"].includes(job.state) || state.doseOf === `${job.id}/${job.layers_printed}` || state.doseTimer) return;
+  state.doseTimer = setTimeout(() => {
+    state.doseTimer = null;
+    state.doseOf = `${job.id}/${job.layers_printed}`;
+    if (job.id === state.chosen) showDose(job.id);
+  }, 2000);
 }
 
 async function showDose(id) {
@@ -167,58 +302,6 @@ async function showDevices() {
     byId("devices").replaceChildren(element("dt", "state"), element("dd", error.message));
   }
 }
-
-// What stands in the fab: those that it lists, and of those that are only known as profiles what is in use.
-function shownMachines(machines) {
-  return machines.filter((m) => m.stated || m.state !== "idle" || m.waiting > 0 || machines.length <= 6);
-}
-
-function machineTile(machine) {
-  const tile = document.createElement("li");
-  tile.dataset.state = machine.state;
-  const name = element("b", machine.name);
-  const mark = element("span", machine.state);
-  mark.className = "mark";
-  const head = document.createElement("p");
-  head.append(name, mark);
-  tile.append(head);
-  if (machine.job) {
-    const job = element("button", machine.job_name || machine.job);
-    job.className = "job";
-    job.dataset.machine = machine.name;
-    job.disabled = !state.jobs.some((each) => each.id === machine.job);
-    job.onclick = () => choose(machine.job);
-    tile.append(job);
-  }
-  if (machine.layers && machine.state !== "occupied") {
-    const bar = document.createElement("progress");
-    bar.max = machine.layers;
-    bar.value = machine.layer;
-    bar.setAttribute("aria-label", `Progress on ${machine.name}`);
-    tile.append(bar, element("small", [`layer ${machine.layer} of ${machine.layers}`, duration(machine.seconds_left)].filter(Boolean).join(", ")));
-  }
-  const of = machine.profile === machine.name ? "" : `${machine.profile}, `;
-  const waiting = machine.waiting ? `, ${machine.waiting} waiting` : "";
-  tile.append(element("small", `${of}${machine.resin}${waiting}`));
-  if (machine.message) tile.append(element("small", machine.message));
-  if (["occupied", "fault", "offline"].includes(machine.state) && (machine.state === "occupied" || !machine.job)) {
-    const cleared = element("button", machine.state === "occupied" ? "The platform is empty" : "It is ready again");
-    cleared.onclick = () => act("cleared", undefined, machine.name);
-    tile.append(cleared);
-  }
-  return tile;
-}
-
-site.news = ({ machines = [] }) => {
-  const shown = shownMachines(machines);
-  const text = JSON.stringify(shown) + state.jobs.map((job) => job.id);
-  if (state.machines === text) return;  // a tile that is being clicked is not replaced for nothing
-  state.machines = text;
-  const focused = document.activeElement?.dataset.machine;
-  byId("machines-box").hidden = shown.length === 0;
-  byId("machines").replaceChildren(...shown.map(machineTile));
-  if (focused) byId("machines").querySelector(`[data-machine="${focused}"]`)?.focus();
-};
 
 byId("layer").oninput = () => {
   byId("follow").checked = false;

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The part and its supports in 3-D, built from the layers the page can show anyway. Needs /three.js (libjs-three);
-// loaded on the first look, so that the page itself stays small.
+// The print in 3-D on its plate, cut at the layer that is shown, built from the layers the page can show anyway. Needs
+// /three.js (libjs-three); loaded when somebody asks for it, so that the page itself stays small. Until then there is
+// the picture of the plan.
 "use strict";
 
 (() => {
-  const box = byId("solid-box"), canvas = byId("solid"), note = byId("solid-note");
+  const canvas = byId("solid"), picture = byId("view"), turn = byId("turn"), note = byId("solid-note");
   const mostLayers = 150;
-  let view = null, shown = null;
+  let view = null;   // what is shown: of which job and plan, its pose, draw()
+  let asked = null;  // the job whose solid is on its way
 
   function loadLibrary() {
     if (window.THREE) return Promise.resolve();
@@ -60,11 +62,11 @@
   async function build(job) {
     const step = Math.max(1, Math.ceil(job.layers / mostLayers));
     const part = [], supports = [];
-    let bounds = null, top = 0;
+    let last = null, top = 0;
     for (let n = 0; n < job.layers; n += step) {
       const layer = await get(`/v1/jobs/${job.id}/layers/${n}`);
-      if (shown !== job.id) return null;
-      bounds = layer.bounds;
+      if (asked !== job.id) return null;
+      last = layer;
       const z0 = layer.z_mm - layer.thickness_mm / 2, z1 = z0 + step * layer.thickness_mm;
       top = z1;
       for (const [out, rings] of [[part, layer.part], [supports, layer.supports]]) {
@@ -74,51 +76,94 @@
       }
       if (n % (10 * step) === 0) note.textContent = `layer ${n} of ${job.layers}`;
     }
-    return { part, supports, bounds, top };
+    return { part, supports, bounds: last.bounds, platform: last.platform_mm, top };
   }
 
-  function mesh(points, colour) {
+  function shapeOf(points) {
     const shape = new THREE.BufferGeometry();
     shape.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
     shape.computeVertexNormals();
-    return new THREE.Mesh(shape, new THREE.MeshLambertMaterial({ color: colour, side: THREE.DoubleSide, flatShading: true }));
+    return shape;
   }
 
-  function show(solid) {
+  function mesh(points, colour, planes) {
+    return new THREE.Mesh(shapeOf(points), new THREE.MeshLambertMaterial({ color: colour, side: THREE.DoubleSide, flatShading: true, clippingPlanes: planes }));
+  }
+
+  // The plate as far as the print needs it, with a line each ten millimetres and its own edge where that is in sight.
+  function plateOf({ bounds, platform }, colour) {
+    const [x0, y0, x1, y1] = bounds, room = 15, lines = [];
+    const low = (v) => Math.floor((v - room) / 10) * 10, high = (v) => Math.ceil((v + room) / 10) * 10;
+    const [w, d] = platform || [Infinity, Infinity];
+    const [l, r, f, b] = [Math.max(low(x0), 0), Math.min(high(x1), w), Math.max(low(y0), 0), Math.min(high(y1), d)];
+    const steps = (from, to) => [from, to, ...Array.from({ length: Math.max(0, Math.ceil(to / 10) - Math.ceil(from / 10)) }, (_, i) => (Math.ceil(from / 10) + i) * 10)];
+    for (const x of steps(l, r)) lines.push(x, f, 0, x, b, 0);
+    for (const y of steps(f, b)) lines.push(l, y, 0, r, y, 0);
+    const shape = new THREE.BufferGeometry();
+    shape.setAttribute("position", new THREE.BufferAttribute(new Float32Array(lines), 3));
+    return new THREE.LineSegments(shape, new THREE.LineBasicMaterial({ color: colour }));
+  }
+
+  function show(job, solid) {
+    const style = getComputedStyle(document.documentElement), colour = (name) => style.getPropertyValue(name).trim();
     const scene = new THREE.Scene();
-    const style = getComputedStyle(document.documentElement);
-    scene.background = new THREE.Color(style.getPropertyValue("--paper").trim());
-    const group = new THREE.Group();
-    group.add(mesh(solid.part, style.getPropertyValue("--part").trim()), mesh(solid.supports, style.getPropertyValue("--support").trim()));
-    const [x0, y0, x1, y1] = solid.bounds;
-    group.position.set(-(x0 + x1) / 2, -(y0 + y1) / 2, -solid.top / 2);
-    const turn = new THREE.Group();
-    turn.add(group);
-    scene.add(turn, new THREE.AmbientLight(0xffffff, 0.45));
+    scene.background = new THREE.Color(colour("--paper"));
+    const [x0, y0, x1, y1] = solid.bounds, middle = new THREE.Vector3((x0 + x1) / 2, (y0 + y1) / 2, solid.top / 2);
+    const group = new THREE.Group(), cut = new THREE.Plane(new THREE.Vector3(0, 0, -1), 1e9), caps = new THREE.Group(), marks = new THREE.Group();
+    group.add(mesh(solid.part, colour("--part"), [cut]), mesh(solid.supports, colour("--support"), [cut]), plateOf(solid, colour("--quiet")), caps, marks);
+    group.position.copy(middle).negate();
+    scene.add(group, new THREE.AmbientLight(0xffffff, 0.45));
     const lamp = new THREE.DirectionalLight(0xffffff, 0.8);
     lamp.position.set(1, -2, 2);
     scene.add(lamp);
     const size = Math.max(x1 - x0, y1 - y0, solid.top);
     const camera = new THREE.PerspectiveCamera(30, canvas.width / canvas.height, size / 100, size * 20);
     camera.up.set(0, 0, 1);
-    const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
+    const renderer = view?.renderer || new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
+    renderer.localClippingEnabled = true;
     renderer.setSize(canvas.width, canvas.height, false);
-    const pose = { azimuth: -0.7, height: 0.35, distance: size * 2.6 };
+    const pose = { azimuth: -1.13, height: 0.52, distance: size * 3.1 };
     const draw = () => {
       const c = Math.cos(pose.height);
       camera.position.set(pose.distance * c * Math.cos(pose.azimuth), pose.distance * c * Math.sin(pose.azimuth), pose.distance * Math.sin(pose.height));
       camera.lookAt(0, 0, 0);
       renderer.render(scene, camera);
     };
-    view = { pose, draw, size };
-    draw();
+    // What lies above the layer is taken off, and the layer itself closes the cut.
+    const cutAt = (layer) => {
+      const z = layer.z_mm + layer.thickness_mm / 2;
+      cut.constant = z - middle.z;
+      for (const cap of caps.children) cap.geometry.dispose();
+      caps.remove(...caps.children);
+      for (const [rings, name] of [[layer.part, "--part"], [layer.supports, "--support"]]) {
+        const faces = [];
+        addTops(faces, rings.map((r) => thin(r)), z);
+        if (faces.length) caps.add(mesh(faces, new THREE.Color(colour(name)).lerp(new THREE.Color("#ffffff"), 0.35), []));
+      }
+      draw();
+    };
+    // Places to look at shine through what hides them.
+    const mark = () => {
+      marks.remove(...marks.children);
+      const ball = new THREE.SphereGeometry(size / 90, 12, 8);
+      state.issues.slice(0, 300).forEach((issue, i) => {
+        const dot = new THREE.Mesh(ball, new THREE.MeshBasicMaterial({ color: colour(issue.holds || i === state.issue ? "--danger" : "--tip-medium"), depthTest: i !== state.issue, transparent: i === state.issue }));
+        dot.position.set(issue.place[0], issue.place[1], (issue.layer + 0.5) * (site.view?.layer.thickness_mm || 0.1));
+        dot.scale.setScalar(i === state.issue ? 1.8 : 1);
+        marks.add(dot);
+      });
+      draw();
+    };
+    view = { job: job.id, plan: viewOf(job), renderer, pose, draw, size, cutAt, mark };
+    if (site.view) cutAt(site.view.layer);
+    mark();
   }
 
   function turnBy(azimuth, height, zoom = 1) {
     if (!view) return;
     view.pose.azimuth += azimuth;
     view.pose.height = Math.max(-1.5, Math.min(1.5, view.pose.height + height));
-    view.pose.distance = Math.max(view.size, Math.min(view.size * 10, view.pose.distance * zoom));
+    view.pose.distance = Math.max(view.size * 0.5, Math.min(view.size * 10, view.pose.distance * zoom));
     view.draw();
   }
   canvas.onpointerdown = (e) => canvas.setPointerCapture(e.pointerId);
@@ -131,25 +176,39 @@
     turnBy(...keys[e.key]);
   };
 
-  async function open() {
+  // The picture, until somebody wants more; a job that is planned again is another solid.
+  function showFlat() {
     const job = state.jobs.find((j) => j.id === state.chosen);
-    if (!box.open || !job || shown === job.id) return;
-    if (!job.layers) {
-      note.textContent = "not planned yet";
-      return;
-    }
-    shown = job.id;
+    if (view && job && view.plan === viewOf(job)) return;
+    if (asked && asked === job?.id) return;  // it is on its way
+    canvas.hidden = true;
+    asked = null;
+    showPicture(picture, viewOf(job));
+    turn.hidden = false;
+    turn.disabled = !job?.layers;
+    note.textContent = job?.layers ? "" : "not planned yet";
+  }
+
+  turn.onclick = async () => {
+    const job = state.jobs.find((j) => j.id === state.chosen);
+    if (!job?.layers || asked === job.id) return;
+    asked = job.id;
     try {
       await loadLibrary();
       const solid = await build(job);
       if (!solid) return;
-      show(solid);
-      note.textContent = "drag or use the arrow keys to turn, the wheel or + and - to come nearer";
+      show(job, solid);
+      picture.hidden = turn.hidden = true;
+      canvas.hidden = false;
+      canvas.focus();
+      note.textContent = "drag or use the arrow keys to turn, the wheel or + and - to come nearer; a square of the plate is 10 mm";
     } catch (error) {
-      shown = null;
       note.textContent = error.message;
     }
-  }
-  box.ontoggle = open;
-  document.addEventListener("job-chosen", open);
+    asked = null;
+  };
+  document.addEventListener("job-chosen", showFlat);
+  document.addEventListener("job-shown", showFlat);
+  document.addEventListener("layer-drawn", (e) => view && view.job === state.chosen && view.cutAt(e.detail));
+  for (const name of ["issues-found", "issue-chosen"]) document.addEventListener(name, () => view && view.job === state.chosen && view.mark());
 })();

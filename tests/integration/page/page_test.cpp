@@ -23,9 +23,10 @@ class LivingBackend final : public RecordingBackend {
     JobView failed = job_;
     failed.id = "job-2";
     failed.name = "lion.ply";
+    failed.owner = "grace";
     failed.state = JobState::Failed;
     failed.message = "layer 12 has an unsupported island at (12.1, 40.2) mm";
-    return is_forgotten_ ? std::vector<JobView>{failed} : std::vector<JobView>{job_, failed};
+    return is_forgotten_ ? std::vector<JobView>{failed} : std::vector<JobView>{failed, job_};
   }
   [[nodiscard]] Result<JobView> job(std::string_view) override {
     const std::lock_guard lock{mutex_};
@@ -58,6 +59,11 @@ class LivingBackend final : public RecordingBackend {
     job_.state = JobState::Paused;
     job_.message = "layer 7 was perhaps exposed: decide whether to expose it again";
     job_.exposure_unknown = true;
+    ++revision_;
+  }
+  void wait_for_approval() {
+    const std::lock_guard lock{mutex_};
+    job_.state = JobState::AwaitingApproval;
     ++revision_;
   }
   std::atomic<bool> is_worked_on{false};
@@ -123,8 +129,10 @@ TEST_F(PageTest, PausesResumesAndCancelsWithTheOperatorsToken) {
   browser->click("[data-action=cancel]");
   browser->accept_dialog();
   ASSERT_TRUE(says("#job-line", "cancelled"));
-  EXPECT_TRUE(browser->becomes_true(
-      "return [...document.querySelectorAll('[data-action]:not([data-action=forget])')].every((b) => b.disabled);"));
+  EXPECT_TRUE(
+      browser->becomes_true("return "
+                            "[...document.querySelectorAll('[data-action]:not([data-action=forget]):not([data-action="
+                            "again])')].every((b) => b.disabled);"));
   EXPECT_EQ(backend.actions.size(), 3U);
 }
 
@@ -171,13 +179,87 @@ TEST_F(PageTest, ShowsWhatEachMachineIsAtAndSaysThatOnesPlatformIsEmpty) {
   ASSERT_TRUE(browser->becomes_true("return document.querySelectorAll('#machines li').length === 4;"));
   EXPECT_TRUE(says("#machines [data-state=printing]", "layer 1 of 3, 1 min 24 s left"));
   EXPECT_TRUE(says("#machines [data-state=printing]", "2 waiting"));
+  EXPECT_TRUE(says("#machines [data-state=printing] .moment", "exposing · light on · z 0.40 mm · resin 24.5 °C"));
   EXPECT_TRUE(says("#machines [data-state=fault]", "the stage does not answer"));
-  EXPECT_TRUE(says("#machines [data-state=idle]", "machine-b, tough"));
+  EXPECT_TRUE(says("#machines [data-state=idle]", "machine-b, resin tough"));
   keep_screenshot("page-machines");
   browser->click("#machines [data-state=occupied] button:not(.job)");
   browser->type("#token", "secret\n");
   ASSERT_TRUE(says("#answer", "cleared: accepted"));
   EXPECT_EQ(backend.cleared, std::vector<std::string>{"hall-2"});
+}
+
+TEST_F(PageTest, LooksAtThePrintThatRunsAndNotAtANewerJobThatHasEnded) {
+  ASSERT_TRUE(browser->becomes_true("return document.querySelector('#history [data-job=job-2]') !== null;"));
+  EXPECT_TRUE(browser->becomes_true(
+      "return document.querySelector('#queue [data-job=job-1]').getAttribute('aria-current') === 'true';"));
+}
+
+TEST_F(PageTest, OffersNothingThatCannotBeDoneNow) {
+  const auto offered = [&] {
+    return browser->run(
+        "return [...document.querySelectorAll('[data-action]')].filter((b) => b.offsetParent).map((b) "
+        "=> (b.disabled ? 'off ' : '') + b.dataset.action).join(' ');");
+  };
+  EXPECT_EQ(offered(), "pause cancel");
+  browser->click("[data-job=job-2]");
+  ASSERT_TRUE(says("#job-name", "lion.ply"));
+  EXPECT_EQ(offered(), "again forget");
+}
+
+TEST_F(PageTest, FindsWhatWasMadeByItsOwner) {
+  ASSERT_TRUE(browser->becomes_true("return document.querySelectorAll('#history li').length === 1;"));
+  browser->type("#search", "nobody");
+  EXPECT_TRUE(browser->becomes_true("return document.querySelectorAll('#history li').length === 0;"));
+  EXPECT_TRUE(says("#no-history", "fits"));
+  browser->run("const s = document.querySelector('#search'); s.value = 'GRACE failed'; s.oninput();");
+  EXPECT_TRUE(browser->becomes_true("return document.querySelectorAll('#history li').length === 1;"));
+}
+
+TEST_F(PageTest, PrintsAgainWhatWasMadeBefore) {
+  browser->click("[data-job=job-2]");
+  ASSERT_TRUE(says("#job-name", "lion.ply"));
+  browser->click("[data-action=again]");
+  browser->type("#token", "secret\n");
+  // The backend knows no layers of that one, and says so.
+  ASSERT_TRUE(says("#answer", "not all layers of the job are here"));
+  EXPECT_EQ(backend.printed_again, 0);
+}
+
+TEST_F(PageTest, AsksForEachReasonThatHoldsAJobBeforeItIsApproved) {
+  backend.wait_for_approval();
+  ASSERT_TRUE(says("#job-line", "awaiting approval"));
+  browser->click("[data-action=approve]");
+  browser->type("#token", "secret\n");
+  ASSERT_TRUE(browser->becomes_true("return document.querySelector('#approval').open;"));
+  EXPECT_TRUE(says("#approval-items", "1 found <b>"));
+  EXPECT_TRUE(browser->becomes_true("return document.querySelector('#approval-go').disabled;"));
+  keep_screenshot("page-approval");
+  browser->click("#approval button[value='']");
+  ASSERT_TRUE(browser->becomes_true("return !document.querySelector('#approval').open;"));
+  EXPECT_TRUE(backend.approvals.empty()) << "not now is no approval";
+  browser->click("[data-action=approve]");
+  ASSERT_TRUE(browser->becomes_true("return document.querySelector('#approval').open;"));
+  browser->click("#approval-0");
+  browser->click("#approval-go");
+  ASSERT_TRUE(says("#answer", "approve: accepted"));
+  ASSERT_EQ(backend.approvals.size(), 1U);
+  EXPECT_EQ(backend.approvals[0], (std::pair<std::string, std::string>{"job-1", "islands"}));
+}
+
+TEST_F(PageTest, MarksThePlacesOfAReportAndGoesToThem) {
+  browser->run(
+      "state.issues = issuesOf({ plan: { check: { findings: [{ kind: 'suction-cup', holds_the_job: false, layer: 4, "
+      "last_layer: 6, x_mm: 20, y_mm: 15, size_mm2: 2.5 }] }, carry: { weak: { places: [{ layer: 9, place: [12, 7], "
+      "demand: 300, section_mm2: 0.2 }] } } } }); showIssues(); document.querySelector('#issues-box').open = true;");
+  EXPECT_TRUE(says("#issues-count", "2 places to look at, 1 of them hold the job"));
+  EXPECT_TRUE(says("#issues li", "layer 9: may tear")) << "what holds the job comes first";
+  browser->click("#issues li:nth-child(2) button");
+  EXPECT_TRUE(says("#layer-number", "4, z 4.50 mm"));
+  // Its ring on the canvas, in the middle of the picture.
+  EXPECT_TRUE(browser->becomes_true(
+      "const c = document.querySelector('#contours'), d = c.getContext('2d').getImageData(c.width / 2 - 20, c.height / "
+      "2 - 20, 40, 40).data; return d.some((v, i) => i % 4 === 0 && v > 140 && d[i + 1] < 60 && d[i + 2] < 60);"));
 }
 
 TEST_F(PageTest, RefusesAWrongTokenAndAsksAgain) {
@@ -196,7 +278,8 @@ TEST_F(PageTest, ShowsWhyAJobFailed) {
 
 TEST_F(PageTest, ShowsWhatHoldsAJobBeforeItIsPrinted) {
   EXPECT_TRUE(says("#preflight .held", "1 found <b>"));
-  EXPECT_TRUE(says("#preflight .passed", "2 h 3 min"));
+  EXPECT_TRUE(says("#preflight-count", "1 passed"));
+  EXPECT_TRUE(says("#preflight-passed .passed", "2 h 3 min"));
 }
 
 TEST_F(PageTest, DrawsTheDosePlannedAndMeasured) {
@@ -271,7 +354,7 @@ TEST_F(PageTest, IsUsedFromPauseToCancelByKeyboardAloneWithTheFocusInSight) {
   ASSERT_TRUE(go_to("[data-action=resume]"));
   browser->press({enter});
   ASSERT_TRUE(says("#job-line", "printing"));
-  for (const char* css : {"#layer", "#solid-box > summary", "#jobs button"}) EXPECT_TRUE(go_to(css)) << css;
+  for (const char* css : {"#layer", "#turn", "#jobs button"}) EXPECT_TRUE(go_to(css)) << css;
   ASSERT_TRUE(go_to("[data-action=cancel]"));
   browser->press({enter});
   browser->accept_dialog();

@@ -82,7 +82,8 @@ class PageBackend {
   /// PNG of the predicted part and how far its edges lie from the contours; NotFound until that was computed.
   [[nodiscard]] virtual Result<std::vector<std::byte>> accuracy_png(std::string_view id) = 0;
   /// JSON of one print layer, millimetres, build frame; z_mm is its middle, bounds are those of the whole print:
-  /// {"layer":n,"z_mm":z,"thickness_mm":t,"bounds":[x0,y0,x1,y1],"part":[rings],"supports":[rings],"certificate":"..."}
+  /// {"layer":n,"z_mm":z,"thickness_mm":t,"platform_mm":[w,d],"bounds":[x0,y0,x1,y1],"part":[rings],"supports":[rings],
+  /// "certificate":"..."}; the platform is null where its machine is not known here any more
   [[nodiscard]] virtual Result<std::string> layer_json(std::string_view id, std::uint32_t layer) = 0;
   /// JSON of the anchors of the plan and of the list of supports by hand it was made with: {"elevation_layers":n,
   /// "thickness_mm":t,"anchors":[{"x_mm":x,"y_mm":y,"part_layer":k,"z_mm":z,"tip":"light","on_part":b,"by_hand":b}],
