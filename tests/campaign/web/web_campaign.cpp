@@ -3,14 +3,19 @@
 #include <poll.h>
 
 #include <algorithm>
+#include <atomic>
+#include <deque>
 #include <fstream>
 #include <telefab/test/http_client.hpp>
+#include <thread>
 
 #include "web_fab.hpp"
 
 // What the page's server stands during a print.
 //   campaign_web BIN FOLDER hostile COUNT          malformed requests; nothing may change, nothing may fall over
-//   campaign_web BIN FOLDER watchers COUNT SECONDS watchers of the event stream; the print keeps its time
+//   campaign_web BIN FOLDER watchers COUNT SECONDS watchers of the event stream, while one address opens as many
+//                                                  connections as it can; the print keeps its time, operators are
+//                                                  served
 //   campaign_web BIN FOLDER page FILE.tfc MACHINES what a browser needs for the page of a planned job
 namespace {
 
@@ -87,6 +92,53 @@ std::uint64_t read_all(const std::vector<std::unique_ptr<HttpClient>>& watchers,
   return bytes;
 }
 
+/// Opens connections from one address that is nobody's, and says nothing on them, as fast as they are taken.
+class Flood {
+ public:
+  explicit Flood(std::uint16_t port)
+      : thread_{[this, port](const std::stop_token& stop) {
+          std::deque<std::unique_ptr<HttpClient>> open;
+          while (!stop.stop_requested()) {
+            open.push_back(std::make_unique<HttpClient>(port, 1, "127.0.0.2"));
+            opened_ += open.back()->connected() ? 1 : 0;
+            if (open.size() > kAtOnce) open.pop_front();
+            std::this_thread::sleep_for(std::chrono::milliseconds{1});
+          }
+        }} {}
+  [[nodiscard]] std::uint64_t opened() const { return opened_; }
+
+ private:
+  static constexpr std::size_t kAtOnce = 500;
+  std::atomic<std::uint64_t> opened_ = 0;
+  std::jthread thread_;
+};
+
+/// Asks as an operator does, twice a second.
+class OperatorAsking {
+ public:
+  explicit OperatorAsking(const WebFab& fab)
+      : thread_{[this, &fab](const std::stop_token& stop) {
+          const SystemClock clock;
+          while (!stop.stop_requested()) {
+            const Nanoseconds began = clock.now();
+            const bool served = http_ask(fab.port(), "GET", "/v1/jobs", "X-Api-Key: " + fab.token() + "\r\n")
+                                    .starts_with("HTTP/1.1 200");
+            const double took_ms = std::chrono::duration<double, std::milli>(clock.now() - began).count();
+            ++asked_, refused_ += served ? 0 : 1;
+            worst_ms_ = std::max(worst_ms_.load(), took_ms);
+            std::this_thread::sleep_for(std::chrono::milliseconds{500});
+          }
+        }} {}
+  [[nodiscard]] std::uint32_t asked() const { return asked_; }
+  [[nodiscard]] std::uint32_t refused() const { return refused_; }
+  [[nodiscard]] double worst_ms() const { return worst_ms_; }
+
+ private:
+  std::atomic<std::uint32_t> asked_ = 0, refused_ = 0;
+  std::atomic<double> worst_ms_ = 0;
+  std::jthread thread_;
+};
+
 int watchers(const WebFab& fab, std::size_t count, double seconds) {
   // About 6 s a layer on the small machine.
   const auto layers = static_cast<std::uint32_t>(std::max(10.0, seconds / 6));
@@ -101,6 +153,8 @@ int watchers(const WebFab& fab, std::size_t count, double seconds) {
     if (list.back()->read_until("data:").find("200 OK") == std::string::npos)
       return fmt::print("a watcher was refused\n"), 1;
   }
+  auto flood = std::make_unique<Flood>(fab.port());
+  auto asking = std::make_unique<OperatorAsking>(fab);
   const SystemClock clock;
   const Nanoseconds began = clock.now();
   const auto passed_s = [&] { return std::chrono::duration<double>(clock.now() - began).count(); };
@@ -115,6 +169,10 @@ int watchers(const WebFab& fab, std::size_t count, double seconds) {
   const double watched_s = passed_s();
   const double cores = (last.cpu_s - first.cpu_s) / watched_s;
   const auto at_end = fab.job(job);
+  const std::uint64_t flooded = flood->opened();
+  const std::uint32_t asked = asking->asked(), refused = asking->refused();
+  const double slowest_ms = asking->worst_ms();
+  flood.reset(), asking.reset();
   list.clear();
   if (!fab.wait_for(job, "done", 1200)) return fmt::print("the print did not end\n"), 1;
   auto without = periods_of(fab, alone), with = periods_of(fab, job);
@@ -125,10 +183,12 @@ int watchers(const WebFab& fab, std::size_t count, double seconds) {
   fmt::print(
       "{} watchers for {:.0f} s, print at layer {} of {}: {:.3f} cores, {:.1f} kB read, {:.1f} MB after a tenth, "
       "{:.1f} MB at the "
-      "end; longest period of a layer {:.3f} s alone, {:.3f} s watched\n",
+      "end; longest period of a layer {:.3f} s alone, {:.3f} s watched; {} connections from one address, {} of {} "
+      "questions of an operator refused, the slowest after {:.0f} ms\n",
       count, watched_s, at_end.value("layers_printed", 0), at_end.value("layers", 0), cores,
-      static_cast<double>(bytes) * 1e-3, at_tenth_mb, last.resident_mb, usual, worst);
-  return cores <= 1 && last.resident_mb < at_tenth_mb * 1.1 + 2 && worst < usual * 1.05 + 0.05 ? 0 : 1;
+      static_cast<double>(bytes) * 1e-3, at_tenth_mb, last.resident_mb, usual, worst, flooded, refused, asked,
+      slowest_ms);
+  return cores <= 1 && last.resident_mb < at_tenth_mb * 1.1 + 2 && worst < usual * 1.05 + 0.05 && refused == 0 ? 0 : 1;
 }
 
 int page(const WebFab& fab, const std::filesystem::path& tfc, const std::filesystem::path& folder) {

@@ -36,8 +36,8 @@ struct WebAddress {
   std::uint16_t port = 0;                  ///< 0 takes a free one
   std::vector<std::string> names = {};     ///< further ones than loopback's and `host`
   std::shared_ptr<net::Trust> trust = {};  ///< serves over TLS; the server's thread alone uses it. Empty: HTTP
-  std::size_t max_connections = 64;
-  std::size_t max_streams = 56;  ///< of them; leaves room for the page and for an operator's click
+  std::size_t max_connections = 256;
+  std::size_t max_streams = 192;  ///< of them; leaves room for the page and for an operator's click
   Nanoseconds look_every = std::chrono::milliseconds{250};  ///< for news to watchers
   Nanoseconds judge_every = std::chrono::seconds{5};        ///< whether who watches a stream still may
 };

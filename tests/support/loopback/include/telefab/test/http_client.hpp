@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <arpa/inet.h>
 #include <sys/socket.h>
 #include <sys/time.h>
 #include <unistd.h>
@@ -14,9 +15,16 @@ namespace telefab::test {
 /// One connection to an HTTP server on loopback, byte by byte; for tests only.
 class HttpClient {
  public:
-  explicit HttpClient(std::uint16_t port, int patience_s = 10) : fd_{::socket(AF_INET, SOCK_STREAM, 0)} {
+  /// `from`: an address of loopback to ask from; null: whichever the system takes.
+  explicit HttpClient(std::uint16_t port, int patience_s = 10, const char* from = nullptr)
+      : fd_{::socket(AF_INET, SOCK_STREAM, 0)} {
     const timeval limit{patience_s, 0};
     ::setsockopt(fd_, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
+    if (from) {
+      sockaddr_in own = loopback(0);
+      ::inet_pton(AF_INET, from, &own.sin_addr);
+      (void)::bind(fd_, reinterpret_cast<const sockaddr*>(&own), sizeof own);
+    }
     const sockaddr_in address = loopback(port);
     connected_ = ::connect(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
   }
