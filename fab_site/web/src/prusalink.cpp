@@ -47,7 +47,7 @@ const JobView* job_of_file(const std::vector<JobView>& jobs, std::string_view pa
 
 ordered_json file_json(const JobView& job) {
   ordered_json refs{{"resource", "/v1/jobs/" + job.id}};
-  if (job.layers > 0) refs["thumbnail"] = "/v1/jobs/" + job.id + "/preview.png";
+  if (job.layers > 0) refs["thumbnail"] = "/v1/jobs/" + job.id + "/view.png";
   ordered_json value{{"name", job.id},
                      {"display_name", job.name},
                      {"path", kStorage},

@@ -117,7 +117,7 @@ TEST_F(PrusaLinkTest, DescribesThePrintUnderWay) {
   EXPECT_EQ(shown["time_remaining"], 100);
   EXPECT_EQ(shown["time_printing"], 82);
   EXPECT_EQ(shown["file"]["display_name"], "part.sl1");
-  EXPECT_EQ(shown["file"]["refs"]["thumbnail"], "/v1/jobs/u1/preview.png");
+  EXPECT_EQ(shown["file"]["refs"]["thumbnail"], "/v1/jobs/u1/view.png");
   EXPECT_EQ(json::parse(ask("GET", "/api/v1/status").body)["job"]["id"], shown["id"]);
 }
 
