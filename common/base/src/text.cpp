@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/base/person_name.hpp>
 #include <telefab/base/text.hpp>
 
 #include <cstddef>
@@ -41,6 +42,14 @@ bool shows(const Character& c) {
   return !control && !separator && !reorders;
 }
 
+/// Beyond ASCII: what scripts write words with, by blocks of Unicode. Left out are its spaces, marks and symbols
+/// (U+2000 to U+2BFF, U+3000 to U+303F), forms that are not seen (U+FE00 to U+FEFF, U+FFF0 on, tags), private use.
+bool is_letter_beyond_ascii(std::uint32_t code) {
+  if (code == 0xD7 || code == 0xF7) return false;  // times and divided by
+  return (code >= 0xC0 && code < 0x2000) || (code >= 0x2C00 && code < 0x3000) || (code >= 0x3040 && code < 0xD800) ||
+         (code >= 0xF900 && code < 0xFE00) || (code >= 0x20000 && code < 0x40000);
+}
+
 }  // namespace
 
 bool is_printable(std::string_view text) {
@@ -64,6 +73,19 @@ std::string to_printable(std::string_view text) {
     text.remove_prefix(c.bytes);
   }
   return out;
+}
+
+bool is_person_name(std::string_view text, std::string_view marks, std::size_t most_bytes) {
+  if (text.empty() || text.size() > most_bytes) return false;
+  while (!text.empty()) {
+    const Character c = first_of(text);
+    const bool is_ascii_word = (c.code >= 'a' && c.code <= 'z') || (c.code >= 'A' && c.code <= 'Z') ||
+                               (c.code >= '0' && c.code <= '9') ||
+                               (c.code < 0x80 && marks.find(static_cast<char>(c.code)) != std::string_view::npos);
+    if (!shows(c) || !(is_ascii_word || is_letter_beyond_ascii(c.code))) return false;
+    text.remove_prefix(c.bytes);
+  }
+  return true;
 }
 
 bool is_file_name(std::string_view text) {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
 #include <telefab/machine/exposure_time.hpp>
+#include <telefab/base/nearest_name.hpp>
 #include <telefab/machine/machine_profile.hpp>
 
 namespace telefab {
@@ -104,9 +104,10 @@ PixelSize MachineProfile::mask_size() const {
 Result<MachineProfile> find_machine(const std::vector<MachineProfile>& machines, std::string_view name) {
   const auto found = std::find_if(machines.begin(), machines.end(), [&](const auto& m) { return m.name == name; });
   if (found != machines.end()) return *found;
-  std::vector<std::string_view> names;
+  std::vector<std::string> names;
   for (const auto& machine : machines) names.push_back(machine.name);
-  return fail(ErrorCode::InvalidInput, fmt::format("no machine named {}; there are: {}", name, fmt::join(names, ", ")));
+  return fail(ErrorCode::InvalidInput,
+              fmt::format("no machine named {}; {}", name, names_instead(name, names, "`machines`")));
 }
 
 Digest digest_of_profile(MachineProfile profile) {

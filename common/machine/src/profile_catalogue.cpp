@@ -7,6 +7,7 @@
 #include <cmath>
 #include <set>
 #include <telefab/machine/exposure_time.hpp>
+#include <telefab/base/nearest_name.hpp>
 #include <telefab/machine/profile_catalogue.hpp>
 
 #include "profile_values.hpp"
@@ -338,10 +339,11 @@ const ProfilePart* ProfileCatalogue::find(ProfileKind kind, std::string_view nam
 
 Result<const ProfilePart*> ProfileCatalogue::choose(ProfileKind kind, std::string_view name) const {
   if (const ProfilePart* part = find(kind, name); part && !part->is_base) return part;
-  std::vector<std::string_view> names;
+  std::vector<std::string> names;
   for (const ProfilePart* each : offered(kind)) names.push_back(each->name);
-  return fail(ErrorCode::InvalidInput, fmt::format("no {} named {}; there are: {}", name_of(kind), name,
-                                                   names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
+  return fail(ErrorCode::InvalidInput,
+              fmt::format("no {} named {}; {}", name_of(kind), name,
+                          names_instead(name, names, fmt::format("`{}s`", name_of(kind)))));
 }
 
 std::vector<const ProfilePart*> ProfileCatalogue::chain_of(const ProfilePart& part) const {

@@ -37,7 +37,9 @@ Result<std::vector<ProfilePart>> load_profile_parts(ProfileKind kind, const fs::
     if (entry.path().extension() == ".toml") paths.push_back(entry.path());
   if (error)
     return fail(ErrorCode::NotFound,
-                fmt::format("cannot list {} profiles in {}: {}", name_of(kind), folder.string(), error.message()));
+                fmt::format("cannot list {0} profiles in {1}: {2}; give the folder that holds {0}s as *.toml, or leave "
+                            "--machines out for those that are installed or built in",
+                            name_of(kind), folder.string(), error.message()));
   std::ranges::sort(paths, {}, [](const fs::path& path) { return path.stem(); });
   std::vector<ProfilePart> parts;
   for (const auto& path : paths) {

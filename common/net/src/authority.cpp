@@ -11,6 +11,7 @@
 #include <boost/asio/ip/address.hpp>
 #include <memory>
 #include <telefab/base/file.hpp>
+#include <telefab/base/person_name.hpp>
 #include <telefab/base/secret.hpp>
 #include <telefab/base/signature.hpp>
 #include <telefab/net/authority.hpp>
@@ -151,11 +152,13 @@ Result<void> write_list(const fs::path& folder, const Authority& authority, X509
   return write_file_atomically(folder / "revoked.crl", *pem);
 }
 
-bool is_name(std::string_view name) {
-  constexpr std::size_t kLongestName = 63;
-  return !name.empty() && name.size() <= kLongestName && std::all_of(name.begin(), name.end(), [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-';
-  });
+constexpr std::size_t kLongestName = 63;
+
+bool is_name(std::string_view name) { return is_person_name(name, "-", kLongestName); }
+
+/// Of these alone a name may stand among the DNS names of a certificate.
+bool is_ascii(std::string_view name) {
+  return std::ranges::all_of(name, [](char c) { return static_cast<unsigned char>(c) < 0x80; });
 }
 
 bool is_host(std::string_view host) {
@@ -202,13 +205,14 @@ Result<void> make_authority(const fs::path& folder, const Clock& clock) {
 Result<void> issue_certificate(const fs::path& folder, const CertificateRequest& request, const Clock& clock) {
   if (!is_name(request.name) || request.name == "authority")
     return fail(ErrorCode::InvalidInput,
-                fmt::format("\"{}\" cannot name a certificate: letters, digits and -, at most 63", request.name));
-  std::string names = "DNS:" + request.name;
+                fmt::format("\"{}\" cannot name a certificate: letters, digits and -, at most {} bytes", request.name,
+                            kLongestName));
+  std::string names = is_ascii(request.name) ? "DNS:" + request.name : std::string{};
   for (const std::string& host : request.hosts) {
     boost::system::error_code is_a_name;
     boost::asio::ip::make_address(host, is_a_name);
     if (!is_host(host)) return fail(ErrorCode::InvalidInput, fmt::format("\"{}\" is not a host", host));
-    names += (is_a_name ? ",DNS:" : ",IP:") + host;
+    names += (names.empty() ? "" : ",") + std::string{is_a_name ? "DNS:" : "IP:"} + host;
   }
   const auto authority = open_authority(folder);
   if (!authority) return tl::unexpected{authority.error()};
@@ -226,7 +230,8 @@ Result<void> issue_certificate(const fs::path& folder, const CertificateRequest&
         std::pair{NID_key_usage, std::string{"critical,digitalSignature"}},
         std::pair{NID_ext_key_usage, std::string{"serverAuth,clientAuth"}}, std::pair{NID_subject_alt_name, names},
         std::pair{NID_subject_key_identifier, std::string{"hash"}}})
-    if (auto added = add_extension(made->get(), issuer, nid, value); !added) return added;
+    if (!value.empty())  // but for alternative names of somebody whom no DNS name can name
+      if (auto added = add_extension(made->get(), issuer, nid, value); !added) return added;
   if (X509_sign(made->get(), authority->key.get(), EVP_sha256()) == 0) return no("sign the certificate");
   if (auto kept = write_key(folder / (request.name + ".key"), key.get()); !kept) return kept;
   if (request.role == Role::ScanSite) {

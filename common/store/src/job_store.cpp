@@ -3,6 +3,7 @@
 #include <sqlite3.h>
 
 #include <atomic>
+#include <cerrno>
 #include <iterator>
 #include <mutex>
 #include <telefab/base/damaged_file.hpp>
@@ -104,8 +105,10 @@ class Statement {
     read_ = 0;
     if (code == SQLITE_ROW) return true;
     if (code == SQLITE_DONE) return false;
-    return fail(code_of(code),
-                fmt::format("job store {}: {}", sqlite3_db_filename(database_, "main"), sqlite3_errmsg(database_)));
+    const char* const path = sqlite3_db_filename(database_, "main");
+    // SQLite calls a full disk an I/O error where it has no room for its own side files.
+    if (code == SQLITE_FULL || sqlite3_system_errno(database_) == ENOSPC) return fail_system("write", path, ENOSPC);
+    return fail(code_of(code), fmt::format("job store {}: {}", path, sqlite3_errmsg(database_)));
   }
   [[nodiscard]] std::string text() {
     const auto* bytes = sqlite3_column_text(statement_.get(), read_);
@@ -230,7 +233,8 @@ struct JobStore::Impl {
     query.bind(id);
     auto jobs = select(std::move(query));
     if (!jobs) return tl::unexpected{jobs.error()};
-    if (jobs->empty()) return fail(ErrorCode::NotFound, fmt::format("no job {}", id));
+    if (jobs->empty())
+      return fail(ErrorCode::NotFound, fmt::format("no job {}; `telefab jobs` lists those there are", id));
     return std::move(jobs->front());
   }
 

@@ -10,6 +10,7 @@
 #include <optional>
 #include <telefab/base/file.hpp>
 #include <telefab/base/open_file.hpp>
+#include <telefab/base/person_name.hpp>
 #include <telefab/base/secret.hpp>
 #include <telefab/web/operator_tokens.hpp>
 
@@ -21,12 +22,7 @@ constexpr std::size_t kFields = 5;
 constexpr std::size_t kFieldsWithDigest = 7;
 constexpr std::size_t kMd5Digits = 32, kSha256Digits = 64;
 
-bool is_name(std::string_view text) {
-  return !text.empty() && text.size() <= kLongestName && std::ranges::all_of(text, [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
-           c == '.';
-  });
-}
+bool is_name(std::string_view text) { return is_person_name(text, "-_.", kLongestName); }
 
 Digest digest_of_token(std::string_view salt, std::string_view token) {
   Hasher hasher;
@@ -119,8 +115,8 @@ Result<std::string> add_operator_token(const std::filesystem::path& file, const 
   // Those the daemon itself uses of who has shown no name of his own.
   if (!is_name(name) || name == "web" || name == "local")
     return fail(ErrorCode::InvalidInput,
-                fmt::format("\"{}\" is not a name for an operator: up to {} letters, digits, -, _ and ., and neither "
-                            "\"web\" nor \"local\"",
+                fmt::format("\"{}\" is not a name for an operator: up to {} bytes of letters, digits, -, _ and ., no "
+                            "blank, and neither \"web\" nor \"local\"",
                             name, kLongestName));
   const auto kept = keep_for_us(file);
   if (!kept) return tl::unexpected{kept.error()};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
+#include <telefab/base/nearest_name.hpp>
 #include <telefab/fab/planning/preflight.hpp>
 
 #include "job_dispatcher.hpp"
@@ -139,7 +139,8 @@ Result<Job> JobDispatcher::clear_platform(const std::string& machine) {
     std::vector<std::string> names;
     for (const QueuedMachine& each : queue_.machines()) names.push_back(each.name);
     return fail(ErrorCode::NotFound,
-                fmt::format("no machine named {} stands in this fab; there are: {}", machine, fmt::join(names, ", ")));
+                fmt::format("no machine named {} stands in this fab; {}", machine,
+                            names_instead(machine, names, "`telefab machines`")));
   }
   const auto there = queue_.part_on(*place);
   const MachineStanding standing = queue_.standing(*place);
