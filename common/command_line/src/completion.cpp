@@ -32,14 +32,22 @@ std::string verb_names(const ProgramManual& program) {
   return names;
 }
 
-/// The verb of this program whose --names are the values of an option: `machines` for MACHINE. Empty: none.
+/// The verb of this program whose --names are the values of an option, or of a word by its place: `machines` for
+/// MACHINE, `jobs` for JOB. Empty: none.
 std::string lister_of(const ProgramManual& program, const OptionManual& option) {
-  std::string verb = option.value + "s";
+  std::string verb = (option.positional ? option.name : option.value) + "s";
   std::ranges::transform(verb, verb.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   const auto lists = [&](const VerbManual& each) {
     return each.name == verb && std::ranges::any_of(each.options, [](const auto& o) { return o.name == "--names"; });
   };
-  return !option.positional && std::ranges::any_of(program.verbs, lists) ? verb : std::string{};
+  return std::ranges::any_of(program.verbs, lists) ? verb : std::string{};
+}
+
+/// What lists the words of a verb that stand by their place; empty: they are files.
+std::string place_lister_of(const ProgramManual& program, const VerbManual& verb) {
+  for (const OptionManual& option : verb.options)
+    if (option.positional) return lister_of(program, option);
+  return {};
 }
 
 /// What prints the names; a site that does not answer is not waited for.
@@ -59,7 +67,7 @@ std::string bash_script(const ProgramManual& program) {
       if (!option.positional && !option.choices.empty())
         script += fmt::format("    {},{}) mapfile -t COMPREPLY < <(compgen -W {} -- \"$word\"); return ;;\n", verb.name,
                               option.name, shell_quoted(fmt::format("{}", fmt::join(option.choices, " "))));
-      if (const std::string lister = lister_of(program, option); !lister.empty())
+      if (const std::string lister = lister_of(program, option); !option.positional && !lister.empty())
         script += fmt::format("    {},{}) mapfile -t COMPREPLY < <(compgen -W \"$({})\" -- \"$word\"); return ;;\n",
                               verb.name, option.name, listing(program, lister));
     }
@@ -74,6 +82,11 @@ std::string bash_script(const ProgramManual& program) {
         "    {}) [[ $word == -* ]] && {{ mapfile -t COMPREPLY < <(compgen -W {} -- \"$word\"); return; }} ;;\n",
         verb.name, shell_quoted(names));
   }
+  script += "  esac\n  case $verb in\n";
+  for (const VerbManual& verb : program.verbs)
+    if (const std::string lister = place_lister_of(program, verb); !lister.empty())
+      script += fmt::format("    {}) mapfile -t COMPREPLY < <(compgen -W \"$({})\" -- \"$word\"); return ;;\n",
+                            verb.name, listing(program, lister));
   script += fmt::format(
       "  esac\n  compopt -o filenames\n  mapfile -t COMPREPLY < <(compgen -f -- \"$word\")\n}}\n"
       "complete -F {} {}\n",
@@ -98,7 +111,7 @@ std::string zsh_script(const ProgramManual& program) {
       if (!option.positional && !option.choices.empty())
         script += fmt::format("    {},{}) compadd -- {}; return ;;\n", verb.name, option.name,
                               fmt::join(option.choices, " "));
-      if (const std::string lister = lister_of(program, option); !lister.empty())
+      if (const std::string lister = lister_of(program, option); !option.positional && !lister.empty())
         script += fmt::format("    {},{}) compadd -- ${{(f)\"$({})\"}}; return ;;\n", verb.name, option.name,
                               listing(program, lister));
     }
@@ -109,9 +122,12 @@ std::string zsh_script(const ProgramManual& program) {
       if (!option.positional) script += fmt::format("      {}\n", entry(option.name, option.description));
     script += "    ) ;;\n";
   }
-  script += fmt::format(
-      "  esac\n  if [[ $words[CURRENT] == -* ]]; then _describe option options; else _files; fi\n}}\n{} \"$@\"\n",
-      function_name(program.name));
+  script +=
+      "  esac\n  if [[ $words[CURRENT] == -* ]]; then _describe option options; return; fi\n  case $words[2] in\n";
+  for (const VerbManual& verb : program.verbs)
+    if (const std::string lister = place_lister_of(program, verb); !lister.empty())
+      script += fmt::format("    {}) compadd -- ${{(f)\"$({})\"}}; return ;;\n", verb.name, listing(program, lister));
+  script += fmt::format("  esac\n  _files\n}}\n{} \"$@\"\n", function_name(program.name));
   return script;
 }
 
@@ -132,6 +148,9 @@ std::string fish_script(const ProgramManual& program) {
         script += " -r";
       script += fmt::format(" -d {}\n", shell_quoted(option.description));
     }
+    if (const std::string lister = place_lister_of(program, verb); !lister.empty())
+      script += fmt::format("complete -c {} -n '__fish_seen_subcommand_from {}' -f -a {}\n", program.name, verb.name,
+                            shell_quoted(fmt::format("({})", listing(program, lister))));
   }
   return script;
 }

@@ -7,7 +7,7 @@
 #include <cerrno>
 #include <mutex>
 #include <string>
-#include <system_error>
+#include <telefab/base/file.hpp>
 #include <telefab/command_line/output.hpp>
 
 namespace telefab {
@@ -75,8 +75,7 @@ void write_note(std::string_view text) {
 Result<void> flush_output() {
   const int error = output().flush();
   if (error == 0 || error == EPIPE) return {};
-  return fail(ErrorCode::StorageFailed, "cannot write to standard output: " + std::generic_category().message(error) +
-                                            "; make room, or send it elsewhere");
+  return fail_system("write", "standard output", error);
 }
 
 bool is_output_read() { return output().flush() != EPIPE; }

@@ -2,61 +2,27 @@
 #include "usage_error.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
-#include <algorithm>
-#include <numeric>
+#include <charconv>
+#include <cmath>
 #include <regex>
-#include <utility>
+#include <telefab/base/nearest_name.hpp>
 
 namespace telefab {
-namespace {
-
-constexpr std::size_t kLettersASlip = 3;  ///< a word bears one slip, and one more for every so many letters
-
-/// How many letters to put in, leave out, replace or swap with their neighbour make b of a (Damerau-Levenshtein).
-std::size_t slips_between(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> before, last(b.size() + 1), now(b.size() + 1);
-  std::iota(last.begin(), last.end(), std::size_t{0});
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    now[0] = i;
-    for (std::size_t k = 1; k <= b.size(); ++k) {
-      now[k] = std::min({last[k] + 1, now[k - 1] + 1, last[k - 1] + (a[i - 1] == b[k - 1] ? 0U : 1U)});
-      if (i > 1 && k > 1 && a[i - 1] == b[k - 2] && a[i - 2] == b[k - 1]) now[k] = std::min(now[k], before[k - 2] + 1);
-    }
-    before = std::exchange(last, now);
-  }
-  return last[b.size()];
-}
-
-}  // namespace
-
-std::optional<std::string> meant(std::string_view word, std::span<const std::string> names) {
-  const std::size_t letters = word.size() - std::min(word.find_first_not_of('-'), word.size());
-  if (letters == 0) return std::nullopt;
-  const std::string* best = nullptr;
-  std::size_t fewest = std::min(letters - 1, 1 + letters / kLettersASlip) + 1;
-  for (const std::string& name : names) {
-    // What lacks only its end is nearer than any slip.
-    const std::size_t slips = letters > 1 && name.starts_with(word) ? 0 : slips_between(word, name);
-    if (slips < fewest) {
-      best = &name;
-      fewest = slips;
-    }
-  }
-  return best != nullptr ? std::optional{*best} : std::nullopt;
-}
 
 std::string unknown_verb(std::string_view program, std::string_view word, std::span<const std::string> verbs) {
-  if (const auto verb = meant(word, verbs))
-    return fmt::format("{} has no verb '{}'; did you mean '{}'?", program, word, *verb);
-  return fmt::format("{} has no verb '{}'", program, word);
+  if (const auto verb = nearest_name(word, verbs))
+    return fmt::format("there is no verb '{}'; did you mean '{}'?", word, *verb);
+  return fmt::format("there is no verb '{}'; the first word says what to do: {} VERB ...; there are: {}", word, program,
+                     fmt::join(verbs, ", "));
 }
 
 std::string unexpected_word(std::string_view word, std::span<const std::string> options) {
   if (!word.starts_with('-'))
     return fmt::format("'{}' is one word too many; a name with blanks stands in quotes", word);
   const std::string_view name = word.substr(0, word.find('='));
-  if (const auto option = meant(name, options))
+  if (const auto option = nearest_name(name, options))
     return fmt::format("there is no option {}; did you mean {}?", name, *option);
   return fmt::format("there is no option {}", name);
 }
@@ -65,13 +31,42 @@ std::string option_before_verb(std::string_view program, std::string_view option
   return fmt::format("options stand behind the verb: {} VERB {}", program, option);
 }
 
-std::optional<std::string> decimal_comma(std::span<const std::string> words) {
-  static const std::regex comma{R"((?:.*=)?([+-]?\d+),(\d+))"};
-  std::smatch found;
-  for (const std::string& word : words)
-    if (std::regex_match(word, found, comma))
-      return fmt::format("numbers have a point, not a comma: {}.{}", found[1].str(), found[2].str());
-  return std::nullopt;
+std::string no_verb(std::string_view program, std::span<const std::string> verbs) {
+  return fmt::format("say what to do: {} VERB; there are: {}", program, fmt::join(verbs, ", "));
+}
+
+std::string no_value(std::string_view option, std::string_view value) {
+  return fmt::format("{0} needs a value behind it: {0} {1}", option, value);
+}
+
+std::string no_such_choice(std::string_view word, std::span<const std::string> choices) {
+  const auto meant = nearest_name(word, choices);
+  return fmt::format("{} is none of {}{}", word, fmt::join(choices, ", "),
+                     meant ? fmt::format("; did you mean {}?", *meant) : "");
+}
+
+std::string number_problem(std::string_view word, NumberKind kind) {
+  const std::string_view digits = word.substr(word.starts_with('+') ? 1 : 0);
+  double value = 0;
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
+  const std::string_view rest{end, static_cast<std::size_t>(digits.data() + digits.size() - end)};
+  const bool is_number = error == std::errc{} && std::isfinite(value);
+  if (is_number && rest.empty()) {
+    if (kind == NumberKind::Any) return {};
+    // "010" would be read as the octal number that it is in C.
+    const bool is_octal = digits.size() > 1 && digits[digits.starts_with('-') ? 1 : 0] == '0' && std::abs(value) >= 1;
+    const bool is_whole = digits.find_first_not_of("-0123456789") == std::string_view::npos && !is_octal;
+    if (is_whole && (kind == NumberKind::Whole || !digits.starts_with('-'))) return {};
+    return fmt::format("{} is not a whole number{}{}", word, kind == NumberKind::Counting ? " from 0 on" : "",
+                       is_octal ? "; leave out the 0 at its front" : "");
+  }
+  static const std::regex comma{R"([+-]?(\d*),(\d+))"};
+  if (std::cmatch found; std::regex_match(word.data(), word.data() + word.size(), found, comma))
+    return fmt::format("{} is not a number: write {}.{}, with a point", word, word.substr(0, word.find(',')),
+                       found[2].str());
+  if (is_number)
+    return fmt::format("{} is not a number: leave out \"{}\", the unit stands in the option's name", word, rest);
+  return fmt::format("{} is not a number", word.empty() ? "nothing" : word);
 }
 
 }  // namespace telefab

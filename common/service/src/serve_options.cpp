@@ -4,16 +4,20 @@
 
 namespace telefab {
 
+Option add_address(VerbOptions& options, const std::string& name, std::string& into, const std::string& help) {
+  return options.add(name, into, help).read_by(net::endpoint_from_text);
+}
+
 void declare_serve_options(VerbOptions& app, ServeOptions& options) {
-  app.add("--listen", options.listen, "HOST:PORT; port 0 takes a free one; off loopback --tls is needed")
+  add_address(app, "--listen", options.listen, "HOST:PORT; port 0 takes a free one; off loopback --tls is needed")
       .shows_default();
   app.add("--data", options.data, "folder for jobs, made where there is none; one daemon a folder").required();
   declare_machine_folder(app, options.machines);
   app.add("--tls", options.tls_folder,
           "folder with authority.crt, NAME.crt, NAME.key and revoked.crl, as `telefab certs` makes it");
   app.add("--tls-name", options.tls_name, "NAME of the certificate in that folder").shows_default();
-  app.add(
-      "--web", options.web,
+  add_address(
+      app, "--web", options.web,
       "HOST:PORT of the web page and its API, e.g. 127.0.0.1:7480; default: none. Off loopback it is served over TLS "
       "with the certificate of --tls. Where operators have tokens (the verb tokens), where it is off loopback and "
       "with --web-host everybody signs in: with a token or an operator's certificate. Elsewhere whoever is on this "

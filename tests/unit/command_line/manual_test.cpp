@@ -70,6 +70,21 @@ TEST(Completion, AsksTheVerbThatListsThemForNames) {
     EXPECT_THAT(completion_script(program, shell), testing::Not(HasSubstr("resins"))) << "no such verb";
 }
 
+TEST(Completion, OffersJobsWhereAJobIsNamed) {
+  ProgramManual program = printer();
+  OptionManual names, job;
+  names.name = "--names";
+  job.name = "JOB", job.positional = true;
+  program.verbs[0].options = {job};
+  program.verbs[1] = {"jobs", "lists", {names}};
+  EXPECT_THAT(completion_script(program, Shell::Bash),
+              HasSubstr("    send) mapfile -t COMPREPLY < <(compgen -W \"$(timeout 3 prog-x jobs --names"));
+  EXPECT_THAT(completion_script(program, Shell::Zsh),
+              HasSubstr("    send) compadd -- ${(f)\"$(timeout 3 prog-x jobs --names"));
+  EXPECT_THAT(completion_script(program, Shell::Fish),
+              HasSubstr("__fish_seen_subcommand_from send' -f -a '(timeout 3 prog-x jobs --names"));
+}
+
 TEST(ManPage, names_every_verb_option_choice_and_exit_code) {
   const std::string page = man_page(printer());
   EXPECT_THAT(page, HasSubstr(".TH PROG\\-X 1"));

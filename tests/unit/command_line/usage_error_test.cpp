@@ -6,35 +6,17 @@
 namespace telefab {
 namespace {
 
+using testing::AllOf;
 using testing::HasSubstr;
 using Words = std::vector<std::string>;
 
 const Words kVerbs{"slice", "inspect", "register", "serve", "cancel", "machines"};
 const Words kOptions{"--height-mm", "--layer-mm", "--machine", "--machines", "--fit", "--up"};
 
-TEST(UsageError, FindsTheNameBehindASlipOfTheKeys) {
-  EXPECT_EQ(meant("slise", kVerbs), "slice");
-  EXPECT_EQ(meant("cancle", kVerbs), "cancel");
-  EXPECT_EQ(meant("inpsect", kVerbs), "inspect");
-  EXPECT_EQ(meant("--machnie", kOptions), "--machine");
-  EXPECT_EQ(meant("--ifit", kOptions), "--fit");
-}
-
-TEST(UsageError, FindsTheNameThatLacksItsEnd) {
-  EXPECT_EQ(meant("--height", kOptions), "--height-mm");
-  EXPECT_EQ(meant("reg", kVerbs), "register");
-}
-
-TEST(UsageError, GuessesNothingFarFromAnyName) {
-  for (const char* word : {"dragon", "x", "-", "--", "", "--quality"}) {
-    EXPECT_EQ(meant(word, kVerbs), std::nullopt) << word;
-    EXPECT_EQ(meant(word, kOptions), std::nullopt) << word;
-  }
-}
-
 TEST(UsageError, SaysWhichWordIsWrongAndWhatWasMeant) {
-  EXPECT_EQ(unknown_verb("telefab-scan", "slise", kVerbs), "telefab-scan has no verb 'slise'; did you mean 'slice'?");
-  EXPECT_EQ(unknown_verb("telefab-scan", "dragon.ply", kVerbs), "telefab-scan has no verb 'dragon.ply'");
+  EXPECT_EQ(unknown_verb("telefab-scan", "slise", kVerbs), "there is no verb 'slise'; did you mean 'slice'?");
+  EXPECT_THAT(unknown_verb("telefab-scan", "dragon.ply", kVerbs),
+              AllOf(HasSubstr("no verb 'dragon.ply'"), HasSubstr("telefab-scan VERB"), HasSubstr("slice, inspect")));
   EXPECT_EQ(unexpected_word("--height=75", kOptions), "there is no option --height; did you mean --height-mm?");
   EXPECT_THAT(unexpected_word("scan.ply", kOptions), HasSubstr("one word too many"));
 }
@@ -43,10 +25,33 @@ TEST(UsageError, SendsAnOptionBehindTheVerb) {
   EXPECT_EQ(option_before_verb("telefab", "--site"), "options stand behind the verb: telefab VERB --site");
 }
 
-TEST(UsageError, NamesTheNumberThatADecimalCommaStandsFor) {
-  EXPECT_THAT(decimal_comma(Words{"a.ply", "--height-mm", "7,5"}).value_or(""), HasSubstr("7.5"));
-  EXPECT_THAT(decimal_comma(Words{"--height-mm=-7,25"}).value_or(""), HasSubstr("-7.25"));
-  EXPECT_EQ(decimal_comma(Words{"--crop", "0,0,0,1,1,1", "--height-mm", "x"}), std::nullopt);
+TEST(UsageError, TakesEveryNumberOfItsKind) {
+  for (const char* word : {"7", "-7.5", "+0.25", "1e-3", ".5", "0"})
+    EXPECT_EQ(number_problem(word, NumberKind::Any), "") << word;
+  for (const char* word : {"7", "-7", "0"}) EXPECT_EQ(number_problem(word, NumberKind::Whole), "") << word;
+  EXPECT_EQ(number_problem("12", NumberKind::Counting), "");
+}
+
+TEST(UsageError, RefusesWhatIsNoNumberOfTheKind) {
+  for (const char* word : {"abc", "", "nan", "inf", "1e999", "--3"})
+    EXPECT_THAT(number_problem(word, NumberKind::Any), HasSubstr("not a number")) << word;
+  EXPECT_THAT(number_problem("7.5", NumberKind::Whole), HasSubstr("not a whole number"));
+  EXPECT_THAT(number_problem("-1", NumberKind::Counting), HasSubstr("from 0 on"));
+}
+
+TEST(UsageError, RefusesWhatCWouldReadAsAnOctalNumber) {
+  EXPECT_THAT(number_problem("010", NumberKind::Whole), HasSubstr("leave out the 0"));
+  EXPECT_EQ(number_problem("010", NumberKind::Any), "");
+}
+
+TEST(UsageError, NamesTheNumberToWriteInsteadOfADecimalCommaOrAUnit) {
+  EXPECT_THAT(number_problem("7,5", NumberKind::Any), HasSubstr("7.5"));
+  EXPECT_THAT(number_problem("-7,25", NumberKind::Any), HasSubstr("-7.25"));
+  EXPECT_THAT(number_problem("75mm", NumberKind::Any), HasSubstr("leave out \"mm\""));
+}
+
+TEST(UsageError, NamesTheChoiceThatWasMeant) {
+  EXPECT_EQ(no_such_choice("sl2", Words{"goo", "sl1"}), "sl2 is none of goo, sl1; did you mean sl1?");
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -37,6 +38,16 @@ class Option {
   const Option& above_zero() const;
   /// Only numbers for which this holds; `rule` says it in words: "above 0".
   const Option& such_that(const std::string& rule, std::function<bool(double)> holds) const;
+  /// Only texts that `read` takes: it gives a Result, and what it says is wrong is an error of the command line.
+  template <class Read>
+  const Option& read_by(Read read) const {
+    return refused_by([read = std::move(read)](const std::string& given) {
+      const auto value = read(given);
+      return value ? std::string{} : value.error().what;
+    });
+  }
+  /// Only texts of which `problem` finds nothing to say.
+  const Option& refused_by(std::function<std::string(const std::string&)> problem) const;
   const Option& one_of(std::vector<std::string> words) const;
   /// Help shows `what` for the value: "MACHINE". Where the program has a verb that lists such things, `machines`,
   /// completion asks it for their names.
@@ -58,9 +69,24 @@ class Option {
 /// The options of one verb, in the order in which help shows them.
 class VerbOptions {
  public:
-  explicit VerbOptions(CLI::App& app) : app_{app} {}
+  /// What a verb writes, for whoever looks at it before the verb runs.
+  struct Outputs {
+    struct Place {
+      std::string option;                               ///< its name
+      std::function<std::vector<std::string>()> paths;  ///< what it is set to, once the line was read
+    };
+    std::vector<Place> places;
+    bool is_forced = false;
+  };
+  VerbOptions(CLI::App& app, Outputs& outputs) : app_{app}, outputs_{outputs} {}
   /// `names`: "--out", or "FILE" for one by its place.
   Option add(const std::string& names, OptionValue into, const std::string& help);
+  /// A file or folder that the verb makes: what lies there already is replaced only where --force says so, and refused
+  /// before the verb runs. The first of them declares --force.
+  /// `endings`: what the verb puts behind the value to make its names, where it writes several files.
+  Option add_output(const std::string& names, std::string& into, const std::string& help,
+                    std::vector<std::string> endings = {""});
+  Option add_output(const std::string& names, std::optional<std::string>& into, const std::string& help);
   template <class Value>
   requires std::constructible_from<OptionValue, Value*> Option add(const std::string& names, Value& into,
                                                                    const std::string& help) {
@@ -71,7 +97,10 @@ class VerbOptions {
   void footer(const std::string& text);
 
  private:
+  Option add_place(const std::string& names, OptionValue into, const std::string& help,
+                   std::function<std::vector<std::string>()> paths);
   CLI::App& app_;
+  Outputs& outputs_;
 };
 
 }  // namespace telefab
