@@ -43,7 +43,7 @@ VerbBody declare_report(VerbOptions& options) {
   auto o = std::make_shared<Options>();
   declare_common(options, o->common);
   options.add("JOB", o->job, "id of the job").required();
-  options.add("--out", o->out, "folder for the files; made where there is none").required();
+  options.add_output("--out", o->out, "folder for the files; made where there is none").required();
   return [o](std::stop_token stop) -> Result<ExitCode> {
     if (auto named = check_job_id(o->job); !named) return tl::unexpected{named.error()};
     auto client = connect(o->common, std::move(stop));

@@ -202,8 +202,8 @@ VerbBody declare_calibrate(VerbOptions& options) {
   options.add("--irradiance", o->irradiance_mw_per_cm2, "fit: mW/cm2 of a white area, where none was measured")
       .within(0.01, 1000.0);
   options.add("--read", o->read, "supports: the filled-in supports.csv");
-  options.add("--out", o->out,
-              "masks, size, supports: folder; with measurements: file for the sections of the profile (TOML)");
+  options.add_output("--out", o->out,
+                     "masks, size, supports: folder; with measurements: file for the sections of the profile (TOML)");
   options.footer(
       "measured.csv has the columns test, grey, row, column, period_px, exposure_s, value, unit; `calibrate masks` "
       "writes\n"

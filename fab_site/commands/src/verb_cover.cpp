@@ -21,8 +21,8 @@ VerbBody declare_cover(VerbOptions& options) {
   auto o = std::make_shared<Options>();
   options.add("REGIONS", o->regions, "GeoJSON with polygons in millimetres").required();
   options.add("--anchor-mm", o->anchor_mm, "every point lies within this of an anchor").required().within(1e-3, 1000.0);
-  options.add("--out", o->out, "write the anchors as JSON here");
-  options.add("--preview", o->preview, "write a picture (PNG) here");
+  options.add_output("--out", o->out, "write the anchors as JSON here");
+  options.add_output("--preview", o->preview, "write a picture (PNG) here");
   options.flag("--plain", o->plain, "the paper's method alone, to compare with");
   return [o](std::stop_token stop) -> Result<ExitCode> {
     const auto bytes = read_file(o->regions, 256U << 20U);

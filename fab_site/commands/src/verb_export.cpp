@@ -231,7 +231,7 @@ VerbBody declare_export(VerbOptions& options) {
            "cli, cli-binary (Common Layer Interface), svg, jsonl (one JSON line a layer)")
       .required()
       .one_of({"goo", "sl1", "nanodlp", "3mf", "cli", "cli-binary", "svg", "jsonl", "png"});
-  options.add("--out", o->out, "file, or folder for png").required();
+  options.add_output("--out", o->out, "file, or folder for png").required();
   options
       .add("--although", o->although,
            "NAME of what holds the plan (telefab-fab plan lists it); give every one. A held plan is not exported "

@@ -98,7 +98,7 @@ VerbBody declare_import(VerbOptions& options) {
            "contours: Common Layer Interface (text or binary), SVG with slic3r:z, 3MF with slices, JSON lines, or "
            ".tfc; told apart by their first bytes")
       .required();
-  options.add("--out", o->out, "contour file to write (.tfc)").required();
+  options.add_output("--out", o->out, "contour file to write (.tfc)").required();
   declare_machine_choice(options, o->machine, "machine the layers were cut for: their thickness must be its own",
                          MachineIs::Required);
   options.add("--units", o->units, "unit of the coordinates where the file does not say it: mm, um, cm or inch")

@@ -117,7 +117,9 @@ VerbBody declare_plan(VerbOptions& options) {
       .required();
   declare_machine_choice(options, o->machine, "machine profile; default: the one it was sliced for",
                          MachineIs::Optional);
-  options.add("--out", o->out, "folder for masks, plan.json, supports.json, preview.png, report.json, preflight.json")
+  options
+      .add_output("--out", o->out,
+                  "folder for masks, plan.json, supports.json, preview.png, report.json, preflight.json")
       .required();
   declare_mask_options(options, o->masks);
   declare_contour_limits(options, o->contour_limits);

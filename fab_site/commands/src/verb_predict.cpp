@@ -171,11 +171,11 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
 VerbBody declare_predict(VerbOptions& options) {
   auto o = std::make_shared<PredictVerb>();
   options.add("DIR", o->folder, "a plan folder, as `telefab-fab plan` writes it").required();
-  options.add("--out", o->out, "write the cured part's surface points with normals here (PLY)");
-  options.add("--report", o->report, "write edge errors, by layer and overall, here (JSON)");
-  options.add("--preview", o->preview, "write a picture here (PNG)");
-  options.add("--contours", o->contours,
-              "the .tfc file it was planned of; default: the one in the folder, where there is one");
+  options.add_output("--out", o->out, "write the cured part's surface points with normals here (PLY)");
+  options.add_output("--report", o->report, "write edge errors, by layer and overall, here (JSON)");
+  options.add_output("--preview", o->preview, "write a picture here (PNG)");
+  options.add_output("--contours", o->contours,
+                     "the .tfc file it was planned of; default: the one in the folder, where there is one");
   declare_machine_choice(options, o->machine, "profile whose optics and resin are taken; default: the plan's",
                          MachineIs::Optional);
   options.add("--frame", o->frame, "part: z from the part's first layer; print: z from the platform")

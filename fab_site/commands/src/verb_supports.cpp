@@ -151,14 +151,14 @@ VerbBody declare_supports(VerbOptions& options) {
                          MachineIs::Optional);
   declare_support_choice(options, o->support);
   options.add("--layer", o->layer, "part layer of --preview; default: the one with the most anchors of its own");
-  options.add("--preview", o->preview,
-              "PNG of one layer: attached, self-supported, to support, anchors and the circles they reach");
-  options.add("--structure", o->structure, "PNG of the part with its supports in 3-D");
+  options.add_output("--preview", o->preview,
+                     "PNG of one layer: attached, self-supported, to support, anchors and the circles they reach");
+  options.add_output("--structure", o->structure, "PNG of the part with its supports in 3-D");
   options.add("--stress", o->stress,
               "PNG of the same, pins in colours by what the film's pull asks of their tips at the worst moment");
   options.add("--model", o->model,
               "the part with its supports in colours, for a viewer: 3MF if the name ends so, else PLY");
-  options.add("--out", o->out, "anchors and primitives as JSON, as supports.json of a plan");
+  options.add_output("--out", o->out, "anchors and primitives as JSON, as supports.json of a plan");
   options.flag("--json", o->json, "print the figures as JSON");
   options.add("--threads", o->threads, "0: all cores; the supports are the same for any number")
       .within(0, 1024)

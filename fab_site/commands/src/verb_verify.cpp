@@ -186,7 +186,7 @@ VerbBody declare_verify(VerbOptions& options) {
            "how the masks were made, for plans of older versions that do not say it: cover, blend or "
            "blend-stack")
       .one_of({"cover", "blend", "blend-stack"});
-  options.add("--out", o->out, "write the findings as JSON here");
+  options.add_output("--out", o->out, "write the findings as JSON here");
   options.add("--override", o->override_by, "name of the operator who lets the job pass all the same");
   return [o](std::stop_token stop) { return verify(*o, std::move(stop)); };
 }

@@ -67,7 +67,8 @@ Result<void> keep_accuracy(const std::filesystem::path& job_folder, const Profil
                                  "--spacing-px",
                                  "2",
                                  "--threads",
-                                 "1"};
+                                 "1",
+                                 "--force"};
   if (!printed_with.resin.empty()) words.insert(words.end(), {"--resin", printed_with.resin});
   if (!printed_with.print.empty()) words.insert(words.end(), {"--print", printed_with.print});
   const pid_t child = spawn(std::move(words));

@@ -147,6 +147,11 @@ Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& 
 
 Result<std::unique_ptr<PlannedJob>> PlannedJob::open(const fs::path& folder) {
   const auto text = read_file(folder / "plan.json", kMaxPlanBytes);
+  if (!text && text.error().code == ErrorCode::NotFound)
+    return fail(ErrorCode::NotFound,
+                fmt::format("{} is not the folder of a plan: it holds no plan.json; make one with: telefab-fab plan "
+                            "FILE.tfc --out DIR",
+                            folder.string()));
   if (!text) return tl::unexpected{text.error()};
   auto plan = print_plan_from_json({reinterpret_cast<const char*>(text->data()), text->size()});
   if (!plan) return fail_in((folder / "plan.json").string(), plan.error());

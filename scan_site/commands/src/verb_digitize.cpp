@@ -104,7 +104,7 @@ VerbBody declare_digitize(VerbOptions& options) {
   options.add("MODEL", o->model,
               "a mesh (PLY, OFF or STL with faces), or a cloud with normals such as `telefab-fab predict` writes");
   options.add("--shape", o->shape, "instead of a file: sphere, torus or knot").one_of({"sphere", "torus", "knot"});
-  options.add("--out", o->folder, "folder for view_000.ply .. and poses.conf").required();
+  options.add_output("--out", o->folder, "folder for view_000.ply .. and poses.conf").required();
   options.add("--units", o->units, "unit of the model (mm, cm, m, in)").shows_default();
   const Option scale = options.add("--scale", o->scale, "times which the model is made larger first");
   options.add("--height-mm", o->height_mm, "make the model this high along z; a shape without it: 50")
@@ -115,8 +115,8 @@ VerbBody declare_digitize(VerbOptions& options) {
       "--rotate", o->rotate,
       "lay the model on another side first, X,Y,Z degrees about its axes as for slice: a series turned over; poses "
       "and reference stay in the model's frame");
-  options.add("--reference", o->reference,
-              "also write points of the model itself, with normals, to measure against (PLY)");
+  options.add_output("--reference", o->reference,
+                     "also write points of the model itself, with normals, to measure against (PLY)");
   options.add("--step-deg", d.step_deg, "turn of the table between views").shows_default();
   options.add("--views", d.views, "number of views; 0: a whole turn").shows_default();
   options.add("--pitch-mm", d.pitch_mm, "distance of neighbouring cells").shows_default();

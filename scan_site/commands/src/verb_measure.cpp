@@ -148,10 +148,10 @@ VerbBody declare_measure(VerbOptions& options) {
   options.add("--range", o->range,
               "deviation at which the colours are full; unset: the larger of the 1 % and 99 % values");
   options.flag("--no-align", o->no_align, "compare the files as they stand");
-  options.add("--out", o->out, "the built cloud coloured by deviation, PLY");
-  options.add("--picture", o->picture,
-              "heat map from four sides, PNG: red too much, blue too little, grey no counterpart");
-  options.add("--report", o->report, "all figures and the motion found, JSON");
+  options.add_output("--out", o->out, "the built cloud coloured by deviation, PLY");
+  options.add_output("--picture", o->picture,
+                     "heat map from four sides, PNG: red too much, blue too little, grey no counterpart");
+  options.add_output("--report", o->report, "all figures and the motion found, JSON");
   options.flag("--json", o->json, "print the report instead of text");
   return [o](std::stop_token stop) { return run(*o, stop); };
 }

@@ -396,7 +396,7 @@ VerbBody declare_register(VerbOptions& options) {
            "--step-deg every folder is one turn of the table in its order, and several, of the object turned over, are "
            "joined; without it views stand in any order and pose, clouds without a grid among them")
       .required();
-  options.add("--out", o->out, "the merged, oriented cloud, PLY").required();
+  options.add_output("--out", o->out, "the merged, oriented cloud, PLY").required();
   options
       .add("--step-deg", o->steps_deg,
            "turn of the table from one view to the next, degrees; one for all folders, or one a folder as 60,45 (0: "
@@ -422,9 +422,9 @@ VerbBody declare_register(VerbOptions& options) {
   options.flag("--accept-symmetry", o->accept_symmetry,
                "where a scan fits in several ways that each carry the whole body onto itself, take one of them");
   options.add("--seed", o->seed, "of the search for poses; same seed, same result").shows_default();
-  options.add("--report", o->report, "every pair and the merge, JSON");
+  options.add_output("--report", o->report, "every pair and the merge, JSON");
   options.add("--poses-out", o->poses_out, "the poses found, Stanford .conf");
-  options.add("--picture", o->picture, "the merged cloud from four sides, PNG; red: two sheets");
+  options.add_output("--picture", o->picture, "the merged cloud from four sides, PNG; red: two sheets");
   options.flag("--json", o->json, "print the report instead of the table");
   return [o](std::stop_token stop) { return run(*o, stop); };
 }
