@@ -4,11 +4,12 @@
 #include <algorithm>
 #include <map>
 #include <telefab/net/listener.hpp>
+#include <telefab/net/port_holder.hpp>
 #include <telefab/wire/message.hpp>
 
 #include "loop_timer.hpp"
 #include "stream_connection.hpp"
-#include "trust_impl.hpp"
+#include "tls_words.hpp"
 
 namespace telefab::net {
 namespace {
@@ -39,11 +40,12 @@ std::string plain_is_refused(const Endpoint& endpoint) {
       to_text(endpoint));
 }
 
-ConnectionPtr plain_connection(Loop& loop, tcp::socket socket, const ConnectionLimits& limits) {
+ConnectionPtr plain_connection(Loop& loop, tcp::socket socket, const ConnectionLimits& limits, End own_end) {
   Code ignored;  // without it the stream is slower, not wrong
   socket.set_option(tcp::no_delay{true}, ignored);
   Peer peer{text_of(socket), "local", {}};
-  return std::make_shared<StreamConnection<tcp::socket>>(loop, std::move(socket), std::move(peer), limits);
+  return std::make_shared<StreamConnection<tcp::socket>>(loop, std::move(socket), std::move(peer), limits,
+                                                         std::shared_ptr<Trust>{}, own_end);
 }
 
 /// Shakes hands, then looks at the certificate. `done` is called once.
@@ -58,21 +60,19 @@ void shake_hands(Loop& loop, std::shared_ptr<Tls> stream, std::shared_ptr<ssl::c
     Code closing;
     stream->lowest_layer().close(closing);
   });
-  stream->async_handshake(type, [&loop, stream, context, trust, timer, address, limits, done](const Code& error) {
-    timer->cancel();
-    if (error) {
-      const long verdict = SSL_get_verify_result(stream->native_handle());
-      std::string why = error == asio::error::bad_descriptor || error == asio::error::operation_aborted
-                            ? std::string{"the TLS handshake took too long"}
-                            : error.message();
-      if (verdict != X509_V_OK) why = X509_verify_cert_error_string(verdict);
-      return done(fail(ErrorCode::NotTrusted, fmt::format("{}: TLS refused: {}", address, why)));
-    }
-    auto peer = peer_of(stream->native_handle(), address);
-    if (!peer) return done(tl::unexpected{peer.error()});
-    done(ConnectionPtr{
-        std::make_shared<StreamConnection<Tls>>(loop, std::move(*stream), std::move(*peer), limits, trust)});
-  });
+  const auto check = watch_check(*stream);
+  const End own_end = type == ssl::stream_base::client ? End::Caller : End::Called;
+  stream->async_handshake(
+      type, [&loop, stream, context, trust, timer, address, limits, done, check, own_end](const Code& error) {
+        timer->cancel();
+        if (error)
+          return done(fail(ErrorCode::NotTrusted,
+                           fmt::format("{}: TLS refused: {}", address, why_no_handshake(error, *check, own_end))));
+        auto peer = peer_of(stream->native_handle(), address);
+        if (!peer) return done(tl::unexpected{peer.error()});
+        done(ConnectionPtr{std::make_shared<StreamConnection<Tls>>(loop, std::move(*stream), std::move(*peer), limits,
+                                                                   trust, own_end)});
+      });
 }
 
 }  // namespace
@@ -185,7 +185,7 @@ struct Listener::Impl : std::enable_shared_from_this<Listener::Impl> {
     make_room();
     if (!options.trust) {
       pending.push_back({host_of(address), {}, {}});
-      return hand_out(plain_connection(loop, std::move(socket), options.limits), pending.back());
+      return hand_out(plain_connection(loop, std::move(socket), options.limits, End::Called), pending.back());
     }
     if (auto fresh = options.trust->refresh(); !fresh) refuse("certificates", fresh.error());
     auto context = options.trust->impl().context;
@@ -271,10 +271,14 @@ Result<std::unique_ptr<Listener>> Listener::open(Loop& loop, const ListenOptions
   if (!error) impl->acceptor.bind(end, error);
   if (!error) impl->acceptor.listen(asio::socket_base::max_listen_connections, error);
   if (error)
-    return fail(error == asio::error::access_denied    ? ErrorCode::NotPermitted
-                : error == asio::error::address_in_use ? ErrorCode::Conflict
-                                                       : ErrorCode::InvalidInput,
-                fmt::format("cannot listen on {}: {}", to_text(options.endpoint), error.message()));
+    return fail(
+        error == asio::error::access_denied    ? ErrorCode::NotPermitted
+        : error == asio::error::address_in_use ? ErrorCode::Conflict
+                                               : ErrorCode::InvalidInput,
+        fmt::format("cannot listen on {}: {}", to_text(options.endpoint),
+                    error == asio::error::address_in_use  ? why_port_is_taken(options.endpoint.port)
+                    : error == asio::error::access_denied ? "ports below 1024 are the system's; take a higher one"
+                                                          : error.message()));
   impl->accept();
   return std::unique_ptr<Listener>{new Listener{std::move(impl)}};
 }
@@ -310,7 +314,8 @@ class Attempt : public std::enable_shared_from_this<Attempt> {
 
   tl::unexpected<Error> unreachable(const Code& error) const {
     return unreachable(error == asio::error::connection_refused
-                           ? "nobody listens there; is the site running, and is this its port?"
+                           ? "nobody listens there; is the site running (`systemctl status telefab-scan telefab-fab` "
+                             "on its machine), and is this its port?"
                            : error.message());
   }
 
@@ -328,7 +333,7 @@ class Attempt : public std::enable_shared_from_this<Attempt> {
 
   void connected() {
     if (!options_.trust) {
-      return finish(plain_connection(loop_, std::move(socket_), options_.limits));
+      return finish(plain_connection(loop_, std::move(socket_), options_.limits, End::Caller));
     }
     if (auto fresh = options_.trust->refresh(); !fresh) return finish(tl::unexpected{fresh.error()});
     auto context = options_.trust->impl().context;
@@ -347,8 +352,8 @@ class Attempt : public std::enable_shared_from_this<Attempt> {
               std::ranges::find((*made)->peer().names, *self->options_.expected_name) == (*made)->peer().names.end())
             made = fail(
                 ErrorCode::NotTrusted,
-                fmt::format("{} shows a certificate for {}, and {} was expected: name the one you mean, "
-                            "or have it issued again with --host {}",
+                fmt::format("{} shows a certificate for {}, and {} was expected: name the one you mean "
+                            "(--site-certificate), or have it issued again: telefab certs issue ... --host {}",
                             to_text(self->options_.endpoint),
                             (*made)->peer().names.empty() ? std::string{"no name"}
                                                           : fmt::format("{}", fmt::join((*made)->peer().names, ", ")),

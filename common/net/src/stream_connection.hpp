@@ -9,6 +9,7 @@
 
 #include "asio.hpp"
 #include "loop_timer.hpp"
+#include "tls_words.hpp"
 
 namespace telefab::net {
 
@@ -17,8 +18,8 @@ template <class Stream>
 class StreamConnection final : public Connection, public std::enable_shared_from_this<StreamConnection<Stream>> {
  public:
   /// `trust`: whoever let the peer in, asked again and again whether it still would; empty for plain TCP.
-  StreamConnection(Loop& loop, Stream stream, Peer peer, const ConnectionLimits& limits,
-                   std::shared_ptr<Trust> trust = {})
+  StreamConnection(Loop& loop, Stream stream, Peer peer, const ConnectionLimits& limits, std::shared_ptr<Trust> trust,
+                   End own_end)
       : clock_{loop.impl().clock},
         stream_{std::move(stream)},
         tick_{loop},
@@ -26,6 +27,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
         peer_{std::move(peer)},
         limits_{limits},
         trust_{std::move(trust)},
+        own_end_{own_end},
         reader_{kMaxHelloBytes} {}
 
   void start(ConnectionEvents events) override {
@@ -216,7 +218,10 @@ class StreamConnection final : public Connection, public std::enable_shared_from
                         error == boost::asio::ssl::error::stream_truncated;
     const auto code = error.category() == boost::asio::error::get_ssl_category() && !is_ready_ ? ErrorCode::NotTrusted
                                                                                                : ErrorCode::Unreachable;
-    end({code, is_end ? "the other side closed the connection" : "the connection broke: " + error.message()});
+    const std::string why = is_ready_ ? std::string{} : why_ended(stream_, error, own_end_, is_end && received_ == 0);
+    end({code, !why.empty() ? why
+               : is_end     ? "the other side closed the connection"
+                            : "the connection broke: " + error.message()});
   }
 
   /// The event may close the connection with last words of its own; otherwise it is shut.
@@ -250,6 +255,7 @@ class StreamConnection final : public Connection, public std::enable_shared_from
   Peer peer_;
   ConnectionLimits limits_;
   std::shared_ptr<Trust> trust_;
+  End own_end_;
   ConnectionEvents events_;
   FrameReader reader_;
   State state_ = State::Open;

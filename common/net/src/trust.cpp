@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <telefab/base/secret.hpp>
 
-#include "trust_impl.hpp"
+#include "tls_words.hpp"
 
 namespace telefab::net {
 namespace {
@@ -195,9 +195,7 @@ Result<void> Trust::judge(const std::string& certificate_pem, Nanoseconds wall) 
     return fail(ErrorCode::NotTrusted, "its certificate cannot be read");
   X509_STORE_CTX_set_time(judgement.get(), 0, std::chrono::duration_cast<std::chrono::seconds>(wall).count());
   if (X509_verify_cert(judgement.get()) == 1) return {};
-  return fail(ErrorCode::NotTrusted,
-              fmt::format("its certificate no longer holds: {}",
-                          X509_verify_cert_error_string(X509_STORE_CTX_get_error(judgement.get()))));
+  return fail(ErrorCode::NotTrusted, sentence_of(X509_STORE_CTX_get_error(judgement.get()), certificate.get()));
 }
 
 ssl_ctx_st* Trust::context() { return impl_->context->native_handle(); }

@@ -15,6 +15,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <telefab/net/port_holder.hpp>
 #include <telefab/web/web_server.hpp>
 #include <thread>
 
@@ -476,8 +477,10 @@ Result<std::unique_ptr<WebServer>> WebServer::listen(const WebAddress& where, We
   if (!error) impl->acceptor.bind(endpoint, error);
   if (!error) impl->acceptor.listen(asio::socket_base::max_listen_connections, error);
   if (error)
-    return fail(ErrorCode::Conflict,
-                fmt::format("web page: cannot listen on {} port {}: {}", where.host, where.port, error.message()));
+    return fail(
+        ErrorCode::Conflict,
+        fmt::format("web page: cannot listen on {} port {}: {}", where.host, where.port,
+                    error == asio::error::address_in_use ? net::why_port_is_taken(where.port) : error.message()));
   impl->accept();
   impl->thread = std::jthread{[loop = &impl->loop] {
     pthread_setname_np(pthread_self(), "web");

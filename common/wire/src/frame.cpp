@@ -74,6 +74,8 @@ Result<std::optional<Frame>> FrameReader::take() {
   const std::size_t available = buffer_.size() - used_;
   // Refused as early as the bytes allow: a peer that nobody knows shall not be able to make us wait for the rest of
   // nonsense.
+  if (available >= 1 && header[0] == std::byte{'H'})
+    return refuse("frame-mark: the other side speaks HTTP, as a web page does; give the port of the site itself");
   if ((available >= 1 && header[0] != std::byte{'T'}) || (available >= 2 && header[1] != std::byte{'F'}))
     return refuse("frame-mark: the bytes are no Telefab frame; does the other side speak this protocol without TLS?");
   if (available < kFrameHeaderBytes) return std::optional<Frame>{};
