@@ -81,10 +81,10 @@ ExitCode exit_code_for(ErrorCode code) {
 std::string_view exit_code_table() {
   return "Exit codes:\n"
          "   0  done\n"
-         "   1  the command line is wrong\n"
-         "   2  the input was read and is not acceptable\n"
+         "   1  the command line is wrong: an unknown word, an option missing or out of its range\n"
+         "   2  what it names is not acceptable: no such machine or job, a scan that shows nothing, a place taken\n"
          "   3  the other site cannot be reached, or broke the protocol\n"
-         "   4  a certificate, signature or digest does not hold\n"
+         "   4  a certificate, signature or digest does not hold, or does not permit what was asked\n"
          "   5  the job failed\n"
          "   6  cancelled\n"
          "   7  a file could not be read or written\n"

@@ -2,6 +2,8 @@
 #include "common_options.hpp"
 
 #include <fmt/format.h>
+#include <telefab/base/nearest_name.hpp>
+#include <telefab/base/text.hpp>
 
 #include "site_book.hpp"
 
@@ -21,10 +23,13 @@ Result<CommonOptions> looked_up(CommonOptions common) {
     return common;
   }
   const SiteEntry* site = book->find(name);
-  if (!site)
-    return fail(
-        ErrorCode::InvalidInput,
-        fmt::format("no site {} is known: use HOST:PORT, or `telefab sites add {} --address HOST:PORT`", name, name));
+  if (!site) {
+    std::vector<std::string> names;
+    for (const SiteEntry& each : book->sites) names.push_back(each.name);
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("no site {0} is known{1}: use HOST:PORT, or `telefab sites add {0} --address HOST:PORT`",
+                            name, names.empty() ? "" : "; " + names_instead(name, names, "`telefab sites`")));
+  }
   common.site = site->address;
   if (common.tls_folder.empty()) {
     common.tls_folder = site->tls_folder;
@@ -34,6 +39,12 @@ Result<CommonOptions> looked_up(CommonOptions common) {
   return common;
 }
 
+/// An address, or what may be a name of the site book.
+Result<void> site_from_text(const std::string& text) {
+  if (text.find(':') == std::string::npos) return {};
+  return net::endpoint_from_text(text).map([](const net::Endpoint&) {});
+}
+
 }  // namespace
 
 void declare_common(VerbOptions& options, CommonOptions& common) {
@@ -41,6 +52,8 @@ void declare_common(VerbOptions& options, CommonOptions& common) {
       .add("--site", common.site,
            "scan site (or fab site, to watch and approve there): HOST:PORT or a name of `telefab sites`; "
            "default: that of `telefab sites`, else 127.0.0.1:7410")
+      .names("SITE")
+      .read_by(site_from_text)
       .environment("TELEFAB_SITE");
   options
       .add("--tls", common.tls_folder,
@@ -60,7 +73,7 @@ void declare_common(VerbOptions& options, CommonOptions& common) {
 
 Result<void> check_job_id(const std::string& job) {
   if (is_job_id(job)) return {};
-  return fail(ErrorCode::InvalidInput, fmt::format("no job \"{}\": `telefab jobs` lists them", job));
+  return fail(ErrorCode::InvalidInput, fmt::format("no job {}: `telefab jobs` lists them", to_printable(job)));
 }
 
 Result<std::unique_ptr<SiteClient>> connect(const CommonOptions& given, std::stop_token stop) {

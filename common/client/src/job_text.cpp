@@ -2,6 +2,7 @@
 #include "job_text.hpp"
 
 #include <fmt/format.h>
+#include <telefab/base/text.hpp>
 
 namespace telefab::client {
 
@@ -58,14 +59,14 @@ std::string to_line(const Job& job) {
   std::string line = fmt::format("{:<18} {:<10} {:<12} {:>5.1f} %  {}", job.id, name_of(job.state), machine_text(job),
                                  100 * progress_of(job), job.name);
   if (!job.message.empty()) line += fmt::format("  ({})", job.message);
-  return line;
+  return to_printable(line);  // it comes from a site
 }
 
 std::string summary_of(const Job& job) {
   const JobCounters& c = job.counters;
   std::string text = fmt::format("job {} {}", job.id, name_of(job.state));
-  if (!job.message.empty()) text += fmt::format(": {}", job.message);
-  if (!job.instance.empty()) text += fmt::format("\n  machine         {}", machine_text(job));
+  if (!job.message.empty()) text += fmt::format(": {}", to_printable(job.message));
+  if (!job.instance.empty()) text += fmt::format("\n  machine         {}", to_printable(machine_text(job)));
   text += fmt::format("\n  layers printed  {} of {} ({} of the part)\n  bytes sent      {} for {} bytes of scan\n",
                       c.layers_printed, c.print_layers, c.layers, c.wire_bytes, c.scan_bytes);
   for (const StageSeconds& stage : job.stages)

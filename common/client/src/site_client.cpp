@@ -10,6 +10,14 @@ namespace {
 constexpr auto kSlice = std::chrono::milliseconds{20};
 constexpr std::size_t kQueueAheadBytes = 4U << 20U;
 
+/// What a site refuses is no file of this machine: a name it does not know was the caller's, and what it does not
+/// permit is a matter of certificates and roles.
+ErrorCode code_here(ErrorCode at_site) {
+  if (at_site == ErrorCode::NotFound) return ErrorCode::InvalidInput;
+  if (at_site == ErrorCode::NotPermitted) return ErrorCode::NotTrusted;
+  return at_site;
+}
+
 }  // namespace
 
 template <class Ready>
@@ -106,8 +114,7 @@ Result<std::optional<Message>> SiteClient::receive_within(Nanoseconds within) {
   auto message = from_frame(frame);
   if (!message) return tl::unexpected{message.error()};
   if (const auto* fault = std::get_if<Fault>(&*message)) {
-    const ErrorCode code = fault->error.code;
-    return fail(code == ErrorCode::NotFound ? ErrorCode::InvalidInput : code, fault->error.what);
+    return fail(code_here(fault->error.code), fault->error.what);
   }
   return std::optional{std::move(*message)};
 }

@@ -27,8 +27,8 @@ class SiteClient {
 
   /// Sends; waits while more than a few megabytes are queued.
   [[nodiscard]] Result<void> send(const Message& message);
-  /// The next message; the Error of a Fault, InvalidInput for one of NotFound: the name was the caller's, no file of
-  /// this machine; Unreachable when none comes within `within`; Cancelled when stopped.
+  /// The next message; the Error of a Fault, InvalidInput for one of NotFound and NotTrusted for one of NotPermitted:
+  /// no file of this machine is meant; Unreachable when none comes within `within`; Cancelled when stopped.
   [[nodiscard]] Result<Message> receive(Nanoseconds within);
   /// The same, but nothing received within the time is no failure.
   [[nodiscard]] Result<std::optional<Message>> receive_within(Nanoseconds within);

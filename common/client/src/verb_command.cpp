@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
 
+#include <telefab/base/clock.hpp>
+#include <telefab/base/text.hpp>
 #include <telefab/command_line/output.hpp>
 
 #include "common_options.hpp"
@@ -10,11 +12,55 @@
 namespace telefab::client {
 namespace {
 
+/// A print that is asked to pause ends its layer first, and a scan site has the news of its fab a moment later.
+constexpr auto kTakesEffectWithin = std::chrono::seconds{3};
+
+/// Whether a job is where the command was to bring it; true for commands that change no state.
+bool has_taken_effect(JobCommand command, JobState state) {
+  switch (command) {
+    case JobCommand::Pause:
+      return state == JobState::Paused || is_final(state);
+    case JobCommand::Resume:
+    case JobCommand::TreatAsExposed:
+    case JobCommand::ExposeAgain:
+      return state != JobState::Paused;
+    case JobCommand::Approve:
+      return state != JobState::AwaitingApproval;
+    case JobCommand::Cancel:
+      return is_final(state);
+    default:
+      return true;
+  }
+}
+
+/// The job once it is where the command was to bring it, or as it was last seen within the time.
+Result<Job> seen_after(SiteClient& client, Job job, JobCommand command) {
+  if (has_taken_effect(command, job.state)) return job;
+  if (auto sent = client.send(AskJobs{client.next_request(), job.id, 1, true}); !sent)
+    return tl::unexpected{sent.error()};
+  const SystemClock clock;
+  const Nanoseconds until = clock.now() + kTakesEffectWithin;
+  while (!has_taken_effect(command, job.state) && clock.now() < until) {
+    auto received = client.receive_within(until - clock.now());
+    if (!received) return tl::unexpected{received.error()};
+    if (!*received) break;
+    if (auto* jobs = std::get_if<Jobs>(&**received); jobs && jobs->jobs.size() == 1) job = std::move(jobs->jobs[0]);
+  }
+  return job;
+}
+
 /// One job's answer on a line.
 Result<void> ask_and_print(SiteClient& client, const CommonOptions& common, const Command& command) {
   auto jobs = client.ask<Jobs>(command);
   if (!jobs) return tl::unexpected{jobs.error()};
-  for (const Job& job : jobs->jobs) write_output(fmt::format("{}\n", common.json ? to_json(job) : to_line(job)));
+  for (const Job& answered : jobs->jobs) {
+    const auto job = seen_after(client, answered, command.command);
+    if (!job) return tl::unexpected{job.error()};
+    write_output(fmt::format("{}\n", common.json ? to_json(*job) : to_line(*job)));
+    if (!has_taken_effect(command.command, job->state))
+      write_note(fmt::format("asked to {}; it is {} until the layer under way has ended: `telefab watch {}` shows it\n",
+                             name_of(command.command), name_of(job->state), job->id));
+  }
   return {};
 }
 
@@ -52,7 +98,8 @@ VerbBody declare_command(VerbOptions& options, JobCommand command) {
     if (o->as == "treat-as-exposed") asked = JobCommand::TreatAsExposed;
     if (o->as == "expose-again") asked = JobCommand::ExposeAgain;
     if (is_of_machine && !is_job_id(o->job))
-      return fail(ErrorCode::InvalidInput, fmt::format("no machine \"{}\": `telefab machines` lists them", o->job));
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("no machine {}: `telefab machines` lists them", to_printable(o->job)));
     if (auto named = check_job_id(o->job); !named) return tl::unexpected{named.error()};
     auto client = connect(o->common, std::move(stop));
     if (!client) return tl::unexpected{client.error()};

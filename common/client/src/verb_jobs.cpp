@@ -15,6 +15,7 @@ struct JobOptions {
   CommonOptions common;
   std::string job;
   std::uint32_t most = 100;
+  bool names = false;
   bool plain = false;
   double patience_min = 10;
 };
@@ -32,12 +33,15 @@ VerbBody declare_jobs(VerbOptions& options) {
   auto o = std::make_shared<JobOptions>();
   declare_common(options, o->common);
   options.add("--most", o->most, "how many at most").within(1U, 1000U).shows_default();
+  options.flag("--names", o->names, "ids alone, one a line");
   return [o](std::stop_token stop) -> Result<ExitCode> {
     auto client = connect(o->common, std::move(stop));
     if (!client) return tl::unexpected{client.error()};
     auto jobs = (*client)->ask<Jobs>(AskJobs{(*client)->next_request(), {}, o->most, false});
     if (!jobs) return tl::unexpected{jobs.error()};
-    if (o->common.json) {
+    if (o->names) {
+      for (const Job& job : jobs->jobs) write_output(fmt::format("{}\n", job.id));
+    } else if (o->common.json) {
       std::string list;
       for (const Job& job : jobs->jobs) list += (list.empty() ? "" : ",\n ") + to_json(job);
       write_output(fmt::format("[{}]\n", list));

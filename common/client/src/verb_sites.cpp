@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/command_line/output.hpp>
+#include <telefab/net/endpoint.hpp>
 
 #include "common_options.hpp"
 #include "site_book.hpp"
@@ -18,9 +19,14 @@ struct SitesOptions {
   SiteEntry site;
   double timeout_s = 5;
   bool json = false;
+  bool names = false;
 };
 
-Result<ExitCode> list(const SiteBook& book, const std::filesystem::path& path, bool json) {
+Result<ExitCode> list(const SiteBook& book, const std::filesystem::path& path, bool json, bool names) {
+  if (names) {
+    for (const SiteEntry& site : book.sites) write_output(fmt::format("{}\n", site.name));
+    return ExitCode::Ok;
+  }
   if (json) {
     nlohmann::ordered_json sites = nlohmann::ordered_json::array();
     for (const SiteEntry& site : book.sites)
@@ -93,7 +99,7 @@ Result<ExitCode> run(const SitesOptions& o, std::stop_token stop) {
   const std::filesystem::path path = site_book_path();
   auto book = read_site_book(path);
   if (!book) return tl::unexpected{book.error()};
-  if (o.action == "list") return list(*book, path, o.json);
+  if (o.action == "list") return list(*book, path, o.json, o.names);
   if (!o.site.name.empty() || o.action != "check") {
     if (o.site.name.empty())
       return fail(ErrorCode::InvalidInput, fmt::format("telefab sites {} needs the NAME of a site", o.action));
@@ -103,7 +109,7 @@ Result<ExitCode> run(const SitesOptions& o, std::stop_token stop) {
   if (o.action == "check") return check(*book, o, std::move(stop));
   if (auto changed = change(*book, o); !changed) return tl::unexpected{changed.error()};
   if (auto written = write_site_book(path, *book); !written) return tl::unexpected{written.error()};
-  return list(*book, path, o.json);
+  return list(*book, path, o.json, false);
 }
 
 }  // namespace
@@ -114,7 +120,7 @@ VerbBody declare_sites(VerbOptions& options) {
       .one_of({"list", "add", "remove", "default", "check"})
       .shows_default();
   options.add("NAME", o->site.name, "your name for the site: a-z, 0-9 and -");
-  options.add("--address", o->site.address, "add: HOST:PORT");
+  options.add("--address", o->site.address, "add: HOST:PORT").read_by(net::endpoint_from_text);
   options.add("--tls", o->site.tls_folder,
               "add: folder with authority.crt, NAME.crt, NAME.key and revoked.crl; needed off loopback");
   options.add("--tls-name", o->site.tls_name, "add: NAME of the certificate in that folder").shows_default();
@@ -123,6 +129,7 @@ VerbBody declare_sites(VerbOptions& options) {
   options.add("--timeout-s", o->timeout_s, "check: longest wait for each site, seconds")
       .within(0.01, 3600.0)
       .shows_default();
+  options.flag("--names", o->names, "list: names alone, one a line");
   options.flag("--json", o->json, "print JSON, one value");
   return [o](std::stop_token stop) { return run(*o, std::move(stop)); };
 }

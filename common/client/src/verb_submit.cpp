@@ -5,6 +5,7 @@
 #include <telefab/base/text.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/command_line/slice_options.hpp>
+#include <telefab/job/readable_scans.hpp>
 
 #include "common_options.hpp"
 #include "job_text.hpp"
@@ -119,7 +120,7 @@ Result<ExitCode> run(const SubmitOptions& o, std::stop_token stop) {
 VerbBody declare_submit(VerbOptions& options) {
   auto o = std::make_shared<SubmitOptions>();
   declare_common(options, o->common);
-  options.add("SCAN", o->scan, "PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text; its points alone are used").required();
+  options.add("SCAN", o->scan, fmt::format("{}; its points alone are used", kReadableScans)).required();
   options
       .add("--machine", o->machine,
            "which of `telefab machines`: one machine, or a profile, for whichever machine of it is free first")

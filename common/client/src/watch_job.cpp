@@ -3,6 +3,7 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <telefab/base/text.hpp>
 #include <telefab/command_line/output.hpp>
 
 #include "full_screen.hpp"
@@ -33,7 +34,8 @@ class LineView {
     const std::string key = fmt::format("{}/{}/{}", static_cast<int>(job.state), job.message, tenth);
     if (key == last_) return;
     last_ = key;
-    write_note(fmt::format("{}{}{}\n", progress_text(job), job.message.empty() ? "" : ": ", job.message));
+    write_note(to_printable(fmt::format("{}{}{}", progress_text(job), job.message.empty() ? "" : ": ", job.message)) +
+               "\n");
   }
 
  private:

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <telefab/base/text.hpp>
 #include <telefab/job/machine_status.hpp>
 
 #include "job_text.hpp"
@@ -16,6 +17,7 @@ constexpr std::size_t kMostChanges = 200;
 constexpr int kNameColumns = 16;
 constexpr int kCountColumns = 26;
 constexpr int kWidestBar = 60;
+constexpr int kIndent = 2;
 
 std::uint32_t done_of(const Job& job) {
   const JobCounters& c = job.counters;
@@ -36,17 +38,42 @@ std::uint32_t all_of(const Job& job) {
                                                                           : job.counters.print_layers;
 }
 
-/// At most `columns` characters of UTF-8, control characters as '?'; a broken sequence counts byte by byte.
+/// At most `columns` characters of UTF-8; what would steer the terminal is shown as '?'.
 std::string fitted(const std::string& text, int columns) {
   std::string out;
   int used = 0;
-  for (const char c : text) {
-    const auto byte = static_cast<unsigned char>(c);
-    const bool continues = (byte & 0xC0U) == 0x80U;
+  for (const char c : to_printable(text)) {
+    const bool continues = (static_cast<unsigned char>(c) & 0xC0U) == 0x80U;
     if (!continues && used++ >= columns) break;
-    out += byte < 0x20 || byte == 0x7F ? '?' : c;
+    out += c;
   }
   return out;
+}
+
+/// A text on as many lines as it needs, broken at blanks; a word longer than a line is cut into pieces.
+std::vector<std::string> wrapped(std::string_view text, int columns) {
+  const auto width = static_cast<std::size_t>(std::max(columns, 1));
+  const auto characters = [](std::string_view part) {
+    return static_cast<std::size_t>(
+        std::ranges::count_if(part, [](char c) { return (static_cast<unsigned char>(c) & 0xC0U) != 0x80U; }));
+  };
+  std::vector<std::string> lines{""};
+  const auto put = [&](std::string_view word) {
+    const std::size_t used = characters(lines.back());
+    if (used > 0 && used + 1 + characters(word) > width) lines.emplace_back();
+    if (!lines.back().empty()) lines.back() += ' ';
+    for (const char c : word) {
+      const bool begins = (static_cast<unsigned char>(c) & 0xC0U) != 0x80U;
+      if (begins && characters(lines.back()) == width) lines.emplace_back();
+      lines.back() += c;
+    }
+  };
+  while (!text.empty()) {
+    const std::size_t end = std::min(text.find(' '), text.size());
+    if (end > 0) put(text.substr(0, end));
+    text.remove_prefix(std::min(end + 1, text.size()));
+  }
+  return lines;
 }
 
 std::string bar_line(std::string_view name, std::uint32_t done, std::uint32_t all, std::string_view after,
@@ -108,15 +135,18 @@ std::vector<std::string> watch_screen(const WatchHistory& history, int columns, 
     add("");
     const auto left = history.seconds_left();
     add(fmt::format("{}{}", progress_text(job), left ? fmt::format(", about {} left", duration_text(*left)) : ""));
-    if (!job.message.empty()) add(job.message);
+    if (!job.message.empty())
+      for (const std::string& line : wrapped(job.message, columns)) add(line);
     if (c.scan_bytes > 0)
       add(fmt::format("{} bytes crossed the wire for a scan of {} bytes", c.wire_bytes, c.scan_bytes));
     add("");
     // As many of the newest changes as there is room for, above the last line.
     const auto room = static_cast<std::size_t>(std::max(0, rows - static_cast<int>(lines.size()) - 2));
-    const auto& changes = history.changes();
+    std::vector<std::string> changes;
+    for (const std::string& change : history.changes())
+      for (const std::string& line : wrapped(change, columns - kIndent)) changes.push_back(line);
     for (std::size_t i = changes.size() - std::min(room, changes.size()); i < changes.size(); ++i)
-      add("  " + changes[i]);
+      add(std::string(kIndent, ' ') + changes[i]);
   } else {
     add("Telefab: waiting for the site");
   }

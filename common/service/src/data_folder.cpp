@@ -27,9 +27,9 @@ Result<DataFolder> DataFolder::open(const std::filesystem::path& path) {
   std::error_code error;
   for (const auto& folder : {path, path / "incoming", path / "jobs"}) {
     std::filesystem::create_directories(folder, error);
-    if (error)
-      return fail(error == std::errc::permission_denied ? ErrorCode::NotPermitted : ErrorCode::StorageFailed,
-                  fmt::format("cannot make the folder {}: {}", folder.string(), error.message()));
+    if (error == std::errc::not_a_directory || error == std::errc::file_exists)
+      return fail(ErrorCode::InvalidInput, fmt::format("{} is a file; name a folder", path.string()));
+    if (error) return fail_system("make the folder", folder, error.value());
   }
   const auto lock_path = path / "lock";
   OpenFile lock{::open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0640)};

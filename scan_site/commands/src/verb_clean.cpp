@@ -3,6 +3,7 @@
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/output.hpp>
+#include <telefab/job/readable_scans.hpp>
 #include <telefab/scan/cloud/clean.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
@@ -68,16 +69,16 @@ Result<ExitCode> clean(const Options& o, std::stop_token stop) {
 
 VerbBody declare_clean(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadable)).required();
-  options.add("--out", o->out, "the cleaned cloud, PLY").required();
+  options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadableScans)).required();
+  options.add_output("--out", o->out, "the cleaned cloud, PLY").required();
   options.add("--preset", o->preset, "careful: only what is surely wrong, nothing moves; strong: more, and smoothing")
       .shows_default();
   options.add(
       "--units", o->units,
       "unit of the file (mm, cm, m, in); the result is in mm. Unset: what the file states (E57, LAS: m), or lengths "
       "stay as they are");
-  options.add("--report", o->report, "what was removed and moved, JSON");
-  options.add("--picture", o->picture, "PNG: kept grey, outliers red, small clusters orange, duplicates blue");
+  options.add_output("--report", o->report, "what was removed and moved, JSON");
+  options.add_output("--picture", o->picture, "PNG: kept grey, outliers red, small clusters orange, duplicates blue");
   return [o](std::stop_token stop) { return clean(*o, stop); };
 }
 

@@ -8,6 +8,7 @@
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/command_line/slice_options.hpp>
+#include <telefab/job/readable_scans.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/inspect/inspect_scan.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
@@ -130,10 +131,11 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 VerbBody declare_inspect(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadable)).required();
+  options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadableScans)).required();
   declare_machine_choice(options, o->machine, "place it as it would be sliced for this machine", MachineIs::Optional);
   declare_slice_parameters(options, o->asked, kPlacing);
-  options.add("--out-prefix", o->out_prefix, "write a picture PREFIX.png and PREFIX.ply, PREFIX.vtp for a viewer");
+  options.add_output("--out-prefix", o->out_prefix,
+                     "write a picture PREFIX.png and PREFIX.ply, PREFIX.vtp for a viewer", {".png", ".ply", ".vtp"});
   options.flag("--json", o->json, "print everything as JSON");
   return [o](std::stop_token stop) { return run(*o, stop); };
 }

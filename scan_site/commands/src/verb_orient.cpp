@@ -12,6 +12,7 @@
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/command_line/slice_options.hpp>
+#include <telefab/job/readable_scans.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/inspect/standing_picture.hpp>
 #include <telefab/scan/placing/standing.hpp>
@@ -314,7 +315,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 VerbBody declare_orient(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadable)).required();
+  options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadableScans)).required();
   declare_machine_choice(options, o->machine, "machine profile whose supports and platform count", MachineIs::Required);
   options
       .add("--by", o->by,
@@ -333,7 +334,7 @@ VerbBody declare_orient(VerbOptions& options) {
   options.add("--planner", o->planner,
               "the program that judges the shortlist by planning its supports, or none: an estimate judges; default: "
               "telefab-fab beside this program or in PATH");
-  options.add("--picture", o->picture, "write the object as it would stand each way here (PNG)");
+  options.add_output("--picture", o->picture, "write the object as it would stand each way here (PNG)");
   declare_slice_parameters(options, o->asked, kSizing);
   options.add("--threads", o->threads, "worker threads; 0: one a core").shows_default();
   options.flag("--json", o->json, "print everything as JSON");

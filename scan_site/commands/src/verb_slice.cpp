@@ -13,6 +13,7 @@
 #include <telefab/command_line/output.hpp>
 #include <telefab/command_line/slice_options.hpp>
 #include <telefab/geometry/contour_lines.hpp>
+#include <telefab/job/readable_scans.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
@@ -45,7 +46,7 @@ Result<std::array<std::uint32_t, 2>> range_from(const std::string& text) {
   for (std::size_t i = 0; i < 2; ++i) {
     const auto [after, error] = std::from_chars(at, end, range[i]);
     if (error != std::errc{} || (i == 0 ? after == end || *after != ':' : after != end))
-      return fail(ErrorCode::InvalidInput, fmt::format("--layers {}: must be FIRST:LAST, e.g. 0:99", text));
+      return fail(ErrorCode::InvalidInput, fmt::format("{} must be FIRST:LAST, e.g. 0:99", text));
     at = after + 1;
   }
   return range;
@@ -268,17 +269,17 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
 
 VerbBody declare_slice(VerbOptions& options) {
   auto o = std::make_shared<Options>();
-  options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadable)).required();
+  options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadableScans)).required();
   declare_machine_choice(options, o->machine, "machine profile to slice for", MachineIs::Required);
-  options.add("--out", o->out, "write the stack here (.tfc)");
-  options.add("--preview", o->preview, "write a picture here (PNG)");
-  options.add("--contours", o->contours, "write contours here, one JSON line a layer");
-  options.add("--points", o->points,
-              "write the contours' vertices and chord middles here, in the frame of the scan (PLY, to measure)");
-  options.add("--report", o->report, "write the report here (JSON)");
+  options.add_output("--out", o->out, "write the stack here (.tfc)");
+  options.add_output("--preview", o->preview, "write a picture here (PNG)");
+  options.add_output("--contours", o->contours, "write contours here, one JSON line a layer");
+  options.add_output("--points", o->points,
+                     "write the contours' vertices and chord middles here, in the frame of the scan (PLY, to measure)");
+  options.add_output("--report", o->report, "write the report here (JSON)");
   declare_slice_parameters(options, o->asked);
   options.add("--threads", o->threads, "worker threads; 0: one a core").shows_default();
-  options.add("--layers", o->layers, "cut these layers only, FIRST:LAST, counted from 0");
+  options.add("--layers", o->layers, "cut these layers only, FIRST:LAST, counted from 0").read_by(range_from);
   options.flag("--require-certified", o->require_certified, "exit with code 8 if a layer is flagged");
   options.flag("--json", o->json, "print the report as JSON");
   return [o](std::stop_token stop) { return run(*o, stop); };

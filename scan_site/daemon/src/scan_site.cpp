@@ -4,9 +4,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <fstream>
+#include <span>
 #include <telefab/base/file.hpp>
 #include <telefab/base/version.hpp>
+#include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
 #include <telefab/service/profile_choice.hpp>
 #include <telefab/service/saved_message.hpp>
@@ -19,6 +22,15 @@ namespace {
 /// Written into a job's folder when it was cancelled here and the fab has not heard of it yet.
 constexpr const char* kCancelMark = "tell-cancelled";
 constexpr const char* kOwnProfiles = "this scan site; the fab was not reached yet";
+
+/// Refuses what is surely no scan before there is a job of it.
+Result<void> check_scan(const std::filesystem::path& upload, const std::string& name) {
+  std::array<char, 4096> beginning{};
+  std::ifstream file{upload, std::ios::binary};
+  file.read(beginning.data(), beginning.size());
+  if (file.bad()) return fail(ErrorCode::StorageFailed, fmt::format("cannot read {} again", name));
+  return check_may_be_scan(std::as_bytes(std::span{beginning}.first(static_cast<std::size_t>(file.gcount()))), name);
+}
 
 }  // namespace
 
@@ -103,8 +115,15 @@ void ScanSite::machines(std::function<void(Machines)> done) {
 Result<void> ScanSite::may_submit(const Submit& submit) {
   const auto machine = profile_of_job(known_profiles(), submit.machine, submit.parameters);
   if (!machine) return tl::unexpected{machine.error()};
-  if (auto parameters = job_parameters_from(submit.parameters, *machine); !parameters)
-    return tl::unexpected{parameters.error()};
+  const auto parameters = job_parameters_from(submit.parameters, *machine);
+  if (!parameters) return tl::unexpected{parameters.error()};
+  // What is known before the scan was read; its other sides come when it is cut.
+  if (const auto& height_mm = parameters->slice.placement.height_mm;
+      height_mm && *height_mm > machine->platform.z_travel_mm)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("{} would be {:g} mm high, and {} travels {:g} mm; give --height-mm {:g} or less, or --fit",
+                            submit.name, *height_mm, machine->name, machine->platform.z_travel_mm,
+                            machine->platform.z_travel_mm));
   // The scan itself, and at most as much again for its layers.
   if (const auto room = site().room().check(2 * submit.size_bytes); !room)
     return fail(room.error().code, fmt::format("the scan site has no room for {}{}: {}", submit.name,
@@ -114,6 +133,7 @@ Result<void> ScanSite::may_submit(const Submit& submit) {
 }
 
 Result<Job> ScanSite::submit(const Submit& submit, const std::filesystem::path& upload, std::string_view owner) {
+  if (auto may_be = check_scan(upload, submit.name); !may_be) return tl::unexpected{may_be.error()};
   auto job = store().create({{}, submit.name, submit.machine, submit.parameters, std::string{owner}});
   if (!job) return job;
   note(owner, fmt::format("submit {} {} for {} {} sha256 {}", job->id, submit.name, submit.machine, submit.parameters,
@@ -295,6 +315,8 @@ void ScanSite::keep_reports(const std::string& job) {
 
 void ScanSite::command(const Command& command, std::function<void(Result<Job>)> done) {
   if (command.command == JobCommand::Forget) return done(forget(command.job));
+  if (command.command == JobCommand::Cleared)
+    return done(fail(ErrorCode::Conflict, "platforms stand at the fab: telefab cleared MACHINE --site FAB"));
   const auto job = store().find(command.job);
   if (!job) return done(job);
   if (is_final(job->state))

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/job/readable_scans.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
 
 #include <fmt/format.h>
@@ -148,6 +149,14 @@ PointCloud without_duplicates(PointCloud cloud) {
   return cloud;
 }
 
+Result<void> check_may_be_scan(std::span<const std::byte> beginning, std::string_view file_name) {
+  const auto foreign = foreign_file(beginning);
+  if (!foreign) return {};
+  return fail_in(to_printable(file_name.substr(0, 200)),
+                 Error{ErrorCode::InvalidInput,
+                       fmt::format("is {}, and no scan ({}); {}", foreign->name, kReadableScans, foreign->instead)});
+}
+
 Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_view file_name,
                                 const ReadOptions& options, std::stop_token stop) {
   const auto within = [&](const Error& cause) {
@@ -157,9 +166,7 @@ Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_vi
   if (bytes.empty()) return within(Error{ErrorCode::InvalidInput, "the file is empty"});
   constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
   if (as_text(bytes).starts_with(kByteOrderMark)) bytes = bytes.subspan(kByteOrderMark.size());
-  if (const auto foreign = foreign_file(bytes))
-    return within(Error{ErrorCode::InvalidInput,
-                        fmt::format("is {}, and no scan ({}); {}", foreign->name, kReadable, foreign->instead)});
+  if (auto may_be = check_may_be_scan(bytes, file_name); !may_be) return tl::unexpected{may_be.error()};
   const FormatRow& row = row_of(format_of(bytes, file_name));
   auto file = row.read(bytes, options, stop);
   if (!file) return within(file.error());

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 #include <array>
 #include <cmath>
+#include <telefab/job/readable_scans.hpp>
 
 #include "readers.hpp"
 #include "scan_builder.hpp"
@@ -260,7 +261,7 @@ class TextReader {
 Result<ScanFile> read_text(std::span<const std::byte> bytes, const ReadOptions& options, const std::stop_token& stop) {
   const std::string_view text = as_text(bytes);
   if (text.substr(0, 4096).find('\0') != std::string_view::npos)
-    return fail(ErrorCode::InvalidInput, fmt::format("the format is not known: no {}", kReadable));
+    return fail(ErrorCode::InvalidInput, fmt::format("the format is not known: no {}", kReadableScans));
   return TextReader{options, stop}.read(text);
 }
 

@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <telefab/base/text.hpp>
+
 namespace telefab::client {
 namespace {
 
@@ -54,14 +56,31 @@ TEST(WatchScreen, FitsEverySizeOfATerminal) {
     }
 }
 
+TEST(WatchScreen, ShowsTheWholeReasonOnAsManyLinesAsItNeeds) {
+  Job job = printing(1);
+  job.state = JobState::Failed;
+  job.message =
+      "statue.ply: the part is 90 x 90 x 750 mm, larger than machine-a: 260 x 160 mm platform, 200 mm travel; give "
+      "--height-mm 160 or less, or --fit";
+  WatchHistory history;
+  history.saw(job, seconds{0}, "12:00:00");
+  for (const int columns : {30, 43, 80}) {
+    std::string all;
+    for (const std::string& line : watch_screen(history, columns, 60)) {
+      EXPECT_LE(characters(line), static_cast<std::size_t>(columns));
+      all += line + ' ';
+    }
+    EXPECT_THAT(all, HasSubstr(job.message)) << columns;
+  }
+}
+
 TEST(WatchScreen, LetsNoNameMoveTheCursor) {
   Job job = printing(1);
-  job.name = "a\x1b[2Jb\r\n\x07.ply";
+  job.name = "a\x1b[2Jb\r\n\x07\u202E\u009B.ply";
   job.message = "\x1b]0;title\x07";
   WatchHistory history;
   history.saw(job, seconds{0}, "12:00:00");
-  for (const std::string& line : watch_screen(history, 100, 24))
-    for (const char c : line) EXPECT_GE(static_cast<unsigned char>(c), 0x20U);
+  for (const std::string& line : watch_screen(history, 100, 24)) EXPECT_TRUE(is_printable(line)) << line;
 }
 
 TEST(WatchScreen, CutsBetweenCharactersNotInThem) {

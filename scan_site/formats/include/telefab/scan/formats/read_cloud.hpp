@@ -18,9 +18,6 @@ enum class ScanFormat { Ply, Pcd, Text, Off, Stl, Obj, Ptx, E57, Las };
 /// "PLY", "PCD", ...: for messages and reports.
 [[nodiscard]] std::string_view name_of(ScanFormat format);
 
-/// What can be read, in one line for help and errors.
-inline constexpr std::string_view kReadable = "PLY, PCD, PTX, E57, LAS, OFF, STL, OBJ or text";
-
 struct ReadOptions {
   std::size_t max_points = 400'000'000;  ///< >= 1; a file that claims more is refused (TooLarge)
   bool keep_faces = false;  ///< for the virtual digitizer, for points on faces and for judges: no mesh is ever sliced
@@ -58,6 +55,10 @@ struct ScanFile {
 /// beyond 1e12; says line or point), TooLarge (more than max_points), Cancelled.
 [[nodiscard]] Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_view file_name,
                                               const ReadOptions& options, std::stop_token stop);
+
+/// Refuses what is surely no scan, by the first kilobytes of a file: a picture, an archive, a CAD model. What passes may
+/// still be damaged. Fails with InvalidInput: what it is, and what to do instead.
+[[nodiscard]] Result<void> check_may_be_scan(std::span<const std::byte> beginning, std::string_view file_name);
 
 /// read_scan_file made ready for work: duplicate positions become one point (first place, mean normal), and points
 /// whose normal is missing are left out when they are under 1 %; else all normals are dropped, to be estimated.
