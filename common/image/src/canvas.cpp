@@ -1,16 +1,24 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <string>
 #include <telefab/image/canvas.hpp>
+#include <vector>
+
+#include "font.hpp"
 
 namespace telefab {
 namespace {
 
 constexpr int kShift = 6;  // OpenCV draws at 1/64 pixel
 constexpr std::uint32_t kMaxSide = 16384;
+constexpr double kEmUnits = 1000;  ///< outlines are in thousandths
+constexpr double kAscent = 1.2;    ///< of the em, with room for marks on capitals
+constexpr double kDescent = 0.3;
+constexpr int kOversample = 6;
 
 cv::Scalar scalar(Colour c) {
   return {static_cast<double>(c.red), static_cast<double>(c.green), static_cast<double>(c.blue)};
@@ -23,6 +31,12 @@ cv::Point fixed(PixelPoint p) {
     return static_cast<int>(std::lround(std::clamp(v - 0.5, -30000.0, 30000.0) * (1 << kShift)));
   };
   return {number(p.x_px), number(p.y_px)};
+}
+
+double width_of(const std::vector<const Glyph*>& glyphs, double em_px) {
+  double advance = 0;
+  for (const Glyph* glyph : glyphs) advance += glyph->advance;
+  return em_px * advance / kEmUnits;
 }
 
 }  // namespace
@@ -70,14 +84,49 @@ void Canvas::outline(std::span<const PixelPoint> ring, Colour colour, int width_
 }
 
 void Canvas::text(PixelPoint at, std::string_view text, Colour colour, double height_px) {
-  std::string plain{text};
-  for (char& c : plain)
-    if (c < 0x20 || c > 0x7e) c = '?';
-  constexpr double cap_height_px = 22;  // of Hershey Simplex at scale 1
-  const cv::Point origin{static_cast<int>(std::lround(std::clamp(at.x_px, -30000.0, 30000.0))),
-                         static_cast<int>(std::lround(std::clamp(at.y_px, -30000.0, 30000.0)))};
-  cv::putText(impl_->picture, plain, origin, cv::FONT_HERSHEY_SIMPLEX, height_px / cap_height_px, scalar(colour),
-              height_px > 30 ? 2 : 1, cv::LINE_AA);
+  const auto glyphs = glyphs_of(text);
+  const double em_px = height_px / kCapHeight * kEmUnits;
+  const double width_px = std::min(width_of(glyphs, em_px), static_cast<double>(kMaxSide));
+  const int left = static_cast<int>(std::floor(std::clamp(at.x_px, -30000.0, 30000.0))) - 1;
+  const int base = static_cast<int>(std::floor(std::clamp(at.y_px, -30000.0, 30000.0)));
+  const int above = static_cast<int>(std::ceil(em_px * kAscent)), below = static_cast<int>(std::ceil(em_px * kDescent));
+  const cv::Rect wanted{left, base - above, static_cast<int>(std::ceil(width_px)) + 3, above + below};
+  const cv::Rect seen = wanted & cv::Rect{0, 0, impl_->picture.cols, impl_->picture.rows};
+  if (seen.empty()) return;
+
+  const int times = std::clamp(30000 / wanted.width, 1, kOversample);  // within what fixed() takes
+  // Drawn large and shrunk by area: every pixel gets the share that the letter covers.
+  cv::Mat large = cv::Mat::zeros(wanted.height * times, wanted.width * times, CV_8UC1);
+  double pen_px = at.x_px - left;
+  const double base_px = at.y_px - (base - above);
+  for (const Glyph* glyph : glyphs) {
+    std::vector<std::vector<cv::Point>> rings;
+    for (const auto& ring : glyph->rings) {
+      auto& points = rings.emplace_back();
+      for (const OutlinePoint p : ring)
+        points.push_back(
+            fixed({(pen_px + em_px * p.x / kEmUnits) * times, (base_px - em_px * p.y / kEmUnits) * times}));
+    }
+    if (!rings.empty()) cv::fillPoly(large, rings, cv::Scalar{255}, cv::LINE_8, kShift);
+    pen_px += em_px * glyph->advance / kEmUnits;
+    if (pen_px > width_px + 2) break;
+  }
+  cv::Mat share;
+  cv::resize(large, share, wanted.size(), 0, 0, cv::INTER_AREA);
+  const std::array<int, 3> ink{colour.red, colour.green, colour.blue};
+  for (int y = seen.y; y < seen.br().y; ++y)
+    for (int x = seen.x; x < seen.br().x; ++x) {
+      const int covered = share.at<std::uint8_t>(y - wanted.y, x - wanted.x);
+      if (covered == 0) continue;
+      auto& pixel = impl_->picture.at<cv::Vec3b>(y, x);
+      for (int c = 0; c < 3; ++c)
+        pixel[c] = static_cast<std::uint8_t>(
+            (pixel[c] * (255 - covered) + ink[static_cast<std::size_t>(c)] * covered + 127) / 255);
+    }
+}
+
+double text_width_px(std::string_view text, double height_px) {
+  return width_of(glyphs_of(text), height_px / kCapHeight * kEmUnits);
 }
 
 namespace {

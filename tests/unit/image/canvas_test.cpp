@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <telefab/image/canvas.hpp>
@@ -32,6 +33,47 @@ TEST(Canvas, TakesAnythingOutsideOrNotFinite) {
   canvas.text({huge, -huge}, "out\xff", {1, 1, 1}, 12);
   canvas.paste({2, 2, 1, {1, 2, 3, 4}}, {-1, -1}, 4, 4);
   EXPECT_EQ(canvas.image().pixels.size(), 300U);
+}
+
+/// How dark a text makes a white canvas, summed over its pixels.
+double ink_of(std::string_view text) {
+  Canvas canvas{120, 40, {255, 255, 255}};
+  canvas.text({5, 28}, text, {}, 14);
+  double ink = 0;
+  for (const std::uint8_t value : canvas.image().pixels) ink += 255 - value;
+  return ink / 255 / 3;
+}
+
+TEST(CanvasText, ShowsLettersOfLatinGreekAndCyrillicAsTheyAre) {
+  const double replacement = ink_of("\uFFFD");
+  for (const char* letter : {"Ä", "ö", "ß", "é", "ç", "Ł", "ő", "ñ", "α", "Ω", "Ж", "я", "µ", "°", "€", "–", "²"}) {
+    EXPECT_GT(ink_of(letter), 2) << letter;
+    EXPECT_NE(ink_of(letter), replacement) << letter;
+    EXPECT_NE(ink_of(letter), ink_of("?")) << letter;
+  }
+  EXPECT_GT(ink_of("Ö"), ink_of("O")) << "the dots are there";
+}
+
+TEST(CanvasText, ShowsThatACharacterIsMissingWhereTheFontHasNone) {
+  EXPECT_EQ(ink_of("\u5B57"), ink_of("\uFFFD"));
+  EXPECT_GT(ink_of("\u5B57"), 2);
+}
+
+TEST(CanvasText, ShowsControlsAndBrokenBytesAsQuestionMarks) {
+  EXPECT_EQ(ink_of("a\x1B[31mb"), ink_of("a?[31mb"));
+  EXPECT_EQ(ink_of("\u202Eabc"), ink_of("?abc"));
+  EXPECT_EQ(ink_of("\xFF"), ink_of("?"));
+}
+
+TEST(CanvasText, IsAsWideAsItSays) {
+  Canvas canvas{200, 40, {255, 255, 255}};
+  canvas.text({10, 28}, "Größe 12 mm", {}, 12);
+  const Image image = canvas.image();
+  std::uint32_t last = 0;
+  for (std::uint32_t y = 0; y < 40; ++y)
+    for (std::uint32_t x = 0; x < 200; ++x)
+      if (red_at(image, x, y) < 128) last = std::max(last, x);
+  EXPECT_NEAR(last, 10 + text_width_px("Größe 12 mm", 12), 3);
 }
 
 TEST(ShrunkTo, KeepsShapeAndMeanAndEnlargesNothing) {

@@ -34,7 +34,8 @@ class Canvas {
   /// Fills what an odd number of rings surrounds: outer rings with their holes in one call.
   void fill(std::span<const std::vector<PixelPoint>> rings, Colour colour);
   void outline(std::span<const PixelPoint> ring, Colour colour, int width_px);
-  /// `at` is the left end of the base line; ASCII only, other bytes show as '?'.
+  /// `at` is the left end of the base line, `height_px` that of capitals. UTF-8: Latin, Greek and Cyrillic letters show
+  /// as they are, characters of other scripts as a replacement, control characters as '?'.
   void text(PixelPoint at, std::string_view text, Colour colour, double height_px);
   /// Copies an image, grey or RGB, shrunk by area or enlarged to the given size, to the rectangle whose upper left
   /// corner is `at`.
@@ -47,6 +48,9 @@ class Canvas {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+/// How far a text of that height reaches to the right on a canvas.
+[[nodiscard]] double text_width_px(std::string_view text, double height_px);
 
 /// The image shrunk by area so that its longer side has `most_px` (at least 1); itself where it is no larger.
 [[nodiscard]] Image shrunk_to(Image image, std::uint32_t most_px);
