@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <string>
@@ -64,6 +65,19 @@ void Canvas::disc(PixelPoint centre, double radius_px, Colour colour) {
 }
 
 void Canvas::circle(PixelPoint centre, double radius_px, Colour colour, int width_px) {
+  // A thick line is drawn piece by piece, and the pieces' ends would show as beads: a ring between two circles is not.
+  if (width_px > 1 && radius_px > width_px && radius_px < 20000 && std::isfinite(centre.x_px) &&
+      std::isfinite(centre.y_px)) {
+    const int corners = std::clamp(static_cast<int>(radius_px), 24, 720);
+    std::array<std::vector<PixelPoint>, 2> rings;
+    for (std::size_t r = 0; r < 2; ++r)
+      for (int i = 0; i < corners; ++i) {
+        const double angle = 2 * std::numbers::pi * i / corners,
+                     radius = radius_px + (r == 0 ? 0.5 : -0.5) * (width_px - 1);
+        rings[r].push_back({centre.x_px + radius * std::cos(angle), centre.y_px + radius * std::sin(angle)});
+      }
+    return fill(rings, colour);
+  }
   cv::circle(impl_->picture, fixed(centre),
              static_cast<int>(std::lround(std::clamp(radius_px, 0.0, 20000.0) * (1 << kShift))), scalar(colour),
              std::clamp(width_px, 1, 1000), cv::LINE_AA, kShift);

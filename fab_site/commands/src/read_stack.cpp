@@ -30,6 +30,12 @@ Result<LayerStack> read_stack(const std::string& path) {
   return std::move(file->stack);
 }
 
+std::array<double, 3> part_size_mm(const LayerStack& stack) {
+  const Bounds2 box = bounds_of(stack.layers());
+  return {box.max.x_mm - box.min.x_mm, box.max.y_mm - box.min.y_mm,
+          stack.header().layer_count * stack.header().layer_thickness_mm};
+}
+
 ProgressSink progress_line() {
   if (!on_terminal()) return {};
   return [shown = std::make_shared<int>(-1)](const Progress& p) {

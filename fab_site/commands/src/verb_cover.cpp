@@ -49,7 +49,15 @@ VerbBody declare_cover(VerbOptions& options) {
       if (auto ok = write_file_atomically(*o->out, text + "\n ]\n}\n"); !ok) return tl::unexpected{ok.error()};
     }
     if (o->preview) {
-      const auto png = encode_png(draw_covering(*region, covering->anchors, covering_options.anchor_distance));
+      const auto png = encode_png(
+          draw_covering(*region, covering->anchors, covering_options.anchor_distance,
+                        {std::filesystem::path{o->regions}.filename().string(),
+                         {},
+                         {},
+                         fmt::format("{} anchors for {:.3f} mm²", covering->anchors.size(), region->area_mm2()),
+                         {},
+                         0,
+                         {}}));
       if (!png) return tl::unexpected{png.error()};
       if (auto ok = write_file_atomically(*o->preview, *png); !ok) return tl::unexpected{ok.error()};
     }

@@ -145,6 +145,11 @@ Result<ExitCode> predict(const PredictVerb& o, std::stop_token stop) {
   options.supports = o.supports;
   options.threads = o.threads;
   if (o.layer) options.picture = LayerIndex{*o.layer};
+  options.caption.part = *stack ? (*stack)->header().scan_name : fs::path{o.folder}.filename().string();
+  options.caption.machine = machine->name;
+  if (*stack) options.caption.size_mm = part_size_mm(**stack);
+  options.caption.detail = fmt::format("prediction by the dose model, {} layers of {:g} mm, {:.0f} µm a pixel",
+                                       plan.layers.size(), model->layer_mm, 1000 * model->pixel_pitch_mm);
   auto prediction = predict_print(*model, print, options, progress_line(), stop);
   clear_progress();
   if (!prediction) return tl::unexpected{prediction.error()};

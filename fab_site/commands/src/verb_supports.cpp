@@ -111,23 +111,31 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     const std::string text = to_json(*plan);
     if (auto ok = write_file_atomically(o.out, text); !ok) return tl::unexpected{ok.error()};
   }
+  PictureCaption caption{stack->header().scan_name, machine->name, part_size_mm(*stack), {}, {}, 0, {}};
+  caption.detail =
+      fmt::format("{} anchors, {} pins on the part, supports {:.1f} mm³, lifted by {:.2f} mm", plan->anchors().size(),
+                  f.feet_on_part, f.support_mm3, plan->elevation_layers() * thickness_mm);
   if (!o.preview.empty()) {
     const std::uint32_t layer = layer_to_show(o, *plan);
     const auto regions = regions_of_layer(stack->layers(), LayerIndex{layer}, *machine);
     if (!regions) return tl::unexpected{regions.error()};
     const Millimetres reach{machine->supports.anchor_distance_mm};
+    PictureCaption about = caption;
+    about.detail = fmt::format("layer {} of the part, z = {:.3f} mm, from above", layer,
+                               cut_height_mm(LayerIndex{layer}, thickness_mm));
     const auto near = anchors_at(*plan, LayerIndex{layer}, thickness_mm, reach);
     print_unless_json(fmt::format(
         "layer {} at {:.3f} mm: attached {:.2f}, self-supported {:.2f}, to support {:.2f} mm2, {} anchors\n", layer,
         cut_height_mm(LayerIndex{layer}, thickness_mm), regions->attached.area_mm2(),
         subtract(regions->self_supported, regions->attached).area_mm2(), regions->to_support.area_mm2(), near.size()));
-    if (auto ok = write_png(o.preview, draw_layer(*regions, near)); !ok) return tl::unexpected{ok.error()};
+    if (auto ok = write_png(o.preview, draw_layer(*regions, near, about)); !ok) return tl::unexpected{ok.error()};
   }
   if (!o.structure.empty())
-    if (auto ok = write_png(o.structure, draw_structure(stack->layers(), *plan, thickness_mm)); !ok)
+    if (auto ok = write_png(o.structure, draw_structure(stack->layers(), *plan, thickness_mm, caption)); !ok)
       return tl::unexpected{ok.error()};
   if (!o.stress.empty())
-    if (auto ok = write_png(o.stress, draw_stress(stack->layers(), *plan, thickness_mm, machine->carried_demand()));
+    if (auto ok =
+            write_png(o.stress, draw_stress(stack->layers(), *plan, thickness_mm, machine->carried_demand(), caption));
         !ok)
       return tl::unexpected{ok.error()};
   if (!o.model.empty()) {
@@ -154,10 +162,10 @@ VerbBody declare_supports(VerbOptions& options) {
   options.add_output("--preview", o->preview,
                      "PNG of one layer: attached, self-supported, to support, anchors and the circles they reach");
   options.add_output("--structure", o->structure, "PNG of the part with its supports in 3-D");
-  options.add("--stress", o->stress,
-              "PNG of the same, pins in colours by what the film's pull asks of their tips at the worst moment");
-  options.add("--model", o->model,
-              "the part with its supports in colours, for a viewer: 3MF if the name ends so, else PLY");
+  options.add_output("--stress", o->stress,
+                     "PNG of the same, pins in colours by what the film's pull asks of their tips at the worst moment");
+  options.add_output("--model", o->model,
+                     "the part with its supports in colours, for a viewer: 3MF if the name ends so, else PLY");
   options.add_output("--out", o->out, "anchors and primitives as JSON, as supports.json of a plan");
   options.flag("--json", o->json, "print the figures as JSON");
   options.add("--threads", o->threads, "0: all cores; the supports are the same for any number")

@@ -3,6 +3,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <telefab/fab/cure/prediction.hpp>
 
@@ -18,6 +19,7 @@ struct LayerOutcome {
   RingIndex part{{}, 1};
   RingIndex supports{{}, 1};
   std::vector<SurfacePoint> points;
+  std::vector<SurfacePoint> support_points;  ///< for the picture
   EdgeFigures edges;
   std::vector<EdgeSample> samples;
 };
@@ -116,6 +118,7 @@ Result<Prediction> predict_print(const CureModel& model, const PrintToPredict& p
       return owner.is_support({p.x_mm / model.pixel_pitch_mm, p.y_mm / model.pixel_pitch_mm}, outcome.part,
                               outcome.supports);
     };
+    std::ranges::copy_if(outcome.points, std::back_inserter(outcome.support_points), of_support);
     prediction.support_points += static_cast<std::size_t>(
         options.supports ? std::count_if(outcome.points.begin(), outcome.points.end(), of_support)
                          : static_cast<std::ptrdiff_t>(std::erase_if(outcome.points, of_support)));
@@ -142,9 +145,12 @@ Result<Prediction> predict_print(const CureModel& model, const PrintToPredict& p
     prediction.points.insert(prediction.points.end(), outcome.points.begin(), outcome.points.end());
     std::vector<SurfacePoint>{}.swap(outcome.points);
   }
+  std::vector<SurfacePoint> supports;
+  for (LayerOutcome& outcome : outcomes)
+    supports.insert(supports.end(), outcome.support_points.begin(), outcome.support_points.end());
   if (print.layers > 0)
-    prediction.picture =
-        draw_prediction(prediction.points, outcomes[prediction.pictured.count()].samples, prediction.pictured, model);
+    prediction.picture = draw_prediction(prediction.points, supports, outcomes[prediction.pictured.count()].samples,
+                                         prediction.pictured, model, options.caption);
   return prediction;
 }
 

@@ -45,7 +45,7 @@ Result<void> encode(LayerWork& work, std::chrono::microseconds exposure, const F
   work.digest = digest_of(std::as_bytes(std::span{mask.rows}));
   work.grey_sum = sums_of(mask.rows).grey;
   work.at_features = features.light_of(work.index, {mask.view(), exposure});
-  if (sheet.shows(work.index)) work.tile = sheet.tile_of(mask);
+  if (sheet.shows(work.index)) work.tile = sheet.tile_of(mask, work.index);
   return {};
 }
 

@@ -170,7 +170,7 @@ class MaskRounds {
     summary_.carry = std::move(*carry);
     summary_.carry_seconds = std::chrono::duration<double>(clock.now() - made).count();
     summary_.thin = features_.finish();
-    summary_.preview = sheet_.draw();
+    summary_.preview = sheet_.draw(caption());
     if (auto ok = summary_.plan.validate(); !ok) return ok;
     summary_.print_s = std::chrono::duration<double>(print_time(summary_.plan, {}, stage_pace(shown_), {})).count();
     return {};
@@ -251,6 +251,21 @@ class MaskRounds {
     return {};
   }
 
+  [[nodiscard]] PictureCaption caption() const {
+    const Bounds2 box = bounds_of(stack_.layers());
+    const double thickness_mm = stack_.header().layer_thickness_mm;
+    PictureCaption caption{
+        stack_.header().scan_name,
+        shown_.name,
+        {box.max.x_mm - box.min.x_mm, box.max.y_mm - box.min.y_mm, thickness_mm * summary_.part_layers},
+        {},
+        {},
+        0,
+        {}};
+    caption.detail = fmt::format("masks of {} layers of {:g} mm, {} of them below the part; z of the upper face of each",
+                                 print_layers_, thickness_mm, summary_.elevation_layers);
+    return caption;
+  }
   const LayerStack& stack_;
   const MachineProfile& machine_;
   LayerTimes times_;

@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <telefab/fab/support/pictures.hpp>
-#include <telefab/image/canvas.hpp>
+#include <telefab/image/palette.hpp>
 
 namespace telefab::fab {
 namespace {
 
-constexpr Colour kPaper{255, 255, 255}, kAttached{196, 200, 206}, kSelf{150, 205, 150}, kToSupport{228, 110, 96},
-    kAnchor{30, 40, 60}, kCircle{70, 110, 190}, kPaleCircle{150, 165, 195}, kEdge{120, 124, 132}, kInk{40, 46, 58};
+using palette::kAttached, palette::kSelfSupported, palette::kToSupport, palette::kAnchor, palette::kPaper;
+constexpr Colour kCircle = palette::kAnchor, kPaleCircle = palette::kPaleInk, kEdge = palette::kPaleInk;
 
 /// Millimetres to pixels of a picture that holds a box with a margin; y upwards.
 struct View {
@@ -63,7 +63,7 @@ std::vector<SeenAnchor> anchors_at(const SupportPlan& plan, LayerIndex part_laye
   return seen;
 }
 
-Image draw_layer(const LayerRegions& regions, std::span<const SeenAnchor> anchors) {
+Image draw_layer(const LayerRegions& regions, std::span<const SeenAnchor> anchors, PictureCaption caption) {
   const Region parts[] = {regions.attached, regions.self_supported, regions.to_support};
   double reach = 0;
   for (const SeenAnchor& a : anchors) reach = std::max(reach, a.reach_mm);
@@ -71,9 +71,8 @@ Image draw_layer(const LayerRegions& regions, std::span<const SeenAnchor> anchor
   const Bounds2 box = whole.bounds();
   const double side = std::max(box.max.x_mm - box.min.x_mm, box.max.y_mm - box.min.y_mm);
   const View view{box, std::max(reach, 0.04 * side)};
-  constexpr std::uint32_t kLegend = 84;
-  Canvas canvas{std::max(view.width, 1080U), view.height + kLegend, kPaper};
-  fill(canvas, view, regions.self_supported, kSelf);
+  Canvas canvas{view.width, view.height, kPaper};
+  fill(canvas, view, regions.self_supported, kSelfSupported);
   fill(canvas, view, regions.attached, kAttached);
   fill(canvas, view, regions.to_support, kToSupport);
   for (const auto& ring : view.rings(whole)) canvas.outline(ring, kEdge, 1);
@@ -87,41 +86,27 @@ Image draw_layer(const LayerRegions& regions, std::span<const SeenAnchor> anchor
     canvas.disc(view.at(a.place), 5, a.standing ? kPaleCircle : kAnchor);
     if (a.standing) canvas.disc(view.at(a.place), 3.2, kPaper);
   }
-  const double y = view.height + 30.0;
-  double x = 24;
-  const auto entry = [&](std::string_view text) {
-    canvas.text({x + 28, y + 6}, text, kInk, 17);
-    x += 58 + 12.5 * static_cast<double>(text.size());
-  };
-  for (const auto& [colour, text] : {std::pair<Colour, std::string_view>{kAttached, "attached"},
-                                     {kSelf, "self-supported"},
-                                     {kToSupport, "to support"}}) {
-    const std::vector<PixelPoint> square{{x, y - 9}, {x + 18, y - 9}, {x + 18, y + 9}, {x, y + 9}};
-    canvas.fill(std::span{&square, 1}, colour);
-    canvas.outline(square, kEdge, 1);
-    entry(text);
-  }
-  canvas.disc({x + 9, y}, 5, kAnchor);
-  entry("anchor of this layer");
-  canvas.disc({x + 9, y}, 5, kPaleCircle);
-  canvas.disc({x + 9, y}, 3.2, kPaper);
-  entry("standing from below");
-  // A length of 1, 2 or 5 times a power of ten, about a sixth of the picture.
-  const double wanted = view.width / view.scale / 6, power = std::pow(10, std::floor(std::log10(wanted)));
-  const double length = power * (wanted >= 5 * power ? 5 : wanted >= 2 * power ? 2 : 1);
-  const double from = 24, to = from + length * view.scale;
-  canvas.line({from, y + 34}, {to, y + 34}, kInk, 2);
-  for (const double end : {from, to}) canvas.line({end, y + 28}, {end, y + 40}, kInk, 2);
-  canvas.text({to + 12, y + 40}, fmt::format("{:g} mm", length), kInk, 17);
-  return canvas.image();
+  caption.legend = {{kAttached, "attached", LegendMark::Area},
+                    {kSelfSupported, "self-supported", LegendMark::Area},
+                    {kToSupport, "to support", LegendMark::Area},
+                    {kAnchor, "anchor of this layer, and how far it reaches", LegendMark::Disc},
+                    {kPaleCircle, "anchor standing from below", LegendMark::Ring}};
+  caption.px_per_mm = view.scale;
+  caption.axes = axes_of_plane();
+  return framed(canvas.image(), caption);
 }
 
-Image draw_covering(const Region& region, std::span<const Point2> anchors, Millimetres anchor_distance) {
+Image draw_covering(const Region& region, std::span<const Point2> anchors, Millimetres anchor_distance,
+                    PictureCaption caption) {
   const View view{region.bounds(), 0.6 * anchor_distance.count()};
   Canvas canvas{view.width, view.height, kPaper};
   fill(canvas, view, region, kToSupport);
   mark(canvas, view, anchors, anchor_distance);
-  return canvas.image();
+  caption.legend = {{kToSupport, "to support", LegendMark::Area},
+                    {kAnchor, "anchor, and how far it reaches", LegendMark::Disc}};
+  caption.px_per_mm = view.scale;
+  caption.axes = axes_of_plane();
+  return framed(canvas.image(), caption);
 }
 
 }  // namespace telefab::fab

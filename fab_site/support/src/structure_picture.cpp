@@ -7,8 +7,9 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <telefab/fab/support/pictures.hpp>
-#include <telefab/image/canvas.hpp>
+#include <telefab/image/palette.hpp>
 
 #include "scan_lines.hpp"
 #include "stress_colours.hpp"
@@ -20,12 +21,15 @@ namespace {
 // front, so no depth test is needed, and the height painted last tells where in space a pixel lies.
 constexpr int kSide = 1400;       ///< of the finished picture
 constexpr int kFine = 2 * kSide;  ///< of the picture that is painted; four of its pixels make one
-constexpr double kTurn = 0.6;     ///< radians about the vertical
-constexpr double kTilt = 0.36;    ///< radians, down from the horizon
+// As usual_viewpoint(), for a plane that is turned first and seen from above then; radians.
+constexpr double kTurn = -25 * std::numbers::pi / 180;
+constexpr double kTilt = 30 * std::numbers::pi / 180;
 constexpr std::array<double, 3> kLight{-0.45, -0.55, 0.70};  ///< towards the light, build frame turned by kTurn
 constexpr int kShadowSide = 1400;
 
 enum Kind : std::uint8_t { kNothing = 0, kPart = 1, kSupport = 2, kPlatform = 3 };
+
+std::array<double, 3> rgb(Colour c) { return {double(c.red), double(c.green), double(c.blue)}; }
 
 struct Flat2 {
   double x = 0, y = 0;
@@ -96,6 +100,9 @@ class Scene {
     height_.assign(std::size_t{kFine} * kFine, 0);
     kind_.assign(std::size_t{kFine} * kFine, kNothing);
   }
+
+  /// Of the finished picture.
+  [[nodiscard]] double px_per_mm() const { return scale_ / 2; }
 
   Image picture() {
     cast_shadow();
@@ -311,8 +318,8 @@ class Scene {
     const double sun = facing * lit(p, z + 0.5 * t_);
     const double sky = 0.5 + 0.5 * n[2], eye = std::max(0.0, -n[1] * std::cos(kTilt) + n[2] * std::sin(kTilt));
     const double light = (0.20 + 0.22 * sky + 0.12 * eye) * openness(row, column, slope) + 0.58 * sun;
-    static constexpr std::array<std::array<double, 3>, 4> kColours{
-        {{255, 255, 255}, {214, 220, 230}, {246, 148, 44}, {246, 246, 248}}};
+    static const std::array<std::array<double, 3>, 4> kColours{
+        {{255, 255, 255}, rgb(palette::kPart), rgb(palette::kSupport), {246, 246, 248}}};
     std::array<double, 3> out = kind == kSupport && stress_ ? stress_->at(turned_back(p), z) : kColours[kind];
     for (double& c : out) c = std::min(255.0, c * light * 1.12);
     return out;
@@ -364,16 +371,25 @@ class Scene {
 
 }  // namespace
 
-Image draw_structure(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm) {
-  return Scene{part, plan, thickness_mm, nullptr}.picture();
+Image draw_structure(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm,
+                     PictureCaption caption) {
+  Scene scene{part, plan, thickness_mm, nullptr};
+  caption.legend = {{palette::kPart, "part"}, {palette::kSupport, "supports and base"}};
+  caption.px_per_mm = scene.px_per_mm();
+  caption.axes = axes_of(usual_viewpoint());
+  return framed(scene.picture(), caption);
 }
 
-Image draw_stress(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm, double most_demand) {
+Image draw_stress(std::span<const Layer> part, const SupportPlan& plan, double thickness_mm, double most_demand,
+                  PictureCaption caption) {
   const StressColours colours{plan, most_demand};
-  const Image scene = Scene{part, plan, thickness_mm, &colours}.picture();
+  Scene stressed{part, plan, thickness_mm, &colours};
+  const Image scene = stressed.picture();
+  caption.px_per_mm = stressed.px_per_mm();
+  caption.axes = axes_of(usual_viewpoint());
   constexpr std::uint32_t kLegend = 84, kLeastWidth = 640;
-  constexpr Colour kPaper{255, 255, 255}, kInk{40, 46, 58};
-  constexpr double kText_px = 17, kBar = 300, kBarHigh = 18, kMost = 1.3;
+  using palette::kInk, palette::kPaper;
+  constexpr double kText_px = 12, kBar = 300, kBarHigh = 18, kMost = 1.3;
   Canvas canvas{std::max(scene.width_px, kLeastWidth), scene.height_px + kLegend, kPaper};
   canvas.paste(scene, {(std::max(scene.width_px, kLeastWidth) - scene.width_px) / 2.0, 0}, scene.width_px,
                scene.height_px);
@@ -391,7 +407,7 @@ Image draw_stress(std::span<const Layer> part, const SupportPlan& plan, double t
   }
   canvas.text({x + kBar + 20, y + 15}, "worst stress of each tip over the pull,", kInk, kText_px);
   canvas.text({x + kBar + 20, y + 38}, fmt::format("as planned; allowed are {:.0f}", most_demand), kInk, kText_px);
-  return canvas.image();
+  return framed(canvas.image(), caption);
 }
 
 }  // namespace telefab::fab

@@ -60,15 +60,22 @@ void print_table(const Inspection& inspection, double noise_mm) {
   write_output(fmt::format("critical points: {}; {} plateaus\n\n", counts, t.plateaus().size()));
   write_output(fmt::format("{:>10} {:>10} {:>10}  {:<14} {:<6} {:>11} {:>12}\n", "z mm", "x mm", "y mm", "kind",
                            "normal", "lives mm", "Euler above"));
-  for (const CriticalPoint& c : t.critical_points()) {
-    if (c.plateau) continue;
+  const auto is_noise = [noise_mm](const CriticalPoint& c) { return c.persistence_mm < noise_mm; };
+  const auto print_point = [&](const CriticalPoint& c) {
     const double above = c.position_mm.z() + 1e-9 * (1 + std::abs(c.position_mm.z()));
     const auto euler = t.predicted_euler(above);
-    write_output(fmt::format("{:>10.4f} {:>10.4f} {:>10.4f}  {:<14} {:<6} {:>11} {:>12}{}\n", c.position_mm.z(),
+    write_output(fmt::format("{:>10.4f} {:>10.4f} {:>10.4f}  {:<14} {:<6} {:>11} {:>12}\n", c.position_mm.z(),
                              c.position_mm.x(), c.position_mm.y(), name_of(c.kind), c.normal_up ? "up" : "down",
                              std::isfinite(c.persistence_mm) ? fmt::format("{:.4f}", c.persistence_mm) : "for good",
-                             euler ? fmt::format("{}", *euler) : "?", c.persistence_mm < noise_mm ? "  (noise)" : ""));
-  }
+                             euler ? fmt::format("{}", *euler) : "?"));
+  };
+  std::vector<CriticalPoint> lasting, noise;
+  for (const CriticalPoint& c : t.critical_points())
+    if (!c.plateau) (is_noise(c) ? noise : lasting).push_back(c);
+  std::ranges::for_each(lasting, print_point);
+  if (!noise.empty())
+    write_output(fmt::format("noise, {} that live over less than {:.4f} mm:\n", noise.size(), noise_mm));
+  std::ranges::for_each(noise, print_point);
   for (const Plateau& p : t.plateaus())
     write_output(fmt::format("plateau from {:.4f} to {:.4f} mm near ({:.3f}, {:.3f}), {} critical points\n", p.low_mm,
                              p.high_mm, p.place_mm.x(), p.place_mm.y(), p.critical_points));

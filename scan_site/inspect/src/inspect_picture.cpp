@@ -5,10 +5,8 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <numbers>
-#include <telefab/image/canvas.hpp>
+#include <telefab/image/frame.hpp>
 #include <telefab/scan/inspect/inspect_scan.hpp>
-#include <utility>
 
 #include "inspect_colours.hpp"
 
@@ -16,8 +14,8 @@ namespace telefab::scan {
 namespace {
 
 constexpr std::uint32_t kPanel = 800;
-constexpr std::uint32_t kHead = 40;
 constexpr double kMargin = 0.06;  // of a panel
+constexpr Colour kNoise = palette::kPaleInk;
 
 /// One direction of sight.
 struct View {
@@ -27,12 +25,11 @@ struct View {
   std::string_view name;
 };
 
-/// From the front turned to the left by an angle, from a little above, so that level places show.
-View view_from(double turned_deg, double above_deg, std::string_view name) {
-  constexpr double kRad = std::numbers::pi / 180;
-  const double ct = std::cos(turned_deg * kRad), st = std::sin(turned_deg * kRad);
-  const double ca = std::cos(above_deg * kRad), sa = std::sin(above_deg * kRad);
-  return {{ct, st, 0}, {-sa * st, sa * ct, ca}, {-ca * st, ca * ct, -sa}, name};
+/// As the other pictures show a part, turned on by an angle.
+View view_from(double turned_on_deg, std::string_view name) {
+  const Viewpoint v = turned_on_deg == 0 ? usual_viewpoint() : viewpoint_from(25 + turned_on_deg, 30);
+  const auto vec = [](const std::array<double, 3>& a) { return Vec3{a[0], a[1], a[2]}; };
+  return {vec(v.right), vec(v.up), vec(v.away), name};
 }
 
 struct Frame {
@@ -137,7 +134,7 @@ class Panel {
       canvas_.disc(on_sheet(p), radius_px, colour);
   }
   void title(std::string_view text) {
-    canvas_.text({corner_.x_px + 16, corner_.y_px + kPanel - 14}, text, {60, 60, 60}, 15);
+    canvas_.text({corner_.x_px + 16, corner_.y_px + kPanel - 14}, text, palette::kInk, 12);
   }
 
  private:
@@ -152,20 +149,26 @@ class Panel {
 }  // namespace
 
 Image draw_inspection(const Inspection& inspection) {
-  Canvas canvas{2 * kPanel, 2 * kPanel + kHead, {255, 255, 255}};
+  Canvas canvas{2 * kPanel, 2 * kPanel, palette::kPaper};
   const HeightTopology& t = inspection.topology;
-  const std::array views{view_from(-30, 20, "from the front right"), view_from(60, 20, "from the left")};
+  const auto is_noise = [&](const CriticalPoint& c) { return c.persistence_mm < inspection.kernel.noise_mm; };
+  double px_per_mm = 0;  // of the first view, which is the larger picture of most things
+  const std::array views{view_from(0, "from the front"), view_from(-90, "a quarter turn on")};
   for (std::size_t v = 0; v < views.size(); ++v) {
     const Frame frame = fitted(views[v], inspection.samples);
     const double x = static_cast<double>(v) * kPanel;
-    Panel complex{canvas, inspection, frame, 0.9, {x, kHead}};
+    if (v == 0) px_per_mm = frame.px_per_mm;
+    Panel complex{canvas, inspection, frame, 0.9, {x, 0}};
     for (const IntegralLine& line : t.integral_lines())
       complex.path(line.path_mm, line.ascending ? kAscending : kDescending, 2);
-    for (const CriticalPoint& c : t.critical_points())
-      complex.mark(c.position_mm, colour_of(c.kind), c.plateau ? 2 : 6);
+    // What lasts is drawn over what does not.
+    for (const bool noise : {true, false})
+      for (const CriticalPoint& c : t.critical_points())
+        if (is_noise(c) == noise)
+          complex.mark(c.position_mm, noise ? kNoise : colour_of(c.kind), noise || c.plateau ? 2.5 : 6);
     complex.title(fmt::format("{}: critical points and integral lines", views[v].name));
 
-    Panel graph{canvas, inspection, frame, 0.35, {x, kHead + kPanel}};
+    Panel graph{canvas, inspection, frame, 0.35, {x, kPanel}};
     for (const ReebArc& arc : t.arcs()) {
       // A contour may be long: its path can arrive on the far side of it from the node.
       if (arc.path_mm.empty()) continue;
@@ -181,34 +184,36 @@ Image draw_inspection(const Inspection& inspection) {
     graph.title(fmt::format("{}: enhanced Reeb graph", views[v].name));
   }
 
-  canvas.text(
-      {16, 26},
-      fmt::format("{}   {} points   {:.1f} x {:.1f} x {:.1f} mm   chi {}   {} piece{}   {} critical points   "
-                  "{} plateau{}   {} inconsistenc{}",
-                  inspection.scan_name, inspection.points, inspection.size_mm.x(), inspection.size_mm.y(),
-                  inspection.size_mm.z(), t.euler(), t.components().size(), t.components().size() == 1 ? "" : "s",
-                  t.critical_points().size(), t.plateaus().size(), t.plateaus().size() == 1 ? "" : "s",
-                  t.inconsistencies().size(), t.inconsistencies().size() == 1 ? "y" : "ies"),
-      {20, 20, 20}, 15);
-  double x = kPanel - 200.0;
-  const auto legend = [&](Colour colour, std::string_view text, bool line, double y) {
-    if (line)
-      canvas.line({x, y - 5}, {x + 18, y - 5}, colour, 3);
-    else
-      canvas.disc({x + 9, y - 5}, 6, colour);
-    canvas.text({x + 26, y}, text, {60, 60, 60}, 14);
+  const auto count = [&](bool noise) {
+    return static_cast<std::size_t>(std::ranges::count_if(
+        t.critical_points(), [&](const CriticalPoint& c) { return !c.plateau && is_noise(c) == noise; }));
   };
-  double y = kHead + 24.0;
+  const auto some = [](std::size_t number, std::string_view one, std::string_view many) {
+    return fmt::format("{} {}", number, number == 1 ? one : many);
+  };
+  PictureCaption caption{inspection.scan_name,
+                         {},
+                         {inspection.size_mm.x(), inspection.size_mm.y(), inspection.size_mm.z()},
+                         {},
+                         {},
+                         px_per_mm,
+                         axes_of(usual_viewpoint())};
+  caption.detail =
+      fmt::format("{} points, {}, chi {}; {} that last, {} of noise (they live over less than {:.3g} mm), {}, {}",
+                  inspection.points, some(t.components().size(), "piece", "pieces"), t.euler(),
+                  some(count(false), "critical point", "critical points"), count(true), inspection.kernel.noise_mm,
+                  some(t.plateaus().size(), "plateau", "plateaus"),
+                  some(t.inconsistencies().size(), "inconsistency", "inconsistencies"));
   for (const CriticalKind kind :
        {CriticalKind::Minimum, CriticalKind::BottomSaddle, CriticalKind::TopSaddle, CriticalKind::Maximum})
-    legend(colour_of(kind), name_of(kind), false, std::exchange(y, y + 22));
-  legend(kAscending, "ascending line", true, std::exchange(y, y + 22));
-  legend(kDescending, "descending line", true, y);
-  y = kHead + kPanel + 24.0;
-  legend(kOuterArc, "outer contour", true, std::exchange(y, y + 22));
-  legend(kHoleArc, "hole contour", true, std::exchange(y, y + 22));
-  legend(kPlateau, "plateau", false, y);
-  return canvas.image();
+    caption.legend.push_back({colour_of(kind), std::string{name_of(kind)}, LegendMark::Disc});
+  caption.legend.insert(caption.legend.end(), {{kNoise, "noise", LegendMark::Ring},
+                                               {kAscending, "ascending line", LegendMark::Line},
+                                               {kDescending, "descending line", LegendMark::Line},
+                                               {kOuterArc, "outer contour", LegendMark::Line},
+                                               {kHoleArc, "hole contour", LegendMark::Line},
+                                               {kPlateau, "plateau", LegendMark::Disc}});
+  return framed(canvas.image(), caption);
 }
 
 }  // namespace telefab::scan

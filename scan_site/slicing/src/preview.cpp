@@ -2,9 +2,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <numbers>
-#include <telefab/image/canvas.hpp>
+#include <optional>
+#include <telefab/image/frame.hpp>
+#include <telefab/image/palette.hpp>
 #include <telefab/scan/slicing/preview.hpp>
 
 namespace telefab::scan {
@@ -15,16 +17,11 @@ constexpr std::uint32_t kHeight = 800;
 constexpr double kPart = 800;  ///< side of the square the part is drawn in
 constexpr int kSections = 6;
 constexpr std::uint32_t kMostPainted = 300;
-constexpr double kTurn = 25 * std::numbers::pi / 180;
-constexpr double kRise = 30 * std::numbers::pi / 180;
-constexpr Colour kPaper{250, 250, 248};
-constexpr Colour kInk{40, 44, 52};
-constexpr Colour kMaterial{122, 160, 196};
-constexpr Colour kFlag{214, 69, 65};
-/// What contours rest on.
-constexpr Colour kMeasured{128, 132, 138};
-constexpr Colour kCompleted{230, 145, 20};
-constexpr Colour kDoubtful{208, 32, 32};
+constexpr Colour kMaterial{176, 182, 190};
+constexpr Colour kLightest{240, 242, 246};
+/// A layer that is doubtful throughout is painted so; its edge is kDoubtful.
+constexpr Colour kFlag{228, 130, 118};
+using palette::kInk, palette::kMeasured, palette::kCompleted, palette::kDoubtful, palette::kPaper;
 /// Completed and doubtful stretches are drawn thicker, or they would not be seen.
 constexpr int kStretchWidth = 3;
 
@@ -38,14 +35,6 @@ Colour colour_of(SurfaceClass kind) {
       break;
   }
   return kMeasured;
-}
-
-/// One byte of the way from a to b.
-Colour blend(Colour a, Colour b, double share) {
-  const auto mix = [&](std::uint8_t x, std::uint8_t y) {
-    return static_cast<std::uint8_t>(x + share * (static_cast<double>(y) - x) + 0.5);
-  };
-  return {mix(a.red, b.red), mix(a.green, b.green), mix(a.blue, b.blue)};
 }
 
 /// A doubt that is not about a place: the whole plane is painted.
@@ -62,9 +51,11 @@ struct Preview::Picture {
   StackHeader header;
   std::uint32_t first, last, every;
   Canvas canvas{kWidth, kHeight, kPaper};
+  Viewpoint view = usual_viewpoint();
   double scale = 1;  ///< pixels a millimetre of the part's view
   double section_scale = 1;
   double middle_x, middle_y, height_mm;
+  std::optional<Bounds2> drawn;  ///< of the contours; a header may state more
   int sections = 0;
 
   /// The stretches of a ring, drawn at `ring`, that are not measured.
@@ -76,27 +67,12 @@ struct Preview::Picture {
           canvas.line(ring[edge], ring[(edge + 1) % ring.size()], colour_of(run.kind), kStretchWidth);
   }
 
-  void legend() {
-    double x = 16;
-    const double y = 24;
-    const auto entry = [&](Colour colour, std::string_view words) {
-      canvas.line({x, y - 5}, {x + 28, y - 5}, colour, kStretchWidth + 2);
-      canvas.text({x + 36, y}, words, kInk, 13);
-      x += 64 + 10.5 * static_cast<double>(words.size());
-    };
-    entry(kMeasured, "measured");
-    entry(kCompleted, "completed");
-    entry(kDoubtful, "doubtful");
-    entry(kFlag, "layer doubtful throughout");
-  }
-
   [[nodiscard]] PixelPoint seen(Point2 p, double z_mm) const {
-    const double x = p.x_mm - middle_x;
-    const double y = p.y_mm - middle_y;
-    const double across = std::cos(kTurn) * x - std::sin(kTurn) * y;
-    const double away = std::sin(kTurn) * x + std::cos(kTurn) * y;
-    return {kPart / 2 + scale * across,
-            kPart / 2 - scale * (std::sin(kRise) * away + std::cos(kRise) * (z_mm - height_mm / 2))};
+    const std::array<double, 3> from_middle{p.x_mm - middle_x, p.y_mm - middle_y, z_mm - height_mm / 2};
+    const auto along = [&](const std::array<double, 3>& axis) {
+      return axis[0] * from_middle[0] + axis[1] * from_middle[1] + axis[2] * from_middle[2];
+    };
+    return {kPart / 2 + scale * along(view.right), kPart / 2 - scale * along(view.up)};
   }
 };
 
@@ -111,8 +87,10 @@ Preview::Preview(const StackHeader& header, LayerIndex first, LayerIndex last) :
   p.height_mm = header.layer_count * header.layer_thickness_mm;
   const double wide = header.bounds.max.x_mm - header.bounds.min.x_mm;
   const double deep = header.bounds.max.y_mm - header.bounds.min.y_mm;
-  const double across = std::cos(kTurn) * wide + std::sin(kTurn) * deep;
-  const double up = std::sin(kRise) * (std::sin(kTurn) * wide + std::cos(kTurn) * deep) + std::cos(kRise) * p.height_mm;
+  const auto extent = [&](const std::array<double, 3>& axis) {
+    return std::abs(axis[0]) * wide + std::abs(axis[1]) * deep + std::abs(axis[2]) * p.height_mm;
+  };
+  const double across = extent(p.view.right), up = extent(p.view.up);
   p.scale = 0.94 * kPart / std::max({across, up, 1e-6});
   p.section_scale = 190 / std::max({wide, deep, 1e-6});
 }
@@ -124,6 +102,10 @@ void Preview::add(const Layer& layer) {
   Picture& p = *picture_;
   const std::uint32_t index = layer.index.count();
   const bool flagged = doubtful_throughout(layer);
+  for (const Contour& contour : layer.contours) {
+    if (!p.drawn) p.drawn = contour.bounds();
+    p.drawn->include(contour.bounds());
+  }
   const double share = (index - p.first + 0.5) / (p.last - p.first + 1);
   if ((index - p.first) % p.every == 0 || index == p.last) {
     std::vector<std::vector<PixelPoint>> rings;
@@ -132,10 +114,10 @@ void Preview::add(const Layer& layer) {
       for (const Point2 v : contour.vertices()) ring.push_back(p.seen(v, layer.z_mm));
     }
     if (!rings.empty()) {
-      const Colour top = flagged ? kFlag : blend(kMaterial, {235, 243, 250}, share);
+      const Colour top = flagged ? kFlag : palette::mixed(kMaterial, kLightest, share);
       p.canvas.fill(rings, top);
       for (std::size_t r = 0; r < rings.size(); ++r) {
-        p.canvas.outline(rings[r], flagged ? blend(top, kInk, 0.35) : kMeasured, 1);
+        p.canvas.outline(rings[r], flagged ? kDoubtful : kMeasured, 1);
         p.stretches(layer.contours[r], rings[r]);
       }
     }
@@ -154,20 +136,34 @@ void Preview::add(const Layer& layer) {
       p.canvas.outline(rings[r], kInk, 1);
       p.stretches(layer.contours[r], rings[r]);
     }
-    p.canvas.text({corner.x_px, corner.y_px + 232}, fmt::format("{:.2f} mm: {} rings", layer.z_mm, rings.size()), kInk,
-                  12);
+    p.canvas.text({corner.x_px, corner.y_px + 232},
+                  fmt::format("z = {:.2f} mm: {} contour{}", layer.z_mm, rings.size(), rings.size() == 1 ? "" : "s"),
+                  kInk, 10);
     ++p.sections;
   }
 }
 
 Result<std::vector<std::byte>> Preview::png() const {
   Picture& p = *picture_;
-  p.legend();
-  p.canvas.text({16, kHeight - 16},
-                fmt::format("{}: {} layers of {} mm for {}", p.header.scan_name, p.header.layer_count,
-                            p.header.layer_thickness_mm, p.header.machine),
-                kInk, 14);
-  return encode_png(p.canvas.image());
+  const Bounds2 box = p.drawn.value_or(Bounds2{});
+  const double height_mm = (p.last - p.first + 1) * p.header.layer_thickness_mm;
+  PictureCaption caption{p.header.scan_name,
+                         p.header.machine,
+                         {box.max.x_mm - box.min.x_mm, box.max.y_mm - box.min.y_mm, height_mm},
+                         {},
+                         {},
+                         p.scale,
+                         axes_of(p.view)};
+  const std::string which = p.last - p.first + 1 == p.header.layer_count
+                                ? fmt::format("{} layers", p.header.layer_count)
+                                : fmt::format("layers {} to {} of {}", p.first, p.last, p.header.layer_count);
+  caption.detail =
+      fmt::format("{} of {:g} mm; to the right {} of them from above", which, p.header.layer_thickness_mm, p.sections);
+  caption.legend = {{kMeasured, "measured", LegendMark::Line},
+                    {kCompleted, "completed where the scan shows nothing", LegendMark::Line},
+                    {kDoubtful, "doubtful", LegendMark::Line},
+                    {kFlag, "layer doubtful throughout", LegendMark::Area}};
+  return encode_png(framed(p.canvas.image(), caption));
 }
 
 }  // namespace telefab::scan

@@ -34,7 +34,7 @@ TEST(GeoJson, SaysWhatIsWrong) {
 TEST(Pictures, ShowPartAndSupportsInTheirColours) {
   const auto s = stacks::mushroom();
   const auto plan = plan_supports(s.layers, s.header, stacks::machine(), {}, {}, {}).value();
-  const Image image = draw_structure(s.layers, plan, 0.15);
+  const Image image = draw_structure(s.layers, plan, 0.15, {});
   ASSERT_EQ(image.pixels.size(), std::size_t{image.width_px} * image.height_px * 3);
   std::size_t grey = 0, orange = 0;
   for (std::size_t i = 0; i < image.pixels.size(); i += 3) {
@@ -52,9 +52,9 @@ TEST(Pictures, ShowPinsBlueThatBearLittleAndRedThatBearAllTheyMay) {
   lifted.stand = SupportOptions::Stand::Never;
   const auto plan = plan_supports(s.layers, s.header, stacks::machine(), lifted, {}, {}).value();
   const auto count = [&](double most_demand) {
-    const Image image = draw_stress(s.layers, plan, 0.15, most_demand);
+    const Image image = draw_stress(s.layers, plan, 0.15, most_demand, {});
     std::pair<std::size_t, std::size_t> blue_red;
-    const std::size_t legend = std::size_t{image.width_px} * 84 * 3;
+    const std::size_t legend = std::size_t{image.width_px} * (84 + 76) * 3;  // and the frame's foot
     for (std::size_t i = 0; i + legend < image.pixels.size(); i += 3) {
       const int r = image.pixels[i], b = image.pixels[i + 2];
       blue_red.first += 2 * b > 3 * r;

@@ -5,7 +5,7 @@
 #include <telefab/fab/cure/edge_error.hpp>
 #include <telefab/fab/cure/surface_points.hpp>
 #include <telefab/geometry/layer.hpp>
-#include <telefab/image/png.hpp>
+#include <telefab/image/frame.hpp>
 
 namespace telefab::fab {
 
@@ -24,6 +24,7 @@ struct PredictOptions {
   bool supports = false;              ///< their surface points as well
   int threads = 0;                    ///< 0: all cores; the prediction is the same for any number
   std::optional<LayerIndex> picture;  ///< print layer whose edges are drawn; empty: the one of most contour
+  PictureCaption caption = {};        ///< of the picture: whose it is; legend, scale and axes are filled in
   [[nodiscard]] Result<void> validate() const;
 };
 
@@ -35,7 +36,7 @@ struct Prediction {
   DistanceTally undersides;         ///< in layers; positive: cured too deep
   double contour_mm3 = 0;           ///< inside the contours of part and supports, layers times thickness
   std::size_t support_points = 0;   ///< left out or in, as asked
-  Image picture;                    ///< the part shaded, and the edges of one layer
+  Image picture;                    ///< the part on its supports, shaded, and the edges of one layer
   LayerIndex pictured;
 };
 
