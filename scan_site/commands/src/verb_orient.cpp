@@ -190,12 +190,12 @@ std::vector<std::string> caption(const std::string& rank, const Candidate& c) {
 }
 
 Result<void> write_picture(const std::string& path, const PointCloud& cloud, const std::vector<Candidate>& best,
-                           const Candidate* as_in_file) {
+                           const Candidate* as_in_file, PictureCaption about) {
   std::vector<StandingTile> tiles;
   for (std::size_t i = 0; i < best.size(); ++i)
     tiles.push_back({best[i].standing.turn, caption(std::to_string(i + 1), best[i])});
   if (as_in_file) tiles.push_back({as_in_file->standing.turn, caption("file", *as_in_file)});
-  const auto png = encode_png(draw_standings(cloud, tiles));
+  const auto png = encode_png(draw_standings(cloud, tiles, std::move(about)));
   if (!png) return tl::unexpected{png.error()};
   return write_file_atomically(path, *png);
 }
@@ -291,7 +291,15 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!o.picture.empty()) {
     const auto& mirror = request.placement.mirror;
     const PointCloud cloud = mirror ? mirrored(prepared->cloud, *mirror) : prepared->cloud;
-    if (auto ok = write_picture(o.picture, cloud, candidates, as_in_file ? &*as_in_file : nullptr); !ok)
+    PictureCaption about{name_of_file(o.cloud),
+                         machine->name,
+                         {},
+                         fmt::format("ways to stand, the best first; judged on layers of {:g} mm", *request.layer_mm),
+                         {},
+                         0,
+                         {}};
+    if (auto ok = write_picture(o.picture, cloud, candidates, as_in_file ? &*as_in_file : nullptr, std::move(about));
+        !ok)
       return tl::unexpected{ok.error()};
   }
   if (!o.json) {

@@ -2,10 +2,10 @@
 #include <telefab/scan/inspect/standing_picture.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
-#include <numbers>
-#include <telefab/image/canvas.hpp>
+#include <telefab/image/palette.hpp>
 
 namespace telefab::scan {
 namespace {
@@ -17,14 +17,12 @@ constexpr double kHeading = 26;
 /// Up to six pictures in rows of three, more in rows of four.
 constexpr std::size_t kInThrees = 6;
 constexpr double kMargin = 0.06;
-/// Looked at from the front turned to the left, and from a little below: undersides are the question.
-constexpr double kTurned = 25 * std::numbers::pi / 180;
-constexpr double kAbove = -12 * std::numbers::pi / 180;
+/// Turned as in all pictures, but looked at from a little below: undersides are the question.
+constexpr double kTurnedDeg = 25, kAboveDeg = -12;
 /// Undersides within 30 degrees of level.
 constexpr double kUnderNz = -0.866;
-constexpr Colour kPaper{250, 250, 248};
-constexpr Colour kInk{40, 44, 52};
 constexpr Colour kPlatform{168, 172, 180};
+using palette::kInk, palette::kPaper;
 /// Points that a picture of this size can show.
 constexpr std::size_t kMostPoints = 150'000;
 
@@ -33,8 +31,9 @@ struct View {
 };
 
 View view() {
-  const double ct = std::cos(kTurned), st = std::sin(kTurned), ca = std::cos(kAbove), sa = std::sin(kAbove);
-  return {{ct, st, 0}, {-sa * st, sa * ct, ca}, {ca * st, -ca * ct, sa}};
+  const Viewpoint v = viewpoint_from(kTurnedDeg, kAboveDeg);
+  const auto vec = [](const std::array<double, 3>& a) { return Vec3{a[0], a[1], a[2]}; };
+  return {vec(v.right), vec(v.up), -vec(v.away)};
 }
 
 struct Splats {
@@ -80,7 +79,7 @@ Image part_picture(const PointCloud& cloud, std::size_t step, const Eigen::Matri
   // Dots as wide as the points of half the silhouette lie apart.
   const double seen_px = px_per_unit * px_per_unit * box.size().x() * box.size().y();
   const double apart = std::sqrt(seen_px * static_cast<double>(step) / static_cast<double>(cloud.size()));
-  const int radius = std::clamp(static_cast<int>(std::lround(0.8 * apart)), 1, 8);
+  const int radius = std::clamp(static_cast<int>(std::lround(1.1 * apart)), 1, 8);
   const double floor_px = kPart - 1 - radius;
   const Vec3 light = (eye.towards - 0.5 * eye.right + 0.6 * eye.up).normalized();
   Splats splats;
@@ -89,7 +88,7 @@ Image part_picture(const PointCloud& cloud, std::size_t step, const Eigen::Matri
     if (n.dot(eye.towards) < -0.1) continue;
     const Vec3 p = turn * cloud.points[i].cast<double>();
     const bool is_under = n.z() < kUnderNz;
-    const Colour colour = is_under ? Colour{226, 74, 60} : Colour{196, 204, 214};
+    const Colour colour = is_under ? palette::kToSupport : palette::kPart;
     const double least_light = is_under ? 0.7 : 0.3;
     splats.put(kPart / 2.0 + px_per_unit * (p.dot(eye.right) - box.middle().x()),
                floor_px - px_per_unit * (p.dot(eye.up) - box.min.y()), p.dot(eye.towards), radius,
@@ -100,7 +99,7 @@ Image part_picture(const PointCloud& cloud, std::size_t step, const Eigen::Matri
 
 }  // namespace
 
-Image draw_standings(const PointCloud& cloud, std::span<const StandingTile> tiles) {
+Image draw_standings(const PointCloud& cloud, std::span<const StandingTile> tiles, PictureCaption caption) {
   std::size_t lines = 1;
   for (const StandingTile& tile : tiles) lines = std::max(lines, tile.lines.size());
   const auto columns =
@@ -126,10 +125,12 @@ Image draw_standings(const PointCloud& cloud, std::span<const StandingTile> tile
     double y = ground;
     for (std::size_t line = 0; line < tiles[i].lines.size(); ++line) {
       y += line == 0 ? kHeading : kLine;
-      canvas.text({left + 2, y}, tiles[i].lines[line], kInk, line == 0 ? 16 : 12);
+      canvas.text({left + 2, y}, tiles[i].lines[line], kInk, line == 0 ? 13 : 10);
     }
   }
-  return canvas.image();
+  caption.legend = {{palette::kPart, "part"}, {palette::kToSupport, "underside within 30 degrees of level"}};
+  caption.axes = axes_of(viewpoint_from(kTurnedDeg, kAboveDeg));
+  return framed(canvas.image(), caption);
 }
 
 }  // namespace telefab::scan

@@ -2,7 +2,7 @@
 #pragma once
 #include <span>
 #include <string>
-#include <telefab/image/png.hpp>
+#include <telefab/image/frame.hpp>
 #include <telefab/scan/cloud/point_cloud.hpp>
 #include <telefab/scan/placing/turn.hpp>
 #include <vector>
@@ -16,8 +16,9 @@ struct StandingTile {
 };
 
 /// The object as it would stand, once for each tile, from in front and a little below, on the line of
-/// the platform; all equally large. Undersides so flat that supports have to hold them are red. `cloud` has normals;
-/// one that is mirrored is drawn mirrored. RGB.
-[[nodiscard]] Image draw_standings(const PointCloud& cloud, std::span<const StandingTile> tiles);
+/// the platform; all equally large. Undersides so flat that supports have to hold them are orange. `cloud` has normals;
+/// one that is mirrored is drawn mirrored. `caption` says whose picture it is; legend and axes are filled in. RGB.
+[[nodiscard]] Image draw_standings(const PointCloud& cloud, std::span<const StandingTile> tiles,
+                                   PictureCaption caption);
 
 }  // namespace telefab::scan
