@@ -61,10 +61,10 @@ std::optional<std::string> nearest_name(std::string_view word, std::span<const s
   }
   if (best != nullptr) return *best;
   // As a last guess the name that says less: "--machine" for "--machine-name".
-  const auto is_said_with_more = [&](const std::string& name) {
+  const auto has_words_to_spare = [&](const std::string& name) {
     return word.starts_with('-') == name.starts_with('-') && std::ranges::includes(words, words_of(name));
   };
-  const auto shorter = std::ranges::find_if(names, is_said_with_more);
+  const auto shorter = std::ranges::find_if(names, has_words_to_spare);
   return shorter != names.end() ? std::optional{*shorter} : std::nullopt;
 }
 

@@ -341,9 +341,8 @@ Result<const ProfilePart*> ProfileCatalogue::choose(ProfileKind kind, std::strin
   if (const ProfilePart* part = find(kind, name); part && !part->is_base) return part;
   std::vector<std::string> names;
   for (const ProfilePart* each : offered(kind)) names.push_back(each->name);
-  return fail(ErrorCode::InvalidInput,
-              fmt::format("no {} named {}; {}", name_of(kind), name,
-                          names_instead(name, names, fmt::format("`{}s`", name_of(kind)))));
+  return fail(ErrorCode::InvalidInput, fmt::format("no {} named {}; {}", name_of(kind), name,
+                                                   names_instead(name, names, fmt::format("`{}s`", name_of(kind)))));
 }
 
 std::vector<const ProfilePart*> ProfileCatalogue::chain_of(const ProfilePart& part) const {

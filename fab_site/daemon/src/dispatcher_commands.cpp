@@ -138,9 +138,8 @@ Result<Job> JobDispatcher::clear_platform(const std::string& machine) {
   if (!place) {
     std::vector<std::string> names;
     for (const QueuedMachine& each : queue_.machines()) names.push_back(each.name);
-    return fail(ErrorCode::NotFound,
-                fmt::format("no machine named {} stands in this fab; {}", machine,
-                            names_instead(machine, names, "`telefab machines`")));
+    return fail(ErrorCode::NotFound, fmt::format("no machine named {} stands in this fab; {}", machine,
+                                                 names_instead(machine, names, "`telefab machines`")));
   }
   const auto there = queue_.part_on(*place);
   const MachineStanding standing = queue_.standing(*place);

@@ -58,7 +58,7 @@ Help read_help(const std::string& text) {
     } else if (std::regex_match(line, found, option)) {
       Option& known = help.options[found[1]];
       const std::string kind = found[2].str(), rest = line;
-      static const std::set<std::string> kinds{"TEXT", "FLOAT", "INT", "UINT", "MACHINE", "RESIN", "PRINT"};
+      static const std::set<std::string> kinds{"TEXT", "FLOAT", "INT", "UINT", "MACHINE", "RESIN", "PRINT", "SITE"};
       known.takes_value = kinds.contains(kind.substr(0, kind.find(':')));
       known.required = rest.find("REQUIRED") != std::string::npos;
       std::smatch list;

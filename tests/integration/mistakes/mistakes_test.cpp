@@ -135,12 +135,12 @@ class Mistakes : public testing::TestWithParam<Mistake> {};
 TEST_P(Mistakes, AreAnsweredWithWhatWhereAndWhatToDo) {
   const Mistake& mistake = GetParam();
   const Outcome outcome = WorkplaceOfAll::get().run_in_folder(std::string{mistake.command});
-  const std::string told = outcome.output + outcome.errors;
-  EXPECT_EQ(outcome.code, mistake.code) << told;
-  for (const std::string_view word : mistake.words) EXPECT_THAT(told, HasSubstr(std::string{word}));
+  const std::string printed = outcome.output + outcome.errors;
+  EXPECT_EQ(outcome.code, mistake.code) << printed;
+  for (const std::string_view word : mistake.words) EXPECT_THAT(printed, HasSubstr(std::string{word}));
   for (const std::string_view word : mistake.not_words) {
     if (word.empty()) continue;
-    EXPECT_THAT(told, Not(HasSubstr(std::string{word})));
+    EXPECT_THAT(printed, Not(HasSubstr(std::string{word})));
   }
   EXPECT_LT(std::ranges::count(outcome.errors, '\n'), 4) << "an answer, not a flood: " << outcome.errors;
 }
