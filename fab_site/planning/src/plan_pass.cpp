@@ -262,8 +262,9 @@ class MaskRounds {
         {},
         0,
         {}};
-    caption.detail = fmt::format("masks of {} layers of {:g} mm, {} of them below the part; z of the upper face of each",
-                                 print_layers_, thickness_mm, summary_.elevation_layers);
+    caption.detail =
+        fmt::format("masks of {} layers of {:g} mm, {} of them below the part; z of the upper face of each",
+                    print_layers_, thickness_mm, summary_.elevation_layers);
     return caption;
   }
   const LayerStack& stack_;

@@ -3,6 +3,7 @@
 #include <memory>
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/output.hpp>
+#include <telefab/image/palette.hpp>
 #include <telefab/job/readable_scans.hpp>
 #include <telefab/scan/cloud/clean.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
@@ -23,15 +24,26 @@ struct Options {
 PointColour colour_of(PointFate fate) {
   switch (fate) {
     case PointFate::Kept:
-      return {200, 200, 205};
+      return point_colour(palette::kKept);
     case PointFate::Duplicate:
-      return {40, 90, 220};
+      return point_colour(palette::kDuplicate);
     case PointFate::Outlier:
-      return {220, 30, 30};
+      return point_colour(palette::kOutlier);
     case PointFate::SmallCluster:
-      return {240, 150, 0};
+      return point_colour(palette::kSmallCluster);
   }
   return {0, 0, 0};
+}
+
+PictureCaption caption_of(const Options& o, const CleanResult& cleaned) {
+  const CleanReport& r = cleaned.report;
+  PictureCaption caption{name_of_file(o.cloud), {}, {}, {}, {}, 0, {}};
+  caption.detail = fmt::format("{} of {} points kept, preset {}", cleaned.cloud.size(), r.points_in, o.preset);
+  caption.legend = {{palette::kKept, "kept"},
+                    {palette::kDuplicate, fmt::format("{} duplicates", r.duplicates)},
+                    {palette::kOutlier, fmt::format("{} outliers", r.outliers)},
+                    {palette::kSmallCluster, fmt::format("{} in small clusters", r.cluster_points)}};
+  return caption;
 }
 
 Result<ExitCode> clean(const Options& o, std::stop_token stop) {
@@ -52,7 +64,7 @@ Result<ExitCode> clean(const Options& o, std::stop_token stop) {
   if (!o.picture.empty()) {
     std::vector<PointColour> colours;
     for (const PointFate f : cleaned->fate) colours.push_back(colour_of(f));
-    const auto png = encode_png(draw_points(*cloud, colours, {}));
+    const auto png = encode_png(framed_points(*cloud, colours, caption_of(o, *cleaned), cloud->unit_mm.has_value()));
     if (!png) return tl::unexpected{png.error()};
     if (auto ok = write_file_atomically(o.picture, *png); !ok) return tl::unexpected{ok.error()};
   }
@@ -78,7 +90,7 @@ VerbBody declare_clean(VerbOptions& options) {
       "unit of the file (mm, cm, m, in); the result is in mm. Unset: what the file states (E57, LAS: m), or lengths "
       "stay as they are");
   options.add_output("--report", o->report, "what was removed and moved, JSON");
-  options.add_output("--picture", o->picture, "PNG: kept grey, outliers red, small clusters orange, duplicates blue");
+  options.add_output("--picture", o->picture, "PNG: kept grey, outliers red, small clusters yellow, duplicates blue");
   return [o](std::stop_token stop) { return clean(*o, stop); };
 }
 

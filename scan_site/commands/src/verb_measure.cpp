@@ -8,6 +8,7 @@
 #include <telefab/codec/tfc_file.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/geometry/contour_lines.hpp>
+#include <telefab/image/palette.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
 #include <telefab/scan/measure/contour_deviation.hpp>
 #include <telefab/scan/measure/measure.hpp>
@@ -98,11 +99,18 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const std::vector<PointColour> colours = heat_colours(*measured, range);
   if (!o.out.empty())
     if (auto ok = write_file_atomically(
-            o.out, write_ply(*built, colours, fmt::format("deviation, blue to red at +-{:.6g}", range)));
+            o.out, write_ply(*built, colours, fmt::format("deviation, blue to orange at +-{:.6g}", range)));
         !ok)
       return tl::unexpected{ok.error()};
   if (!o.picture.empty()) {
-    const auto png = encode_png(draw_points(*built, colours, {}));
+    PictureCaption caption{name_of_file(o.built), {}, {}, {}, {}, 0, {}};
+    caption.detail =
+        fmt::format("against {}: {} points compared, {} without a counterpart; 98 % from {:+.4g} to {:+.4g}",
+                    name_of_file(o.reference), measured->compared, measured->unmatched, d.p1, d.p99);
+    caption.legend = {{{110, 110, 110}, "without a counterpart"}};
+    const auto png = encode_png(framed_points(
+        *built, colours, std::move(caption), built->unit_mm.has_value(),
+        DeviationScale{fmt::format("too little, -{:.3g}", range), fmt::format("+{:.3g}, too much", range)}));
     if (!png) return tl::unexpected{png.error()};
     if (auto ok = write_file_atomically(o.picture, *png); !ok) return tl::unexpected{ok.error()};
   }

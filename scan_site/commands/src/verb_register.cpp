@@ -7,6 +7,7 @@
 #include <optional>
 #include <telefab/base/file.hpp>
 #include <telefab/command_line/output.hpp>
+#include <telefab/image/palette.hpp>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/formats/registration_note.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
@@ -23,7 +24,7 @@
 namespace telefab::scan {
 namespace {
 
-constexpr PointColour kSound{205, 200, 190}, kDoubled{200, 60, 30};
+const PointColour kSound = point_colour(palette::kPart), kDoubled = point_colour(palette::kDoubtful);
 
 struct Options {
   std::vector<std::string> inputs;
@@ -362,7 +363,10 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     std::vector<PointColour> colours(cloud.size(), kSound);
     for (std::size_t i = 0; i < cloud.sheets_apart.size(); ++i)
       if (cloud.sheets_apart[i] > 0) colours[i] = kDoubled;
-    const auto png = encode_png(draw_points(cloud, colours, {}));
+    PictureCaption caption{name_of_file(o.out), {}, {}, {}, {}, 0, {}};
+    caption.detail = fmt::format("{} points of {} views", cloud.size(), views->size());
+    caption.legend = {{palette::kPart, "merged"}, {palette::kDoubtful, "two sheets of one surface"}};
+    const auto png = encode_png(framed_points(cloud, colours, std::move(caption), loaded->unit_mm.has_value()));
     if (!png) return tl::unexpected{png.error()};
     if (auto ok = write_file_atomically(o.picture, *png); !ok) return tl::unexpected{ok.error()};
   }

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/image/palette.hpp>
 #include <telefab/scan/measure/measure.hpp>
 
 #include <fmt/format.h>
@@ -170,8 +171,8 @@ std::vector<PointColour> heat_colours(const Measurement& measurement, double ran
       continue;
     }
     const double t = std::clamp(d / range, -1.0, 1.0);
-    const auto fade = static_cast<std::uint8_t>(std::lround(235 * (1 - std::abs(t))));
-    colours.push_back(t >= 0 ? PointColour{235, fade, fade} : PointColour{fade, fade, 235});
+    const Colour colour = palette::deviation_colour(t);
+    colours.push_back({colour.red, colour.green, colour.blue});
   }
   return colours;
 }

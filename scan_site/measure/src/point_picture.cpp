@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <string_view>
+#include <telefab/image/palette.hpp>
 
 namespace telefab::scan {
 namespace {
@@ -24,7 +26,38 @@ const std::array<Eye, 4>& eyes() {
   return kEyes;
 }
 
+/// Pixels a unit of the cloud in a view of that side.
+double px_per_unit(int side_px, const Eigen::Vector3f& size) {
+  return 0.94 * side_px / static_cast<double>(std::max(size.maxCoeff(), 1e-20F));
+}
+
 }  // namespace
+
+PointColour point_colour(Colour colour) { return {colour.red, colour.green, colour.blue}; }
+
+Image framed_points(const PointCloud& cloud, std::span<const PointColour> colours, PictureCaption caption, bool is_mm,
+                    const std::optional<DeviationScale>& deviation) {
+  constexpr PictureOptions kOptions;
+  constexpr std::array<std::string_view, 4> kViews{"from the front", "from the right", "from the back", "from above"};
+  const Image points = draw_points(cloud, colours, kOptions);
+  Canvas canvas{points.width_px, points.height_px, palette::kPaper};
+  canvas.paste(points, {0, 0}, points.width_px, points.height_px);
+  const double side = kOptions.side_px;
+  for (std::size_t view = 0; view < kViews.size(); ++view)
+    canvas.text({16 + side * static_cast<double>(view % 2), 24 + side * static_cast<double>(view / 2)}, kViews[view],
+                palette::kInk, 10);
+  if (!cloud.points.empty()) {
+    Eigen::Vector3f low = cloud.points[0], high = cloud.points[0];
+    for (const auto& p : cloud.points) {
+      low = low.cwiseMin(p);
+      high = high.cwiseMax(p);
+    }
+    const Eigen::Vector3d size = (high - low).cast<double>();
+    if (is_mm) caption.size_mm = {size.x(), size.y(), size.z()};
+    if (is_mm) caption.px_per_mm = px_per_unit(static_cast<int>(kOptions.side_px), high - low);
+  }
+  return deviation ? framed(canvas.image(), caption, *deviation) : framed(canvas.image(), caption);
+}
 
 Image draw_points(const PointCloud& cloud, std::span<const PointColour> colours, const PictureOptions& options) {
   const auto side = static_cast<int>(std::clamp(options.side_px, 64U, 4096U));
@@ -37,7 +70,7 @@ Image draw_points(const PointCloud& cloud, std::span<const PointColour> colours,
     high = high.cwiseMax(p);
   }
   const Eigen::Vector3f middle = (low + high) / 2;
-  const float scale = 0.94F * static_cast<float>(side) / std::max((high - low).maxCoeff(), 1e-20F);
+  const auto scale = static_cast<float>(px_per_unit(side, high - low));
   // points cover about half of the picture's silhouette when a splat is as large as their mean distance
   const double density = 0.35 * side * side / static_cast<double>(cloud.size());
   const int splat = options.splat_px > 0 ? options.splat_px

@@ -50,7 +50,7 @@ Triple lab(Colour colour, const Sight& sight) {
 double distance(const Triple& a, const Triple& b) { return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]); }
 
 /// A distance of about 2.3 is just seen where two areas touch; small marks on a busy picture want ten times that.
-constexpr double kToldApart = 20;
+constexpr double kDistinct = 20;
 
 TEST(Palette, IsToldApartWithAnyKindOfColourBlindness) {
   using namespace palette;
@@ -61,19 +61,21 @@ TEST(Palette, IsToldApartWithAnyKindOfColourBlindness) {
                                                   {kAscending, kDescending},
                                                   {kOuterArc, kHoleArc, kLink},
                                                   {kMissing, kFits, kBeyond},
+                                                  {kKept, kDuplicate, kOutlier, kSmallCluster},
+                                                  {kPart, kDoubtful},
                                                   {kInk, kPaper},
                                                   {kPaleInk, kPaper}};
   for (const Sight& sight : kSights)
     for (std::size_t g = 0; g < together.size(); ++g)
       for (std::size_t i = 0; i < together[g].size(); ++i)
         for (std::size_t k = 0; k < i; ++k)
-          EXPECT_GT(distance(lab(together[g][i], sight), lab(together[g][k], sight)), kToldApart)
+          EXPECT_GT(distance(lab(together[g][i], sight), lab(together[g][k], sight)), kDistinct)
               << sight.name << ", group " << g << ": colours " << k << " and " << i;
 }
 
 TEST(Palette, SeesThatRedAndGreenAreNotToldApartByEverybody) {
-  EXPECT_LT(distance(lab({170, 110, 40}, kSights[2]), lab({110, 130, 40}, kSights[2])), kToldApart);
-  EXPECT_GT(distance(lab({170, 110, 40}, kSights[0]), lab({110, 130, 40}, kSights[0])), kToldApart);
+  EXPECT_LT(distance(lab({170, 110, 40}, kSights[2]), lab({110, 130, 40}, kSights[2])), kDistinct);
+  EXPECT_GT(distance(lab({170, 110, 40}, kSights[0]), lab({110, 130, 40}, kSights[0])), kDistinct);
 }
 
 TEST(Palette, RunsFromMissingOverFittingToBeyond) {

@@ -86,13 +86,13 @@ TEST(Measure, RefusesCloudsWithoutNormals) {
   EXPECT_FALSE((MeasureOptions{.height = -1.0}.validate()));
 }
 
-TEST(HeatColours, RunFromBlueOverWhiteToRed) {
+TEST(HeatColours, RunFromBlueOverGreyToOrange) {
   Measurement m;
   m.distance = {-1, 0, 1};
   const auto colours = heat_colours(m, 0.5);
-  EXPECT_EQ(colours[0], (PointColour{0, 0, 235}));
-  EXPECT_EQ(colours[1], (PointColour{235, 235, 235}));
-  EXPECT_EQ(colours[2], (PointColour{235, 0, 0}));
+  EXPECT_EQ(colours[0], (PointColour{33, 102, 172}));
+  EXPECT_EQ(colours[1], (PointColour{190, 190, 186}));
+  EXPECT_EQ(colours[2], (PointColour{213, 94, 0}));
 }
 
 TEST(PointPicture, ShowsTheCloudAndHidesWhatLiesBehind) {

@@ -37,6 +37,12 @@ inline constexpr Colour kOuterArc{0, 95, 75};
 inline constexpr Colour kHoleArc{170, 60, 150};
 inline constexpr Colour kLink{205, 210, 206};
 
+// What became of the points of a cloud.
+inline constexpr Colour kKept{200, 200, 205};
+inline constexpr Colour kDuplicate{0, 114, 178};
+inline constexpr Colour kOutlier{190, 30, 30};
+inline constexpr Colour kSmallCluster{240, 180, 30};
+
 // How far something is off: too little, right, too much; mixed in between.
 inline constexpr Colour kMissing{33, 102, 172};
 inline constexpr Colour kFits{190, 190, 186};

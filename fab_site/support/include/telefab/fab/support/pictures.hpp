@@ -20,9 +20,9 @@ struct SeenAnchor {
 [[nodiscard]] std::vector<SeenAnchor> anchors_at(const SupportPlan& plan, LayerIndex part_layer, double thickness_mm,
                                                  Millimetres anchor_distance);
 
-/// One layer as in the paper's Figures 16 and 17: attached grey, self-supported blue, to support orange; its own anchors
-/// as full dots, those that stand from below as open ones, with the circles they reach. Here and below `caption` says
-/// whose picture it is; legend, scale and axes are filled in.
+/// One layer as in the paper's Figures 16 and 17: attached grey, self-supported blue, to support orange; its own
+/// anchors as full dots, those that stand from below as open ones, with the circles they reach. Here and below
+/// `caption` says whose picture it is; legend, scale and axes are filled in.
 [[nodiscard]] Image draw_layer(const LayerRegions& regions, std::span<const SeenAnchor> anchors,
                                PictureCaption caption);
 

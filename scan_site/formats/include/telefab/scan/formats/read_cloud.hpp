@@ -56,8 +56,8 @@ struct ScanFile {
 [[nodiscard]] Result<ScanFile> read_scan_file(std::span<const std::byte> bytes, std::string_view file_name,
                                               const ReadOptions& options, std::stop_token stop);
 
-/// Refuses what is surely no scan, by the first kilobytes of a file: a picture, an archive, a CAD model. What passes may
-/// still be damaged. Fails with InvalidInput: what it is, and what to do instead.
+/// Refuses what is surely no scan, by the first kilobytes of a file: a picture, an archive, a CAD model. What passes
+/// may still be damaged. Fails with InvalidInput: what it is, and what to do instead.
 [[nodiscard]] Result<void> check_may_be_scan(std::span<const std::byte> beginning, std::string_view file_name);
 
 /// read_scan_file made ready for work: duplicate positions become one point (first place, mean normal), and points

@@ -52,8 +52,8 @@ struct Inspection {
 [[nodiscard]] std::string to_json(const Inspection& inspection);
 
 /// Two views from a little above. Upper row: the shaded cloud with critical points and the Morse-Smale complex; lower
-/// row: the enhanced Reeb graph on the surface (paper figures 5 and 18). What lies behind is drawn paler; critical points
-/// that are noise are small and grey. RGB, 1600 x 1600 pixels and its frame.
+/// row: the enhanced Reeb graph on the surface (paper figures 5 and 18). What lies behind is drawn paler; critical
+/// points that are noise are small and grey. RGB, 1600 x 1600 pixels and its frame.
 [[nodiscard]] Image draw_inspection(const Inspection& inspection);
 
 /// For a viewer: samples (grey), integral lines, arcs and critical points as coloured points; binary little-endian

@@ -46,7 +46,7 @@ struct Measurement {
 [[nodiscard]] Result<Measurement> measure(const PointCloud& reference, const PointCloud& built,
                                           const MeasureOptions& options, std::stop_token stop);
 
-/// Blue (too little) over white to red (too much), full at +-`range`; grey where unmatched.
+/// Blue (too little) over light grey to orange (too much), full at +-`range`; dark grey where unmatched.
 [[nodiscard]] std::vector<PointColour> heat_colours(const Measurement& measurement, double range);
 
 /// Lengths as they are and in % of the height, and the 4x4 motion.

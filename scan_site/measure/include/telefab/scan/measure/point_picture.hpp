@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <cstdint>
+#include <optional>
 #include <span>
-#include <telefab/image/png.hpp>
+#include <telefab/image/frame.hpp>
 #include <telefab/scan/cloud/point_cloud.hpp>
 #include <telefab/scan/formats/write_cloud.hpp>
 
@@ -17,5 +18,11 @@ struct PictureOptions {
 /// hide farther ones; shaded where the cloud has normals. `colours` has one a point. White background.
 [[nodiscard]] Image draw_points(const PointCloud& cloud, std::span<const PointColour> colours,
                                 const PictureOptions& options);
+
+/// The same with names of the views in the frame of all pictures. `caption` says whose picture it is and has its
+/// legend; a scale bar is drawn where the cloud's unit is the millimetre (`is_mm`).
+[[nodiscard]] Image framed_points(const PointCloud& cloud, std::span<const PointColour> colours, PictureCaption caption,
+                                  bool is_mm, const std::optional<DeviationScale>& deviation = std::nullopt);
+[[nodiscard]] PointColour point_colour(Colour colour);
 
 }  // namespace telefab::scan
