@@ -33,17 +33,15 @@ bool has_taken_effect(JobCommand command, JobState state) {
   }
 }
 
-/// The job once it is where the command was to bring it, or as it was last seen within the time.
-Result<Job> seen_after(SiteClient& client, Job job, JobCommand command) {
-  if (has_taken_effect(command, job.state)) return job;
-  if (auto sent = client.send(AskJobs{client.next_request(), job.id, 1, true}); !sent)
-    return tl::unexpected{sent.error()};
+/// The job once it is where the command was to bring it, or as it was last seen within the time. The command was
+/// carried out by now: where looking fails, it is the job as the site answered.
+Job seen_after(SiteClient& client, Job job, JobCommand command) {
+  if (has_taken_effect(command, job.state) || !client.send(AskJobs{client.next_request(), job.id, 1, true})) return job;
   const SystemClock clock;
   const Nanoseconds until = clock.now() + kTakesEffectWithin;
   while (!has_taken_effect(command, job.state) && clock.now() < until) {
     auto received = client.receive_within(until - clock.now());
-    if (!received) return tl::unexpected{received.error()};
-    if (!*received) break;
+    if (!received || !*received) break;
     if (auto* jobs = std::get_if<Jobs>(&**received); jobs && jobs->jobs.size() == 1) job = std::move(jobs->jobs[0]);
   }
   return job;
@@ -54,12 +52,13 @@ Result<void> ask_and_print(SiteClient& client, const CommonOptions& common, cons
   auto jobs = client.ask<Jobs>(command);
   if (!jobs) return tl::unexpected{jobs.error()};
   for (const Job& answered : jobs->jobs) {
-    const auto job = seen_after(client, answered, command.command);
-    if (!job) return tl::unexpected{job.error()};
-    write_output(fmt::format("{}\n", common.json ? to_json(*job) : to_line(*job)));
-    if (!has_taken_effect(command.command, job->state))
-      write_note(fmt::format("asked to {}; it is {} until the layer under way has ended: `telefab watch {}` shows it\n",
-                             name_of(command.command), name_of(job->state), job->id));
+    const Job job = seen_after(client, answered, command.command);
+    write_output(fmt::format("{}\n", common.json ? to_json(job) : to_line(job)));
+    if (!has_taken_effect(command.command, job.state))
+      write_note(
+          fmt::format("asked to {}; it is still {}, as while a layer is under way: `telefab watch {}` shows when "
+                      "it takes effect\n",
+                      name_of(command.command), name_of(job.state), job.id));
   }
   return {};
 }

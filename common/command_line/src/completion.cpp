@@ -85,8 +85,11 @@ std::string bash_script(const ProgramManual& program) {
   script += "  esac\n  case $verb in\n";
   for (const VerbManual& verb : program.verbs)
     if (const std::string lister = place_lister_of(program, verb); !lister.empty())
-      script += fmt::format("    {}) mapfile -t COMPREPLY < <(compgen -W \"$({})\" -- \"$word\"); return ;;\n",
-                            verb.name, listing(program, lister));
+      // Behind an option stands its value, which is most likely a file.
+      script += fmt::format(
+          "    {}) [[ $before == -* ]] || {{ mapfile -t COMPREPLY < <(compgen -W \"$({})\" -- \"$word\"); return; }} "
+          ";;\n",
+          verb.name, listing(program, lister));
   script += fmt::format(
       "  esac\n  compopt -o filenames\n  mapfile -t COMPREPLY < <(compgen -f -- \"$word\")\n}}\n"
       "complete -F {} {}\n",
@@ -126,7 +129,9 @@ std::string zsh_script(const ProgramManual& program) {
       "  esac\n  if [[ $words[CURRENT] == -* ]]; then _describe option options; return; fi\n  case $words[2] in\n";
   for (const VerbManual& verb : program.verbs)
     if (const std::string lister = place_lister_of(program, verb); !lister.empty())
-      script += fmt::format("    {}) compadd -- ${{(f)\"$({})\"}}; return ;;\n", verb.name, listing(program, lister));
+      script +=
+          fmt::format("    {}) if [[ $words[CURRENT-1] != -* ]]; then compadd -- ${{(f)\"$({})\"}}; return; fi ;;\n",
+                      verb.name, listing(program, lister));
   script += fmt::format("  esac\n  _files\n}}\n{} \"$@\"\n", function_name(program.name));
   return script;
 }

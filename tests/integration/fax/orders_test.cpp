@@ -100,7 +100,11 @@ TEST_F(Orders, ACancelledPrintNeverLightsAgain) {
 
 TEST_F(Orders, APausedPrintStaysPausedOverEveryRestartUntilItIsResumed) {
   begin_print(3);
-  ASSERT_EQ(at_fab({"pause", job, "--who", "ana"}).code, 0);
+  const Outcome paused = at_fab({"pause", job, "--who", "ana"});
+  ASSERT_EQ(paused.code, 0);
+  EXPECT_TRUE(paused.output.find("paused") != std::string::npos ||
+              paused.errors.find("asked to pause") != std::string::npos)
+      << "what is not yet so is not shown as if it were: " << paused.output << paused.errors;
   const std::size_t before = lights();
   for (const int signal : {SIGKILL, SIGTERM, SIGKILL}) {
     end_fab(signal);
@@ -111,6 +115,9 @@ TEST_F(Orders, APausedPrintStaysPausedOverEveryRestartUntilItIsResumed) {
   EXPECT_EQ(lights(), before);
   const Outcome resumed = resume("ben");
   ASSERT_EQ(resumed.code, 0) << resumed.errors;
+  EXPECT_TRUE(resumed.output.find("paused") == std::string::npos ||
+              resumed.errors.find("asked to") != std::string::npos)
+      << resumed.output << resumed.errors;
   ASSERT_TRUE(await([&] { return lights() > before; })) << says();
   kill_fab();
   set_machine(5000);

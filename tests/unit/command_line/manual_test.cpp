@@ -77,10 +77,13 @@ TEST(Completion, OffersJobsWhereAJobIsNamed) {
   job.name = "JOB", job.positional = true;
   program.verbs[0].options = {job};
   program.verbs[1] = {"jobs", "lists", {names}};
-  EXPECT_THAT(completion_script(program, Shell::Bash),
-              HasSubstr("    send) mapfile -t COMPREPLY < <(compgen -W \"$(timeout 3 prog-x jobs --names"));
-  EXPECT_THAT(completion_script(program, Shell::Zsh),
-              HasSubstr("    send) compadd -- ${(f)\"$(timeout 3 prog-x jobs --names"));
+  EXPECT_THAT(
+      completion_script(program, Shell::Bash),
+      HasSubstr(
+          "    send) [[ $before == -* ]] || { mapfile -t COMPREPLY < <(compgen -W \"$(timeout 3 prog-x jobs --names"));
+  EXPECT_THAT(
+      completion_script(program, Shell::Zsh),
+      HasSubstr("    send) if [[ $words[CURRENT-1] != -* ]]; then compadd -- ${(f)\"$(timeout 3 prog-x jobs --names"));
   EXPECT_THAT(completion_script(program, Shell::Fish),
               HasSubstr("__fish_seen_subcommand_from send' -f -a '(timeout 3 prog-x jobs --names"));
 }
