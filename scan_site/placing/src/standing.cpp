@@ -104,8 +104,12 @@ class Judge {
     const Vec3 angles = (turn->angles_deg() * 1e4).array().round().matrix() / 1e4;
     turn = Turn::about_axes(angles);
     if (!turn) return tl::unexpected{turn.error()};
+    return stood(*turn, direction.source);
+  }
 
-    Stood s{*turn, direction.source, {options_.axis_scale.asDiagonal() * turn->matrix(), Box3::nothing()}, false};
+  /// As large as asked for, in exactly this turn.
+  [[nodiscard]] Stood stood(const Turn& turn, StandingSource source) const {
+    Stood s{turn, source, {options_.axis_scale.asDiagonal() * turn.matrix(), Box3::nothing()}, false};
     for (const Vector3f& p : all_) s.stance.box_mm.include(Vec3{s.stance.to_build * p.cast<double>()});
     const Vec3 size = s.stance.box_mm.size();
     if (!(size.minCoeff() > 0)) return s;
@@ -178,6 +182,18 @@ std::vector<std::size_t> order_of(std::vector<Standing>& standings, StandFor goa
   return order;
 }
 
+Result<Samples> checked_samples(const PointCloud& cloud, const StandingOptions& options, const std::stop_token& stop) {
+  if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
+  if (cloud.points.empty() || cloud.normals.size() != cloud.size())
+    return fail(ErrorCode::InvalidInput, "which way a scan stands best needs points with normals");
+  return samples_of(cloud, options.thickness_mm ? *options.thickness_mm / scale_as_in_file(cloud, options) : 0, stop);
+}
+
+std::string room_text(const MachineProfile& machine) {
+  return fmt::format("{} ({:g} x {:g} mm platform, {:g} mm travel)", machine.name, machine.platform.width_mm,
+                     machine.platform.depth_mm, machine.platform.z_travel_mm);
+}
+
 }  // namespace
 
 Result<StandFor> stand_for_from(std::string_view name) {
@@ -224,11 +240,7 @@ Result<void> StandingOptions::validate() const {
 
 Result<std::vector<Standing>> judged_standings(const PointCloud& cloud, const StandingOptions& options,
                                                const ShareSink& progress, std::stop_token stop) {
-  if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
-  if (cloud.points.empty() || cloud.normals.size() != cloud.size())
-    return fail(ErrorCode::InvalidInput, "which way a scan stands best needs points with normals");
-  auto samples =
-      samples_of(cloud, options.thickness_mm ? *options.thickness_mm / scale_as_in_file(cloud, options) : 0, stop);
+  auto samples = checked_samples(cloud, options, stop);
   if (!samples) return tl::unexpected{samples.error()};
   const SolidGrid fine{samples->points, samples->normals, samples->areas, options.corners, stop};
   if (stop.stop_requested()) return cancelled("filling the part");
@@ -264,10 +276,8 @@ Result<std::vector<Standing>> judged_standings(const PointCloud& cloud, const St
     }
   if (fitting.empty())
     return fail(ErrorCode::InvalidInput,
-                fmt::format("the part is larger than {} ({:g} x {:g} mm platform, {:g} mm travel) whichever way it "
-                            "stands; make it smaller, or give --fit",
-                            options.machine.name, options.machine.platform.width_mm, options.machine.platform.depth_mm,
-                            options.machine.platform.z_travel_mm));
+                fmt::format("the part is larger than {} whichever way it stands; make it smaller, or give --fit",
+                            room_text(options.machine)));
   // The best by the coarse grid are judged on the fine one, and the file's own way always.
   std::vector<std::size_t> chosen;
   for (const std::size_t k : order_of(rated, options.goal))
@@ -283,6 +293,24 @@ Result<std::vector<Standing>> judged_standings(const PointCloud& cloud, const St
   if (stop.stop_requested()) return cancelled("judging directions");
   rank(judged, options.goal);
   return judged;
+}
+
+Result<Standing> judged_standing(const PointCloud& cloud, const StandingOptions& options, const Turn& turn,
+                                 std::stop_token stop) {
+  auto samples = checked_samples(cloud, options, stop);
+  if (!samples) return tl::unexpected{samples.error()};
+  const SolidGrid grid{samples->points, samples->normals, samples->areas, options.corners, stop};
+  if (stop.stop_requested()) return cancelled("filling the part");
+  const Judge judge{cloud, std::move(*samples), options};
+  const Stood stood = judge.stood(turn, StandingSource::AsInFile);
+  if (!stood.fits) {
+    const Vec3 size = stood.stance.box_mm.size();
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("the part, {:.4g} x {:.4g} x {:.4g} mm, is larger than {} in this turn; make it smaller, "
+                            "turn it, or give --fit",
+                            size.x(), size.y(), size.z(), room_text(options.machine)));
+  }
+  return judge.judged(stood, grid, true);
 }
 
 void rank(std::vector<Standing>& standings, StandFor goal) {

@@ -77,6 +77,12 @@ using ShareSink = std::function<void(double)>;
 [[nodiscard]] Result<std::vector<Standing>> judged_standings(const PointCloud& cloud, const StandingOptions& options,
                                                              const ShareSink& progress, std::stop_token stop);
 
+/// What it costs to stand in this turn alone, as judged_standings would say; `source` is AsInFile. `goal`, `directions`
+/// and `in_full` do not matter. Cost: that of the grid, under a second a core at 200,000 corners. Fails as
+/// judged_standings does.
+[[nodiscard]] Result<Standing> judged_standing(const PointCloud& cloud, const StandingOptions& options,
+                                               const Turn& turn, std::stop_token stop);
+
 /// Sets the costs and sorts, the best first; equal ones stay in their order.
 void rank(std::vector<Standing>& standings, StandFor goal);
 
