@@ -215,12 +215,11 @@ SurfaceRun CompletedScan::rests_on(const Vec3& place_mm, const ScalarField& fiel
   return {SurfaceClass::Completed, 1, gap, share * gap};
 }
 
-bool CompletedScan::sides_agree(Point2 vertex, double z_mm, Point2 outward) const {
-  const Eigen::Vector3f place = local({vertex.x_mm, vertex.y_mm, z_mm});
+bool CompletedScan::sides_agree(const Vec3& place_mm, const Eigen::Vector3f& outward) const {
+  const Eigen::Vector3f place = local(place_mm);
   const Neighbour nearest = near_->nearest(place);
   const float spacing = std::sqrt(areas_[nearest.index]);
-  const Eigen::Vector3f in_plane{static_cast<float>(outward.x_mm), static_cast<float>(outward.y_mm), 0};
-  for (const Eigen::Vector3f& normal : {normals_[nearest.index], in_plane})
+  for (const Eigen::Vector3f& normal : {normals_[nearest.index], outward})
     for (const float spacings : kProbeSpacings) {
       const Eigen::Vector3f way = spacings * spacing * normal;
       if (tree_->winding(place - way) > 0.5F && tree_->winding(place + way) < 0.5F) return true;
@@ -256,7 +255,10 @@ std::vector<SurfaceRun> CompletedScan::surface_of(const Contour& contour, double
   for (std::size_t k = 0; k < asked; ++k) {
     if (windings[2 * k] > 0.5F && windings[2 * k + 1] < 0.5F) continue;
     const std::size_t i = k * kProbed;
-    if (!sides_agree(vertices[i], z_mm, outward_at(vertices, i))) failed.push_back(i);
+    const Point2 outward = outward_at(vertices, i);
+    if (!sides_agree({vertices[i].x_mm, vertices[i].y_mm, z_mm},
+                     {static_cast<float>(outward.x_mm), static_cast<float>(outward.y_mm), 0}))
+      failed.push_back(i);
   }
   const double most = std::max(kFewestFailures, kMostFailures * static_cast<double>(asked));
   if (static_cast<double>(failed.size()) <= std::min(most, 0.5 * static_cast<double>(asked))) return runs;

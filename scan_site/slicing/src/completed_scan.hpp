@@ -46,6 +46,8 @@ class CompletedScan {
   [[nodiscard]] bool is_measured(const Vec3& place_mm, const ScalarField& field) const;
   /// How far the surface may lie from this place of it (19 cases of 20): 0 where it is measured.
   [[nodiscard]] double error_at(const Vec3& place_mm, const ScalarField& field) const;
+  /// Whether both sides of a place of the surface are what they should be; `outward`: its normal.
+  [[nodiscard]] bool sides_agree(const Vec3& place_mm, const Eigen::Vector3f& outward) const;
   /// What every edge of a contour of `field` rests on: measured where a measured sample lies within a kernel width, or
   /// is the nearest and within two; else completed; doubtful where the winding number of all samples tells inside and
   /// outside otherwise.
@@ -57,8 +59,6 @@ class CompletedScan {
   /// `beside`: a measured sample that may be near, to be asked first; the nearest one where another had to be found.
   [[nodiscard]] SurfaceRun rests_on(const Vec3& place_mm, const ScalarField& field,
                                     std::optional<std::uint32_t>& beside) const;
-  /// Whether both sides of the contour are what they should be; `outward`: its in-plane normal.
-  [[nodiscard]] bool sides_agree(Point2 vertex, double z_mm, Point2 outward) const;
 
   Vec3 origin_;
   std::size_t measured_count_;

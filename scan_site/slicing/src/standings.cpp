@@ -3,11 +3,27 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
+#include <telefab/scan/cloud/units.hpp>
 
 namespace telefab::scan {
 namespace {
+
+/// Of the grid of one turn alone, which somebody waits for.
+constexpr double kQuickCorners = 200'000;
+constexpr double kFewestCorners = 10'000;
+
+/// No finer than the layers: of a part of a millimetre pins and arms would be hundreds of cells wide.
+double quick_corners(const PointCloud& prepared, const StandingOptions& options) {
+  const Vec3 size = size_of(prepared);
+  double scale = options.scale;
+  if (options.height_mm && size.minCoeff() > 0) scale = *options.height_mm / size.maxCoeff();
+  const double cells = (scale * size).prod() / std::pow(options.layer_mm, 3);
+  return options.fit ? kQuickCorners : std::clamp(cells, kFewestCorners, kQuickCorners);
+}
 
 std::string text_of(const StandingFigures& f) {
   const double share = f.part_mm3 > 0 ? 100 * f.support_mm3 / f.part_mm3 : 0;
@@ -28,6 +44,19 @@ nlohmann::ordered_json json_of(const StandingFigures& f) {
           {"stability", f.stability}};
 }
 
+StandingOptions options_for(const PointCloud& prepared, const SliceRequest& request) {
+  const PlacementOptions& placement = request.placement;
+  StandingOptions options;
+  options.machine = request.machine;
+  options.layer_mm = request.layer_mm.value_or(request.machine.layers.thickness_mm);
+  options.height_mm = placement.height_mm;
+  options.scale = placement.scale.value_or(placement.unit_mm.value_or(prepared.unit_mm.value_or(1)));
+  options.fit = placement.fit;
+  options.axis_scale = request.drawn_axis_scale();
+  options.thickness_mm = request.thickness_mm;
+  return options;
+}
+
 }  // namespace
 
 PointCloud mirrored(PointCloud cloud, MirrorAxis axis) {
@@ -43,19 +72,19 @@ std::string to_json(const StandingFigures& figures) { return json_text(json_of(f
 Result<std::vector<Standing>> standings_of(const PointCloud& prepared, const SliceRequest& request,
                                            const StandingSearch& search, const ShareSink& progress,
                                            std::stop_token stop) {
-  const PlacementOptions& placement = request.placement;
-  StandingOptions options;
-  options.machine = request.machine;
-  options.layer_mm = request.layer_mm.value_or(request.machine.layers.thickness_mm);
-  options.height_mm = placement.height_mm;
-  options.scale = placement.scale.value_or(placement.unit_mm.value_or(prepared.unit_mm.value_or(1)));
-  options.fit = placement.fit;
-  options.axis_scale = request.drawn_axis_scale();
-  options.thickness_mm = request.thickness_mm;
+  StandingOptions options = options_for(prepared, request);
   options.goal = search.goal;
   options.directions = search.directions;
-  if (!placement.mirror) return judged_standings(prepared, options, progress, stop);
-  return judged_standings(mirrored(prepared, *placement.mirror), options, progress, stop);
+  if (!request.placement.mirror) return judged_standings(prepared, options, progress, stop);
+  return judged_standings(mirrored(prepared, *request.placement.mirror), options, progress, stop);
+}
+
+Result<Standing> standing_of(const PointCloud& prepared, const SliceRequest& request, std::stop_token stop) {
+  StandingOptions options = options_for(prepared, request);
+  options.corners = quick_corners(prepared, options);
+  const Turn& turn = request.placement.turn;
+  if (!request.placement.mirror) return judged_standing(prepared, options, turn, stop);
+  return judged_standing(mirrored(prepared, *request.placement.mirror), options, turn, stop);
 }
 
 Result<ChosenStanding> chosen_standing(const PointCloud& prepared, const SliceRequest& request, StandFor goal,

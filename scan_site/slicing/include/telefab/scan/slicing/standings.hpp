@@ -21,6 +21,10 @@ struct StandingSearch {
                                                          const StandingSearch& search, const ShareSink& progress,
                                                          std::stop_token stop);
 
+/// What the request's own turn would cost: about a second where standings_of takes many. Fails as judged_standing does.
+[[nodiscard]] Result<Standing> standing_of(const PointCloud& prepared, const SliceRequest& request,
+                                           std::stop_token stop);
+
 /// The best of them.
 [[nodiscard]] Result<ChosenStanding> chosen_standing(const PointCloud& prepared, const SliceRequest& request,
                                                      StandFor goal, std::stop_token stop);
