@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/scan/staging/print_estimate.hpp>
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
+#include <telefab/scan/cloud/units.hpp>
+#include <telefab/scan/slicing/standings.hpp>
+
+namespace telefab::scan {
+namespace {
+
+using Seconds = std::chrono::duration<double>;
+
+constexpr std::array<std::string_view, 4> kVerdicts{"pass", "warning", "held", "not-known"};
+constexpr double kMm3PerMl = 1000;
+/// A hollow that keeps more liquid than this is worth a word.
+constexpr double kTrapped_mm3 = 50;
+/// A vat is not emptied: so much of what it holds can be printed.
+constexpr double kUsableShare = 0.9;
+
+double path_s(double part_mm, double part_speed, double all_mm, double speed) {
+  if (!(speed > 0)) return 0;
+  const double slow_mm = part_speed > 0 ? std::min(part_mm, all_mm) : 0;
+  return (slow_mm > 0 ? slow_mm / part_speed : 0) + (all_mm - slow_mm) / speed;
+}
+
+double layer_s(const MachineProfile& machine, std::uint32_t print_layer) {
+  const MachineProfile::Stroke s = machine.motion.stroke_of(print_layer < machine.layers.bottom_count, false);
+  return machine.exposure_of_layer_s(print_layer) + s.wait_after_exposure_s + s.tilt_s +
+         path_s(s.peel_mm, s.peel_speed_mm_per_s, s.lift_mm, s.lift_speed_mm_per_s) + s.wait_after_lift_s +
+         path_s(s.approach_mm, s.approach_speed_mm_per_s, s.lift_mm, s.lower_speed_mm_per_s) + s.settle_s;
+}
+
+/// Where nobody asks for a size and the one it has is hardly meant.
+std::optional<std::string> unit_warning(const PreparedScan& prepared, const SliceRequest& request) {
+  const PlacementOptions& p = request.placement;
+  if (p.height_mm || p.scale || p.fit) return std::nullopt;
+  const double unit_mm = p.unit_mm.value_or(prepared.cloud.unit_mm.value_or(1));
+  return scale_warning(Vec3{unit_mm * size_of(prepared.cloud)}, unit_mm);
+}
+
+std::vector<ForeseenItem> items_of(const PrintEstimate& e, const PreparedScan& prepared, const SliceRequest& request) {
+  const MachineProfile& machine = request.machine;
+  const StandingFigures& f = e.figures;
+  std::vector<ForeseenItem> items;
+  const auto add = [&](std::string name, Verdict verdict, std::string text) {
+    items.push_back({std::move(name), verdict, std::move(text)});
+  };
+  add("size", Verdict::Pass,
+      fmt::format("{:.1f} x {:.1f} x {:.1f} mm on a platform of {:g} x {:g} mm with {:g} mm of travel", f.size_mm.x(),
+                  f.size_mm.y(), f.size_mm.z(), machine.platform.width_mm, machine.platform.depth_mm,
+                  machine.platform.z_travel_mm));
+  if (const auto warning = unit_warning(prepared, request)) add("unit", Verdict::Warning, *warning);
+  if (f.is_lifted)
+    add("supports", Verdict::Pass,
+        fmt::format("{} anchors, about {:.0f} mm3; the part is lifted off the platform", f.anchors, f.support_mm3));
+  else
+    add("supports", Verdict::Pass,
+        f.anchors > 0
+            ? fmt::format("{} anchors, about {:.0f} mm3; it stands on a side of its own", f.anchors, f.support_mm3)
+            : std::string{"none are needed: it stands on a side of its own"});
+  if (!f.is_lifted && f.stability < 0)
+    add("stability", Verdict::Warning, "its middle is outside of what it stands on: it would lean; turn it");
+  if (f.trapped_mm3 > kTrapped_mm3)
+    add("hollows", Verdict::Warning,
+        fmt::format(
+            "about {:.1f} ml of resin stays in cups and hollows while it grows; turned otherwise it may run out",
+            f.trapped_mm3 / kMm3PerMl));
+  if (const double vat_ml = machine.resin.vat_ml; vat_ml > 0)
+    add("resin", e.resin_ml > kUsableShare * vat_ml ? Verdict::Warning : Verdict::Pass,
+        fmt::format("about {:.1f} ml of the {:g} ml that the vat holds", e.resin_ml, vat_ml));
+  else
+    add("resin", Verdict::NotKnown,
+        fmt::format("about {:.1f} ml; the profile does not state what the vat holds", e.resin_ml));
+  const double pitch_mm = machine.projection.pixel_pitch_mm;
+  const double least_mm = f.size_mm.minCoeff();
+  add("thin features", least_mm < 2 * pitch_mm ? Verdict::Warning : Verdict::NotKnown,
+      least_mm < 2 * pitch_mm
+          ? fmt::format("the part is {:.3f} mm thin at most, less than two pixels of {:g} mm", least_mm, pitch_mm)
+          : fmt::format("walls and pins thinner than two pixels ({:g} mm) are found when the masks are made",
+                        2 * pitch_mm));
+  if (!machine.assumed.empty())
+    add("profile", Verdict::NotKnown,
+        fmt::format("{} values of the profile are assumed, neither published nor measured", machine.assumed.size()));
+  add("masks and light", Verdict::NotKnown,
+      "islands, dose and what holds while it grows: the fab tells once it has planned");
+  return items;
+}
+
+}  // namespace
+
+std::string_view name_of(Verdict verdict) { return kVerdicts[static_cast<std::size_t>(verdict) - 1]; }
+
+Seconds print_time_of(const MachineProfile& machine, std::uint32_t layers, double layer_mm) {
+  double total = 0;
+  // Layers repeat themselves once bottom and transition are over.
+  const std::uint32_t special = std::min(layers, machine.layers.bottom_count + machine.layers.transition_count + 1);
+  for (std::uint32_t k = 0; k < special; ++k) total += layer_s(machine, k);
+  if (layers > special) total += (layers - special) * layer_s(machine, special);
+  const double top_mm = machine.platform.z_travel_mm + machine.highest_lift_mm();
+  const double lower = machine.motion.lower_speed_mm_per_s;
+  if (lower > 0) total += top_mm / lower;
+  if (const double homing = machine.homing_mm_per_s(); homing > 0)
+    total += (top_mm + std::max(0.0, top_mm - layers * layer_mm)) / homing;
+  return Seconds{total};
+}
+
+Result<PrintEstimate> estimate_print(const PreparedScan& prepared, const SliceRequest& request, std::stop_token stop) {
+  // As slicing does: what nobody states is asked, and not guessed.
+  if (const auto warning = unit_warning(prepared, request);
+      warning && !request.placement.unit_mm && !prepared.cloud.unit_mm)
+    return fail(ErrorCode::InvalidInput, *warning);
+  PrintEstimate estimate;
+  if (const auto goal = request.placement.stand_for) {
+    const auto chosen = chosen_standing(prepared.cloud, request, *goal, stop);
+    if (!chosen) return tl::unexpected{chosen.error()};
+    estimate.figures = chosen->standing.figures;
+  } else {
+    const auto standing = standing_of(prepared.cloud, request, stop);
+    if (!standing) return tl::unexpected{standing.error()};
+    estimate.figures = standing->figures;
+  }
+  estimate.layer_mm = request.layer_mm.value_or(request.machine.layers.thickness_mm);
+  estimate.resin_ml = (estimate.figures.part_mm3 + estimate.figures.support_mm3) / kMm3PerMl;
+  estimate.print_time = print_time_of(request.machine, estimate.figures.layers, estimate.layer_mm);
+  estimate.items = items_of(estimate, prepared, request);
+  return estimate;
+}
+
+std::string to_json(const PrintEstimate& estimate) {
+  nlohmann::ordered_json json{{"figures", json_or_discarded(to_json(estimate.figures))},
+                              {"layer_mm", estimate.layer_mm},
+                              {"resin_ml", estimate.resin_ml},
+                              {"seconds", estimate.print_time.count()}};
+  json["items"] = nlohmann::ordered_json::array();
+  for (const ForeseenItem& item : estimate.items)
+    json["items"].push_back({{"name", item.name}, {"verdict", name_of(item.verdict)}, {"text", item.text}});
+  return json_text(json);
+}
+
+}  // namespace telefab::scan
