@@ -77,6 +77,14 @@ Result<void> DiskRoom::check(std::uint64_t bytes) {
   return checked;
 }
 
+Result<std::uint64_t> DiskRoom::room() const {
+  const std::lock_guard lock{mutex_};
+  const auto space = ask_(folder_);
+  if (!space) return tl::unexpected{space.error()};
+  const std::uint64_t kept = is_held_ ? 0 : reserve_bytes_;
+  return space->available > kept ? space->available - kept : 0;
+}
+
 bool DiskRoom::give_up_reserve() {
   const std::lock_guard lock{mutex_};
   if (!std::exchange(is_held_, false)) return false;

@@ -64,7 +64,10 @@ function showJobs() {
     button.dataset.job = job.id;
     button.setAttribute("aria-current", String(job.id === state.chosen));
     button.append(element("small", `${job.state}, ${job.instance || job.machine}`));
-    button.onclick = () => choose(job.id);
+    button.onclick = () => {
+      site.picked?.();
+      choose(job.id);
+    };
     const item = document.createElement("li");
     item.append(button);
     return item;
@@ -184,8 +187,10 @@ byId("token-form").onsubmit = async (event) => {
   byId("token-form").hidden = true;
   await findVisitor();
   if (!state.stream) follow();
-  if (state.waiting) act(...state.waiting);
+  const waiting = state.waiting;
   state.waiting = null;
+  if (typeof waiting === "function") waiting();
+  else if (waiting) act(...waiting);
 };
 byId("sign-out").onclick = async () => {
   await fetch("/v1/sign-out", { method: "POST" });

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
+#include <charconv>
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/web/web_message.hpp>
@@ -52,6 +54,23 @@ std::string host_name_of(std::string_view host) {
   const auto colon = name.rfind(':');
   if (colon != std::string::npos && name.find(']', colon) == std::string::npos) name.resize(colon);
   return name;
+}
+
+std::optional<std::uint64_t> query_number(std::string_view target, std::string_view key) {
+  const auto begin = target.find('?');
+  if (begin == std::string_view::npos) return std::nullopt;
+  std::string_view rest = target.substr(begin + 1);
+  while (!rest.empty()) {
+    const std::string_view pair = rest.substr(0, rest.find('&'));
+    rest.remove_prefix(std::min(pair.size() + 1, rest.size()));
+    if (pair.size() <= key.size() || !pair.starts_with(key) || pair[key.size()] != '=') continue;
+    const std::string_view digits = pair.substr(key.size() + 1);
+    std::uint64_t number = 0;
+    const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), number);
+    if (digits.empty() || error != std::errc{} || end != digits.data() + digits.size()) return std::nullopt;
+    return number;
+  }
+  return std::nullopt;
 }
 
 WebResponse web_asset(std::span<const WebAsset> assets, std::string_view target) {

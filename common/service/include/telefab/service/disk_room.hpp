@@ -24,6 +24,8 @@ class DiskRoom {
   /// Whether so many bytes may be written now and the reserve is whole, or can be taken back beside them. Fails in one
   /// sentence with figures: StorageFailed (not now), TooLarge (never: the disk is smaller).
   [[nodiscard]] Result<void> check(std::uint64_t bytes);
+  /// How many bytes may be written now beside the reserve. Fails with StorageFailed.
+  [[nodiscard]] Result<std::uint64_t> room() const;
   /// Frees the reserve for what must be written now. False where none was held.
   bool give_up_reserve();
   /// Something could not be written or read: health() says so until a check passes.

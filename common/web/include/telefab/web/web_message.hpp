@@ -54,6 +54,9 @@ struct WebResponse {
 /// The name that a Host header asks for: in lower case, without the port.
 [[nodiscard]] std::string host_name_of(std::string_view host);
 
+/// The number KEY=N of a target's query; nothing where it is missing, or is not a plain decimal number.
+[[nodiscard]] std::optional<std::uint64_t> query_number(std::string_view target, std::string_view key);
+
 /// A file of a page, compiled in, so that an installed daemon serves it from anywhere. "/" is the page itself.
 struct WebAsset {
   std::string_view path;
