@@ -21,6 +21,9 @@ namespace {
 
 /// Written into a job's folder when it was cancelled here and the fab has not heard of it yet.
 constexpr const char* kCancelMark = "tell-cancelled";
+constexpr const char* kThreeJs = "/usr/share/javascript/three/three.min.js";  // Debian libjs-three
+constexpr std::uint64_t kMaxThreeJsBytes = 8U << 20U;
+constexpr auto kUploadsLookEvery = std::chrono::hours{1};
 constexpr const char* kOwnProfiles = "this scan site; the fab was not reached yet";
 
 /// Refuses what is surely no scan before there is a job of it.
@@ -59,6 +62,11 @@ Result<void> ScanSite::start(const std::string& fab_certificate) {
   net::ConnectOptions options{*fab, site().trust(), net::Role::FabSite, {}};
   options.expected_name = fab_certificate.empty() ? fab->host : fab_certificate;
   link_ = std::make_unique<FabLink>(site().loop(), std::move(options), *key, link_events());
+  if (!site().options().web.empty()) {
+    auto uploads = UploadStore::open(site().folder().path() / "uploads", {.most_bytes = kMaxScanBytes}, site().clock());
+    if (!uploads) return tl::unexpected{uploads.error()};
+    uploads_ = std::move(*uploads);
+  }
   tracker().on_end([this](const std::string& job) {
     link_->forget(job);
     spools_.close(job);
@@ -72,9 +80,40 @@ ScanSite::~ScanSite() {
 }
 
 WebSite& ScanSite::open_page(SignIn& sign_in, CommandPost post) {
-  page_backend_ = std::make_unique<SitePageBackend>(store(), site().room(), site().folder(), fab_, std::move(post));
-  web_site_ = std::make_unique<ScanWeb>(*page_backend_, sign_in, std::string{kVersion});
+  page_backend_ =
+      std::make_unique<SitePageBackend>(store(), site().room(), site().folder(), spools_, fab_, std::move(post));
+  staging_backend_ = std::make_unique<SiteStagingBackend>(
+      *uploads_, site().room(), site().folder().incoming(),
+      [this](const Submit& asked, const std::filesystem::path& file, const std::string& who,
+             std::function<void(Result<Job>)> done) {
+        site().loop().post([this, asked, file, who, done = std::move(done)] {
+          if (const auto may = may_submit(asked); !may) return done(tl::unexpected{may.error()});
+          done(submit(asked, file, who));
+        });
+      },
+      [this](const std::string& who, const std::string& what) {
+        site().loop().post([this, who, what] { note(who, what); });
+      });
+  show_profiles();
+  look_after_uploads();
+  std::string three_js;
+  if (const auto library = read_file(kThreeJs, kMaxThreeJsBytes))
+    three_js.assign(reinterpret_cast<const char*>(library->data()), library->size());
+  web_site_ = std::make_unique<ScanWeb>(*page_backend_, *staging_backend_, sign_in,
+                                        WebOptions{std::string{kVersion}, std::move(three_js)});
   return *web_site_;
+}
+
+void ScanSite::show_profiles() {
+  if (!staging_backend_) return;
+  const ProfileCatalogue& known = known_profiles();
+  staging_backend_->set_profiles(std::make_shared<const ProfileCatalogue>(known),
+                                 &known == &site().profiles() ? kOwnProfiles : "fab " + fab_);
+}
+
+void ScanSite::look_after_uploads() {
+  staging_backend_->remove_outlived();
+  site().loop().after(kUploadsLookEvery, [this] { look_after_uploads(); });
 }
 
 void ScanSite::begin(std::uint16_t port) {
@@ -225,6 +264,7 @@ FabLinkEvents ScanSite::link_events() {
   return {[this](bool is_up, const std::string& why) {
             log_line(is_up ? fmt::format("the fab {} is reached", fab_) : fmt::format("the fab {}: {}", fab_, why));
             if (page_backend_) page_backend_->set_link(is_up, why);
+            show_profiles();
             if (is_up) send_cancelled();
             for (const std::string& job : counters().jobs())
               if (const auto now = store().find(job); now && now->state == JobState::Sending)

@@ -7,6 +7,7 @@
 
 #include "fab_link.hpp"
 #include "site_page_backend.hpp"
+#include "site_staging_backend.hpp"
 #include "slicer.hpp"
 
 namespace telefab::scan {
@@ -41,6 +42,10 @@ class ScanSite final : public SiteWork {
   [[nodiscard]] FabLinkEvents link_events();
   /// The fab's; this site's own until the fab was reached once.
   [[nodiscard]] const ProfileCatalogue& known_profiles() const;
+  /// The page chooses from the same.
+  void show_profiles();
+  /// Takes uploads that nobody has touched for long off the disk; asks itself every hour.
+  void look_after_uploads();
   [[nodiscard]] Result<void> resume_unfinished(const Job& job);
   /// The job says why it waits, and is resumed again; nothing of it is lost.
   void wait_for_disk(const std::string& job, const Error& why);
@@ -61,7 +66,9 @@ class ScanSite final : public SiteWork {
   std::set<std::string> unreadable_;  ///< jobs whose spool is read again after a while
   std::unique_ptr<Slicer> slicer_;
   std::unique_ptr<FabLink> link_;
+  std::unique_ptr<UploadStore> uploads_;  ///< null where there is no page
   std::unique_ptr<SitePageBackend> page_backend_;
+  std::unique_ptr<SiteStagingBackend> staging_backend_;
   std::unique_ptr<ScanWeb> web_site_;
 };
 

@@ -28,6 +28,14 @@ Result<std::string> SitePageBackend::report(std::string_view id) {
   return std::string{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
 }
 
+Result<std::string> SitePageBackend::layer_json(std::string_view id, std::uint32_t layer) {
+  const auto job = store_.find(id);
+  if (!job) return tl::unexpected{job.error()};
+  const auto folder = folder_.job(id);
+  if (!folder) return tl::unexpected{folder.error()};
+  return layers_.json(*job, *folder, layer);
+}
+
 LinkView SitePageBackend::link() {
   const std::lock_guard lock{mutex_};
   return link_;

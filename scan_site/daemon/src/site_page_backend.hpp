@@ -6,6 +6,8 @@
 #include <telefab/service/web_page.hpp>
 #include <telefab/store/job_store.hpp>
 
+#include "cut_layers.hpp"
+
 namespace telefab::scan {
 
 /// The daemon as its web page sees it: reads the store and the job folders itself, passes commands on. Lives on the
@@ -13,10 +15,12 @@ namespace telefab::scan {
 class SitePageBackend final : public PageBackend {
  public:
   /// Store, room and folder must outlive the backend.
-  SitePageBackend(JobStore& store, const DiskRoom& room, const DataFolder& folder, std::string fab, CommandPost post)
+  SitePageBackend(JobStore& store, const DiskRoom& room, const DataFolder& folder, SpoolRegistry& spools,
+                  std::string fab, CommandPost post)
       : store_{store},
         room_{room},
         folder_{folder},
+        layers_{spools},
         link_{std::move(fab), false, "not tried yet"},
         post_{std::move(post)} {}
 
@@ -24,6 +28,7 @@ class SitePageBackend final : public PageBackend {
   Result<Job> job(std::string_view id) override { return store_.find(id); }
   Result<std::vector<JobEvent>> events(std::string_view id) override;
   Result<std::string> report(std::string_view id) override;
+  Result<std::string> layer_json(std::string_view id, std::uint32_t layer) override;
   LinkView link() override;
   Result<void> act(std::string_view id, JobCommand command, std::string_view who) override;
   Result<void> healthy() override {
@@ -39,6 +44,7 @@ class SitePageBackend final : public PageBackend {
   JobStore& store_;
   const DiskRoom& room_;
   const DataFolder& folder_;
+  CutLayers layers_;
   std::mutex mutex_;
   LinkView link_;                    ///< guarded by mutex_
   std::uint64_t link_revision_ = 0;  ///< guarded by mutex_

@@ -40,8 +40,10 @@ function showLink() {
 site.showJob = (job) => {
   byId("job-line").textContent = `${job.state}, for ${job.machine}, job ${job.id}, from ${job.owner}; ` +
     `${bytes(job.wire_bytes)} sent for a scan of ${bytes(job.scan_bytes)}`;
+  if (place.id) byId("job").hidden = true;  // a scan is being placed; a click on the job shows it
   showStages(job);
   showAsked(job);
+  cutLayers.update(job);
 };
 
 // What was asked for, in the order and the words of the site's own table.
@@ -62,6 +64,7 @@ function showAsked(job) {
 }
 
 site.chosen = () => {
+  cutLayers.clear();
   byId("figures-box").hidden = byId("flags-box").hidden = true;
 };
 
@@ -113,4 +116,7 @@ site.showStage = async (job) => {
   byId("flags").replaceChildren(...all.map((text) => element("li", text)));
 };
 
+// A job that is picked takes the place of the scan that is being placed.
+site.picked = () => place.close();
+site.begun = refreshUploads;
 begin();

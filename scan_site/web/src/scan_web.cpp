@@ -6,6 +6,8 @@
 #include <telefab/scan/web/scan_web.hpp>
 #include <telefab/web/gauges.hpp>
 
+#include "staging_routes.hpp"
+
 namespace telefab::scan {
 
 std::span<const WebAsset> page_assets();  // made by embed.cmake
@@ -13,16 +15,6 @@ std::span<const WebAsset> page_assets();  // made by embed.cmake
 namespace {
 
 using nlohmann::ordered_json;
-
-struct Call {
-  const WebRequest& request;
-  const Routed& routed;
-  PageBackend& backend;
-  SignIn& sign_in;
-  const std::string& version;
-
-  [[nodiscard]] const std::string& id() const { return routed.arguments.id; }
-};
 
 WebResponse as_text(const ordered_json& value) { return {200, "application/json", json_text(value)}; }
 
@@ -117,7 +109,7 @@ const std::vector<Row>& rows() {
       {kSignInRoutes[2], [](const Call& c) { return c.sign_in.sign_out(c.request); }},
       {{"GET", "/v1/version", "name and version of the program", Access::Anybody},
        [](const Call& c) {
-         return as_text({{"program", "telefab-scan"}, {"version", c.version}, {"api", "v1"}});
+         return as_text({{"program", "telefab-scan"}, {"version", c.options.version}, {"api", "v1"}});
        }},
       {{"GET", "/v1/health", "whether the daemon answers and its store can be read and written", Access::Anybody},
        health},
@@ -132,6 +124,8 @@ const std::vector<Row>& rows() {
       {{"GET", "/v1/jobs/{id}/events", "the job's log"}, show_events},
       {{"GET", "/v1/jobs/{id}/report", "what cleaning and slicing found"},
        [](const Call& c) { return web_json(c.backend.report(c.id())); }},
+      {{"GET", "/v1/jobs/{id}/layers/{layer}", "contours of one layer that is cut, and what they rest on"},
+       [](const Call& c) { return web_json(c.backend.layer_json(c.id(), c.routed.arguments.layer)); }},
       {{"POST", "/v1/jobs/{id}/approve", "let a job that waits at the fab print", Access::Operators},
        act<JobCommand::Approve>},
       {{"POST", "/v1/jobs/{id}/pause", "have the fab stop before the next exposure", Access::Operators},
@@ -142,6 +136,32 @@ const std::vector<Row>& rows() {
       {{"POST", "/v1/jobs/{id}/forget",
         "take a job that has ended off this site, with its files; the fab keeps its own", Access::Operators},
        forget},
+      {{"GET", "/v1/profiles", "machines, resins and ways to print that one can choose"},
+       [](const Call& c) -> WebResponse {
+         return {200, "application/json", c.staging.profiles()};
+       }},
+      {{"GET", "/v1/uploads", "scans that lie here and are no jobs yet, and how much may be sent"},
+       [](const Call& c) { return web_json(c.staging.uploads()); }},
+      {{"POST", "/v1/uploads", "announce a file by name, size and SHA-256; an interrupted one goes on where it stopped",
+        Access::Operators},
+       begin_upload},
+      {{"GET", "/v1/uploads/{id}", "one of them: what is there, what is known of it, what was asked"},
+       [](const Call& c) { return web_json(c.staging.view(c.id())); }},
+      {{"POST", "/v1/uploads/{id}/part", "the bytes behind the first ?from=N", Access::Operators, kMostPart_bytes},
+       add_part},
+      {{"GET", "/v1/uploads/{id}/levels/{layer}",
+        "points of one level of detail of the picture ?revision=N, in binary"},
+       show_level},
+      {{"POST", "/v1/uploads/{id}/look", "pick the object, orient it, close its gaps, in the background",
+        Access::Operators},
+       ask<&StagingBackend::look>},
+      {{"POST", "/v1/uploads/{id}/estimate", "what a print would take, in the background", Access::Operators},
+       ask<&StagingBackend::estimate>},
+      {{"POST", "/v1/uploads/{id}/orient", "the ways in which it stands best, in the background", Access::Operators},
+       ask<&StagingBackend::orient>},
+      {{"POST", "/v1/uploads/{id}/submit", "make a job of it", Access::Operators}, submit},
+      {{"POST", "/v1/uploads/{id}/discard", "take it off this site; jobs that were made of it stay", Access::Operators},
+       discard_upload},
       {{"GET", "/metrics", "gauges for Prometheus"}, metrics},
       // The server keeps a GET open; this is what a HEAD is told.
       {{"GET", "/v1/stream", "server-sent events: jobs and line whenever they change"},
@@ -170,8 +190,10 @@ const std::vector<WebRoute>& web_routes() {
 
 WebResponse ScanWeb::answer(const WebRequest& request) {
   const auto routed = find_route(web_routes(), request, sign_in_);
-  if (routed) return rows()[routed->row].run(Call{request, *routed, backend_, sign_in_, version_});
+  if (routed) return rows()[routed->row].run(Call{request, *routed, backend_, staging_, sign_in_, options_});
   if (routed.error().status == 404 && (request.method == "GET" || request.method == "HEAD")) {
+    if (request.target.substr(0, request.target.find('?')) == "/three.js" && !options_.three_js.empty())
+      return {200, "text/javascript; charset=utf-8", options_.three_js, true};
     WebResponse page = web_asset(page_assets(), request.target);
     return request.target == "/openapi.json" ? described(std::move(page)) : page;
   }
@@ -182,6 +204,12 @@ tl::expected<Visitor, WebResponse> ScanWeb::admit(const WebRequest& head) {
   auto routed = find_route(web_routes(), head, sign_in_);
   if (!routed) return tl::unexpected{std::move(routed.error())};
   return std::move(routed->visitor);
+}
+
+std::uint64_t ScanWeb::most_body(const WebRequest& head) {
+  // Whoever may not upload is not listened to at length.
+  const auto routed = find_route(web_routes(), head, sign_in_);
+  return routed ? web_routes()[routed->row].most_body : 0;
 }
 
 std::string ScanWeb::event_data() { return list_jobs(backend_).body; }

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <telefab/test/recording_scan_backend.hpp>
+#include <telefab/test/recording_staging.hpp>
 
 #include "screenshot.hpp"
 
@@ -23,7 +24,8 @@ class ScanPageTest : public testing::Test {
   RecordingScanBackend backend;
   SystemClock clock;
   SignIn sign_in{{.shared_token = "secret"}, clock};
-  ScanWeb site{backend, sign_in, "0.1.0"};
+  RecordingStaging staging;
+  ScanWeb site{backend, staging, sign_in, {.version = "0.1.0"}};
   std::unique_ptr<WebServer> server = WebServer::listen({"127.0.0.1"}, site, "telefab-scan/0.1.0", clock).value();
   std::unique_ptr<test::Browser> browser;
 };

@@ -12,6 +12,7 @@
 #include <telefab/scan/web/scan_web.hpp>
 #include <telefab/test/recording_backend.hpp>
 #include <telefab/test/recording_scan_backend.hpp>
+#include <telefab/test/recording_staging.hpp>
 #include <telefab/test/scratch_folder.hpp>
 
 namespace telefab {
@@ -294,7 +295,8 @@ TEST_F(SignInTest, EveryGetOfBothPagesThatShowsAPartWantsASignIn) {
   const std::string ada = add("ada");
   fab::RecordingBackend fab_backend;
   scan::RecordingScanBackend scan_backend;
-  scan::ScanWeb scan{scan_backend, sign_in, "0"};
+  scan::RecordingStaging staging;
+  scan::ScanWeb scan{scan_backend, staging, sign_in, {.version = "0"}};
   fab::FabWeb fab{fab_backend, sign_in, {}};
   std::size_t closed = 0;
   const auto look = [&](WebSite& site, const std::vector<WebRoute>& routes) {
@@ -304,6 +306,7 @@ TEST_F(SignInTest, EveryGetOfBothPagesThatShowsAPartWantsASignIn) {
       if (const auto at = path.find("{layer}"); at != std::string::npos) path.replace(at, 7, "2");
       if (const auto at = path.find("{path}"); at != std::string::npos) path.replace(at, 6, "job-1");
       if (const auto at = path.find("{storage}"); at != std::string::npos) path.replace(at, 9, "local");
+      if (path.find("/levels/") != std::string::npos) path += "?revision=7";
       WebRequest request = with_token("", std::string{route.method});
       request.target = path;
       const bool is_open = std::ranges::find(kOpen, path) != kOpen.end();

@@ -22,6 +22,12 @@ class RecordingScanBackend : public PageBackend {
         R"("layers_cut":500,"certified":499,"contours":812,"vertices":98000,"flagged_layers":[{"layer":41,"z_mm":6.225,)"
         R"("reason":"not-cross-checked","text":"nearly level"}],"inconsistencies":[],"seconds":{"read":0.1,"slice":0.4}})"};
   }
+  Result<std::string> layer_json(std::string_view, std::uint32_t layer) override {
+    if (layer >= 500) return fail(ErrorCode::NotFound, "that layer is not cut");
+    return R"({"layer":)" + std::to_string(layer) +
+           R"(,"layers":500,"z_mm":1.5,"thickness_mm":0.15,"bounds":[0,0,20,14],"certified":true,)"
+           R"("rings":[[[2,2],[18,2],[18,12],[2,12]]],"kinds":[[["measured",2],["completed",1],["doubtful",1]]]})";
+  }
   LinkView link() override { return {"127.0.0.1:7420", false, "connection refused"}; }
   Result<void> act(std::string_view id, JobCommand command, std::string_view) override {
     commands.emplace_back(std::string{id}, command);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <telefab/job/job.hpp>
+#include <telefab/scan/web/staging_backend.hpp>
 #include <telefab/web/web_routes.hpp>
 #include <telefab/web/web_server.hpp>
 #include <telefab/wire/message.hpp>
@@ -28,6 +29,10 @@ class PageBackend {
   [[nodiscard]] virtual Result<std::vector<JobEvent>> events(std::string_view id) = 0;
   /// JSON of what slicing found (report/slice.json); NotFound until all layers are cut.
   [[nodiscard]] virtual Result<std::string> report(std::string_view id) = 0;
+  /// JSON of one layer that is cut: {"layer","z_mm","thickness_mm","layers","bounds":[x0,y0,x1,y1],"certificate",
+  /// "rings":[[[x,y],...]],"kinds":[[[kind,edges],...]]}, millimetres on the platform; kinds as SurfaceClass names
+  /// them. NotFound where it is not cut yet.
+  [[nodiscard]] virtual Result<std::string> layer_json(std::string_view id, std::uint32_t layer) = 0;
   [[nodiscard]] virtual LinkView link() = 0;
   /// Cancel ends the job here and at the fab, Forget takes it off this site; the others are passed on to the fab.
   /// Conflict where the state does not allow it, Unreachable where the fab is needed and away. `who` goes into the
@@ -45,22 +50,28 @@ class PageBackend {
 /// The API, row by row.
 [[nodiscard]] const std::vector<WebRoute>& web_routes();
 
-/// The page and the API of a backend, which must outlive it, as `sign_in` must. GET and HEAD never change state;
+struct WebOptions {
+  std::string version;
+  std::string three_js = {};  ///< the text of three.min.js (Debian libjs-three) for the 3-D view; empty: no 3-D view
+};
+
+/// The page and the API of both backends, which must outlive it, as `sign_in` must. GET and HEAD never change state;
 /// whatever does is a POST of an operator whom `sign_in` knows.
 class ScanWeb final : public WebSite {
  public:
-  ScanWeb(PageBackend& backend, SignIn& sign_in, std::string version)
-      : backend_{backend}, sign_in_{sign_in}, version_{std::move(version)} {}
+  ScanWeb(PageBackend& backend, StagingBackend& staging, SignIn& sign_in, WebOptions options)
+      : backend_{backend}, staging_{staging}, sign_in_{sign_in}, options_{std::move(options)} {}
   tl::expected<Visitor, WebResponse> admit(const WebRequest& head) override;
   WebResponse answer(const WebRequest& request) override;
-  std::uint64_t most_body(const WebRequest&) override { return 0; }
+  std::uint64_t most_body(const WebRequest& head) override;
   std::string event_data() override;
   std::uint64_t revision() override { return backend_.revision(); }
 
  private:
   PageBackend& backend_;
+  StagingBackend& staging_;
   SignIn& sign_in_;
-  std::string version_;
+  WebOptions options_;
 };
 
 }  // namespace telefab::scan

@@ -1,0 +1,289 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "scan_stager.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <nlohmann/json.hpp>
+#include <telefab/base/file.hpp>
+#include <telefab/base/json_text.hpp>
+#include <telefab/scan/slicing/standings.hpp>
+#include <telefab/scan/staging/print_estimate.hpp>
+
+namespace telefab::scan {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Larger files are cut as they are, unseen: their points would not fit beside those of a job.
+constexpr std::uint64_t kMostShown_bytes = 1ULL << 30U;
+/// Clouds held at once; the one used longest ago goes.
+constexpr std::size_t kMostHeld = 2;
+/// Ways to stand that are offered, and how far apart.
+constexpr std::size_t kMostWays = 5;
+constexpr double kWaysApart_deg = 20;
+
+constexpr std::array<std::string_view, 4> kStates{"none", "working", "done", "failed"};
+
+/// All that decides which points are the object and what surface they carry.
+std::string intake_text(const SliceRequest& r) {
+  Json text{r.intake.sample_faces, r.intake.pick.pieces, !r.mls.drop_outliers, r.complete};
+  if (const auto& crop = r.intake.pick.crop)
+    for (const Vec3& corner : {crop->min, crop->max}) text.push_back({corner.x(), corner.y(), corner.z()});
+  text.push_back(r.most_gap_mm.value_or(0));
+  text.push_back(r.thickness_mm.value_or(0));
+  text.push_back(r.mls.kernel_mm.value_or(0));
+  text.push_back(static_cast<int>(r.mls.surface));
+  text.push_back(r.flat_base);
+  return json_text(text);
+}
+
+Json standing_json(const Standing& s) {
+  return {{"rotate", rotate_text(s.turn)},
+          {"source", name_of(s.source)},
+          {"cost", s.cost},
+          {"figures", json_or_discarded(to_json(s.figures))}};
+}
+
+}  // namespace
+
+ScanStager::ScanStager(UploadStore& uploads)
+    : uploads_{uploads}, queue_{"stager", [this](const std::string& task, std::stop_token stop) { run(task, stop); }} {}
+
+namespace {
+
+/// A task is the upload's id and a letter for what is asked.
+std::string task_name(const std::string& id, char letter) { return id + letter; }
+
+}  // namespace
+
+void ScanStager::ask(const std::string& id, Kind kind, SliceRequest request, std::string asked, StandFor goal) {
+  const char letter = kind == &Scan::reading ? 'r' : kind == &Scan::look ? 'l' : kind == &Scan::estimate ? 'e' : 'o';
+  {
+    const std::lock_guard lock{mutex_};
+    Scan& scan = scans_[id];
+    scan.used = ++next_;
+    Question& question = scan.*kind;
+    // The same question is not asked twice, while its answer is on its way or holds.
+    if ((question.state == Question::State::Working || question.state == Question::State::Done) &&
+        question.asked == asked)
+      return;
+    question = {};
+    question.state = Question::State::Working;
+    question.number = ++next_;
+    question.request = std::move(request);
+    question.goal = goal;
+    question.asked = std::move(asked);
+  }
+  queue_.drop(task_name(id, letter));
+  queue_.add(task_name(id, letter));
+}
+
+void ScanStager::read(const std::string& id) { ask(id, &Scan::reading, {}, "read", {}); }
+
+void ScanStager::look(const std::string& id, SliceRequest request, std::string asked) {
+  read(id);
+  ask(id, &Scan::look, std::move(request), std::move(asked), {});
+}
+
+void ScanStager::estimate(const std::string& id, SliceRequest request, std::string asked) {
+  ask(id, &Scan::estimate, std::move(request), std::move(asked), {});
+}
+
+void ScanStager::orient(const std::string& id, SliceRequest request, StandFor goal, std::string asked) {
+  ask(id, &Scan::orientation, std::move(request), std::move(asked), goal);
+}
+
+void ScanStager::forget(const std::string& id) {
+  {
+    const std::lock_guard lock{mutex_};
+    scans_.erase(id);
+  }
+  for (const char letter : {'r', 'l', 'e', 'o'}) queue_.drop(task_name(id, letter));
+}
+
+void ScanStager::forget_others(const std::string& id) {
+  while (true) {
+    std::size_t held = 0;
+    Scan* oldest = nullptr;
+    for (auto& [other, scan] : scans_) {
+      if (scan.picture.size() == 0 && !scan.staged) continue;
+      ++held;
+      if (other != id && (oldest == nullptr || scan.used < oldest->used)) oldest = &scan;
+    }
+    if (held <= kMostHeld || oldest == nullptr) return;
+    const std::uint64_t revision = oldest->revision;
+    *oldest = {};
+    oldest->revision = revision;
+  }
+}
+
+void ScanStager::set_progress(const std::string& id, Kind kind, std::uint64_t number, std::string_view stage,
+                              double share) {
+  const std::lock_guard lock{mutex_};
+  const auto found = scans_.find(id);
+  if (found == scans_.end() || (found->second.*kind).number != number) return;
+  (found->second.*kind).stage = stage;
+  (found->second.*kind).share = share;
+}
+
+void ScanStager::run(const std::string& task, const std::stop_token& stop) {
+  const std::string id = task.substr(0, task.size() - 1);
+  const char letter = task.back();
+  const Kind kind = letter == 'r'   ? &Scan::reading
+                    : letter == 'l' ? &Scan::look
+                    : letter == 'e' ? &Scan::estimate
+                                    : &Scan::orientation;
+  Question question;
+  {
+    const std::lock_guard lock{mutex_};
+    const auto found = scans_.find(id);
+    if (found == scans_.end() || (found->second.*kind).state != Question::State::Working) return;
+    question = found->second.*kind;
+  }
+  Result<std::string> outcome;
+  try {
+    outcome = answer(id, kind, question, stop);
+  } catch (const std::bad_alloc&) {
+    outcome = fail(ErrorCode::TooLarge, "this scan does not fit into the machine's memory");
+  } catch (const std::exception& error) {
+    outcome = fail(ErrorCode::Internal, fmt::format("a fault of Telefab: {}", error.what()));
+  }
+  const std::lock_guard lock{mutex_};
+  const auto found = scans_.find(id);
+  if (found == scans_.end()) return;
+  Question& now = found->second.*kind;
+  if (now.number != question.number) return;  // asked again meanwhile
+  if (outcome) {
+    now.state = Question::State::Done;
+    now.answer_json = std::move(*outcome);
+  } else {
+    now.state = Question::State::Failed;
+    now.why = outcome.error();
+  }
+}
+
+Result<std::string> ScanStager::answer(const std::string& id, Kind kind, const Question& question,
+                                       const std::stop_token& stop) {
+  if (kind == &Scan::reading) return read_file_of(id, stop);
+  const auto scan = staged(id, kind, question, stop);
+  if (!scan) return tl::unexpected{scan.error()};
+  if (kind == &Scan::look) return (*scan)->facts_json;
+  if (kind == &Scan::estimate) {
+    set_progress(id, kind, question.number, "estimating", 0);
+    const auto estimate = estimate_print((*scan)->prepared, question.request, stop);
+    if (!estimate) return tl::unexpected{estimate.error()};
+    return to_json(*estimate);
+  }
+  const auto ways =
+      standings_of((*scan)->prepared.cloud, question.request, {.goal = question.goal},
+                   [&](double share) { set_progress(id, kind, question.number, "judging directions", share); }, stop);
+  if (!ways) return tl::unexpected{ways.error()};
+  Json list = Json::array();
+  for (const Standing& s : best_apart(*ways, kMostWays, kWaysApart_deg)) list.push_back(standing_json(s));
+  return json_text({{"for", name_of(question.goal)}, {"ways", list}});
+}
+
+Result<std::vector<std::byte>> ScanStager::bytes_of(const std::string& id, std::string& name) const {
+  const auto upload = uploads_.find(id);
+  if (!upload) return tl::unexpected{upload.error()};
+  name = upload->plan.name;
+  if (upload->plan.size_bytes > kMostShown_bytes)
+    return fail(ErrorCode::TooLarge,
+                fmt::format("{} is larger than the {} MiB that are shown here; it can be sent all the same", name,
+                            kMostShown_bytes >> 20U));
+  const auto path = uploads_.file(id);
+  if (!path) return tl::unexpected{path.error()};
+  return read_file(*path, kMostShown_bytes);
+}
+
+Result<std::string> ScanStager::read_file_of(const std::string& id, const std::stop_token& stop) {
+  const auto upload = uploads_.find(id);
+  if (!upload) return tl::unexpected{upload.error()};
+  if (upload->state == UploadState::Checking)
+    if (const auto checked = uploads_.check(id, stop); !checked) return tl::unexpected{checked.error()};
+  std::string name;
+  const auto bytes = bytes_of(id, name);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  auto raw = raw_scan(*bytes, name, stop);
+  if (!raw) return tl::unexpected{raw.error()};
+  const std::lock_guard lock{mutex_};
+  if (const auto found = scans_.find(id); found != scans_.end()) {
+    if (!found->second.staged) {
+      found->second.picture = std::move(raw->picture);
+      found->second.revision = ++next_;
+    }
+    forget_others(id);
+  }
+  return std::move(raw->facts_json);
+}
+
+Result<std::shared_ptr<const StagedScan>> ScanStager::staged(const std::string& id, Kind kind, const Question& question,
+                                                             const std::stop_token& stop) {
+  const std::string as = intake_text(question.request);
+  {
+    const std::lock_guard lock{mutex_};
+    const auto found = scans_.find(id);
+    if (found != scans_.end() && found->second.staged && found->second.staged_as == as) return found->second.staged;
+  }
+  std::string name;
+  const auto bytes = bytes_of(id, name);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  auto made = staged_scan(
+      *bytes, name, question.request,
+      [&](const Progress& p) { set_progress(id, kind, question.number, label_of(p.stage), p.fraction); }, stop);
+  if (!made) return tl::unexpected{made.error()};
+  auto scan = std::make_shared<const StagedScan>(std::move(*made));
+  const std::lock_guard lock{mutex_};
+  if (const auto found = scans_.find(id); found != scans_.end()) {
+    found->second.staged = scan;
+    found->second.staged_as = as;
+    found->second.picture = scan->picture;
+    found->second.revision = ++next_;
+    forget_others(id);
+  }
+  return scan;
+}
+
+void ScanStager::describe(const std::string& id, Json& view) const {
+  const std::lock_guard lock{mutex_};
+  static const Scan kNothing;
+  const auto found = scans_.find(id);
+  const Scan& scan = found == scans_.end() ? kNothing : found->second;
+  const auto json_of = [](const Question& q) {
+    Json json{{"state", kStates[static_cast<std::size_t>(q.state)]}, {"number", q.number}, {"asked", q.asked}};
+    if (q.state == Question::State::Working) {
+      json["stage"] = q.stage;
+      json["share"] = q.share;
+    }
+    if (q.state == Question::State::Failed) {
+      json["code"] = name_of(q.why.code);
+      json["why"] = q.why.what;
+    }
+    if (q.state == Question::State::Done) json["result"] = json_or_discarded(q.answer_json);
+    return json;
+  };
+  view["reading"] = json_of(scan.reading);
+  view["look"] = json_of(scan.look);
+  view["estimate"] = json_of(scan.estimate);
+  view["orientation"] = json_of(scan.orientation);
+  view["picture"] = {{"revision", scan.revision}, {"levels", scan.picture.levels()}, {"points", scan.picture.size()}};
+}
+
+Result<std::vector<std::byte>> ScanStager::level(const std::string& id, std::uint64_t revision,
+                                                 std::uint32_t level) const {
+  const std::lock_guard lock{mutex_};
+  const auto found = scans_.find(id);
+  if (found == scans_.end() || found->second.picture.size() == 0)
+    return fail(ErrorCode::NotFound, "there is no picture of this scan now; ask to look at it again");
+  if (found->second.revision != revision)
+    return fail(ErrorCode::Conflict,
+                fmt::format("the picture is another one by now: revision {}", found->second.revision));
+  if (level >= found->second.picture.levels())
+    return fail(ErrorCode::NotFound,
+                fmt::format("the picture has {} levels of detail, from 0", found->second.picture.levels()));
+  return found->second.picture.level(level);
+}
+
+}  // namespace telefab::scan

@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "site_staging_backend.hpp"
+
+#include <fmt/format.h>
+
+#include <future>
+#include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
+#include <telefab/scan/slicing/job_parameters.hpp>
+#include <telefab/service/profile_choice.hpp>
+
+namespace telefab::scan {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr auto kSubmitTimeout = std::chrono::seconds{5};
+
+Json json_of(const Upload& upload) {
+  return {{"id", upload.id},
+          {"name", upload.plan.name},
+          {"size_bytes", upload.plan.size_bytes},
+          {"received_bytes", upload.received_bytes},
+          {"sha256", to_hex(upload.plan.content)},
+          {"owner", upload.plan.owner},
+          {"state", name_of(upload.state)}};
+}
+
+/// What a question is known by.
+std::string asked_text(const StagingQuestion& question) {
+  return json_text(Json{question.machine, question.goal, json_or_discarded(question.parameters)});
+}
+
+Json part_json(const ProfilePart& part) { return {{"name", part.name}, {"description", part.description}}; }
+
+}  // namespace
+
+Result<std::string> SiteStagingBackend::uploads() {
+  const auto room = room_.room();
+  if (!room) return tl::unexpected{room.error()};
+  const UploadLimits& limits = uploads_.limits();
+  const std::uint64_t missing = uploads_.missing_bytes();
+  Json list = Json::array();
+  for (const Upload& upload : uploads_.list()) list.push_back(json_of(upload));
+  return json_text({{"limit_bytes", limits.most_bytes},
+                    {"room_bytes", *room > missing ? *room - missing : 0},
+                    {"part_bytes", limits.part_bytes},
+                    {"most_uploads", limits.most_uploads},
+                    {"kept_hours", std::chrono::duration<double, std::ratio<3600>>(limits.kept_for).count()},
+                    {"uploads", list}});
+}
+
+Result<std::string> SiteStagingBackend::begin(const AnnouncedFile& file, std::string_view who) {
+  uploads_.remove_outlived();
+  // A file that is known wants nothing more of the disk than its parts that are missing, which count already.
+  bool is_known = false;
+  for (const Upload& each : uploads_.list()) is_known |= each.plan.content == file.content;
+  if (!is_known && file.size_bytes <= uploads_.limits().most_bytes)
+    if (const auto room = room_.check(uploads_.missing_bytes() + file.size_bytes); !room)
+      return fail(room.error().code, fmt::format("the scan site has no room for {}: {}", file.name, room.error().what));
+  const auto upload = uploads_.begin({file.name, file.size_bytes, file.content, std::string{who}});
+  if (!upload) return tl::unexpected{upload.error()};
+  if (!is_known)
+    note_(std::string{who}, fmt::format("upload {} {} of {} bytes sha256 {}", upload->id, upload->plan.name,
+                                        upload->plan.size_bytes, to_hex(upload->plan.content)));
+  if (upload->state == UploadState::Checking || upload->state == UploadState::Whole) stager_.read(upload->id);
+  return view(upload->id);
+}
+
+Result<std::string> SiteStagingBackend::append(std::string_view id, std::uint64_t from_bytes, std::string_view bytes) {
+  const auto upload = uploads_.append(id, from_bytes, std::as_bytes(std::span{bytes}));
+  if (!upload) return tl::unexpected{upload.error()};
+  if (upload->state == UploadState::Checking) stager_.read(upload->id);
+  return view(id);
+}
+
+Result<std::string> SiteStagingBackend::view(std::string_view id) {
+  const auto upload = uploads_.find(id);
+  if (!upload) return tl::unexpected{upload.error()};
+  Json view = json_of(*upload);
+  stager_.describe(upload->id, view);
+  return json_text(view);
+}
+
+Result<void> SiteStagingBackend::discard(std::string_view id, std::string_view who) {
+  if (auto removed = uploads_.remove(id); !removed) return removed;
+  stager_.forget(std::string{id});
+  note_(std::string{who}, fmt::format("discard upload {}", id));
+  return {};
+}
+
+Result<Upload> SiteStagingBackend::whole(std::string_view id) {
+  auto upload = uploads_.find(id);
+  if (!upload) return upload;
+  uploads_.touch(id);
+  if (upload->state == UploadState::Whole) return upload;
+  return fail(ErrorCode::Conflict,
+              fmt::format("{} is {}: {} of {} bytes are here", upload->plan.name, name_of(upload->state),
+                          upload->received_bytes, upload->plan.size_bytes));
+}
+
+Result<SliceRequest> SiteStagingBackend::request_of(const StagingQuestion& question) const {
+  const auto machine = profile_of_job(*known_profiles(), question.machine, question.parameters);
+  if (!machine) return tl::unexpected{machine.error()};
+  auto parameters = job_parameters_from(question.parameters, *machine);
+  if (!parameters) return tl::unexpected{parameters.error()};
+  return std::move(parameters->slice);
+}
+
+Result<std::string> SiteStagingBackend::look(std::string_view id, const StagingQuestion& question) {
+  if (const auto there = whole(id); !there) return tl::unexpected{there.error()};
+  auto request = request_of(question);
+  if (!request) return tl::unexpected{request.error()};
+  stager_.look(std::string{id}, std::move(*request), asked_text(question));
+  return view(id);
+}
+
+Result<std::string> SiteStagingBackend::estimate(std::string_view id, const StagingQuestion& question) {
+  if (const auto there = whole(id); !there) return tl::unexpected{there.error()};
+  auto request = request_of(question);
+  if (!request) return tl::unexpected{request.error()};
+  stager_.estimate(std::string{id}, std::move(*request), asked_text(question));
+  return view(id);
+}
+
+Result<std::string> SiteStagingBackend::orient(std::string_view id, const StagingQuestion& question) {
+  if (const auto there = whole(id); !there) return tl::unexpected{there.error()};
+  auto request = request_of(question);
+  if (!request) return tl::unexpected{request.error()};
+  const auto goal = stand_for_from(question.goal.empty() ? "supports" : question.goal);
+  if (!goal) return fail_in("for", goal.error());
+  stager_.orient(std::string{id}, std::move(*request), *goal, asked_text(question));
+  return view(id);
+}
+
+Result<std::string> SiteStagingBackend::level(std::string_view id, std::uint64_t revision, std::uint32_t level) {
+  const auto bytes = stager_.level(std::string{id}, revision, level);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  return std::string{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+}
+
+Result<Job> SiteStagingBackend::submit(std::string_view id, const StagingQuestion& question, std::string_view who) {
+  const auto upload = whole(id);
+  if (!upload) return tl::unexpected{upload.error()};
+  const auto file = uploads_.file(id);
+  if (!file) return tl::unexpected{file.error()};
+  // A name of its own for the same bytes: the job takes that one, and the upload stays for the next job.
+  const auto link = incoming_ / fmt::format("staged-{}-{}", id, ++submits_);
+  std::error_code error;
+  std::filesystem::remove(link, error);
+  std::filesystem::create_hard_link(*file, link, error);
+  if (error)
+    return fail(ErrorCode::StorageFailed,
+                fmt::format("cannot keep {} for a job: {}", upload->plan.name, error.message()));
+  Submit submit;
+  submit.name = upload->plan.name;
+  submit.machine = question.machine;
+  submit.parameters = question.parameters;
+  submit.size_bytes = upload->plan.size_bytes;
+  submit.content = upload->plan.content;
+  // Shared, for an answer that comes after this call gave up.
+  const auto answered = std::make_shared<std::promise<Result<Job>>>();
+  auto answer = answered->get_future();
+  submit_(submit, link, std::string{who}, [answered, link](Result<Job> job) {
+    std::error_code ignored;  // a job has taken it already
+    if (!job) std::filesystem::remove(link, ignored);
+    answered->set_value(std::move(job));
+  });
+  if (answer.wait_for(kSubmitTimeout) != std::future_status::ready)
+    return fail(ErrorCode::Unreachable, "the daemon is busy; look at the list of jobs before you send it again");
+  return answer.get();
+}
+
+std::string SiteStagingBackend::profiles() {
+  const auto known = known_profiles();
+  Json view{{"origin", ""}, {"machines", Json::array()}, {"resins", Json::array()}, {"prints", Json::array()}};
+  {
+    const std::lock_guard lock{mutex_};
+    view["origin"] = origin_;
+  }
+  for (const MachineProfile& machine : known->machines()) {
+    Json each{{"name", machine.name},
+              {"description", machine.description},
+              {"width_mm", machine.platform.width_mm},
+              {"depth_mm", machine.platform.depth_mm},
+              {"height_mm", machine.platform.z_travel_mm},
+              {"pixel_mm", machine.projection.pixel_pitch_mm},
+              {"layer_mm", machine.layers.thickness_mm},
+              {"resin", machine.resin.name},
+              {"vat_ml", machine.resin.vat_ml}};
+    for (const ProfilePart* part : known->offered(ProfileKind::Machine))
+      if (part->name == machine.name) {
+        each["loaded_resin"] = part->loaded_resin;
+        each["default_print"] = part->default_print;
+      }
+    view["machines"].push_back(std::move(each));
+  }
+  for (const ProfilePart* part : known->offered(ProfileKind::Resin)) view["resins"].push_back(part_json(*part));
+  for (const ProfilePart* part : known->offered(ProfileKind::Print)) {
+    Json each = part_json(*part);
+    each["for_machine"] = part->for_machine;
+    each["for_resin"] = part->for_resin;
+    view["prints"].push_back(std::move(each));
+  }
+  return json_text(view);
+}
+
+void SiteStagingBackend::set_profiles(std::shared_ptr<const ProfileCatalogue> profiles, std::string origin) {
+  const std::lock_guard lock{mutex_};
+  profiles_ = std::move(profiles);
+  origin_ = std::move(origin);
+}
+
+std::shared_ptr<const ProfileCatalogue> SiteStagingBackend::known_profiles() const {
+  const std::lock_guard lock{mutex_};
+  return profiles_;
+}
+
+void SiteStagingBackend::remove_outlived() {
+  for (const std::string& id : uploads_.remove_outlived()) {
+    stager_.forget(id);
+    note_("telefab", fmt::format("discard upload {}: nobody has used it", id));
+  }
+}
+
+}  // namespace telefab::scan

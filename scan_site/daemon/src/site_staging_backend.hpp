@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <telefab/machine/profile_catalogue.hpp>
+#include <telefab/scan/web/staging_backend.hpp>
+#include <telefab/service/disk_room.hpp>
+#include <telefab/wire/message.hpp>
+
+#include "scan_stager.hpp"
+
+namespace telefab::scan {
+
+/// Makes a job of a file on the daemon's loop; the answer comes on the loop's thread.
+using SubmitPost = std::function<void(const Submit&, const std::filesystem::path& file, const std::string& who,
+                                      std::function<void(Result<Job>)>)>;
+/// A line of the audit log, from any thread.
+using NotePost = std::function<void(const std::string& who, const std::string& what)>;
+
+/// The uploads of a daemon and what is known of them, as its page sees them. Lives on the thread "web", but for
+/// set_profiles and look_after.
+class SiteStagingBackend final : public StagingBackend {
+ public:
+  /// Store, room and clock must outlive the backend. `incoming`: on the file system of the jobs.
+  SiteStagingBackend(UploadStore& uploads, DiskRoom& room, std::filesystem::path incoming, SubmitPost submit,
+                     NotePost note)
+      : uploads_{uploads},
+        room_{room},
+        incoming_{std::move(incoming)},
+        submit_{std::move(submit)},
+        note_{std::move(note)},
+        stager_{uploads} {}
+
+  Result<std::string> uploads() override;
+  Result<std::string> begin(const AnnouncedFile& file, std::string_view who) override;
+  Result<std::string> append(std::string_view id, std::uint64_t from_bytes, std::string_view bytes) override;
+  Result<std::string> view(std::string_view id) override;
+  Result<void> discard(std::string_view id, std::string_view who) override;
+  Result<std::string> look(std::string_view id, const StagingQuestion& question) override;
+  Result<std::string> estimate(std::string_view id, const StagingQuestion& question) override;
+  Result<std::string> orient(std::string_view id, const StagingQuestion& question) override;
+  Result<std::string> level(std::string_view id, std::uint64_t revision, std::uint32_t level) override;
+  Result<Job> submit(std::string_view id, const StagingQuestion& question, std::string_view who) override;
+  std::string profiles() override;
+
+  /// From any thread.
+  void set_profiles(std::shared_ptr<const ProfileCatalogue> profiles, std::string origin);
+  /// Removes uploads that nobody has touched for long. From any thread.
+  void remove_outlived();
+
+ private:
+  [[nodiscard]] std::shared_ptr<const ProfileCatalogue> known_profiles() const;
+  [[nodiscard]] Result<SliceRequest> request_of(const StagingQuestion& question) const;
+  /// NotFound, and Conflict unless all its bytes are there and are right.
+  [[nodiscard]] Result<Upload> whole(std::string_view id);
+
+  UploadStore& uploads_;
+  DiskRoom& room_;
+  std::filesystem::path incoming_;
+  SubmitPost submit_;
+  NotePost note_;
+  std::uint64_t submits_ = 0;
+  mutable std::mutex mutex_;
+  std::shared_ptr<const ProfileCatalogue> profiles_;  ///< guarded by mutex_
+  std::string origin_;                                ///< guarded by mutex_
+  ScanStager stager_;
+};
+
+}  // namespace telefab::scan
