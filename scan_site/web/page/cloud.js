@@ -8,8 +8,8 @@ const cloudView = (() => {
   let shape = null;  // of the picture that is shown: head, levels, quanta
   const pose = { azimuth: -0.9, height: 0.45, distance: 100 };
   const shown = [0, 1, 1, 1, 1];
-  // While it moves, as many points are drawn as keep it smooth; at rest all of them.
-  const pace = { points: 400000, isMoving: false, restsAt: 0, last: 0, frames: [] };
+  // Points that a frame bears, as the last frames showed.
+  const pace = { points: 50000, wasMoving: false, restsAt: 0, last: 0, frames: [] };
 
   const vertex = `
     attribute vec4 position;
@@ -63,7 +63,7 @@ const cloudView = (() => {
     if (!gl) return;
     const c = ["--paper", "--measured", "--completed", "--doubtful", "--left-out"].map((n) => paint(n));
     gl.material.uniforms.colours.value = c.map((each) => new THREE.Vector3(each.r, each.g, each.b));
-    gl.scene.background = c[0];
+    gl.paper = c[0];
     gl.plate.material.color = paint("--plate");
     gl.cropBox.material.color = paint("--accent");
   }
@@ -71,7 +71,7 @@ const cloudView = (() => {
   async function start() {
     await loadLibrary();
     if (gl) return;
-    const renderer = new THREE.WebGLRenderer({ canvas, antialias: false });
+    const renderer = new THREE.WebGLRenderer({ canvas, antialias: false, preserveDrawingBuffer: true });
     const scene = new THREE.Scene(), part = new THREE.Group();
     part.matrixAutoUpdate = false;
     const material = new THREE.RawShaderMaterial({ vertexShader: vertex, fragmentShader: fragment,
@@ -132,7 +132,7 @@ const cloudView = (() => {
       if (!isWanted()) return;
       if (isFirst) {
         clear();
-        shape = { low: got.low, step: got.step, total: got.total, hasNormals: got.hasNormals, sample: got.places, loaded: 0 };
+        shape = { drawn: 0, low: got.low, step: got.step, total: got.total, hasNormals: got.hasNormals, sample: got.places, loaded: 0 };
         gl.material.uniforms.hasNormals.value = got.hasNormals ? 1 : 0;
       }
       isFirst = false;
@@ -165,11 +165,11 @@ const cloudView = (() => {
     return m.multiply(new THREE.Matrix4().makeScale(s.x, s.y, s.z));
   }
 
-  // Box of the turned scan in its own unit, of the points of the first level that are not left out.
+  // Box of the turned scan in its own unit, of the points of the first level that were measured.
   function turnedBox(m) {
     const e = m.elements, low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity], q = shape.sample;
     for (let i = 0; i < q.length; i += 4) {
-      if (q[i + 3] === 4) continue;
+      if (q[i + 3] !== 1) continue;
       const x = shape.low[0] + shape.step * q[i], y = shape.low[1] + shape.step * q[i + 1], z = shape.low[2] + shape.step * q[i + 2];
       for (let k = 0; k < 3; k++) {
         const v = e[k] * x + e[4 + k] * y + e[8 + k] * z;
@@ -231,36 +231,30 @@ const cloudView = (() => {
     draw();
   }
 
-  let isAsked = false;
-  function draw() {
-    if (!gl || isAsked) return;
+  let isAsked = false, isStale = false;
+  function ask() {
+    if (isAsked) return;
     isAsked = true;
     requestAnimationFrame(render);
   }
+  function draw() {
+    if (!gl) return;
+    isStale = true;
+    ask();
+  }
 
-  function render(now) {
-    isAsked = false;
-    if (!gl || !shape || !shape.size) return;
-    const isMoving = now < pace.restsAt;
-    if (isMoving && pace.isMoving) {
-      const took = now - pace.last;
-      pace.frames.push(took);
-      if (pace.frames.length > 120) pace.frames.shift();
-      if (took > 30) pace.points = Math.max(20000, pace.points * 0.8);
-      else if (took < 20) pace.points = Math.min(shape.total, pace.points * 1.1);
-    }
-    pace.last = now;
-    pace.isMoving = isMoving;
-    let left = isMoving ? Math.min(pace.points, shape.loaded) : shape.loaded;
+  // Points first to end, on top of what is there.
+  function drawPoints(first, end, grain) {
     for (const points of gl.part.children) {
-      const count = Math.max(0, Math.min(points.userData.count, left));
-      points.geometry.setDrawRange(0, count);
-      points.visible = count > 0;
-      left -= count;
+      const from = Math.max(0, first - points.userData.first), to = Math.min(points.userData.count, end - points.userData.first);
+      points.geometry.setDrawRange(from, Math.max(0, to - from));
+      points.visible = to > from;
     }
-    const drawn = isMoving ? Math.min(pace.points, shape.loaded) : shape.loaded;
-    const height = canvas.clientHeight * gl.renderer.getPixelRatio();
-    gl.material.uniforms.grain.value = (shape.grain * Math.sqrt(shape.loaded / Math.max(1, drawn)) * height) / (2 * Math.tan(Math.PI / 12));
+    gl.material.uniforms.grain.value = grain;
+    gl.renderer.render(gl.scene, gl.camera);
+  }
+
+  function aim() {
     const { machine, size } = shape, target = new THREE.Vector3(machine.width_mm / 2, machine.depth_mm / 2, size[2] / 2);
     const c = Math.cos(pose.height), largest = Math.max(...size, machine.width_mm, machine.depth_mm);
     gl.camera.position.set(target.x + pose.distance * c * Math.cos(pose.azimuth), target.y + pose.distance * c * Math.sin(pose.azimuth), target.z + pose.distance * Math.sin(pose.height));
@@ -268,8 +262,42 @@ const cloudView = (() => {
     gl.camera.far = pose.distance + 4 * largest;
     gl.camera.updateProjectionMatrix();
     gl.camera.lookAt(target);
-    gl.renderer.render(gl.scene, gl.camera);
-    if (isMoving) draw();
+  }
+
+  // While the view moves as many points are drawn as a frame bears; once it rests the others are added, some a frame, so
+  // that nobody waits for a million points before the next turn.
+  function render(now) {
+    isAsked = false;
+    if (!gl || !shape || !shape.size) return;
+    const height = canvas.clientHeight * gl.renderer.getPixelRatio();
+    const grain = (count) => (shape.grain * Math.sqrt(shape.loaded / Math.max(1, count)) * height) / (2 * Math.tan(Math.PI / 12));
+    if (isStale) {
+      if (pace.wasMoving && now < pace.restsAt) {
+        const took = now - pace.last;
+        pace.frames.push(took);
+        if (pace.frames.length > 120) pace.frames.shift();
+        pace.points = Math.round(Math.max(10000, Math.min(shape.total, pace.points * Math.max(0.4, Math.min(1.15, 24 / took)))));
+      }
+      pace.wasMoving = now < pace.restsAt;
+      pace.last = now;
+      isStale = false;
+      aim();
+      const count = Math.min(pace.points, shape.loaded);
+      gl.renderer.autoClear = true;
+      gl.scene.background = gl.paper;
+      gl.plate.visible = true;
+      drawPoints(0, count, grain(count));
+      shape.drawn = count;
+    } else if (shape.drawn < shape.loaded && now >= pace.restsAt) {
+      pace.wasMoving = false;
+      const end = Math.min(shape.loaded, shape.drawn + pace.points);
+      gl.renderer.autoClear = false;
+      gl.scene.background = null;
+      gl.plate.visible = false;
+      drawPoints(shape.drawn, end, grain(shape.loaded));
+      shape.drawn = end;
+    }
+    if (shape.drawn < shape.loaded) ask();
   }
 
   function move(azimuth, height, zoom = 1) {
@@ -315,6 +343,6 @@ const cloudView = (() => {
       draw();
     };
 
-  return { load, setPlacing, setCrop, clear: () => { clear(); shape = null; note.textContent = ""; if (gl) gl.renderer.clear(); }, move, pace, size: () => shape?.size,
+  return { load, setPlacing, setCrop, clear: () => { clear(); shape = null; note.textContent = ""; if (gl) gl.renderer.clear(); }, move, pace, size: () => shape?.size, isWhole: () => Boolean(shape && shape.drawn === shape.total),
     box: () => shape && { low: shape.low, high: shape.low.map((v) => v + 65535 * shape.step) }, note };
 })();

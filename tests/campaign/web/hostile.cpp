@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <array>
 #include <random>
+#include <span>
 #include <telefab/test/http_client.hpp>
 
 #include "web_fab.hpp"
@@ -75,6 +76,42 @@ constexpr std::array kTricks{"/../../etc/passwd",
                              "/api/v1/job/99999999999999999999/pause",
                              "/prusalink/prusalink/api/version",
                              "/prusa-sla/../web-token"};
+constexpr std::array kScanGetRoutes{"/",
+                                    "/place.js",
+                                    "/cloud.js",
+                                    "/three.js",
+                                    "/v1/link",
+                                    "/v1/parameters",
+                                    "/v1/profiles",
+                                    "/v1/jobs",
+                                    "/v1/jobs/JOB/layers/0",
+                                    "/v1/uploads",
+                                    "/v1/uploads/JOB",
+                                    "/v1/uploads/JOB/levels/0?revision=1",
+                                    "/v1/uploads/JOB/levels/4294967295?revision=18446744073709551615",
+                                    "/v1/uploads/JOB/part?from=0",
+                                    "/v1/uploads/JOB/submit",
+                                    "/v1/uploads/JOB/discard",
+                                    "/metrics"};
+constexpr std::array kScanPostRoutes{"/v1/uploads",
+                                     "/v1/uploads/JOB/part?from=500",
+                                     "/v1/uploads/JOB/part?from=18446744073709551615",
+                                     "/v1/uploads/JOB/look",
+                                     "/v1/uploads/JOB/estimate",
+                                     "/v1/uploads/JOB/orient",
+                                     "/v1/uploads/JOB/submit",
+                                     "/v1/uploads/JOB/discard",
+                                     "/v1/jobs/JOB/cancel"};
+constexpr std::array kScanTricks{"/v1/uploads/../../etc/passwd",
+                                 "/v1/uploads/%2e%2e%2f%2e%2e/levels/0?revision=1",
+                                 "/v1/uploads/JOB/levels/-1?revision=1",
+                                 "/v1/uploads/JOB/levels/0?revision=-1",
+                                 "/v1/uploads/JOB/levels/0?revision=1&revision=2",
+                                 "/v1/uploads/JOB%00/discard",
+                                 "/v1/uploads/JOB/part?from=%30",
+                                 "/uploads/JOB/scan",
+                                 "/web-token",
+                                 "/three.js/../web-token"};
 constexpr std::array kMethods{"PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "CONNECT", "get", "POST ", "X"};
 
 std::string with_job(std::string path, const std::string& job) {
@@ -84,7 +121,13 @@ std::string with_job(std::string path, const std::string& job) {
 
 class Attacker {
  public:
-  Attacker(std::uint16_t port, std::string job, std::uint64_t seed) : port_{port}, job_{std::move(job)}, rng_{seed} {}
+  Attacker(std::uint16_t port, std::string job, std::uint64_t seed, HostileSite site)
+      : port_{port}, job_{std::move(job)}, rng_{seed} {
+    if (site == HostileSite::Fab) return;
+    gets_ = kScanGetRoutes;
+    posts_ = kScanPostRoutes;
+    tricks_ = kScanTricks;
+  }
 
   /// The answer's first line; empty where the server hung up unheard.
   std::string attack(std::size_t kind) {
@@ -95,7 +138,7 @@ class Attacker {
         return raw(damaged("POST " + post_route() +
                            " HTTP/1.1\r\nHost: localhost\r\nX-Api-Key: 00\r\nContent-Length: 2\r\n\r\n{}"));
       case 2:  // path tricks, with and without a wrong key
-        return raw(method_or("GET") + " " + with_job(pick(kTricks), job_) + " HTTP/1.1\r\nHost: localhost\r\n" +
+        return raw(method_or("GET") + " " + with_job(pick(tricks_), job_) + " HTTP/1.1\r\nHost: localhost\r\n" +
                    wrong_key() + "\r\n");
       case 3:  // a body that is stated too large, and one that grows too large in chunks
         if (rng_() % 2)
@@ -116,11 +159,11 @@ class Attacker {
       case 7:  // hangs up in the middle
         return hang_up("POST " + post_route() + " HTTP/1.1\r\nHost: localhost\r\nContent-Length: 4000\r\n\r\nabc");
       case 8:  // methods that no route takes
-        return raw(std::string{pick(kMethods)} + " " + with_job(pick(kGetRoutes), job_) +
+        return raw(std::string{pick(kMethods)} + " " + with_job(pick(gets_), job_) +
                    " HTTP/1.1\r\nHost: localhost\r\n\r\n");
       default:  // every route with GET and HEAD
         return raw(std::string{rng_() % 4 ? "GET" : "HEAD"} + " " +
-                   with_job(kGetRoutes[next_route_++ % kGetRoutes.size()], job_) + " HTTP/1.1\r\nHost: localhost\r\n" +
+                   with_job(gets_[next_route_++ % gets_.size()], job_) + " HTTP/1.1\r\nHost: localhost\r\n" +
                    "Connection: close\r\n\r\n");
     }
   }
@@ -131,7 +174,7 @@ class Attacker {
   const char* pick(const List& list) {
     return list[rng_() % list.size()];
   }
-  std::string post_route() { return with_job(pick(kPostRoutes), job_); }
+  std::string post_route() { return with_job(pick(posts_), job_); }
   std::string method_or(const char* usual) { return rng_() % 3 ? usual : "POST"; }
   std::string wrong_key() {
     switch (rng_() % 7) {
@@ -182,6 +225,9 @@ class Attacker {
     return {};
   }
 
+  std::span<const char* const> gets_ = kGetRoutes;
+  std::span<const char* const> posts_ = kPostRoutes;
+  std::span<const char* const> tricks_ = kTricks;
   std::uint16_t port_;
   std::string job_;
   std::mt19937_64 rng_;
@@ -190,9 +236,10 @@ class Attacker {
 
 }  // namespace
 
-HostileCount ask_hostile(std::uint16_t port, const std::string& job, std::size_t count, std::uint64_t seed) {
+HostileCount ask_hostile(std::uint16_t port, const std::string& job, std::size_t count, std::uint64_t seed,
+                         HostileSite site) {
   constexpr std::size_t kKinds = 10;
-  Attacker attacker{port, job, seed};
+  Attacker attacker{port, job, seed, site};
   HostileCount found;
   for (; found.asked < count; ++found.asked) {
     const std::size_t kind = found.asked % kKinds;

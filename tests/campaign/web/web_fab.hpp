@@ -66,7 +66,10 @@ struct PageFigures {
 /// page-wide.png and page-phone.png of the page as it is now, into `folder`.
 void take_pictures(std::uint16_t port, const std::filesystem::path& folder);
 
+/// Whose routes are asked.
+enum class HostileSite : std::uint8_t { Fab, Scan };
+/// `job`: of the scan site, an upload too.
 [[nodiscard]] HostileCount ask_hostile(std::uint16_t port, const std::string& job, std::size_t count,
-                                       std::uint64_t seed);
+                                       std::uint64_t seed, HostileSite site = HostileSite::Fab);
 
 }  // namespace telefab::test

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <gmock/gmock.h>
+
+#include "../../campaign/web/web_fab.hpp"
+#include "scan_page_site.hpp"
+
+namespace telefab::test {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+
+class StagedUploads : public ScanPageSite {};
+
+TEST_F(StagedUploads, GoOnWhereTheyStoppedAfterAKillAndBecomeTheSameJobAsSubmit) {
+  start_with_page();
+  const std::string bytes = text_of(torus());
+  const json begun = begin("torus.xyz", bytes);
+  const auto id = begun["id"].get<std::string>();
+  ASSERT_EQ(ask("POST", "/v1/uploads/" + id + "/part?from=0", bytes.substr(0, 1000)).status, 200);
+  kill_scan();
+  start_scan_with_page();
+  const json again = begin("torus.xyz", bytes);
+  EXPECT_EQ(again["id"], id);
+  EXPECT_EQ(again["received_bytes"], 1000) << "it goes on behind what was answered";
+  send_rest(again, bytes, 7777);
+  const json there = rested(id);
+  ASSERT_EQ(there["state"], "whole") << there.dump();
+  EXPECT_EQ(there["reading"]["result"]["points"], 90 * 36);
+
+  const std::string question = R"({"machine":"toy","parameters":{"height_mm":4}})";
+  ASSERT_EQ(ask("POST", "/v1/uploads/" + id + "/look", question).status, 200);
+  ASSERT_EQ(ask("POST", "/v1/uploads/" + id + "/estimate", question).status, 200);
+  const json known = rested(id);
+  EXPECT_EQ(known["look"]["result"]["kept"], 90 * 36) << known.dump();
+  EXPECT_NEAR(known["estimate"]["result"]["figures"]["size_mm"][2].get<double>(), 4, 0.1) << known.dump();
+  EXPECT_GE(known["estimate"]["result"]["figures"]["layers"].get<int>(), 20);
+  const Answer level = ask(
+      "GET", fmt::format("/v1/uploads/{}/levels/0?revision={}", id, known["picture"]["revision"].get<std::uint64_t>()));
+  EXPECT_EQ(level.status, 200);
+  EXPECT_EQ(level.body.size(), 64 + 12 * known["picture"]["points"].get<std::size_t>());
+
+  // Twice: the upload stays for the next job.
+  for (int times = 0; times < 2; ++times) {
+    const Answer made = ask("POST", "/v1/uploads/" + id + "/submit", question);
+    ASSERT_EQ(made.status, 201) << made.body;
+    const json job = made.json();
+    EXPECT_EQ(job["name"], "torus.xyz");
+    EXPECT_EQ(job["parameters"]["height_mm"], 4);
+    EXPECT_EQ(job["scan_bytes"], bytes.size());
+    const json done = ended(job["id"]);
+    EXPECT_EQ(done["state"], "done") << done.dump();
+    EXPECT_EQ(done["layers"], 20);
+    const json layer = ask("GET", fmt::format("/v1/jobs/{}/layers/10", job["id"].get<std::string>())).json();
+    EXPECT_EQ(layer["rings"].size(), 2U) << "a torus cut in the middle: " << layer.dump().substr(0, 300);
+    EXPECT_EQ(ask("GET", fmt::format("/v1/jobs/{}/layers/20", job["id"].get<std::string>())).status, 404);
+  }
+  const std::string submitted = submit_torus();
+  const json twin = ended(submitted);
+  EXPECT_EQ(twin["state"], "done");
+  const auto first = ask("GET", "/v1/jobs").json()["jobs"].back()["id"].get<std::string>();
+  EXPECT_EQ(text_of(folder() / "scan" / "jobs" / first / "chunks"),
+            text_of(folder() / "scan" / "jobs" / submitted / "chunks"))
+      << "the same layers as of a scan that came from a command line";
+  EXPECT_EQ(ask("POST", "/v1/uploads/" + id + "/discard").status, 200);
+  EXPECT_EQ(ask("GET", "/v1/uploads/" + id).status, 404);
+  EXPECT_THAT(text_of(folder() / "scan" / "audit.log"), HasSubstr("discard upload " + id));
+}
+
+TEST_F(StagedUploads, OfHostileFilesFailTheirOwnRequestsAlone) {
+  start_with_page();
+  const std::string good = text_of(torus());
+  const std::string ply = "ply\nformat binary_little_endian 1.0\nelement vertex ";
+  const std::vector<std::string> hostile{
+      "\x7f"
+      "ELF nothing of a scan",
+      ply + "4294967295\nproperty float x\nproperty float y\nproperty float z\nend_header\nabc",
+      ply + "-7\nproperty float x\nend_header\n",
+      std::string(100'000, '\0'),
+      "1 2 3\n4 5 nan\ninf inf inf\n1e300 1e300 1e300\n",
+      "0 0 0\n0 0 0\n0 0 0\n0 0 0\n0 0 0\n0 0 0\n",
+      good.substr(0, good.size() / 2) + std::string(5000, '\xff'),
+      "<svg xmlns=\"http://www.w3.org/2000/svg\"><script>alert(1)</script></svg>",
+  };
+  const std::string question = R"({"machine":"toy","parameters":{"height_mm":4}})";
+  int number = 0;
+  for (const std::string& bytes : hostile) {
+    const json begun = begin(fmt::format("hostile-{}.ply", ++number), bytes);
+    const auto id = begun["id"].get<std::string>();
+    send_rest(begun, bytes, 1U << 20U);
+    (void)rested(id);
+    for (const char* what : {"look", "estimate", "orient"})
+      EXPECT_EQ(ask("POST", "/v1/uploads/" + id + "/" + what, question).status, 200);
+    const json view = rested(id);
+    EXPECT_EQ(view["state"], "whole");
+    EXPECT_NE(view["estimate"]["state"], "done") << number << view.dump().substr(0, 500);
+    EXPECT_EQ(view["reading"]["state"] == "failed", view["reading"].contains("why"));
+  }
+  const json begun = begin("torus.xyz", good);
+  send_rest(begun, good, 1U << 20U);
+  const auto id = begun["id"].get<std::string>();
+  (void)rested(id);
+  ASSERT_EQ(ask("POST", "/v1/uploads/" + id + "/estimate", question).status, 200);
+  EXPECT_EQ(rested(id)["estimate"]["state"], "done") << "whoever comes next is served";
+}
+
+TEST_F(StagedUploads, RefuseWhatTheyShouldByNameAndStatus) {
+  start_with_page();
+  const std::string bytes = text_of(torus());
+  EXPECT_EQ(
+      ask("POST", "/v1/uploads", R"({"name":"../x","size_bytes":1,"sha256":")" + std::string(64, 'a') + "\"}").status,
+      400);
+  const Answer large = ask("POST", "/v1/uploads",
+                           R"({"name":"x","size_bytes":99999999999999,"sha256":")" + std::string(64, 'a') + "\"}");
+  EXPECT_EQ(large.status, 413);
+  EXPECT_THAT(large.body, HasSubstr("the limit is"));
+  const json begun = begin("torus.xyz", bytes);
+  const auto id = begun["id"].get<std::string>();
+  const std::string question = R"({"machine":"toy","parameters":{"height_mm":4}})";
+  for (const char* what : {"look", "estimate", "orient", "submit"})
+    EXPECT_EQ(ask("POST", "/v1/uploads/" + id + "/" + what, question).status, 409) << "it is not whole";
+  const Answer elsewhere = ask("POST", "/v1/uploads/" + id + "/part?from=5", "abc");
+  EXPECT_EQ(elsewhere.status, 409);
+  EXPECT_THAT(elsewhere.body, HasSubstr("goes on at byte 0"));
+  send_rest(begun, bytes, 1U << 20U);
+  (void)rested(id);
+  EXPECT_EQ(ask("POST", "/v1/uploads/" + id + "/estimate", R"({"machine":"nobody"})").status, 400);
+  EXPECT_EQ(ask("POST", "/v1/uploads/" + id + "/submit", R"({"machine":"toy","parameters":{"heigth_mm":4}})").status,
+            400);
+  EXPECT_EQ(ask("POST", "/v1/uploads/" + id + "/orient", R"({"machine":"toy","for":"beauty"})").status, 400);
+  EXPECT_TRUE(ask("GET", "/v1/jobs").json()["jobs"].empty());
+  EXPECT_TRUE(std::filesystem::is_empty(folder() / "scan" / "incoming"));
+}
+
+TEST_F(StagedUploads, StandHostileRequestsAndChangeNothing) {
+  start_with_page();
+  const std::string bytes = text_of(torus());
+  const json begun = begin("torus.xyz", bytes);
+  const auto id = begun["id"].get<std::string>();
+  ASSERT_EQ(ask("POST", "/v1/uploads/" + id + "/part?from=0", bytes.substr(0, 500)).status, 200);
+  const HostileCount found = ask_hostile(web_port(), id, 400, 11, HostileSite::Scan);
+  EXPECT_EQ(found.asked, 400U);
+  EXPECT_EQ(found.wrong, 0U) << found.first_wrong;
+  const json view = ask("GET", "/v1/uploads/" + id).json();
+  EXPECT_EQ(view["received_bytes"], 500);
+  EXPECT_EQ(ask("GET", "/v1/uploads").json()["uploads"].size(), 1U);
+  EXPECT_TRUE(ask("GET", "/v1/jobs").json()["jobs"].empty());
+}
+
+}  // namespace
+}  // namespace telefab::test
