@@ -2,9 +2,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 #include <telefab/fab/planning/print_view.hpp>
 #include <telefab/image/canvas.hpp>
+#include <telefab/image/palette.hpp>
+#include <telefab/image/viewpoint.hpp>
 
 namespace telefab::fab {
 namespace {
@@ -12,31 +13,31 @@ namespace {
 constexpr int kFiner = 2;  ///< drawn so many times as large, so that edges are smooth
 constexpr int kWide = kFiner * kViewWidth_px, kHigh = kFiner * kViewHeight_px;
 constexpr std::uint32_t kMostLayers = 400;
-constexpr double kTurn = 25 * std::numbers::pi / 180, kRise = 30 * std::numbers::pi / 180;
 constexpr double kFilled = 0.92;  ///< of the picture, by what is shown
-constexpr Colour kPart{176, 205, 230}, kSupport{235, 170, 70};
 constexpr std::uint8_t kPaper = 255;
 
-struct Turned {
-  double across, away;
+using Vector = std::array<double, 3>;
+double dot(const Vector& a, const Vector& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/// To the right of the middle of a picture and above it, in millimetres.
+struct Seen {
+  double right, up;
 };
-Turned turned(Point2 p) {
-  return {std::cos(kTurn) * p.x_mm - std::sin(kTurn) * p.y_mm, std::sin(kTurn) * p.x_mm + std::cos(kTurn) * p.y_mm};
+Seen seen(const Viewpoint& from, Point2 p, double z_mm) {
+  const Vector place{p.x_mm, p.y_mm, z_mm};
+  return {dot(from.right, place), dot(from.up, place)};
 }
-/// Above the middle of the picture, by what lies farther away and what stands higher.
-double up_of(double away, double z_mm) { return std::sin(kRise) * away + std::cos(kRise) * z_mm; }
 
 /// What a picture shows, of all that it must hold.
 struct Extent {
   double left = 1e300, right = -1e300, low = 1e300, high = -1e300;
-  void include(const ViewedLayer& layer) {
+  void include(const Viewpoint& from, const ViewedLayer& layer) {
     for (const auto rings : {layer.part, layer.supports})
       for (const Contour& ring : rings)
         for (const Point2 v : ring.vertices()) {
-          const Turned t = turned(v);
-          const double up = up_of(t.away, layer.z_mm);
-          left = std::min(left, t.across), right = std::max(right, t.across);
-          low = std::min(low, up), high = std::max(high, up);
+          const Seen at = seen(from, v, layer.z_mm);
+          left = std::min(left, at.right), right = std::max(right, at.right);
+          low = std::min(low, at.up), high = std::max(high, at.up);
         }
   }
   [[nodiscard]] bool is_nothing() const { return left > right; }
@@ -45,10 +46,11 @@ struct Extent {
 /// Height and kind of what is seen at every pixel. Layers are drawn from below: seen from above, a later one hides.
 class Relief {
  public:
-  explicit Relief(const Extent& shown)
-      : scale_{kFilled * std::min(kWide / std::max(shown.right - shown.left, 1e-9),
+  Relief(const Viewpoint& from, const Extent& shown)
+      : from_{from},
+        scale_{kFilled * std::min(kWide / std::max(shown.right - shown.left, 1e-9),
                                   kHigh / std::max(shown.high - shown.low, 1e-9))},
-        middle_across_{(shown.left + shown.right) / 2},
+        middle_right_{(shown.left + shown.right) / 2},
         middle_up_{(shown.low + shown.high) / 2} {}
 
   void draw(const ViewedLayer& layer) {
@@ -64,7 +66,7 @@ class Relief {
         const Kind kind = kind_[at(x, y)];
         if (kind == Kind::None) continue;
         const double light = light_at(x, y);
-        const Colour c = kind == Kind::Part ? kPart : kSupport;
+        const Colour c = kind == Kind::Part ? palette::kPart : palette::kSupport;
         std::uint8_t* const pixel = &image.pixels[3 * at(x, y)];
         const std::array<std::uint8_t, 3> full{c.red, c.green, c.blue};
         for (std::size_t i = 0; i < full.size(); ++i)
@@ -75,10 +77,6 @@ class Relief {
 
  private:
   enum class Kind : std::uint8_t { None, Part, Support };
-  struct Place {
-    double across, away, z;
-  };
-
   static std::size_t at(int x, int y) { return static_cast<std::size_t>(y) * kWide + static_cast<std::size_t>(x); }
 
   /// What an odd number of the rings surrounds.
@@ -111,13 +109,12 @@ class Relief {
   }
 
   [[nodiscard]] PixelPoint pixel_of(Point2 p, double z_mm) const {
-    const Turned t = turned(p);
-    return {kWide / 2.0 + scale_ * (t.across - middle_across_),
-            kHigh / 2.0 - scale_ * (up_of(t.away, z_mm) - middle_up_)};
+    const Seen at = seen(from_, p, z_mm);
+    return {kWide / 2.0 + scale_ * (at.right - middle_right_), kHigh / 2.0 - scale_ * (at.up - middle_up_)};
   }
 
   /// The mean height around a pixel, of what belongs together: layers are stairs, the object is smooth.
-  [[nodiscard]] Place place_at(int x, int y) const {
+  [[nodiscard]] Vector place_at(int x, int y) const {
     constexpr int kAround = 3;
     const double near_mm = 8 / scale_;
     const double own = z_[at(x, y)];
@@ -127,8 +124,13 @@ class Relief {
       for (int u = std::max(0, x - kAround); u <= std::min(kWide - 1, x + kAround); ++u)
         if (kind_[at(u, v)] == kind_[at(x, y)] && std::abs(z_[at(u, v)] - own) < near_mm) sum += z_[at(u, v)], ++count;
     const double z = sum / count;
-    const double up = (kHigh / 2.0 - (y + 0.5)) / scale_;
-    return {x / scale_, (up - std::cos(kRise) * z) / std::sin(kRise), z};
+    const double right = middle_right_ + (x + 0.5 - kWide / 2.0) / scale_;
+    const double up = middle_up_ + (kHigh / 2.0 - (y + 0.5)) / scale_;
+    const double away = (z - right * from_.right[2] - up * from_.up[2]) / from_.away[2];
+    Vector place{};
+    for (std::size_t i = 0; i < place.size(); ++i)
+      place[i] = right * from_.right[i] + up * from_.up[i] + away * from_.away[i];
+    return place;
   }
 
   /// By the surface's direction: of a lamp at the upper left in front, and of the sky.
@@ -136,21 +138,24 @@ class Relief {
     const auto is_same = [&](int u, int v) {
       return u >= 0 && u < kWide && v >= 0 && v < kHigh && kind_[at(u, v)] == kind_[at(x, y)];
     };
-    const Place left = place_at(is_same(x - 1, y) ? x - 1 : x, y), right = place_at(is_same(x + 1, y) ? x + 1 : x, y);
-    const Place upper = place_at(x, is_same(x, y - 1) ? y - 1 : y), lower = place_at(x, is_same(x, y + 1) ? y + 1 : y);
-    const Place a{right.across - left.across, right.away - left.away, right.z - left.z};
-    const Place b{upper.across - lower.across, upper.away - lower.away, upper.z - lower.z};
-    Place n{a.away * b.z - a.z * b.away, a.z * b.across - a.across * b.z, a.across * b.away - a.away * b.across};
-    const double length = std::sqrt(n.across * n.across + n.away * n.away + n.z * n.z);
+    const Vector left = place_at(is_same(x - 1, y) ? x - 1 : x, y), right = place_at(is_same(x + 1, y) ? x + 1 : x, y);
+    const Vector upper = place_at(x, is_same(x, y - 1) ? y - 1 : y), lower = place_at(x, is_same(x, y + 1) ? y + 1 : y);
+    Vector a{}, b{};
+    for (std::size_t i = 0; i < a.size(); ++i) a[i] = right[i] - left[i], b[i] = upper[i] - lower[i];
+    const Vector normal{a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+    const double length = std::sqrt(dot(normal, normal));
     constexpr double kShadow = 0.45, kLamp = 0.5, kSky = 0.2;
     if (!(length > 0)) return kShadow + kLamp / 2;
-    constexpr Place kFrom{-0.5, -0.62, 0.6};
-    const double lamp = (n.across * kFrom.across + n.away * kFrom.away + n.z * kFrom.z) / length;
-    return kShadow + kLamp * std::max(0.0, lamp) + kSky * std::max(0.0, n.z / length);
+    // The lamp stands with whoever looks, at the left and above.
+    Vector lamp{};
+    for (std::size_t i = 0; i < lamp.size(); ++i)
+      lamp[i] = 0.45 * from_.up[i] - 0.5 * from_.right[i] - 0.74 * from_.away[i];
+    return kShadow + kLamp * std::max(0.0, dot(normal, lamp) / length) + kSky * std::max(0.0, normal[2] / length);
   }
 
+  Viewpoint from_;
   double scale_;  ///< pixels a millimetre
-  double middle_across_, middle_up_;
+  double middle_right_, middle_up_;
   std::vector<double> z_ = std::vector<double>(std::size_t{kWide} * kHigh);
   std::vector<Kind> kind_ = std::vector<Kind>(std::size_t{kWide} * kHigh, Kind::None);
   std::vector<std::vector<double>> crossings_;  ///< by row; empty between two calls
@@ -168,11 +173,12 @@ Result<Image> draw_print(LayerIndex layers, const LayerViewer& viewer) {
       if (auto seen = viewer(LayerIndex{i}, look); !seen) return seen;
     return {};
   };
+  const Viewpoint from = usual_viewpoint();
   Extent shown;
-  if (auto seen = all([&](const ViewedLayer& layer) { shown.include(layer); }); !seen)
+  if (auto seen = all([&](const ViewedLayer& layer) { shown.include(from, layer); }); !seen)
     return tl::unexpected{seen.error()};
   if (shown.is_nothing()) shown = {0, 1, 0, 1};
-  Relief relief{shown};
+  Relief relief{from, shown};
   if (auto seen = all([&](const ViewedLayer& layer) { relief.draw(layer); }); !seen)
     return tl::unexpected{seen.error()};
   return shrunk_to(relief.shaded(), kViewWidth_px);
