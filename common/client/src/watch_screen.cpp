@@ -70,7 +70,10 @@ std::vector<std::string> wrapped(std::string_view text, int columns) {
   };
   while (!text.empty()) {
     const std::size_t end = std::min(text.find(' '), text.size());
-    if (end > 0) put(text.substr(0, end));
+    if (end > 0)
+      put(text.substr(0, end));
+    else if (const std::size_t used = characters(lines.back()); used > 0 && used < width)
+      lines.back() += ' ';  // of several blanks
     text.remove_prefix(std::min(end + 1, text.size()));
   }
   return lines;

@@ -60,8 +60,8 @@ void shake_hands(Loop& loop, std::shared_ptr<Tls> stream, std::shared_ptr<ssl::c
     Code closing;
     stream->lowest_layer().close(closing);
   });
-  const auto check = watch_check(*stream);
   const End own_end = type == ssl::stream_base::client ? End::Caller : End::Called;
+  const auto check = watch_check(*stream, own_end);
   stream->async_handshake(
       type, [&loop, stream, context, trust, timer, address, limits, done, check, own_end](const Code& error) {
         timer->cancel();

@@ -9,6 +9,7 @@
 
 #include <array>
 #include <ctime>
+#include <telefab/base/person_name.hpp>
 #include <telefab/base/text.hpp>
 
 namespace telefab::net {
@@ -35,11 +36,14 @@ std::string name_of(X509* certificate) {
   return certificate == nullptr ? "?" : entry_of(X509_get_subject_name(certificate), NID_commonName);
 }
 
-/// NAME ROLE, as `telefab certs issue` takes them.
+/// The command that issues a certificate again; without names that are none of ours, for somebody may copy it.
 std::string issue_words(X509* certificate) {
-  if (certificate == nullptr) return std::string{kIssueAgain};
-  return fmt::format("{} {} {}", kIssueAgain, name_of(certificate),
-                     entry_of(X509_get_subject_name(certificate), NID_organizationalUnitName));
+  constexpr std::size_t kLongestName = 63;
+  const std::string name = name_of(certificate);
+  const std::string role =
+      certificate == nullptr ? "" : entry_of(X509_get_subject_name(certificate), NID_organizationalUnitName);
+  if (!is_person_name(name, "-", kLongestName) || !role_from_name(role)) return std::string{kIssueAgain};
+  return fmt::format("{} {} {}", kIssueAgain, name, role);
 }
 
 bool is_of_tls(const Code& error) { return error.category() == boost::asio::error::get_ssl_category(); }
@@ -89,7 +93,7 @@ std::string refusal_of_ours(const Code& error, X509* own) {
 
 }  // namespace
 
-std::string sentence_of(int verdict, X509* certificate) {
+std::string sentence_of(int verdict, X509* certificate, End own_end) {
   const std::string whose = fmt::format("its certificate \"{}\"", name_of(certificate));
   switch (verdict) {
     case X509_V_ERR_CERT_HAS_EXPIRED:
@@ -108,6 +112,7 @@ std::string sentence_of(int verdict, X509* certificate) {
     case X509_V_ERR_DEPTH_ZERO_SELF_SIGNED_CERT:
     case X509_V_ERR_SELF_SIGNED_CERT_IN_CHAIN:
     case X509_V_ERR_AKID_SKID_MISMATCH:
+      if (own_end == End::Called) return "its certificate is of another authority than ours";
       return fmt::format(
           "{} is of another authority (\"{}\") than ours; both sides need certificates of one: take the "
           "folder that came with it, or have it issued by ours: {}",
@@ -120,18 +125,19 @@ std::string sentence_of(int verdict, X509* certificate) {
       return fmt::format(
           "{} cannot be checked: revoked.crl here is not a list of its authority that holds today; copy "
           "it from the authority's folder",
-          whose);
+          own_end == End::Called ? "its certificate" : whose);
     default:
-      return fmt::format("{} is not believed: {}", whose, X509_verify_cert_error_string(verdict));
+      return fmt::format("{} is not believed: {}", own_end == End::Called ? "its certificate" : whose,
+                         X509_verify_cert_error_string(verdict));
   }
 }
 
-std::shared_ptr<CertificateCheck> watch_check(Tls& stream) {
+std::shared_ptr<CertificateCheck> watch_check(Tls& stream, End own_end) {
   auto check = std::make_shared<CertificateCheck>();
-  stream.set_verify_callback([check](bool holds, boost::asio::ssl::verify_context& context) {
+  stream.set_verify_callback([check, own_end](bool holds, boost::asio::ssl::verify_context& context) {
     if (!holds && check->verdict == X509_V_OK) {
       check->verdict = X509_STORE_CTX_get_error(context.native_handle());
-      check->sentence = sentence_of(check->verdict, X509_STORE_CTX_get_current_cert(context.native_handle()));
+      check->sentence = sentence_of(check->verdict, X509_STORE_CTX_get_current_cert(context.native_handle()), own_end);
     }
     return holds;
   });

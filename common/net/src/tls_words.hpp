@@ -17,10 +17,12 @@ struct CertificateCheck {
   std::string sentence;  ///< empty: nothing was found wrong
 };
 /// Keeps the first thing that is wrong with the other side's certificate; the check itself stays as strict as it is.
-[[nodiscard]] std::shared_ptr<CertificateCheck> watch_check(Tls& stream);
+[[nodiscard]] std::shared_ptr<CertificateCheck> watch_check(Tls& stream, End own_end);
 
-/// What is wrong with a certificate, by OpenSSL's verdict: "its certificate "fab" expired on 2026-03-01; ...".
-[[nodiscard]] std::string sentence_of(int verdict, X509* certificate);
+/// What is wrong with a certificate, by OpenSSL's verdict: "its certificate "fab" expired on 2026-03-01; ...". Who is
+/// called repeats nothing that a certificate of another authority says of itself: anybody can make one, and what
+/// differs from one to the next would fill the log.
+[[nodiscard]] std::string sentence_of(int verdict, X509* certificate, End own_end);
 
 /// Why hands could not be shaken.
 [[nodiscard]] std::string why_no_handshake(const boost::system::error_code& error, const CertificateCheck& check,

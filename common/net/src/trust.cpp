@@ -195,7 +195,8 @@ Result<void> Trust::judge(const std::string& certificate_pem, Nanoseconds wall) 
     return fail(ErrorCode::NotTrusted, "its certificate cannot be read");
   X509_STORE_CTX_set_time(judgement.get(), 0, std::chrono::duration_cast<std::chrono::seconds>(wall).count());
   if (X509_verify_cert(judgement.get()) == 1) return {};
-  return fail(ErrorCode::NotTrusted, sentence_of(X509_STORE_CTX_get_error(judgement.get()), certificate.get()));
+  return fail(ErrorCode::NotTrusted,
+              sentence_of(X509_STORE_CTX_get_error(judgement.get()), certificate.get(), End::Caller));
 }
 
 ssl_ctx_st* Trust::context() { return impl_->context->native_handle(); }

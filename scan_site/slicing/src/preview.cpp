@@ -157,8 +157,8 @@ Result<std::vector<std::byte>> Preview::png() const {
   const std::string which = p.last - p.first + 1 == p.header.layer_count
                                 ? fmt::format("{} layers", p.header.layer_count)
                                 : fmt::format("layers {} to {} of {}", p.first, p.last, p.header.layer_count);
-  caption.detail =
-      fmt::format("{} of {:g} mm; to the right {} of them from above", which, p.header.layer_thickness_mm, p.sections);
+  caption.detail = fmt::format("{} of {:g} mm; to the right {} of them from above, at a scale of their own", which,
+                               p.header.layer_thickness_mm, p.sections);
   caption.legend = {{kMeasured, "measured", LegendMark::Line},
                     {kCompleted, "completed where the scan shows nothing", LegendMark::Line},
                     {kDoubtful, "doubtful", LegendMark::Line},

@@ -78,7 +78,7 @@ TEST_F(Fax, BringsThePictureOfThePredictedPartOnceItWasComputed) {
   const auto out = folder() / "out";
   // In the background; each look takes a while.
   for (int looks = 0; looks < 400 && !std::filesystem::exists(out / "accuracy.png"); ++looks)
-    ASSERT_EQ(telefab({"report", job, "--out", out.string(), "--site", fab_site()}).code, 0);
+    ASSERT_EQ(telefab({"report", job, "--out", out.string(), "--force", "--site", fab_site()}).code, 0);
   EXPECT_THAT(text_of(out / "accuracy.png"), StartsWith("\x89PNG"));
   const json accuracy = json::parse(text_of(out / "accuracy.json"));
   EXPECT_LT(std::abs(accuracy["cured_mm3"].get<double>() / accuracy["contour_mm3"].get<double>() - 1), 0.05);

@@ -252,8 +252,16 @@ TEST_F(Certificates, AreNotUsedWithAKeyThatOthersCanRead) {
             ErrorCode::NotTrusted);
 }
 
+TEST_F(Certificates, NamePeopleInLettersOfAnyScript) {
+  for (const std::string name : {"Gr\u00F6\u00DFe", "\u0410\u043D\u043D\u0430", "\u674E\u96F7"}) {
+    ASSERT_TRUE(issue_certificate(folder_, {name, Role::Operator, {}, hours{1}}, clock_)) << name;
+    EXPECT_TRUE(trust(name)) << name;
+  }
+}
+
 TEST_F(Certificates, AreIssuedForNamesAndHostsThatCanBeChecked) {
-  for (const std::string name : {"", "a b", "../x", "authority", "n\xC3\xA4me"})
+  for (const std::string name :
+       {"", "a b", "../x", "authority", "n\xC3", "n\u00A0me", "n\u202Eme", "n\u200Bme", "n,DNS:x"})
     EXPECT_EQ(issue_certificate(folder_, {name, Role::Operator, {}, hours{1}}, clock_).error().code,
               ErrorCode::InvalidInput)
         << name;
