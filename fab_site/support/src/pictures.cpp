@@ -98,7 +98,7 @@ Image draw_layer(const LayerRegions& regions, std::span<const SeenAnchor> anchor
 
 Image draw_covering(const Region& region, std::span<const Point2> anchors, Millimetres anchor_distance,
                     PictureCaption caption) {
-  const View view{region.bounds(), 0.6 * anchor_distance.count()};
+  const View view{region.bounds(), 1.05 * anchor_distance.count()};
   Canvas canvas{view.width, view.height, kPaper};
   fill(canvas, view, region, kToSupport);
   mark(canvas, view, anchors, anchor_distance);
