@@ -60,6 +60,10 @@ std::string_view name_of(JobCommand command) {
       return "cleared";
     case JobCommand::Forget:
       return "forget";
+    case JobCommand::StartAgain:
+      return "resume as start-again";
+    case JobCommand::TreatAsStarted:
+      return "resume as treat-as-started";
   }
   return "cancel";
 }

@@ -202,7 +202,7 @@ void read(Reading& reading, const v1::Jobs& proto, Jobs& value) {
 void read(Reading& reading, const v1::Command& proto, Command& value) {
   value.request = request(proto.request());
   value.job = job_id(reading, proto.job());
-  expect(reading, proto.action() >= 1 && proto.action() <= 8, "action", "is none of this version");
+  expect(reading, proto.action() >= 1 && proto.action() <= 10, "action", "is none of this version");
   value.command = static_cast<JobCommand>(proto.action());
   value.who = name(reading, proto.who(), "who");
   value.although = name(reading, proto.although(), "although");

@@ -46,10 +46,12 @@ enum class JobCommand : std::uint8_t {
   Pause = 2,
   Resume = 3,
   Cancel = 4,
-  TreatAsExposed = 5,  ///< resume; a layer that was perhaps exposed counts as exposed
-  ExposeAgain = 6,     ///< resume; such a layer is exposed again
-  Cleared = 7,         ///< about a machine, whose name is in Command::job: its platform is empty
-  Forget = 8,          ///< a job that has ended and all its files leave the site
+  TreatAsExposed = 5,   ///< resume; a layer that was perhaps exposed counts as exposed
+  ExposeAgain = 6,      ///< resume; such a layer is exposed again
+  Cleared = 7,          ///< about a machine, whose name is in Command::job: its platform is empty
+  Forget = 8,           ///< a job that has ended and all its files leave the site
+  StartAgain = 9,       ///< resume; a whole printer that perhaps started the print did not, and is asked again
+  TreatAsStarted = 10,  ///< resume; it did, and is watched
 };
 [[nodiscard]] std::string_view name_of(JobCommand command);
 
