@@ -113,8 +113,9 @@ TEST(Message, KeepsWhatAnOfferSaysOfItsScan) {
   EXPECT_EQ(std::get<Offer>(*back).registration_rms_mm, 0.04);
 }
 
-TEST(Message, CarriesBothAnswersAboutALayerPerhapsExposed) {
-  for (const JobCommand answer : {JobCommand::TreatAsExposed, JobCommand::ExposeAgain}) {
+TEST(Message, CarriesTheAnswersAboutALayerPerhapsExposedAndAPrinterPerhapsStarted) {
+  for (const JobCommand answer :
+       {JobCommand::TreatAsExposed, JobCommand::ExposeAgain, JobCommand::TreatAsStarted, JobCommand::StartAgain}) {
     const auto back = from_frame(to_frame(Command{RequestId{1}, "j1", answer, "ana"}));
     ASSERT_TRUE(back);
     EXPECT_EQ(std::get<Command>(*back).command, answer);
@@ -174,7 +175,7 @@ TEST(Message, RefusesEveryValueOutOfItsRangeByName) {
       {Submit{RequestId{1}, "b.ply", "m", "{}", 1ULL << 60U, digest}, "size_bytes"},
       {Submit{RequestId{1}, "b.ply", "m", std::string(20'000, ' '), 1, digest}, "parameters"},
       {UploadBlock{RequestId{1}, 0, std::vector<std::byte>(kMaxBlockBytes + 1)}, "content"},
-      {Command{RequestId{1}, "j1", static_cast<JobCommand>(9), ""}, "action"},
+      {Command{RequestId{1}, "j1", static_cast<JobCommand>(11), ""}, "action"},
       {Offer{"j1", "v", "m", "{}", digest, some_header(), 5, "", {}, {}, {}, -1}, "registration_rms_mm"},
       {FileBlock{RequestId{1}, 5, 6, std::vector<std::byte>(2)}, "content"},
       {Offer{"j1", "v", "m", "{}", digest, bad_header, 1, "", {}, {}}, "header"},
