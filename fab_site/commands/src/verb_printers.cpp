@@ -5,8 +5,8 @@
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/command_line/output.hpp>
+#include <telefab/fab/drivers/choose_printer.hpp>
 
-#include "printer_choice.hpp"
 #include "verbs.hpp"
 
 namespace telefab::fab {

@@ -12,12 +12,13 @@
 #include <telefab/base/open_file.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
-#include <telefab/fab/formats/mask_export.hpp>
+#include <telefab/fab/drivers/choose_printer.hpp>
+#include <telefab/fab/formats/whole_print_file.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/planning/preflight.hpp>
+#include <telefab/fab/print/whole_print_record.hpp>
 #include <telefab/fab/print/whole_print_runner.hpp>
 
-#include "printer_choice.hpp"
 #include "read_stack.hpp"
 #include "verbs.hpp"
 
@@ -26,8 +27,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
-
-constexpr std::uint64_t kMostFileBytes = 4ULL << 30U;
 
 struct Options {
   std::string plan;
@@ -42,54 +41,17 @@ struct Options {
   bool is_json = false;
 };
 
-/// A name that every printer takes, another one for every plan.
-std::string name_on_printer(const PrintPlan& plan) {
-  std::string name;
-  for (const char c : plan.job) {
-    const bool plain =
-        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_';
-    if (name.size() < 40) name += plain ? c : '_';
-  }
-  return fmt::format("{}-{}.goo", name.empty() ? "job" : name, to_hex(plan_digest(plan)).substr(0, 8));
-}
-
 /// The file is made again until the printer has been asked to start: the same plan gives the same bytes.
 Result<WholePrintJob> job_of(PlannedJob& planned, const MachineProfile& machine, const Options& o, const fs::path& work,
                              bool is_asked, const std::stop_token& stop) {
-  const PrintPlan& plan = planned.plan();
-  if (auto ok = plan.fits(machine); !ok) return tl::unexpected{ok.error()};
-  if (machine.file.kind != PrinterFile::Goo || machine.file.model.empty())
-    return fail(
-        ErrorCode::InvalidInput,
-        fmt::format("the profile {} does not say what its printer takes; state [file] kind = \"goo\" and model = "
-                    "\"...\" as the printer calls itself (telefab-fab printers shows it)",
-                    machine.name));
-  const fs::path file = work / "print.goo";
-  std::error_code error;
-  if (!is_asked || !fs::is_regular_file(file, error)) {
-    const auto report = export_masks(MaskFormat::Goo, plan, planned, machine, file, progress_line(), stop);
-    clear_progress();
-    if (!report) return tl::unexpected{report.error()};
-    if (report->other_motions > 0 && !o.is_json)
-      write_note(
-          fmt::format("telefab-fab: {} layers tilt, which a GOO file cannot say; the printer moves as it is set\n",
-                      report->other_motions));
-  }
-  auto bytes = read_file(file, kMostFileBytes);
-  if (!bytes) return tl::unexpected{bytes.error()};
-  const auto kept = std::make_shared<const std::vector<std::byte>>(std::move(*bytes));
-  WholePrintJob job;
-  job.plan = plan_digest(plan);
-  job.file = {name_on_printer(plan), kept->size(), md5_hex(*kept),
-              [kept](std::uint64_t offset, std::size_t count) -> Result<std::vector<std::byte>> {
-                const auto part = std::span{*kept}.subspan(offset, count);
-                return std::vector<std::byte>(part.begin(), part.end());
-              }};
-  job.file_kind = "GOO";
-  job.model = machine.file.model;
-  job.size = plan.mask_size;
-  job.layers = static_cast<std::uint32_t>(plan.layers.size());
-  return job;
+  auto made = whole_print_file(planned.plan(), planned, machine, work / "print.goo",
+                               is_asked ? FileThere::IsSent : FileThere::IsMadeAgain, progress_line(), stop);
+  clear_progress();
+  if (!made) return tl::unexpected{made.error()};
+  if (made->other_motions > 0 && !o.is_json)
+    write_note(fmt::format("telefab-fab: {} layers tilt, which a GOO file cannot say; the printer moves as it is set\n",
+                           made->other_motions));
+  return std::move(made->job);
 }
 
 Json json_of(const PrinterTask& task) {

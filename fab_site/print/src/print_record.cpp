@@ -171,8 +171,9 @@ std::vector<std::string> compare(const PrintRecord& record, const PrintPlan& pla
   return findings;
 }
 
-Result<std::string> seal(const PrintRecord& record, std::string_view private_key_pem) {
-  const Json body = record_json(record);
+namespace {
+
+Result<std::string> sealed(const Json& body, std::string_view private_key_pem) {
   const std::string text = json_text(body);
   Json sealed{{"record", body}, {"sha256", to_hex(digest_of(std::as_bytes(std::span{text})))}};
   if (!private_key_pem.empty()) {
@@ -184,27 +185,46 @@ Result<std::string> seal(const PrintRecord& record, std::string_view private_key
   return json_text(sealed, 1) + "\n";
 }
 
-Result<Unsealed> unseal(std::string_view sealed, std::string_view public_key_pem) {
+}  // namespace
+
+Result<std::string> seal(const PrintRecord& record, std::string_view private_key_pem) {
+  return sealed(record_json(record), private_key_pem);
+}
+
+Result<std::string> seal_json(std::string_view record, std::string_view private_key_pem) {
   try {
-    const Json j = parsed_json(sealed);
-    const std::string text = json_text(j.at("record"));
-    if (to_hex(digest_of(std::as_bytes(std::span{text}))) != j.at("sha256").get<std::string>())
-      return fail(ErrorCode::NotTrusted, "the as-built record was changed after it was sealed: its hash does not hold");
-    std::string signed_by;
-    if (j.contains("ed25519")) {
-      const Signature signature{j.at("ed25519").get<std::string>(), j.at("public_key").get<std::string>()};
-      if (const auto ok = verify_ed25519(signature, text, public_key_pem); !ok)
-        return fail_in("as-built record", ok.error());
-      signed_by = signature.public_key_hex;
-    } else if (!public_key_pem.empty()) {
-      return fail(ErrorCode::NotTrusted, "the as-built record is not signed, and a key to check it with was given");
-    }
-    auto record = print_record_from_json(text);
-    if (!record) return tl::unexpected{record.error()};
-    return Unsealed{std::move(*record), std::move(signed_by)};
+    return sealed(parsed_json(record), private_key_pem);
   } catch (const nlohmann::ordered_json::exception& e) {
     return no_record(e);
   }
+}
+
+Result<UnsealedJson> unseal_json(std::string_view sealed, std::string_view public_key_pem) {
+  try {
+    const Json j = parsed_json(sealed);
+    UnsealedJson found{json_text(j.at("record")), {}};
+    if (to_hex(digest_of(std::as_bytes(std::span{found.record}))) != j.at("sha256").get<std::string>())
+      return fail(ErrorCode::NotTrusted, "the as-built record was changed after it was sealed: its hash does not hold");
+    if (j.contains("ed25519")) {
+      const Signature signature{j.at("ed25519").get<std::string>(), j.at("public_key").get<std::string>()};
+      if (const auto ok = verify_ed25519(signature, found.record, public_key_pem); !ok)
+        return fail_in("as-built record", ok.error());
+      found.signed_by = signature.public_key_hex;
+    } else if (!public_key_pem.empty()) {
+      return fail(ErrorCode::NotTrusted, "the as-built record is not signed, and a key to check it with was given");
+    }
+    return found;
+  } catch (const nlohmann::ordered_json::exception& e) {
+    return no_record(e);
+  }
+}
+
+Result<Unsealed> unseal(std::string_view sealed, std::string_view public_key_pem) {
+  auto found = unseal_json(sealed, public_key_pem);
+  if (!found) return tl::unexpected{found.error()};
+  auto record = print_record_from_json(found->record);
+  if (!record) return tl::unexpected{record.error()};
+  return Unsealed{std::move(*record), std::move(found->signed_by)};
 }
 
 }  // namespace telefab::fab

@@ -11,7 +11,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr std::array<std::string_view, 11> kSteps{"planned",
+constexpr std::array<std::string_view, 12> kSteps{"planned",
                                                   "uploaded",
                                                   "starting",
                                                   "not-started",
@@ -21,7 +21,8 @@ constexpr std::array<std::string_view, 11> kSteps{"planned",
                                                   "decided-treat-as-started",
                                                   "pause-asked",
                                                   "resumed",
-                                                  "cancel-asked"};
+                                                  "cancel-asked",
+                                                  "set-aside"};
 constexpr std::array<std::string_view, 3> kEnds{"done", "stopped", "unknown"};
 constexpr std::size_t kProblems = static_cast<std::size_t>(PrinterProblem::Other) + 1;
 
@@ -76,7 +77,17 @@ std::optional<PrinterJournalEntry> entry_of(std::string_view body) {
 
 }  // namespace
 
+std::string_view name_of(PrinterStep step) { return kSteps.at(static_cast<std::size_t>(step)); }
 std::string_view name_of(PrinterEnd end) { return kEnds.at(static_cast<std::size_t>(end)); }
+
+PrinterJournalEntry entry_of(StartDecision decision, std::string by, Nanoseconds wall) {
+  PrinterJournalEntry entry;
+  entry.step =
+      decision == StartDecision::StartAgain ? PrinterStep::DecidedStartAgain : PrinterStep::DecidedTreatAsStarted;
+  entry.by = std::move(by);
+  entry.wall = wall;
+  return entry;
+}
 
 Result<PrinterJournal> PrinterJournal::open(std::unique_ptr<JournalFile> file) {
   PrinterJournal journal{std::move(file)};
@@ -101,11 +112,21 @@ Result<PrinterJournal> PrinterJournal::open(std::unique_ptr<JournalFile> file) {
   return journal;
 }
 
+Result<void> PrinterJournal::begin_again(JournalFile& file, StartDecision decision, const std::string& by,
+                                         Nanoseconds wall) {
+  PrinterJournalEntry set_aside;
+  set_aside.step = PrinterStep::SetAside;
+  set_aside.by = by;
+  set_aside.wall = wall;
+  return file.set_aside(to_record_line(1, body_of(set_aside)) +
+                        to_record_line(2, body_of(entry_of(decision, by, wall))));
+}
+
 PrinterStage PrinterJournal::stage() const {
   PrinterStage stage = PrinterStage::Nothing;
   for (const PrinterJournalEntry& e : entries_) switch (e.step) {
       case PrinterStep::Planned:
-        stage = PrinterStage::Planned;
+        if (stage <= PrinterStage::Uploaded) stage = PrinterStage::Planned;
         break;
       case PrinterStep::Uploaded:
       case PrinterStep::NotStarted:
@@ -125,6 +146,7 @@ PrinterStage PrinterJournal::stage() const {
       case PrinterStep::PauseAsked:
       case PrinterStep::Resumed:
       case PrinterStep::CancelAsked:
+      case PrinterStep::SetAside:
         break;
     }
   return stage;
@@ -158,44 +180,6 @@ Result<void> PrinterJournal::write(PrinterJournalEntry entry) {
   }
   entries_.push_back(std::move(entry));
   return {};
-}
-
-std::string whole_print_record(const PrinterJournal& journal) {
-  Json record{{"format", "telefab-whole-print-record-1"}, {"light", "by the printer"}};
-  Json orders = Json::array();
-  for (const PrinterJournalEntry& e : journal.entries()) {
-    switch (e.step) {
-      case PrinterStep::Planned:
-        record["plan"] = to_hex(e.plan);
-        record["file"] = {{"name", e.file}, {"md5", e.md5}};
-        break;
-      case PrinterStep::Starting:
-        record["printer"] = {{"id", e.printer}, {"name", e.printer_name}};
-        record["asked_ns"] = e.wall.count();
-        break;
-      case PrinterStep::Started:
-        record["task"] = e.task;
-        break;
-      case PrinterStep::Finished:
-        record["end"] = name_of(e.end);
-        record["problem"] = name_of(e.problem);
-        record["ended_ns"] = e.wall.count();
-        break;
-      case PrinterStep::DecidedStartAgain:
-      case PrinterStep::DecidedTreatAsStarted:
-      case PrinterStep::PauseAsked:
-      case PrinterStep::Resumed:
-      case PrinterStep::CancelAsked:
-        orders.push_back(
-            {{"what", kSteps.at(static_cast<std::size_t>(e.step))}, {"by", e.by}, {"wall_ns", e.wall.count()}});
-        break;
-      case PrinterStep::Uploaded:
-      case PrinterStep::NotStarted:
-        break;
-    }
-  }
-  record["orders"] = std::move(orders);
-  return json_text(record, 1) + "\n";
 }
 
 }  // namespace telefab::fab

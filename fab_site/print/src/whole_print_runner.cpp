@@ -16,11 +16,12 @@ constexpr std::array<std::string_view, 8> kOutcomes{"done", "stopped", "unknown"
 /// One run: the runner's arguments, and what it knows by now.
 class Run {
  public:
-  Run(WholePrinter& printer, PrinterJournal& journal, Clock& clock, const WholePrintJob& job,
+  Run(WholePrinter& printer, PrinterJournal& journal, Clock& clock, PrintJournal* orders, const WholePrintJob& job,
       const WholePrintPolicy& policy, PrintControl& control, const WholePrintSink& sink, std::stop_token stop)
       : printer_{printer},
         journal_{journal},
         clock_{clock},
+        orders_{orders},
         job_{job},
         policy_{policy},
         control_{control},
@@ -33,6 +34,7 @@ class Run {
       if (stop_.stop_requested()) return *report(WholePrintOutcome::Interrupted, PrinterProblem::None, "asked to stop");
       if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
       auto done = step();
+      if (is_given_up_ && !done && is_of_the_line(done.error().code)) done = give_up();
       if (!done) return tl::unexpected{done.error()};
       if (*done) return **done;
     }
@@ -43,18 +45,30 @@ class Run {
 
   Result<void> begin() {
     const PrinterJournalEntry* planned = journal_.last(PrinterStep::Planned);
-    if (planned == nullptr) {
+    const bool is_same_file = planned != nullptr && planned->file == job_.file.name && planned->md5 == job_.file.md5;
+    // Another release may write the same plan otherwise; before the start was asked for that is another file to send.
+    const bool may_be_sent_again = planned != nullptr && planned->plan == job_.plan &&
+                                   journal_.stage() <= PrinterStage::Uploaded &&
+                                   journal_.last(PrinterStep::Starting) == nullptr;
+    if (planned == nullptr || (!is_same_file && may_be_sent_again)) {
       PrinterJournalEntry entry;
       entry.plan = job_.plan;
       entry.file = job_.file.name;
       entry.md5 = job_.file.md5;
       return write(std::move(entry));
     }
-    if (planned->plan != job_.plan || planned->file != job_.file.name || planned->md5 != job_.file.md5)
+    if (planned->plan != job_.plan || !is_same_file)
       return fail(ErrorCode::NotTrusted,
                   "the journal is of the print of another plan, or of this one for another profile; finish that print "
                   "first, or keep the new one in another folder");
     return {};
+  }
+
+  /// The printer is out of reach, and an operator does not want to wait for it.
+  Step give_up() {
+    is_given_up_ = false;
+    if (journal_.stage() < PrinterStage::StartUnknown) return std::optional<WholePrintReport>{};  // held
+    return finished(PrinterEnd::Unknown, PrinterProblem::None);
   }
 
   Step step() {
@@ -76,15 +90,16 @@ class Run {
                                                                        : WholePrintOutcome::Unknown;
     return report(outcome, end.problem,
                   end.end == PrinterEnd::Unknown
-                      ? "the printer has done something else since; look at the part on its platform"
+                      ? "the printer does not say how it ended; look at it and at the part on its platform"
                       : std::string{advice_on(end.problem)});
   }
 
   Step before_start() {
-    if (const Order order = journal_.order(); order == Order::Pause || order == Order::Cancel)
-      return report(
-          WholePrintOutcome::Held, PrinterProblem::None,
-          order == Order::Pause ? "paused before its start; resume it to go on" : "cancelled before its start");
+    if (is_held())
+      return report(WholePrintOutcome::Held, PrinterProblem::None,
+                    order() == Order::Pause    ? "paused before its start; resume it to go on"
+                    : order() == Order::Cancel ? "cancelled before its start"
+                                               : "nobody's word to print it is kept");
     if (!policy_.starts && journal_.stage() == PrinterStage::Uploaded)
       return report(WholePrintOutcome::Sent, PrinterProblem::None, "the printer has the file; nothing was started");
     emit({.phase = WholePrintPhase::Checking});
@@ -100,8 +115,9 @@ class Run {
     task_ = status->task;
     // Asked before, and taken for not started: where our file is the printer's task now, it started late.
     const PrinterJournalEntry* asked_before = journal_.last(PrinterStep::Starting);
+    const PrinterJournalEntry* decided = journal_.last(PrinterStep::DecidedStartAgain);
     const bool is_to_start_again =
-        !journal_.entries().empty() && journal_.entries().back().step == PrinterStep::DecidedStartAgain;
+        decided != nullptr && (asked_before == nullptr || decided > asked_before);  // both in one vector
     if (asked_before != nullptr && !is_to_start_again && status->task.file == job_.file.name &&
         !status->task.id.empty() && status->task.id != asked_before->task) {
       if (auto ok = same_printer(); !ok) return tl::unexpected{ok.error()};
@@ -185,9 +201,11 @@ class Run {
     }
   }
 
+  [[nodiscard]] Order order() const { return orders_ != nullptr ? orders_->order().order : journal_.order(); }
+  /// No start without a living order.
   [[nodiscard]] bool is_held() const {
-    const Order order = journal_.order();
-    return order == Order::Pause || order == Order::Cancel;
+    const Order now = order();
+    return now == Order::Pause || now == Order::Cancel || (orders_ != nullptr && now == Order::None);
   }
 
   Step start(const std::string& task_before, const WholePrinterFacts& facts) {
@@ -240,8 +258,7 @@ class Run {
       was_still = was_still && !is_new && !status->activity.prints;
       if (clock_.now() - begun >= policy_.start_wait) break;
       if (stop_.stop_requested()) return std::optional<WholePrintReport>{};
-      if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
-      clock_.sleep_for(policy_.poll);
+      if (auto ok = rest(); !ok) return tl::unexpected{ok.error()};
     }
     // The name of the last task is proof only where the printer gives names.
     if (was_still && !before.empty() && !is_promised_) {
@@ -279,8 +296,7 @@ class Run {
       const bool is_ours = own && !own->empty() ? task.id == *own : task.file == job_.file.name;
       if (!is_ours && task.id.empty() && status->activity.prints) {  // says nothing of its task just now
         if (stop_.stop_requested()) return std::optional<WholePrintReport>{};
-        if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
-        clock_.sleep_for(policy_.poll);
+        if (auto ok = rest(); !ok) return tl::unexpected{ok.error()};
         continue;
       }
       if (!is_ours) return end_from_memory(own);
@@ -292,8 +308,7 @@ class Run {
       if (stop_.stop_requested()) return std::optional<WholePrintReport>{};
       recall_word(task.state);
       (void)pass_on();  // the sink has what came of it
-      if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
-      clock_.sleep_for(policy_.poll);
+      if (auto ok = rest(); !ok) return tl::unexpected{ok.error()};
     }
   }
 
@@ -320,20 +335,21 @@ class Run {
   /// Operators' words: journalled, and passed on to a print under way.
   Result<void> take_words() {
     while (auto wish = control_.take()) {
-      PrinterJournalEntry entry;
+      std::optional<PrinterStep> word;
+      std::string by;
       if (const auto* pause = std::get_if<PauseAsked>(&wish->event)) {
-        entry.step = PrinterStep::PauseAsked, entry.by = pause->by;
+        word = PrinterStep::PauseAsked, by = pause->by;
       } else if (const auto* resume = std::get_if<ResumeAsked>(&wish->event)) {
-        entry.step = PrinterStep::Resumed, entry.by = resume->by;
+        word = PrinterStep::Resumed, by = resume->by;
       } else if (const auto* cancel = std::get_if<CancelAsked>(&wish->event)) {
-        entry.step = PrinterStep::CancelAsked, entry.by = cancel->by;
+        word = PrinterStep::CancelAsked, by = cancel->by;
       } else {
         if (wish->kept)
           wish->kept(fail(ErrorCode::Conflict, "a printer that owns its light knows pause, resume and cancel"));
         continue;
       }
-      const PrinterStep word = entry.step;
-      auto kept = write(std::move(entry));
+      is_given_up_ = is_given_up_ || (*word == PrinterStep::CancelAsked && is_lost_ && order() == Order::Cancel);
+      auto kept = keep_word(*word, std::move(by));
       const bool is_written = kept.has_value();
       if (is_written && journal_.stage() == PrinterStage::Printing) {
         unpassed_ = word;
@@ -343,6 +359,34 @@ class Run {
       if (!is_written) return kept;
     }
     return {};
+  }
+
+  /// Between two questions; operators wait for no more than a slice of it.
+  Result<void> rest() {
+    constexpr Nanoseconds kSlice = std::chrono::milliseconds{200};
+    const Nanoseconds until = clock_.now() + policy_.poll;
+    while (true) {
+      if (auto ok = take_words(); !ok) return ok;
+      const Nanoseconds left = until - clock_.now();
+      if (left <= Nanoseconds{0} || stop_.stop_requested() || is_given_up_) return {};
+      clock_.sleep_for(std::min(left, kSlice));
+    }
+  }
+
+  Result<void> keep_word(PrinterStep word, std::string by) {
+    if (orders_ != nullptr) {
+      JournalEntry entry;
+      entry.step = word == PrinterStep::PauseAsked ? JournalStep::PauseAsked
+                   : word == PrinterStep::Resumed  ? JournalStep::Resumed
+                                                   : JournalStep::CancelAsked;
+      entry.wall = clock_.wall();
+      entry.by = std::move(by);
+      return orders_->write(entry);
+    }
+    PrinterJournalEntry entry;
+    entry.step = word;
+    entry.by = std::move(by);
+    return write(std::move(entry));
   }
 
   /// The standing word goes to the printer. One that the line lost stays to be passed on with the next question; a word
@@ -368,7 +412,7 @@ class Run {
   /// A word from before the start, or from a run before this one, that the printer does not follow yet.
   void recall_word(TaskState state) {
     if (std::exchange(is_recalled_, true) || unpassed_) return;
-    const Order order = journal_.order();
+    const Order order = this->order();
     if (order == Order::Cancel && state != TaskState::Stopping && state != TaskState::Stopped)
       unpassed_ = PrinterStep::CancelAsked;
     if (order == Order::Pause && state != TaskState::Pausing && state != TaskState::Paused)
@@ -390,11 +434,13 @@ class Run {
     const Nanoseconds begun = clock_.now();
     while (true) {
       auto answer = ask();
-      if (answer || !is_of_the_line(answer.error().code)) return answer;
+      is_lost_ = !answer && is_of_the_line(answer.error().code);
+      if (!is_lost_) return answer;
       emit({.phase = WholePrintPhase::Lost, .message = answer.error().what});
       if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
+      if (is_given_up_) return answer;
       if (stop_.stop_requested() || clock_.now() - begun >= patience) return answer;
-      clock_.sleep_for(policy_.poll);
+      if (auto ok = rest(); !ok) return tl::unexpected{ok.error()};
     }
   }
 
@@ -412,6 +458,7 @@ class Run {
   WholePrinter& printer_;
   PrinterJournal& journal_;
   Clock& clock_;
+  PrintJournal* orders_;
   const WholePrintJob& job_;
   const WholePrintPolicy& policy_;
   PrintControl& control_;
@@ -423,7 +470,9 @@ class Run {
   bool is_promised_ = false;  ///< the printer said yes in this run
   std::optional<PrinterStep> unpassed_;
   bool is_recalled_ = false;
-  bool is_known_ = false;  ///< the printer that answers is the one that was asked to start
+  bool is_lost_ = false;      ///< the last question had no answer
+  bool is_given_up_ = false;  ///< a second cancel came meanwhile
+  bool is_known_ = false;     ///< the printer that answers is the one that was asked to start
 };
 
 }  // namespace
@@ -457,18 +506,13 @@ PrinterMisfit misfit_of(const WholePrintJob& job, const WholePrinterFacts& print
 Result<WholePrintReport> WholePrintRunner::run(const WholePrintJob& job, const WholePrintPolicy& policy,
                                                PrintControl& control, const WholePrintSink& sink,
                                                std::stop_token stop) {
-  return Run{printer_, journal_, clock_, job, policy, control, sink, std::move(stop)}.go();
+  return Run{printer_, journal_, clock_, orders_, job, policy, control, sink, std::move(stop)}.go();
 }
 
 Result<void> decide_start(PrinterJournal& journal, StartDecision decision, std::string by, Nanoseconds wall) {
   if (journal.stage() != PrinterStage::StartUnknown)
     return fail(ErrorCode::Conflict, "no start of this print is in question");
-  PrinterJournalEntry entry;
-  entry.step =
-      decision == StartDecision::StartAgain ? PrinterStep::DecidedStartAgain : PrinterStep::DecidedTreatAsStarted;
-  entry.by = std::move(by);
-  entry.wall = wall;
-  return journal.write(std::move(entry));
+  return journal.write(entry_of(decision, std::move(by), wall));
 }
 
 }  // namespace telefab::fab

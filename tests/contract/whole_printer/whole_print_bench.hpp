@@ -4,6 +4,7 @@
 
 #include <telefab/fab/drivers/sdcp_model.hpp>
 #include <telefab/fab/drivers/sdcp_printer.hpp>
+#include <telefab/fab/print/whole_print_record.hpp>
 #include <telefab/fab/print/whole_print_runner.hpp>
 #include <thread>
 

@@ -72,6 +72,14 @@ struct Unsealed {
   PrintRecord record;
   std::string signed_by;  ///< Ed25519 public key in hexadecimal; empty: by nobody, so anybody could have written it
 };
+/// Any other record, a JSON object, sealed likewise.
+[[nodiscard]] Result<std::string> seal_json(std::string_view record, std::string_view private_key_pem);
+struct UnsealedJson {
+  std::string record;     ///< canonical
+  std::string signed_by;  ///< as Unsealed
+};
+/// The text of a sealed record of any kind. Fails as unseal().
+[[nodiscard]] Result<UnsealedJson> unseal_json(std::string_view sealed, std::string_view public_key_pem);
 /// The record of a sealed text. NotTrusted when hash or signature does not hold, or when `public_key_pem` is given and
 /// the seal was made with another key or none. InvalidInput where it is no sealed record.
 [[nodiscard]] Result<Unsealed> unseal(std::string_view sealed, std::string_view public_key_pem);

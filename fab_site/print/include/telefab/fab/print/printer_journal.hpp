@@ -24,7 +24,10 @@ enum class PrinterStep : std::uint8_t {
   PauseAsked,
   Resumed,
   CancelAsked,
+  SetAside,  ///< the journal before this one was damaged; a word about its start follows
 };
+/// An operator's word about a start that nobody knows of.
+enum class StartDecision : std::uint8_t { StartAgain, TreatAsStarted };
 /// How a print ended.
 enum class PrinterEnd : std::uint8_t {
   Done,
@@ -32,6 +35,8 @@ enum class PrinterEnd : std::uint8_t {
   Unknown,  ///< the printer has done something else since: whether ours came to its end, it no longer says
 };
 [[nodiscard]] std::string_view name_of(PrinterEnd end);
+/// "planned", "uploaded", ...
+[[nodiscard]] std::string_view name_of(PrinterStep step);
 
 struct PrinterJournalEntry {
   PrinterStep step = PrinterStep::Planned;
@@ -44,8 +49,10 @@ struct PrinterJournalEntry {
   std::string task;                               ///< Starting: the task that it had before; Started: its own
   PrinterProblem problem = PrinterProblem::None;  ///< NotStarted, Finished
   PrinterEnd end = PrinterEnd::Done;              ///< Finished
-  std::string by;                                 ///< Decided*, *Asked, Resumed: whose word
+  std::string by;                                 ///< Decided*, *Asked, Resumed, SetAside: whose word
 };
+/// The word as a line of the journal.
+[[nodiscard]] PrinterJournalEntry entry_of(StartDecision decision, std::string by, Nanoseconds wall);
 
 /// Where such a print is.
 enum class PrinterStage : std::uint8_t { Nothing, Planned, Uploaded, StartUnknown, Printing, Finished };
@@ -57,6 +64,10 @@ class PrinterJournal {
   /// Cuts a torn tail off. Fails: NotTrusted (damaged, or of a version that is not known: nobody can say what was
   /// done), Storage* as the file does.
   [[nodiscard]] static Result<PrinterJournal> open(std::unique_ptr<JournalFile> file);
+  /// The damaged journal in `file` is kept beside, and another one begins with an operator's word about its start.
+  /// Fails as the file does.
+  [[nodiscard]] static Result<void> begin_again(JournalFile& file, StartDecision decision, const std::string& by,
+                                                Nanoseconds wall);
   [[nodiscard]] const std::vector<PrinterJournalEntry>& entries() const { return entries_; }
   [[nodiscard]] PrinterStage stage() const;
   /// The last entry of that kind; nullptr: none.
@@ -72,9 +83,5 @@ class PrinterJournal {
   std::vector<PrinterJournalEntry> entries_;
   bool broken_ = false;
 };
-
-/// What is known of such a print, as canonical JSON: plan, file, printer, task, times, end, operators' words, and
-/// "light": "by the printer", for nothing here timed or saw it. Same journal, same bytes.
-[[nodiscard]] std::string whole_print_record(const PrinterJournal& journal);
 
 }  // namespace telefab::fab

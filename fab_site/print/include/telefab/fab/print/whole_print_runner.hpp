@@ -70,13 +70,15 @@ struct WholePrintPolicy {
 /// journal before it is asked, and where its answer is lost the printer's own task decides - or an operator.
 class WholePrintRunner {
  public:
-  /// All must outlive the runner.
-  WholePrintRunner(WholePrinter& printer, PrinterJournal& journal, Clock& clock)
-      : printer_{printer}, journal_{journal}, clock_{clock} {}
+  /// All must outlive the runner. `orders`: the journal that keeps operators' words, without a living one of which
+  /// nothing is started; null: `journal` keeps them, and whoever runs it is the operator.
+  WholePrintRunner(WholePrinter& printer, PrinterJournal& journal, Clock& clock, PrintJournal* orders = nullptr)
+      : printer_{printer}, journal_{journal}, clock_{clock}, orders_{orders} {}
 
   /// Checks the printer against the job, sends the file, starts it and watches it to its end, or goes on where the
-  /// journal ends. Fails where nothing more can be done now and running again later may: Unreachable, Device*,
-  /// StorageFailed; NotTrusted: the journal is of another plan.
+  /// journal ends. A second cancel while the printer does not answer gives the print up (Unknown). Fails where nothing
+  /// more can be done now and running again later may: Unreachable, Device*, StorageFailed; NotTrusted: the journal is
+  /// of another plan.
   [[nodiscard]] Result<WholePrintReport> run(const WholePrintJob& job, const WholePrintPolicy& policy,
                                              PrintControl& control, const WholePrintSink& sink, std::stop_token stop);
 
@@ -84,9 +86,9 @@ class WholePrintRunner {
   WholePrinter& printer_;
   PrinterJournal& journal_;
   Clock& clock_;
+  PrintJournal* orders_;
 };
 
-enum class StartDecision : std::uint8_t { StartAgain, TreatAsStarted };
 /// An operator's word about a start that nobody knows of; in the journal when this returns. Conflict: none is open.
 [[nodiscard]] Result<void> decide_start(PrinterJournal& journal, StartDecision decision, std::string by,
                                         Nanoseconds wall);

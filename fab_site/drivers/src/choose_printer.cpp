@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "printer_choice.hpp"
+#include <telefab/fab/drivers/choose_printer.hpp>
 
 #include <fmt/format.h>
 
