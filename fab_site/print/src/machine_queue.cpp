@@ -32,7 +32,7 @@ std::vector<Assignment> MachineQueue::assign() {
     if (!machine) continue;
     State& state = states_[*machine];
     state.job = each.job;
-    state.is_paused = false;
+    state.is_paused = state.is_lost = false;
     state.trouble = MachineTrouble::None;  // it is tried
     made.push_back({each.job, *machine});
   }
@@ -53,7 +53,7 @@ void MachineQueue::release(const std::string& job, MachineTrouble trouble) {
   if (!machine) return;
   State& state = states_[*machine];
   state.job.reset();
-  state.is_paused = false;
+  state.is_paused = state.is_lost = false;
   state.trouble = trouble;
   state.troubled_by = job;
 }
@@ -71,6 +71,20 @@ void MachineQueue::set_paused(const std::string& job, bool is_paused) {
   if (const auto machine = machine_of(job)) states_[*machine].is_paused = is_paused;
 }
 
+void MachineQueue::set_lost(const std::string& job, bool is_lost) {
+  if (const auto machine = machine_of(job)) states_[*machine].is_lost = is_lost;
+}
+
+void MachineQueue::set_found(std::size_t machine, bool is_found) {
+  State& state = states_[machine];
+  if (state.job) return;
+  if (is_found && state.trouble == MachineTrouble::Lost) state.trouble = MachineTrouble::None;
+  if (!is_found && state.trouble == MachineTrouble::None) {
+    state.trouble = MachineTrouble::Lost;
+    state.troubled_by.clear();
+  }
+}
+
 void MachineQueue::set_part(std::size_t machine, std::optional<std::string> job) {
   states_[machine].part = std::move(job);
 }
@@ -79,6 +93,7 @@ void MachineQueue::forget_trouble(std::size_t machine) { states_[machine].troubl
 
 MachineStanding MachineQueue::standing(std::size_t machine) const {
   const State& state = states_[machine];
+  if (state.job && state.is_lost) return MachineStanding::Offline;
   if (state.job) return state.is_paused ? MachineStanding::Paused : MachineStanding::Printing;
   if (state.trouble == MachineTrouble::Lost) return MachineStanding::Offline;
   if (state.trouble == MachineTrouble::Fault) return MachineStanding::Fault;

@@ -53,6 +53,13 @@ Result<void> keep_word(PrintJournal& journal, const PrintPlan& plan, LayerIndex 
   return {};
 }
 
+std::string question_about_start(const std::string& job) {
+  return fmt::format(
+      "the printer was asked to start and nobody knows whether it did: look at it, then telefab resume {} --as "
+      "treat-as-started (it prints, or has printed) | start-again (it stands idle, its platform is empty)",
+      job);
+}
+
 std::string question_about(const ResumePoint& point, const std::string& job) {
   const std::uint32_t first = point.next.count();
   const std::string layers = point.in_question <= 1

@@ -10,7 +10,8 @@ StartVerdict may_light_at_start(const StartFacts& facts, bool begun, const Start
     return StartVerdict{begun ? StartRuling::WaitForResume : StartRuling::WaitForApproval, why};
   };
   // An answered cancel stands whatever else is wrong.
-  if (facts.order.order == Order::Cancel) return {StartRuling::End, Cancelled};
+  if (facts.order.order == Order::Cancel)
+    return {facts.is_at_printer ? StartRuling::Watch : StartRuling::End, Cancelled};  // its printer is to be stopped
   if (!facts.is_of_this_plan) return {StartRuling::WaitForResume, OtherPlan};
   if (facts.is_finished && !facts.is_damaged) return {StartRuling::KeepRecord, Finished};
 
@@ -20,20 +21,24 @@ StartVerdict may_light_at_start(const StartFacts& facts, bool begun, const Start
   if (facts.is_ahead_of_store) return {asked, AheadOfStore};
   if (facts.maybe_exposed && !policy.maybe_exposed) return {StartRuling::WaitForDecision, PerhapsExposed};
 
-  if (facts.order.order == Order::Pause || facts.is_paused_in_store)
-    return wait(facts.has_faulted && facts.order.order != Order::Pause ? Faulted : Paused);
-  if (facts.order.order == Order::None) return wait(NoOrder);
-  if (facts.has_faulted) return wait(Faulted);
-  if (!policy.go_on) return wait(AlwaysAsk);
-  const Nanoseconds age = wall - facts.last_sign;
-  if (age < Nanoseconds{0}) return wait(ClockWentBack);
-  if (age > policy.within) return wait(TooOld);
-  return {StartRuling::GoOn, LivingOrder};
+  const StartVerdict verdict = [&]() -> StartVerdict {
+    if (facts.order.order == Order::Pause || facts.is_paused_in_store)
+      return wait(facts.has_faulted && facts.order.order != Order::Pause ? Faulted : Paused);
+    if (facts.order.order == Order::None) return wait(NoOrder);
+    if (facts.has_faulted) return wait(Faulted);
+    if (!policy.go_on) return wait(AlwaysAsk);
+    const Nanoseconds age = wall - facts.last_sign;
+    if (age < Nanoseconds{0}) return wait(ClockWentBack);
+    if (age > policy.within) return wait(TooOld);
+    return {StartRuling::GoOn, LivingOrder};
+  }();
+  if (facts.is_at_printer && verdict.ruling != StartRuling::GoOn) return {StartRuling::Watch, verdict.reason};
+  return verdict;
 }
 
 std::string_view name_of(StartRuling ruling) {
-  static constexpr std::string_view names[] = {"go-on", "wait-for-approval", "wait-for-resume", "wait-for-decision",
-                                               "end",   "keep-record"};
+  static constexpr std::string_view names[] = {
+      "go-on", "wait-for-approval", "wait-for-resume", "wait-for-decision", "end", "keep-record", "watch"};
   return names[static_cast<std::size_t>(ruling)];
 }
 
@@ -105,6 +110,30 @@ StartFacts facts_of(const PrintJournal& journal, const Digest& plan, LayerIndex 
   facts.is_paused_in_store = is_paused_in_store;
   // The newest line, not the latest time: where the clock was set back, older lines are of a time yet to come.
   if (!entries.empty()) facts.last_sign = entries.back().wall;
+  return facts;
+}
+
+StartFacts facts_of(const PrinterJournal* journal, const PrintJournal& orders, const Digest& plan,
+                    LayerIndex layers_in_store, bool is_begun_in_store, bool is_paused_in_store) {
+  StartFacts facts;
+  facts.order = orders.order();
+  facts.maybe_exposed = journal == nullptr;  // nobody knows what its printer made of it
+  facts.is_damaged = journal == nullptr || !orders.damage().empty();
+  facts.is_paused_in_store = is_paused_in_store;
+  if (!orders.entries().empty()) facts.last_sign = orders.entries().back().wall;
+  if (journal == nullptr) return facts;
+  const PrinterStage stage = journal->stage();
+  const PrinterJournalEntry* planned = journal->last(PrinterStep::Planned);
+  facts.is_of_this_plan = planned == nullptr || planned->plan == plan;
+  facts.is_finished = stage == PrinterStage::Finished;
+  if (facts.is_finished) facts.order = {};  // what is over obeys no order
+  facts.is_at_printer = stage == PrinterStage::StartUnknown || stage == PrinterStage::Printing;
+  // Layers are seen at the printer alone, so it was asked; an operator who decided has answered that.
+  facts.is_behind_store = layers_in_store.count() > 0 && journal->last(PrinterStep::Starting) == nullptr &&
+                          journal->last(PrinterStep::DecidedStartAgain) == nullptr &&
+                          journal->last(PrinterStep::DecidedTreatAsStarted) == nullptr;
+  facts.is_ahead_of_store = stage >= PrinterStage::StartUnknown && !is_begun_in_store;
+  if (!journal->entries().empty()) facts.last_sign = std::max(facts.last_sign, journal->entries().back().wall);
   return facts;
 }
 

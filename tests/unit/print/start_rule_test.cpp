@@ -79,6 +79,22 @@ std::vector<Row> table() {
       both(StartRuling::WaitForDecision, PerhapsExposed));
   row("perhaps exposed and paused", but([](auto& f) { f.maybe_exposed = true, f.order.order = Order::Pause; }),
       both(StartRuling::WaitForDecision, PerhapsExposed));
+  // What a whole printer was asked for goes on there, whatever is done here: it is watched, and nothing is started.
+  const auto at_printer = [&](auto change) {
+    return but([&](auto& f) {
+      f.is_at_printer = true;
+      change(f);
+    });
+  };
+  row("at its printer", at_printer([](auto&) {}), both(StartRuling::GoOn, LivingOrder));
+  row("at its printer for days", at_printer([](auto& f) { f.last_sign = kNow - 72h; }),
+      both(StartRuling::Watch, TooOld));
+  row("paused at its printer", at_printer([](auto& f) { f.order.order = Order::Pause; }),
+      both(StartRuling::Watch, Paused));
+  row("cancelled at its printer", at_printer([](auto& f) { f.order.order = Order::Cancel; }),
+      both(StartRuling::Watch, StartReason::Cancelled));
+  row("at its printer, of another plan", at_printer([](auto& f) { f.is_of_this_plan = false; }),
+      both(StartRuling::WaitForResume, OtherPlan));
   return rows;
 }
 
@@ -116,7 +132,7 @@ TEST(StartRule, GoesOnWithALayerInQuestionOnlyOnAStatedPolicyAndThenByTheSameRul
 }
 
 TEST(StartRule, GoesOnOnlyWithALivingOrderWhateverElseIsTrue) {
-  for (unsigned bits = 0; bits < 256; ++bits)
+  for (unsigned bits = 0; bits < 512; ++bits)
     for (const Order order : {Order::None, Order::GoOn, Order::Pause, Order::Cancel})
       for (const Nanoseconds age : {Nanoseconds{-1h}, Nanoseconds{0}, Nanoseconds{10min}, Nanoseconds{11min}})
         for (const bool may_guess : {false, true}) {
@@ -124,18 +140,22 @@ TEST(StartRule, GoesOnOnlyWithALivingOrderWhateverElseIsTrue) {
           f.order.order = order;
           f.is_finished = bits & 1U, f.has_faulted = bits & 2U, f.is_of_this_plan = bits & 4U, f.is_damaged = bits & 8U;
           f.is_behind_store = bits & 16U, f.maybe_exposed = bits & 32U, f.is_paused_in_store = bits & 64U;
-          f.is_ahead_of_store = bits & 128U;
+          f.is_ahead_of_store = bits & 128U, f.is_at_printer = bits & 256U;
           StartPolicy policy;
           if (may_guess) policy.maybe_exposed = Decision::TreatAsExposed;
           const StartVerdict verdict = may_light_at_start(f, kBegun, policy, kNow);
           if (verdict.ruling == StartRuling::GoOn) {
             EXPECT_EQ(order, Order::GoOn);
             EXPECT_TRUE(age >= 0s && age <= 10min);
-            EXPECT_EQ(bits & ~(4U | 32U), 0U) << bits;
+            EXPECT_EQ(bits & ~(4U | 32U | 256U), 0U) << bits;
             EXPECT_TRUE(may_guess || !f.maybe_exposed);
           }
           if (order == Order::Cancel) {
-            EXPECT_EQ(verdict.ruling, StartRuling::End);
+            EXPECT_EQ(verdict.ruling, f.is_at_printer ? StartRuling::Watch : StartRuling::End);
+          }
+          if (verdict.ruling == StartRuling::Watch) {
+            EXPECT_TRUE(f.is_at_printer);
+            continue;
           }
           const bool waits = verdict.ruling == StartRuling::WaitForResume ||
                              verdict.ruling == StartRuling::WaitForApproval ||

@@ -27,7 +27,7 @@ enum class MachineStanding : std::uint8_t {
   Printing,  ///< a job is on it, or about to be
   Paused,    ///< a print that began on it waits for an operator
   Fault,     ///< as Paused, after a fault
-  Offline,   ///< its devices were not found when it was tried last
+  Offline,   ///< its devices were not found when it was tried last, or are out of reach just now
 };
 
 /// Why a job waits, from what would end it soonest to what nothing but a change of the fab ends.
@@ -98,6 +98,10 @@ class MachineQueue {
   void end(const std::string& job);
   /// The print at its machine waits for an operator, or goes on.
   void set_paused(const std::string& job, bool is_paused);
+  /// The print at its machine goes on there, out of reach, or is seen again.
+  void set_lost(const std::string& job, bool is_lost);
+  /// A machine that no job is at was not found, or is there again.
+  void set_found(std::size_t machine, bool is_found);
   /// Whose part is on the platform of a machine; none: it is empty.
   void set_part(std::size_t machine, std::optional<std::string> job);
   /// Somebody has looked after the machine.
@@ -123,6 +127,7 @@ class MachineQueue {
   struct State {
     std::optional<std::string> job;   ///< at it
     bool is_paused = false;           ///< that job
+    bool is_lost = false;             ///< the line to it
     std::set<std::string> begun;      ///< jobs that have begun on it and are not at their end
     std::optional<std::string> part;  ///< on its platform
     MachineTrouble trouble = MachineTrouble::None;

@@ -3,6 +3,7 @@
 #include <optional>
 #include <string>
 #include <telefab/fab/print/print_journal.hpp>
+#include <telefab/fab/print/printer_journal.hpp>
 
 namespace telefab::fab {
 
@@ -11,8 +12,9 @@ namespace telefab::fab {
 struct PrintWord {
   JournalStep step = JournalStep::Approved;  ///< Approved, PauseAsked, Resumed or CancelAsked
   std::string by;
-  std::string why;                   ///< Approved only: the reason for letting a held job through; may be empty
-  std::optional<Decision> decision;  ///< Resumed only: about the layers in question
+  std::string why;                          ///< Approved only: the reason for letting a held job through; may be empty
+  std::optional<Decision> decision;         ///< Resumed only: about the layers in question
+  std::optional<StartDecision> start = {};  ///< Resumed only, of a whole print: about the start in question
 };
 
 /// Durable when it returns. Damage in the journal is set aside on the word. `layers_in_store`: how far the job store
@@ -21,6 +23,8 @@ struct PrintWord {
 [[nodiscard]] Result<void> keep_word(PrintJournal& journal, const PrintPlan& plan, LayerIndex layers_in_store,
                                      const PrintWord& word, Nanoseconds wall);
 
+/// "the printer was perhaps asked ...: telefab resume JOB --as start-again|treat-as-started".
+[[nodiscard]] std::string question_about_start(const std::string& job);
 /// "layer 4 was perhaps exposed: ... telefab resume JOB --as treat-as-exposed|expose-again", for one layer or more.
 [[nodiscard]] std::string question_about(const ResumePoint& point, const std::string& job);
 

@@ -4,6 +4,7 @@
 #include <string>
 #include <string_view>
 #include <telefab/fab/print/print_journal.hpp>
+#include <telefab/fab/print/printer_journal.hpp>
 
 namespace telefab::fab {
 
@@ -20,7 +21,9 @@ struct StartFacts {
   bool is_behind_store = false;
   /// The store knows of no print although the journal does: an older store was put in its place.
   bool is_ahead_of_store = false;
-  bool maybe_exposed = false;       ///< layers are in question
+  bool maybe_exposed = false;  ///< layers are in question
+  bool is_at_printer =
+      false;  ///< a whole printer was asked to start it, and it is not over: the light is the printer's
   bool is_paused_in_store = false;  ///< it waited for an operator when the site ended
   Nanoseconds last_sign{};          ///< wall time of the newest line of the journal; 0: it is empty
 };
@@ -42,6 +45,7 @@ enum class StartRuling : std::uint8_t {
   WaitForDecision,  ///< waits for `resume`, with a word about the layers in question
   End,              ///< cancelled: never lights again
   KeepRecord,       ///< finished: no light, no motion
+  Watch,            ///< goes on at its printer whatever is done here; nothing is started
 };
 enum class StartReason : std::uint8_t {
   LivingOrder,
@@ -77,6 +81,10 @@ struct StartVerdict {
 /// of the plan beside the journal.
 [[nodiscard]] StartFacts facts_of(const PrintJournal& journal, const Digest& plan, LayerIndex layers_in_store,
                                   bool is_begun_in_store, bool is_paused_in_store);
+/// The same of a print on a whole printer; `orders`: the journal beside it that keeps operators' words. `journal` null:
+/// it is damaged.
+[[nodiscard]] StartFacts facts_of(const PrinterJournal* journal, const PrintJournal& orders, const Digest& plan,
+                                  LayerIndex layers_in_store, bool is_begun_in_store, bool is_paused_in_store);
 /// Layers in question by the journal and by what the store has seen.
 [[nodiscard]] ResumePoint resume_point_of(const PrintJournal& journal, LayerIndex layers_in_store);
 
