@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <nlohmann/json.hpp>
 #include <telefab/base/digest.hpp>
 #include <telefab/base/json_number.hpp>
@@ -125,6 +126,7 @@ struct SdcpModel::State {
   Clock& clock;
   SdcpFault fault = SdcpFault::None;
   std::size_t fault_at = 0;
+  std::optional<SdcpMoment> fault_when;  ///< then fault_at is set
   std::size_t count = 0;
   std::map<std::string, std::string> files;
   std::map<std::string, std::size_t> starts, layers;
@@ -134,7 +136,13 @@ struct SdcpModel::State {
   std::string last_pushed;
 
   /// A fault that lasts acts by now.
-  [[nodiscard]] bool acts(SdcpFault which) const { return fault == which && count > fault_at; }
+  [[nodiscard]] bool acts(SdcpFault which) const { return fault == which && !fault_when && count > fault_at; }
+  /// It is that moment now.
+  void comes(SdcpMoment moment) {
+    if (fault_when != moment) return;
+    fault_when.reset();
+    fault_at = count - 1;
+  }
   /// One that acts once: at its interaction, or the first one behind it for which it has a meaning.
   bool strikes(SdcpFault which) {
     if (!acts(which)) return false;
@@ -171,7 +179,7 @@ struct SdcpModel::State {
   void act_at_panel() {
     if (acts(SdcpFault::Busy) && running() == nullptr && (tasks.empty() || tasks.back().file != "panel.goo"))
       begin_task("panel.goo", 1'000'000);
-    if (fault == SdcpFault::OtherTask && count > fault_at)
+    if (acts(SdcpFault::OtherTask))
       if (Task* task = running()) {
         fault = SdcpFault::None;
         task->state = TaskState::Stopped;
@@ -361,12 +369,32 @@ struct SdcpModel::State {
   }
 };
 
+std::string_view name_of(SdcpFault fault) {
+  static constexpr std::array<std::string_view, kSdcpFaults> names{
+      "none",        "wrong-model",  "wrong-resolution", "wrong-format", "full-storage", "cut-upload",
+      "lost-offset", "bad-checksum", "lost-socket",      "lost-answer",  "no-answer",    "busy",
+      "silent",      "other-task",   "too-many-clients", "reboots"};
+  return names.at(static_cast<std::size_t>(fault));
+}
+
+std::optional<SdcpFault> sdcp_fault_from_name(std::string_view name) {
+  for (std::size_t i = 0; i < kSdcpFaults; ++i)
+    if (name_of(static_cast<SdcpFault>(i)) == name) return static_cast<SdcpFault>(i);
+  return std::nullopt;
+}
+
 SdcpModel::SdcpModel(SdcpModelOptions options, Clock& clock)
     : state_{std::make_unique<State>(std::move(options), clock)} {}
 SdcpModel::~SdcpModel() = default;
 
+void SdcpModel::inject_when(SdcpFault fault, SdcpMoment moment) {
+  state_->fault = fault;
+  state_->fault_when = moment;
+}
+
 void SdcpModel::inject(SdcpFault fault, std::size_t at) {
   state_->fault = fault;
+  state_->fault_when.reset();
   state_->fault_at = at;
 }
 void SdcpModel::repair() {
@@ -418,6 +446,11 @@ PeerAnswer SdcpModel::on_message(std::string_view text) {
   State& s = *state_;
   ++s.count;
   s.advance();
+  const Json message = json_or_discarded(text);
+  const Json none;
+  const Json& outer = message.is_object() && message.contains("Data") ? message["Data"] : none;
+  if (outer.is_object() && whole_at(outer, "Cmd") == sdcp::kStart) s.comes(SdcpMoment::Start);
+  if (s.running() != nullptr) s.comes(SdcpMoment::Watch);
   s.act_at_panel();
   if (s.acts(SdcpFault::Silent)) return {};
   if (s.acts(SdcpFault::TooManyClients) || s.strikes(SdcpFault::LostSocket)) return {{}, true};
@@ -430,9 +463,6 @@ PeerAnswer SdcpModel::on_message(std::string_view text) {
     return {{}, true};
   }
   if (text == "ping") return {{"pong"}, false};
-  const Json message = json_or_discarded(text);
-  const Json none;
-  const Json& outer = message.is_object() && message.contains("Data") ? message["Data"] : none;
   const bool is_request = outer.is_object() && whole_at(outer, "Cmd") && whole_at(outer, "TimeStamp") &&
                           whole_at(outer, "From") && outer.contains("Data") && outer["Data"].is_object() &&
                           outer.contains("RequestID") && outer["RequestID"].is_string() && message.contains("Id") &&
@@ -464,6 +494,7 @@ std::optional<HttpReply> SdcpModel::on_post(std::string_view path, std::string_v
                                             std::string_view body) {
   State& s = *state_;
   ++s.count;
+  s.comes(SdcpMoment::Upload);
   s.advance();
   s.act_at_panel();
   if (s.acts(SdcpFault::Silent) || s.acts(SdcpFault::CutUpload) || s.acts(SdcpFault::TooManyClients))

@@ -30,6 +30,17 @@ enum class SdcpFault : std::uint8_t {
   Reboots,         ///< once: forgets its task and hangs up
 };
 inline constexpr std::size_t kSdcpFaults = 16;
+/// "none", "wrong-model", ...
+[[nodiscard]] std::string_view name_of(SdcpFault fault);
+/// Nothing: no fault has that name.
+[[nodiscard]] std::optional<SdcpFault> sdcp_fault_from_name(std::string_view name);
+
+/// When a fault begins to act, where that is not a number of interactions.
+enum class SdcpMoment : std::uint8_t {
+  Upload,  ///< with the first part of a file
+  Start,   ///< with the question to start a print
+  Watch,   ///< with the first question while it prints
+};
 
 struct SdcpModelOptions {
   std::string name = "simulated printer";
@@ -51,6 +62,7 @@ class SdcpModel final : public PrinterPeer {
 
   /// From the n-th interaction on (messages, parts of uploads and connections, counted from 0).
   void inject(SdcpFault fault, std::size_t at);
+  void inject_when(SdcpFault fault, SdcpMoment moment);
   /// Ends a fault that lasts; somebody's print at the panel is over.
   void repair();
 
