@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <telefab/base/digest.hpp>
 #include <telefab/base/json_text.hpp>
+#include <telefab/base/secret.hpp>
 #include <telefab/base/text.hpp>
 #include <telefab/fab/drivers/sdcp_printer.hpp>
 
@@ -221,11 +222,19 @@ class SdcpPrinter final : public WholePrinter {
                                 options_.address.host));
       id_ = found->front().id;
     }
+    if (chance_.empty()) {
+      auto chance = random_hex(4);
+      if (!chance) return tl::unexpected{chance.error()};
+      chance_ = std::move(*chance);
+    }
     auto socket = network_.connect(options_.address, sdcp::kSocketPath, options_.connect_timeout);
     if (!socket) return tl::unexpected{socket.error()};
     socket_ = std::move(*socket);
     return {};
   }
+
+  /// Sixteen digits, other ones in every process and for every driver: boards send answers to all that are connected.
+  std::string next_request() { return fmt::format("{}{:08x}", chance_, ++requests_); }
 
   /// What was sent may or may not have arrived.
   tl::unexpected<Error> lost(const Error& cause) {
@@ -273,7 +282,7 @@ class SdcpPrinter final : public WholePrinter {
   /// The innermost Data of the answer. A reply goes by its RequestID alone: one sample of the document has another Cmd.
   Result<Json> request(std::int64_t command, Json data) {
     if (auto ok = connected(); !ok) return tl::unexpected{ok.error()};
-    const std::string own = fmt::format("{:016x}", ++requests_);
+    const std::string own = next_request();
     if (auto ok = socket_->send(envelope(command, std::move(data), own), options_.answer_timeout); !ok)
       return lost(ok.error());
     const auto answer = wait_for([&](const Json& message, const std::string& topic) {
@@ -286,7 +295,7 @@ class SdcpPrinter final : public WholePrinter {
   /// What the printer pushes when it is asked for it, before or behind its answer.
   Result<Json> ask_for_push(std::int64_t command, const char* key) {
     if (auto ok = connected(); !ok) return tl::unexpected{ok.error()};
-    const std::string own = fmt::format("{:016x}", ++requests_);
+    const std::string own = next_request();
     if (auto ok = socket_->send(envelope(command, Json::object(), own), options_.answer_timeout); !ok)
       return lost(ok.error());
     bool is_answered = false;
@@ -391,7 +400,8 @@ class SdcpPrinter final : public WholePrinter {
   std::unique_ptr<MessageSocket> socket_;
   std::optional<Upload> upload_;
   std::optional<std::int64_t> pushed_error_;
-  std::uint64_t requests_ = 0;
+  std::string chance_;  ///< first half of the numbers of its requests
+  std::uint32_t requests_ = 0;
   std::uint64_t uploads_ = 0;
   std::string explained_task_;
   PrinterProblem explained_ = PrinterProblem::None;

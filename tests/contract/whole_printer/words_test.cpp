@@ -2,6 +2,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <set>
+
 #include "whole_print_bench.hpp"
 
 namespace telefab::fab {
@@ -141,6 +143,120 @@ TEST(WholePrintWords, AboutAStartAreTakenOnlyWhereOneIsInQuestion) {
   ASSERT_TRUE(bench.run());
   auto opened = PrinterJournal::open(memory_journal_file(bench.journal)).value();
   EXPECT_EQ(decide_start(opened, StartDecision::StartAgain, "ada", {}).error().code, ErrorCode::Conflict);
+}
+
+/// A printer that remembers the numbers of what it was asked.
+class RecordingPeer final : public PrinterPeer {
+ public:
+  explicit RecordingPeer(SdcpModel& inner) : inner_{inner} {}
+  std::optional<std::string> on_datagram(std::string_view text) override { return inner_.on_datagram(text); }
+  bool lets_in(std::size_t clients) override { return inner_.lets_in(clients); }
+  PeerAnswer on_message(std::string_view text) override {
+    if (const std::size_t at = text.find("\"RequestID\":\""); at != std::string_view::npos) {
+      requests.insert(std::string{text.substr(at + 13, 16)});
+      ++count;
+    }
+    return inner_.on_message(text);
+  }
+  std::optional<HttpReply> on_post(std::string_view path, std::string_view type, std::string_view body) override {
+    return inner_.on_post(path, type, body);
+  }
+  std::vector<std::string> pushed() override { return inner_.pushed(); }
+  std::set<std::string> requests;
+  std::size_t count = 0;
+
+ private:
+  SdcpModel& inner_;
+};
+
+TEST(WholePrint, ThatStartsLateIsWatchedAndNotStartedAgain) {
+  WholePrintBench bench;
+  // Asked in an earlier life, which took it for not started; the printer began all the same, behind its back.
+  const auto network = model_network(bench.model, bench.clock);
+  {
+    auto journal = PrinterJournal::open(memory_journal_file(bench.journal)).value();
+    SdcpOptions options;
+    options.address.host = "127.0.0.1";
+    const auto driver = make_sdcp_printer(*network, bench.clock, options);
+    WholePrintPolicy sent;
+    sent.starts = false;
+    PrintControl control;
+    ASSERT_EQ(WholePrintRunner(*driver, journal, bench.clock).run(bench.job, sent, control, {}, {})->outcome,
+              WholePrintOutcome::Sent);
+    PrinterJournalEntry asked;
+    asked.step = PrinterStep::Starting;
+    asked.printer = bench.printer.id;
+    asked.task = driver->status()->task.id;
+    ASSERT_FALSE(asked.task.empty());
+    ASSERT_TRUE(journal.write(asked));
+    PrinterJournalEntry refused;
+    refused.step = PrinterStep::NotStarted;
+    ASSERT_TRUE(journal.write(refused));
+    ASSERT_EQ(*driver->start("part.goo"), PrinterProblem::None);
+  }
+  const auto report = bench.run();
+  ASSERT_TRUE(report) << report.error().what;
+  EXPECT_EQ(report->outcome, WholePrintOutcome::Done);
+  EXPECT_EQ(bench.model.starts_of("part.goo"), 1U);
+}
+
+TEST(WholePrint, NumbersItsRequestsOtherwiseInEveryLife) {
+  WholePrintBench bench;
+  RecordingPeer peer{bench.model};
+  const auto network = model_network(peer, bench.clock);
+  for (int life = 0; life < 3; ++life) ASSERT_TRUE(bench.run_of(bench.job, bench.journal, *network));
+  SdcpOptions options;
+  options.address.host = "127.0.0.1";
+  for (int life = 0; life < 3; ++life) ASSERT_TRUE(make_sdcp_printer(*network, bench.clock, options)->status());
+  EXPECT_GT(peer.count, 6U);
+  EXPECT_EQ(peer.requests.size(), peer.count);
+}
+
+TEST(WholePrint, WithOrdersInAJournalOfTheirOwnIsStartedOnlyByALivingOne) {
+  const auto line = [](JournalStep step) {
+    JournalEntry entry;
+    entry.step = step;
+    entry.by = "ana";
+    return entry;
+  };
+  const auto outcome_of = [&](WholePrintBench& bench, std::string& orders, std::vector<JournalStep> words) {
+    auto kept = PrintJournal::open(memory_journal_file(orders)).value();
+    for (const JournalStep word : words) EXPECT_TRUE(kept.write(line(word)));
+    auto journal = PrinterJournal::open(memory_journal_file(bench.journal)).value();
+    SdcpOptions options;
+    options.address.host = "127.0.0.1";
+    const auto driver = make_sdcp_printer(*bench.network, bench.clock, options);
+    PrintControl control;
+    return WholePrintRunner{*driver, journal, bench.clock, &kept}.run(bench.job, {}, control, {}, {}).value().outcome;
+  };
+  using enum JournalStep;
+  WholePrintBench bench;
+  std::string orders;
+  EXPECT_EQ(outcome_of(bench, orders, {}), WholePrintOutcome::Held) << "nobody's word";
+  EXPECT_EQ(outcome_of(bench, orders, {Approved, PauseAsked}), WholePrintOutcome::Held);
+  EXPECT_EQ(bench.model.starts_of("part.goo"), 0U);
+  EXPECT_EQ(outcome_of(bench, orders, {Resumed}), WholePrintOutcome::Done);
+  EXPECT_EQ(bench.model.starts_of("part.goo"), 1U);
+  WholePrintBench cancelled;
+  std::string never;
+  EXPECT_EQ(outcome_of(cancelled, never, {Approved, CancelAsked, Approved}), WholePrintOutcome::Held);
+  EXPECT_EQ(cancelled.model.starts_of("part.goo"), 0U);
+}
+
+TEST(WholePrint, IsGivenUpByASecondCancelWhileItsPrinterDoesNotAnswer) {
+  WholePrintBench bench;
+  PrintControl control;
+  int lost = 0;
+  const auto report = bench.run(
+      [&](const WholePrintEvent& event) {
+        if (event.phase == WholePrintPhase::Printing && event.task.layer == 2)
+          bench.model.inject(SdcpFault::Silent, bench.model.interactions());
+        if (event.phase == WholePrintPhase::Lost && ++lost <= 2) control.cancel("ana");
+      },
+      &control);
+  ASSERT_TRUE(report) << report.error().what;
+  EXPECT_EQ(report->outcome, WholePrintOutcome::Unknown);
+  EXPECT_EQ(bench.model.starts_of("part.goo"), 1U);
 }
 
 }  // namespace
