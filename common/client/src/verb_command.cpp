@@ -82,10 +82,11 @@ VerbBody declare_command(VerbOptions& options, JobCommand command) {
     options
         .add("--as", o->as,
              "treat-as-exposed | expose-again: what to do about a layer that was perhaps exposed when the print broke "
-             "off: "
-             "treat-as-exposed goes on with the next layer, expose-again exposes it again; `telefab watch` says when "
-             "this is asked")
-        .one_of({"treat-as-exposed", "expose-again"});
+             "off: treat-as-exposed goes on with the next layer, expose-again exposes it again. treat-as-started | "
+             "start-again: about a whole printer that was asked to start and of which nobody knows whether it did: "
+             "treat-as-started watches it, start-again asks it once more. `telefab watch` says when one of them is "
+             "asked")
+        .one_of({"treat-as-exposed", "expose-again", "treat-as-started", "start-again"});
   if (command == JobCommand::Approve)
     options
         .add("--although", o->although,
@@ -96,6 +97,8 @@ VerbBody declare_command(VerbOptions& options, JobCommand command) {
     JobCommand asked = command;
     if (o->as == "treat-as-exposed") asked = JobCommand::TreatAsExposed;
     if (o->as == "expose-again") asked = JobCommand::ExposeAgain;
+    if (o->as == "treat-as-started") asked = JobCommand::TreatAsStarted;
+    if (o->as == "start-again") asked = JobCommand::StartAgain;
     if (is_of_machine && !is_job_id(o->job))
       return fail(ErrorCode::InvalidInput,
                   fmt::format("no machine {}: `telefab machines` lists them", to_printable(o->job)));

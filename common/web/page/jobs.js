@@ -76,6 +76,13 @@ function showJobs() {
   byId("no-jobs").hidden = state.jobs.length > 0;
 }
 
+// What may be said when the job is resumed; "": nothing beside it.
+function answersTo(job) {
+  if (job.exposure_unknown) return ["treat-as-exposed", "expose-again"];
+  if (job.start_unknown) return ["treat-as-started", "start-again"];
+  return [""];
+}
+
 function showJob() {
   const job = state.jobs.find((j) => j.id === state.chosen);
   byId("job").hidden = !job;
@@ -85,12 +92,12 @@ function showJob() {
   byId("job-message").textContent = job.message;
   for (const button of document.querySelectorAll("[data-action]")) {
     button.disabled = !allowed[button.dataset.action](job.state);
-    // A layer that was perhaps exposed is a question: its two answers stand in the place of the plain button.
+    // A question has two answers, which stand in the place of the plain button.
     button.title = button.disabled ? whyNot[button.dataset.action] || "" : "";
     // What cannot be done now is not offered.
     button.hidden = button.disabled;
     if (button.dataset.action === "cleared") button.hidden = button.disabled = !job.waits_for_platform;
-    if (button.dataset.action === "resume" && !button.disabled) button.hidden = Boolean(job.exposure_unknown) !== Boolean(button.dataset.as);
+    if (button.dataset.action === "resume" && !button.disabled) button.hidden = !answersTo(job).includes(button.dataset.as ?? "");
   }
   site.showJob(job);
 }

@@ -11,6 +11,7 @@
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/print/print_record.hpp>
 #include <telefab/fab/print/provenance.hpp>
+#include <telefab/fab/print/whole_print_record.hpp>
 #include <telefab/fab/verify/print_files.hpp>
 
 #include "read_stack.hpp"
@@ -75,11 +76,12 @@ void print_support_figures(std::string_view what, const SupportReport& report) {
 }
 
 /// What the record says it was made of against what lies in the plan folder. One line a finding.
-std::vector<std::string> check_provenance(const PrintRecord& record, const std::filesystem::path& folder) {
+std::vector<std::string> check_provenance(const std::map<std::string, std::string>& provenance,
+                                          const std::filesystem::path& folder) {
   std::vector<std::string> findings;
   const auto expect = [&](const char* key, std::string_view what, const Digest& here) {
-    const auto recorded = record.provenance.find(key);
-    if (recorded != record.provenance.end() && recorded->second != to_hex(here))
+    const auto recorded = provenance.find(key);
+    if (recorded != provenance.end() && recorded->second != to_hex(here))
       findings.push_back(fmt::format("{} of the plan folder are not those of the record: {}... instead of {}...", what,
                                      to_hex(here).substr(0, 12), recorded->second.substr(0, 12)));
   };
@@ -96,6 +98,28 @@ struct AsBuilt {
   bool is_signed = false;
 };
 
+/// What an as-built record says, against its plan.
+struct ReadRecord {
+  std::string made;  ///< for people
+  std::vector<std::string> findings;
+  std::map<std::string, std::string> provenance;
+};
+
+Result<ReadRecord> read_layers(std::string_view text, const PlannedJob& job) {
+  const auto record = print_record_from_json(text);
+  if (!record) return tl::unexpected{record.error()};
+  return ReadRecord{fmt::format("{} layers in {} runs", record->layers.size(), record->runs),
+                    compare(*record, job.plan()), record->provenance};
+}
+
+Result<ReadRecord> read_whole(std::string_view text, const PlannedJob& job) {
+  const auto record = whole_print_record_from_json(text);
+  if (!record) return tl::unexpected{record.error()};
+  return ReadRecord{fmt::format("{}, light: by the printer ({}), so its layers are its own word",
+                                record->end ? name_of(*record->end) : "not over", record->printer),
+                    compare(*record, job.plan()), record->provenance};
+}
+
 /// The sealed record of the print against its plan.
 Result<AsBuilt> check_as_built(const PlannedJob& job, const VerifyOptions& o) {
   constexpr std::uint64_t kLargestRecord = 1U << 28U;
@@ -107,14 +131,15 @@ Result<AsBuilt> check_as_built(const PlannedJob& job, const VerifyOptions& o) {
     if (!pem) return tl::unexpected{pem.error()};
     key.assign(reinterpret_cast<const char*>(pem->data()), pem->size());
   }
-  const auto unsealed = unseal({reinterpret_cast<const char*>(text->data()), text->size()}, key);
+  const auto unsealed = unseal_json({reinterpret_cast<const char*>(text->data()), text->size()}, key);
   if (!unsealed) return tl::unexpected{unsealed.error()};
-  const PrintRecord* record = &unsealed->record;
-  auto findings = compare(*record, job.plan());
-  for (std::string& finding : check_provenance(*record, o.folder)) findings.push_back(std::move(finding));
-  write_output(fmt::format("as built: {} layers in {} runs, {}\n", record->layers.size(), record->runs,
-                           findings.empty() ? "made as planned" : "NOT AS PLANNED"));
-  for (const auto& [name, value] : record->provenance)
+  const auto read =
+      is_whole_print_record(unsealed->record) ? read_whole(unsealed->record, job) : read_layers(unsealed->record, job);
+  if (!read) return tl::unexpected{read.error()};
+  auto findings = read->findings;
+  for (std::string& finding : check_provenance(read->provenance, o.folder)) findings.push_back(std::move(finding));
+  write_output(fmt::format("as built: {}, {}\n", read->made, findings.empty() ? "made as planned" : "NOT AS PLANNED"));
+  for (const auto& [name, value] : read->provenance)
     if (name != provenance::kParameters) write_output(fmt::format("  {:<16} {}\n", name, value));
   for (const std::string& finding : findings) write_output(fmt::format("  {}\n", finding));
   write_output(unsealed->signed_by.empty() ? std::string{"  NOT SIGNED: anybody could have written it\n"}

@@ -22,7 +22,7 @@ void JobDispatcher::command(const Job& job, const Command& command, std::functio
     else
       done(tl::unexpected{outcome.error()});
   };
-  std::optional<Decision> decision;
+  PrintWord word{JournalStep::Resumed, command.who, {}, {}};
   switch (command.command) {
     case JobCommand::Approve:
       if (job.state != JobState::AwaitingApproval) return refuse("there is nothing to approve");
@@ -33,14 +33,23 @@ void JobDispatcher::command(const Job& job, const Command& command, std::functio
       return answer(pause(job, command.who));
     case JobCommand::TreatAsExposed:
     case JobCommand::ExposeAgain:
-      if (control && !is_exposure_unknown(job.id))
+      if (control && question_about(job.id) != OpenQuestion::Exposure)
         return refuse("no layer of it was perhaps exposed; resume it without saying what the layer was");
-      decision = command.command == JobCommand::ExposeAgain ? Decision::ExposeAgain : Decision::TreatAsExposed;
-      [[fallthrough]];
+      word.decision = command.command == JobCommand::ExposeAgain ? Decision::ExposeAgain : Decision::TreatAsExposed;
+      if (job.state != JobState::Paused) return refuse("it is not paused");
+      if (control) return pass_to_print(command, control, std::move(done));
+      return answer(let_print(job, word));
+    case JobCommand::StartAgain:
+    case JobCommand::TreatAsStarted:
+      if (job.state != JobState::Paused) return refuse("it is not paused");
+      if (control) return refuse("no start of it is in question; resume it without saying what came of it");
+      word.start =
+          command.command == JobCommand::StartAgain ? StartDecision::StartAgain : StartDecision::TreatAsStarted;
+      return answer(let_print(job, word));
     case JobCommand::Resume:
       if (job.state != JobState::Paused) return refuse("it is not paused");
       if (control) return pass_to_print(command, control, std::move(done));
-      return answer(let_print(job, {JournalStep::Resumed, command.who, {}, decision}));
+      return answer(let_print(job, word));
     case JobCommand::Cancel:
       if (control) return pass_to_print(command, control, std::move(done));
       return answer(cancel(job, command.who));
@@ -79,7 +88,7 @@ Result<void> JobDispatcher::keep(const Job& job, const PrintWord& word) {
   if (JobPrinter* const printer = printer_of(job.id)) return printer->keep(job, word);
   const auto folder = site_.folder().job(job.id);
   if (!folder) return tl::unexpected{folder.error()};
-  return keep_word(*folder, job, word, site_.clock().wall());
+  return keep_word(*folder, job, light_of(job), word, site_.clock().wall());
 }
 
 Result<void> JobDispatcher::let_print(const Job& job, const PrintWord& word) {
@@ -87,7 +96,7 @@ Result<void> JobDispatcher::let_print(const Job& job, const PrintWord& word) {
   if (!queue_.begun_on(job.id)) {
     const auto folder = site_.folder().job(job.id);
     if (!folder) return tl::unexpected{folder.error()};
-    const auto before = start_case(*folder, job);
+    const auto before = start_case(*folder, job, light_of(job));
     if (!before) return tl::unexpected{before.error()};
     if (is_part_begun(*before, job)) {
       const auto place = where_begun(job);
@@ -96,7 +105,8 @@ Result<void> JobDispatcher::let_print(const Job& job, const PrintWord& word) {
     }
   }
   if (auto kept = keep(job, word); !kept) return kept;
-  questions_.set(job.id, false);
+  questions_.set(job.id, OpenQuestion::None);
+  only_watched_.erase(job.id);
   if (job.state == JobState::AwaitingApproval || job.state == JobState::Ready)
     tracker().move(job.id, JobState::Ready, "");
   // Before the answer: a start whose list still says paused would wait for the word again.
@@ -115,8 +125,28 @@ Result<void> JobDispatcher::approve(const Job& job, const Command& command) {
   return let_print(job, {JournalStep::Approved, command.who, *why, {}});
 }
 
+Result<bool> JobDispatcher::is_at_printer(const Job& job) {
+  if (JobPrinter* const printer = printer_of(job.id))
+    return printer->case_of(job).map([](const StartCase& c) { return c.facts.is_at_printer; });
+  const auto folder = site_.folder().job(job.id);
+  if (!folder) return tl::unexpected{folder.error()};
+  return start_case(*folder, job, light_of(job)).map([](const StartCase& c) { return c.facts.is_at_printer; });
+}
+
+void JobDispatcher::pass_to_printer(const Job& job, std::string_view message) {
+  questions_.set(job.id, OpenQuestion::None);
+  tracker().move(job.id, JobState::Printing, message);
+  if (!printer_of(job.id)) watch(job.id);
+}
+
 Result<void> JobDispatcher::pause(const Job& job, const std::string& who) {
+  const auto at_printer = is_at_printer(job);
+  if (!at_printer) return tl::unexpected{at_printer.error()};
   if (auto kept = keep(job, {JournalStep::PauseAsked, who, {}, {}}); !kept) return kept;
+  if (*at_printer) {
+    pass_to_printer(job, fmt::format("its printer is asked to pause, by {}", who));
+    return {};
+  }
   if (JobPrinter* const printer = printer_of(job.id)) printer->take_off(job.id);
   queue_.drop(job.id);
   queue_.release(job.id, MachineTrouble::None);
@@ -127,9 +157,23 @@ Result<void> JobDispatcher::pause(const Job& job, const std::string& who) {
 }
 
 Result<void> JobDispatcher::cancel(const Job& job, const std::string& who) {
+  const auto at_printer = is_at_printer(job);
+  // What cannot be read is cancelled all the same: nothing of it prints here any more.
+  if (!at_printer && at_printer.error().code == ErrorCode::Conflict) return tl::unexpected{at_printer.error()};
   if (auto kept = keep(job, {JournalStep::CancelAsked, who, {}, {}}); !kept) return kept;
+  std::string message = fmt::format("by {}", who);
+  if (at_printer && *at_printer) {
+    const auto place =
+        queue_.begun_on(job.id) ? Result<std::optional<std::size_t>>{queue_.begun_on(job.id)} : where_begun(job);
+    if (place && *place) {
+      queue_.begin(job.id, **place);
+      pass_to_printer(job, fmt::format("cancelled by {}; its printer is asked to stop", who));
+      return {};
+    }
+    message += "; its printer does not stand in this fab any more and may still print it: look at it";
+  }
   if (JobPrinter* const printer = printer_of(job.id)) printer->take_off(job.id);
-  tracker().end(job.id, JobState::Cancelled, fmt::format("by {}", who));
+  tracker().end(job.id, JobState::Cancelled, message);
   return {};
 }
 
@@ -146,6 +190,10 @@ Result<Job> JobDispatcher::clear_platform(const std::string& machine) {
   const bool is_in_trouble = standing == MachineStanding::Fault || standing == MachineStanding::Offline;
   if (!there && is_in_trouble) {
     const std::string met_by = shown_[*place].left_by;
+    if (met_by.empty())
+      return fail(ErrorCode::Conflict,
+                  fmt::format("the platform of {} is empty already; it is looked for by itself: {}", machine,
+                              shown_[*place].why));
     queue_.forget_trouble(*place);
     shown_[*place] = {};
     dispatch();

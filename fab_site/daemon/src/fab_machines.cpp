@@ -90,10 +90,11 @@ FabMachines::Fits FabMachines::fits(const Job& job) const {
     const std::string& name = instances_[place].name;
     if (!fit)
       others.push_back(fit.error().what);
-    else if (*fit == InstanceFit::Fits && composed_[place].profile.devices.printer != PrinterKind::None)
+    else if (*fit == InstanceFit::Fits && is_whole(place) &&
+             (composed_[place].profile.file.kind != PrinterFile::Goo || composed_[place].profile.file.model.empty()))
       others.push_back(
-          fmt::format("{} is a whole printer, which this service does not drive yet; send it the plan: "
-                      "telefab-fab send PLAN",
+          fmt::format("the profile of {} does not say what that printer takes: state [file] kind = \"goo\" "
+                      "and model (deploy/docs/first-light-sdcp.md)",
                       name));
     else if (*fit == InstanceFit::Fits)
       found.places.push_back(place);

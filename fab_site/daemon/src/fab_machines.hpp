@@ -28,6 +28,8 @@ class FabMachines {
   /// As it prints where a job chooses nothing.
   [[nodiscard]] const ComposedProfile& composed(std::size_t place) const { return composed_[place]; }
   [[nodiscard]] const MachineProfile& profile(std::size_t place) const { return composed_[place].profile; }
+  /// Whether it is a printer that owns its light.
+  [[nodiscard]] bool is_whole(std::size_t place) const { return profile(place).devices.printer != PrinterKind::None; }
   /// Places of the machines of a profile.
   [[nodiscard]] std::vector<std::size_t> of_profile(std::string_view profile) const;
 

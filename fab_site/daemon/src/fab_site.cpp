@@ -84,7 +84,7 @@ WebSite& FabSite::open_page(SignIn& sign_in, CommandPost post) {
             [this, job, supports, who, done = std::move(done)] { done(planner_.plan_again(job, supports, who)); });
       },
       [this](const std::string& job) {
-        return JobQuestions{dispatcher_.is_exposure_unknown(job), dispatcher_.platform_waited_for(job)};
+        return JobQuestions{dispatcher_.question_about(job), dispatcher_.platform_waited_for(job)};
       },
       MachineAsker{[this] { return dispatcher_.standing(); },
                    [this](std::string_view machine) { return dispatcher_.moment(machine); },

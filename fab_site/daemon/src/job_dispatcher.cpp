@@ -15,6 +15,9 @@ namespace telefab::fab {
 namespace {
 
 constexpr auto kRetryEvery = std::chrono::seconds{10};
+constexpr auto kLookEvery = std::chrono::seconds{10};
+/// Whose part is on the platform of a whole printer that prints what no job of the fab is.
+constexpr const char* kForeignPart = "a-print-of-its-own";
 
 bool needs_clearing(PlatformPolicy policy, const MachineProfile& machine) {
   if (policy == PlatformPolicy::ByMachine) return makes_parts(machine);
@@ -63,6 +66,7 @@ JobDispatcher::JobDispatcher(Site& site, const FabSiteConfig& config, FabMachine
   for (std::size_t place = 0; place < machines_.size(); ++place) printers_.push_back(make_printer(place, config));
   read_platforms();
   publish();
+  site_.loop().post([this] { look_at_printers(); });  // behind the jobs that go on
 }
 
 Result<void> JobDispatcher::empty_platform(std::size_t place) {
@@ -79,15 +83,16 @@ std::unique_ptr<JobPrinter> JobDispatcher::make_printer(std::size_t place, const
   parts.profile_of = [this, place](const Job& job) { return machines_.profile_on(place, job); };
   parts.machine = printing_machine(machines_.profile(place));
   parts.at_start = config.at_start;
-  parts.events = {[this](const std::string& job, bool is_paused, double seconds_left) {
-                    on_progress(job, is_paused, seconds_left);
+  parts.events = {[this](const std::string& job, bool is_paused, bool is_lost, double seconds_left) {
+                    on_progress(job, is_paused, is_lost, seconds_left);
                   },
                   [this, place](const MachineMoment& now) {
                     shown_[place].now = now;
                     publish();
                   },
                   [this](const std::string& job) { return fits_elsewhere(job); },
-                  [this](const std::string& job, const PrintEnd& end) { on_left(job, end); }};
+                  [this](const std::string& job, const PrintEnd& end) { on_left(job, end); },
+                  [this, place](const MachineLook& look) { on_look(place, look); }};
   return std::make_unique<JobPrinter>(site_, questions_, std::move(parts));
 }
 
@@ -122,7 +127,7 @@ void JobDispatcher::planned(const std::string& job, const Preflight& preflight) 
   if (!now || is_final(now->state)) return;
   const auto put = [&]() -> Result<void> {
     if (!folder) return tl::unexpected{folder.error()};
-    const auto before = start_case(*folder, *now);
+    const auto before = start_case(*folder, *now, light_of(*now));
     if (!before) return tl::unexpected{before.error()};
     // A restored list, or one that was lost: the journal has a print of which the list knows nothing.
     if (before->facts.is_ahead_of_store)
@@ -171,14 +176,14 @@ Result<std::optional<std::size_t>> JobDispatcher::where_begun(const Job& job) co
 Result<void> JobDispatcher::resume(const Job& job) {
   const auto folder = site_.folder().job(job.id);
   if (!folder) return tl::unexpected{folder.error()};
-  const auto before = start_case(*folder, job);
+  const auto before = start_case(*folder, job, light_of(job));
   if (!before) return tl::unexpected{before.error()};
   const StartVerdict verdict = may_light_at_start(before->facts, before->has_begun, at_start_, site_.clock().wall());
   std::optional<std::size_t> place;
   if (is_part_begun(*before, job) && verdict.ruling != StartRuling::End) {
     const auto found = where_begun(job);
     if (!found) {
-      questions_.set(job.id, before->point.maybe_exposed);
+      questions_.set(job.id, before->question());
       return tl::unexpected{found.error()};
     }
     place = *found;
@@ -211,14 +216,62 @@ void JobDispatcher::follow(const Job& job, const StartCase& before, const StartV
       if (job.state != JobState::AwaitingApproval)
         tracker().move(job.id, JobState::AwaitingApproval, fmt::format("waits for `telefab approve`: {}", why));
       return;
+    case StartRuling::Watch:
+      return watch(job.id);
     case StartRuling::WaitForResume:
       if (!before.point.maybe_exposed)
         return tracker().move(job.id, JobState::Paused, fmt::format("waits for `telefab resume`: {}", why));
       [[fallthrough]];
     case StartRuling::WaitForDecision:
-      questions_.set(job.id, true);
-      return tracker().move(job.id, JobState::Paused, fmt::format("{}; {}", why, question_about(before.point, job.id)));
+      questions_.set(job.id, before.question());
+      return tracker().move(
+          job.id, JobState::Paused,
+          fmt::format("{}; {}", why,
+                      before.question() == OpenQuestion::Start ? question_about_start(job.id)
+                                                               : fab::question_about(before.point, job.id)));
   }
+}
+
+void JobDispatcher::watch(const std::string& job) {
+  only_watched_.insert(job);
+  wait_for_machine(job, InTrouble::Tries);
+}
+
+// ---- whole printers ------------------------------------------------------------------------------------------------
+
+LightOf JobDispatcher::light_of(const Job& job) const {
+  const auto place = job.instance.empty() ? std::optional<std::size_t>{} : queue_.find(job.instance);
+  return place && machines_.is_whole(*place) ? LightOf::WholePrinter : LightOf::Fab;
+}
+
+void JobDispatcher::look_at_printers() {
+  bool is_any = false;
+  for (std::size_t place = 0; place < machines_.size(); ++place)
+    if (machines_.is_whole(place)) {
+      is_any = true;
+      printers_[place]->look();
+    }
+  if (is_any && !is_ending_) site_.loop().after(kLookEvery, [this] { look_at_printers(); });
+}
+
+void JobDispatcher::on_look(std::size_t place, const MachineLook& look) {
+  if (const auto job = queue_.job_of(place); job && queue_.machine_of(*job)) return;  // it got one meanwhile
+  const MachineStanding before = queue_.standing(place);
+  queue_.set_found(place, look.is_found);
+  const MachineStanding now = queue_.standing(place);
+  if (now == MachineStanding::Offline && before != now) shown_[place] = {-1, look.why};
+  if (now != MachineStanding::Offline && before == MachineStanding::Offline) shown_[place] = {};
+  // Whoever started that has a part on the platform.
+  if (!look.foreign.empty() && !queue_.part_on(place)) {
+    if (auto kept = platforms_.occupy(machines_[place].name, kForeignPart); !kept) log_warning(kept.error().what);
+    queue_.set_part(place, kForeignPart);
+  }
+  if (queue_.part_on(place) == kForeignPart)
+    shown_[place].why = look.foreign.empty() ? "" : fmt::format("prints {}, not a job of this fab", look.foreign);
+  if (before != now || !look.foreign.empty())
+    log_detail(fmt::format("{} is {}", machines_[place].name, name_of(state_of(now))), {});
+  if (now != before) return dispatch();
+  publish();
 }
 
 // ---- which job on which machine ------------------------------------------------------------------------------------
@@ -290,7 +343,8 @@ void JobDispatcher::put_on(const Assignment& assignment) {
   queue_.begin(assignment.job, assignment.machine);
   if (const auto now = store().find(assignment.job); now && now->state == JobState::Ready && !now->message.empty())
     tracker().move(assignment.job, JobState::Ready, "");  // what it waited for is there
-  printers_[assignment.machine]->begin(assignment.job);
+  printers_[assignment.machine]->begin(assignment.job,
+                                       only_watched_.contains(assignment.job) ? MayStart::No : MayStart::Yes);
 }
 
 std::string JobDispatcher::sentence_of(const Wait& wait) const {
@@ -333,10 +387,11 @@ void JobDispatcher::explain_waits() {
   for_platform_ = std::move(for_platform);
 }
 
-void JobDispatcher::on_progress(const std::string& job, bool is_paused, double seconds_left) {
+void JobDispatcher::on_progress(const std::string& job, bool is_paused, bool is_lost, double seconds_left) {
   const auto place = queue_.machine_of(job);
   if (!place) return;
   queue_.set_paused(job, is_paused);
+  queue_.set_lost(job, is_lost);
   shown_[*place].seconds_left = seconds_left;
   publish();
 }
@@ -359,9 +414,10 @@ void JobDispatcher::on_left(const std::string& job, const PrintEnd& end) {
 }
 
 void JobDispatcher::on_job_end(const std::string& job) {
-  questions_.set(job, false);
+  questions_.set(job, OpenQuestion::None);
   queue_.end(job);
   explained_.erase(job);
+  only_watched_.erase(job);
   dispatch_soon();
 }
 
@@ -409,7 +465,10 @@ std::vector<MachineStatus> JobDispatcher::standing() {
   for (MachineStatus& status : all) {
     const auto job = status.job.empty() ? Result<Job>{fail(ErrorCode::NotFound, "")} : store().find(status.job);
     if (!job) {
-      if (!is_job_id(status.job)) status.job.clear();  // a platform that cannot be read is nobody's
+      // A platform that cannot be read is nobody's, and neither is what a printer makes by itself.
+      if (!is_job_id(status.job) || status.job == kForeignPart) status.job.clear();
+      if (status.state == MachineState::Occupied && status.message.empty())
+        status.message = fmt::format("take the part off, then telefab cleared {}", status.name);
       continue;
     }
     status.job_name = job->name;

@@ -10,9 +10,9 @@
 #include <telefab/job/machine_status.hpp>
 #include <telefab/service/site.hpp>
 
-#include "exposure_questions.hpp"
 #include "fab_machines.hpp"
 #include "job_printer.hpp"
+#include "open_questions.hpp"
 #include "platforms.hpp"
 #include "print_orders.hpp"
 
@@ -40,8 +40,8 @@ class JobDispatcher {
   /// An operator says that the platform of the machine is empty. The job whose part was on it.
   [[nodiscard]] Result<Job> clear_platform(const std::string& machine);
 
-  /// A layer of the job was perhaps exposed, and nobody has decided yet. Any thread.
-  [[nodiscard]] bool is_exposure_unknown(const std::string& job) const { return questions_.contains(job); }
+  /// What somebody is to decide about the job, and nobody has yet. Any thread.
+  [[nodiscard]] OpenQuestion question_about(const std::string& job) const { return questions_.about(job); }
   /// The machine whose platform the job waits for, as another part is on it; empty: none. Any thread.
   [[nodiscard]] std::string platform_waited_for(const std::string& job);
   /// What every machine is at, in the order of the list. Any thread.
@@ -63,6 +63,11 @@ class JobDispatcher {
   [[nodiscard]] JobTracker& tracker() const { return site_.tracker(); }
   [[nodiscard]] JobStore& store() const { return site_.store(); }
   [[nodiscard]] std::unique_ptr<JobPrinter> make_printer(std::size_t place, const FabSiteConfig& config);
+  /// Whole printers that have no job are looked for, now and again.
+  void look_at_printers();
+  void on_look(std::size_t place, const MachineLook& look);
+  /// Whose light the job was given to, or would be as far as that is known.
+  [[nodiscard]] LightOf light_of(const Job& job) const;
   /// The printer that has the job; null: none.
   [[nodiscard]] JobPrinter* printer_of(const std::string& job);
 
@@ -82,7 +87,7 @@ class JobDispatcher {
   [[nodiscard]] std::string sentence_of(const Wait& wait) const;
   void publish();
 
-  void on_progress(const std::string& job, bool is_paused, double seconds_left);
+  void on_progress(const std::string& job, bool is_paused, bool is_lost, double seconds_left);
   void on_left(const std::string& job, const PrintEnd& end);
   void on_job_end(const std::string& job);
 
@@ -95,13 +100,19 @@ class JobDispatcher {
   [[nodiscard]] Result<std::optional<std::size_t>> where_begun(const Job& job) const;
   /// What the start rule says of a job, carried out.
   void follow(const Job& job, const StartCase& before, const StartVerdict& verdict);
+  /// The job goes on at its printer whatever is done here; it is watched.
+  void watch(const std::string& job);
 
   /// Keeps a word about a job that is not on its machine. Fails as keep_word does.
   [[nodiscard]] Result<void> keep(const Job& job, const PrintWord& word);
   /// Approves or resumes a job that is not on its machine, and lets it wait for one.
   [[nodiscard]] Result<void> let_print(const Job& job, const PrintWord& word);
   [[nodiscard]] Result<void> approve(const Job& job, const Command& command);
-  /// Of a job that is not on its machine, or not yet.
+  /// Whether a whole printer was asked for it and it is not over, so that a word about it is the printer's to follow.
+  [[nodiscard]] Result<bool> is_at_printer(const Job& job);
+  /// The printer gets the word as soon as it is watched again.
+  void pass_to_printer(const Job& job, std::string_view message);
+  /// Both of a job that is not on its machine, or not yet.
   [[nodiscard]] Result<void> pause(const Job& job, const std::string& who);
   [[nodiscard]] Result<void> cancel(const Job& job, const std::string& who);
   /// Hands the command to the print under way; `done` is called once its journal has it.
@@ -122,8 +133,9 @@ class JobDispatcher {
   bool start_on_approval_;
   FabMachines machines_;
   Platforms platforms_;
-  ExposureQuestions questions_;
+  OpenQuestions questions_;
   MachineQueue queue_;
+  std::set<std::string> only_watched_;            ///< jobs that go on at their printer, of which nothing may be started
   std::map<std::string, std::string> explained_;  ///< why each job that waits does, as it was last said
   std::vector<Shown> shown_;                      ///< by machine
   std::mutex mutex_;

@@ -178,7 +178,7 @@ Result<void> JobIntake::resume(const Job& job) {
   live_[job.id] = {};
   const auto folder = site_.folder().job(job.id);
   if (!folder) return tl::unexpected{folder.error()};
-  const auto before = start_case(*folder, job);
+  const auto before = start_case(*folder, job, LightOf::Fab);
   if (!before) return tl::unexpected{before.error()};
   if (before->facts.order.order == Order::Cancel) {
     tracker().end(job.id, JobState::Cancelled, fmt::format("by {}", before->facts.order.by));

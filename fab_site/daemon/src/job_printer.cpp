@@ -17,34 +17,57 @@ bool is_site_trouble(ErrorCode code) {
   return code == ErrorCode::StorageFailed || code == ErrorCode::NotTrusted || code == ErrorCode::Conflict;
 }
 
-MachineTrouble trouble_of(const Error& why) {
-  if (why.code == ErrorCode::DeviceLost) return MachineTrouble::Lost;
-  return is_device_fault(why.code) ? MachineTrouble::Fault : MachineTrouble::None;
-}
-
 constexpr auto kRetryEvery = std::chrono::seconds{10};
+constexpr const char* kLook = "?";  // no job has that name
 
 }  // namespace
 
-JobPrinter::JobPrinter(Site& site, ExposureQuestions& questions, Parts parts)
+JobPrinter::JobPrinter(Site& site, OpenQuestions& questions, Parts parts)
     : site_{site},
       questions_{questions},
       name_{std::move(parts.name)},
       profile_of_{std::move(parts.profile_of)},
       machine_{std::move(parts.machine)},
       at_start_{parts.at_start},
-      events_{std::move(parts.events)} {}
+      events_{std::move(parts.events)},
+      beat_{machine_->longest_silence()} {}
 
 JobPrinter::~JobPrinter() {
   if (queue_) queue_->end();
 }
 
-void JobPrinter::begin(const std::string& job) {
+WorkQueue& JobPrinter::queue() {
+  if (!queue_)
+    queue_.emplace("device", [this](const std::string& each, std::stop_token stop) {
+      if (each == kLook)
+        look_now();
+      else
+        print(each, std::move(stop));
+    });
+  return *queue_;
+}
+
+void JobPrinter::begin(const std::string& job, MayStart may_start) {
   if (is_ending_) return;  // the next start goes on with it
   assigned_ = job;
-  if (!queue_)
-    queue_.emplace("device", [this](const std::string& each, std::stop_token stop) { print(each, std::move(stop)); });
-  queue_->add(job);
+  {
+    const std::lock_guard lock{mutex_};
+    may_start_ = may_start;
+  }
+  queue().add(job);
+}
+
+void JobPrinter::look() {
+  if (is_ending_ || !assigned_.empty() || machine_->light() == LightOf::Fab) return;
+  queue().add(kLook);
+}
+
+void JobPrinter::look_now() {
+  const auto look = machine_->look();
+  if (look)
+    later([this, look = *look] {
+      if (assigned_.empty() && !is_ending_) events_.looked(look);
+    });
 }
 
 void JobPrinter::take_off(const std::string& job) {
@@ -79,11 +102,11 @@ void JobPrinter::print(const std::string& job, std::stop_token stop) {
     control_ = control;
   }
   const Nanoseconds began = site_.clock().now();
-  Result<PrintRecord> record = fail(ErrorCode::Internal, "not begun");
+  Result<PrintReport> report = fail(ErrorCode::Internal, "not begun");
   try {
-    record = attempt(job, *control, stop);
+    report = attempt(job, *control, stop);
   } catch (const std::exception& error) {
-    record = fail(ErrorCode::Internal, fmt::format("printing: a fault of Telefab: {}", error.what()));
+    report = fail(ErrorCode::Internal, fmt::format("printing: a fault of Telefab: {}", error.what()));
   }
   {
     const std::lock_guard lock{mutex_};
@@ -93,9 +116,9 @@ void JobPrinter::print(const std::string& job, std::stop_token stop) {
   }
   control->close();                 // words that came too late are kept without it
   if (queue_->is_ending()) return;  // the journal tells the next start where to go on
-  later([this, job, record, seconds = std::chrono::duration<double>(site_.clock().now() - began).count()] {
+  later([this, job, report, seconds = std::chrono::duration<double>(site_.clock().now() - began).count()] {
     tracker().set_stage_seconds(job, JobStage::Print, seconds);
-    on_ended(job, record);
+    on_ended(job, report);
   });
 }
 
@@ -107,19 +130,21 @@ bool JobPrinter::is_recorded_as_printing(const std::string& job) {
   return false;
 }
 
-Result<PrintRecord> JobPrinter::attempt(const std::string& job, PrintControl& control, const std::stop_token& stop) {
+Result<PrintReport> JobPrinter::attempt(const std::string& job, PrintControl& control, const std::stop_token& stop) {
   const auto found = site_.find(job);
   if (!found) return tl::unexpected{found.error()};
   const auto profile = profile_of_(found->job);
   if (!profile) return tl::unexpected{profile.error()};
+  PrintTask task{found->folder, *profile, name_, {}};
   {
     const std::lock_guard lock{mutex_};
     speed_up_ = profile->devices.speed_up;
+    task.may_start = may_start_;
   }
-  PrintTask task{found->folder, *profile, name_, {}};
   task.policy.maybe_exposed = at_start_.maybe_exposed;
+  task.seen = LayerIndex{found->job.counters.layers_printed};
   return machine_->print(
-      task, control, [&](const PrintProgress& progress) { on_progress(job, progress); }, beats_, stop);
+      task, control, [&](const PrintStanding& standing) { on_progress(job, standing); }, beats_, stop);
 }
 
 bool JobPrinter::has_room(const Job& job) {
@@ -143,38 +168,36 @@ void JobPrinter::wait_for_disk(const std::string& job, const Error& why) {
   add_after(site_.options().retry_every, job);
 }
 
-void JobPrinter::on_progress(const std::string& job, const PrintProgress& progress) {
-  double seconds_left = std::chrono::duration<double>(progress.left).count();
+void JobPrinter::on_progress(const std::string& job, const PrintStanding& standing) {
+  double seconds_left = standing.left ? std::chrono::duration<double>(*standing.left).count() : -1;
   {
     const std::lock_guard lock{mutex_};
-    seconds_left /= speed_up_;
+    if (standing.left) seconds_left /= speed_up_;
   }
-  later([this, job, progress, seconds_left] {
+  later([this, job, standing, seconds_left] {
     const auto now = store().find(job);
     if (!now) return;
-    const std::uint32_t printed = progress.layer.count();
+    const std::uint32_t printed = standing.layer.count();
     const bool is_live = tracker().counters().change(job, [&](JobCounters& c) {
       if (c.layers_printed != printed)
-        log_detail(fmt::format("job {} printed {} of {} layers on {}", job, printed, progress.layers.count(), name_),
+        log_detail(fmt::format("job {} printed {} of {} layers on {}", job, printed, standing.layers.count(), name_),
                    {job, static_cast<std::int64_t>(printed) - 1});
-      c.print_layers = progress.layers.count();
+      c.print_layers = standing.layers.count();
       c.layers_printed = printed;
     });
     if (!is_live) return;
-    events_.step({std::string{name_of(progress.phase)}, progress.phase == PrintPhase::Exposing, progress.z_mm,
-                  progress.resin_celsius});
-    // A fault says in its record whether a layer was perhaps exposed.
-    if (progress.phase != PrintPhase::Faulted) questions_.set(job, progress.phase == PrintPhase::AwaitingDecision);
-    if (progress.phase == PrintPhase::Done || progress.phase == PrintPhase::Cancelled) return;  // the record follows
+    if (standing.now) events_.step(*standing.now);
+    // A fault says in its report whether a layer was perhaps exposed.
+    if (standing.activity != PrintActivity::Faulted)
+      questions_.set(job,
+                     standing.activity == PrintActivity::AwaitsDecision ? OpenQuestion::Exposure : OpenQuestion::None);
+    if (standing.activity == PrintActivity::Over) return;  // the report follows
     // Stopped with the site, not by a fault of its own: the journal says which, and the next start goes by it.
-    if (progress.phase == PrintPhase::Faulted && is_ending_) return;
-    const bool waits = progress.phase == PrintPhase::Paused || progress.phase == PrintPhase::AwaitingDecision ||
-                       progress.phase == PrintPhase::Faulted;
-    if (waits)
-      tracker().move(job, JobState::Paused, progress.message);
-    else if (now->state != JobState::Printing || now->message != progress.message)
-      tracker().move(job, JobState::Printing, "");
-    events_.progress(job, waits, seconds_left);
+    if (standing.activity == PrintActivity::Faulted && is_ending_) return;
+    const bool waits = standing.activity != PrintActivity::Works;
+    const JobState state = waits ? JobState::Paused : JobState::Printing;
+    if (waits || now->state != state || now->message != standing.message) tracker().move(job, state, standing.message);
+    events_.progress(job, waits, standing.is_lost, seconds_left);
   });
 }
 
@@ -186,33 +209,27 @@ bool JobPrinter::is_alive() {
 
 // ---- its end -----------------------------------------------------------------------------------------------------
 
-void JobPrinter::on_ended(const std::string& job, const Result<PrintRecord>& record) {
-  PrintEnd end = end_of(job, record);
-  if (record)
-    leaves_with(job, *record);
-  else if (!leaves_without_record(job, record.error(), end))
+void JobPrinter::on_ended(const std::string& job, const Result<PrintReport>& report) {
+  PrintEnd end = end_of(job, report);
+  if (report)
+    leaves_with(job, *report);
+  else if (!leaves_without_report(job, report.error(), end))
     return;
   if (assigned_ == job) assigned_.clear();
   events_.ended(job, end);
 }
 
-PrintEnd JobPrinter::end_of(const std::string& job, const Result<PrintRecord>& record) {
-  if (record) {
-    const bool is_fault = record->outcome == PrintOutcome::Faulted;
-    const MachineTrouble trouble = is_fault ? trouble_of(record->cause) : MachineTrouble::None;
-    // Whatever it broke off by, somebody is to look at the machine.
-    return {is_fault && trouble == MachineTrouble::None ? MachineTrouble::Fault : trouble,
-            record->layers.empty() && !record->maybe_exposed, record->cause.what};
-  }
-  PrintEnd end{trouble_of(record.error()), false, record.error().what};
+PrintEnd JobPrinter::end_of(const std::string& job, const Result<PrintReport>& report) {
+  if (report) return {report->trouble, report->is_nothing_made, report->why};
+  PrintEnd end{trouble_of(report.error()), false, report.error().what};
   // Where that cannot be read a part may be there.
   if (const auto found = site_.find(job))
-    if (const auto before = start_case(found->folder, found->job))
+    if (const auto before = start_case(found->folder, found->job, machine_->light()))
       end.is_nothing_made = !is_part_begun(*before, found->job);
   return end;
 }
 
-bool JobPrinter::leaves_without_record(const std::string& job, const Error& why, PrintEnd& end) {
+bool JobPrinter::leaves_without_report(const std::string& job, const Error& why, PrintEnd& end) {
   if (is_storage_trouble(why)) {
     site_.room().note_trouble(why);
     // Printed to its end, but not recorded: the record needs no operator, only a disk. As long as the disk does not
@@ -232,8 +249,10 @@ bool JobPrinter::leaves_without_record(const std::string& job, const Error& why,
       return false;
     }
   }
-  if (end.trouble == MachineTrouble::Lost && end.is_nothing_made && events_.fits_elsewhere(job)) {
-    log_warning(fmt::format("{}: {}; job {} goes to another machine", name_, why.what, job), {job});
+  // A whole printer that was switched off is looked for, and the job waits for it where no other takes it.
+  const bool is_looked_for = machine_->light() == LightOf::WholePrinter;
+  if (end.trouble == MachineTrouble::Lost && end.is_nothing_made && (events_.fits_elsewhere(job) || is_looked_for)) {
+    log_warning(fmt::format("{}: {}; job {} waits for it, or for another machine", name_, why.what, job), {job});
     end.goes_elsewhere = true;
     return true;
   }
@@ -244,28 +263,25 @@ bool JobPrinter::leaves_without_record(const std::string& job, const Error& why,
   return true;
 }
 
-void JobPrinter::leaves_with(const std::string& job, const PrintRecord& record) {
-  tracker().counters().change(job, [&](JobCounters& c) { c.layers_printed = record.next.count(); });
-  switch (record.outcome) {
-    case PrintOutcome::Done:
-      return tracker().end(job, JobState::Done, "");
-    case PrintOutcome::Cancelled:
-      return tracker().end(job, JobState::Cancelled, fmt::format("at layer {}", record.next.count()));
-    case PrintOutcome::Faulted:
-      questions_.set(job, record.maybe_exposed);
-      return tracker().move(
-          job, JobState::Paused,
-          fmt::format("faulted at layer {}: {}; {}", record.next.count(), record.cause.what,
-                      record.maybe_exposed
-                          ? "the layer was perhaps exposed: telefab resume --as treat-as-exposed|expose-again"
-                          : "telefab resume tries again"));
+void JobPrinter::leaves_with(const std::string& job, const PrintReport& report) {
+  tracker().counters().change(job, [&](JobCounters& c) { c.layers_printed = report.next.count(); });
+  switch (report.verdict) {
+    case PrintVerdict::Done:
+      return tracker().end(job, JobState::Done, report.message);
+    case PrintVerdict::Cancelled:
+      return tracker().end(job, JobState::Cancelled, report.message);
+    case PrintVerdict::Failed:
+      return tracker().end(job, JobState::Failed, report.message);
+    case PrintVerdict::Waits:
+      questions_.set(job, report.question);
+      return tracker().move(job, JobState::Paused, report.message);
   }
 }
 
 Result<StartRuling> JobPrinter::ruling_on(const std::string& job) {
   const auto found = site_.find(job);
   if (!found) return tl::unexpected{found.error()};
-  const auto before = start_case(found->folder, found->job);
+  const auto before = start_case(found->folder, found->job, machine_->light());
   if (!before) return tl::unexpected{before.error()};
   return may_light_at_start(before->facts, before->has_begun, at_start_, site_.clock().wall()).ruling;
 }
@@ -277,13 +293,25 @@ std::shared_ptr<PrintControl> JobPrinter::control_of(const std::string& job) {
   return printing_ == job ? control_ : nullptr;
 }
 
+Result<StartCase> JobPrinter::case_of(const Job& job) {
+  const auto folder = site_.folder().job(job.id);
+  if (!folder) return tl::unexpected{folder.error()};
+  const std::lock_guard lock{mutex_};
+  if (printing_ == job.id)
+    return fail(ErrorCode::Conflict, fmt::format("job {} went on its machine just now; say it again", job.id));
+  return start_case(*folder, job, machine_->light());
+}
+
 Result<void> JobPrinter::keep(const Job& job, const PrintWord& word) {
   const auto folder = site_.folder().job(job.id);
   if (!folder) return tl::unexpected{folder.error()};
   const std::lock_guard lock{mutex_};
   if (printing_ == job.id)
     return fail(ErrorCode::Conflict, fmt::format("job {} went on its machine just now; say it again", job.id));
-  return keep_word(*folder, job, word, site_.clock().wall());
+  auto kept = keep_word(*folder, job, machine_->light(), word, site_.clock().wall());
+  // Under the lock: a print that was only to be watched, and begins right now, may start by this word.
+  if (kept && (word.step == JournalStep::Approved || word.step == JournalStep::Resumed)) may_start_ = MayStart::Yes;
+  return kept;
 }
 
 }  // namespace telefab::fab

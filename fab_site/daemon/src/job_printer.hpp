@@ -11,7 +11,7 @@
 #include <telefab/service/site.hpp>
 #include <telefab/service/work_queue.hpp>
 
-#include "exposure_questions.hpp"
+#include "open_questions.hpp"
 #include "printing_machine.hpp"
 
 namespace telefab::fab {
@@ -26,14 +26,16 @@ struct PrintEnd {
 
 /// What a printer tells whoever gives it jobs. Called on the loop's thread.
 struct PrinterEvents {
-  /// The print waits for an operator, or goes on; so many seconds are left of it.
-  std::function<void(const std::string& job, bool is_paused, double seconds_left)> progress;
+  /// The print waits for an operator, or goes on, perhaps out of reach; so many seconds are left of it.
+  std::function<void(const std::string& job, bool is_paused, bool is_lost, double seconds_left)> progress;
   /// What the machine does now, at every step of it.
   std::function<void(const MachineMoment& now)> step;
   /// Whether another machine than the one it is on fits the job.
   std::function<bool(const std::string& job)> fits_elsewhere;
   /// The machine is free of the job, whose state says what becomes of it.
   std::function<void(const std::string& job, const PrintEnd& end)> ended;
+  /// What look() found.
+  std::function<void(const MachineLook& look)> looked;
 };
 
 /// One machine of the fab: prints one job at a time on a thread of its own, "device", which alone touches the
@@ -50,13 +52,15 @@ class JobPrinter {
     PrinterEvents events;
   };
   /// Site and questions must outlive it.
-  JobPrinter(Site& site, ExposureQuestions& questions, Parts parts);
+  JobPrinter(Site& site, OpenQuestions& questions, Parts parts);
   ~JobPrinter();
   JobPrinter(const JobPrinter&) = delete;
   JobPrinter& operator=(const JobPrinter&) = delete;
 
   /// The job is printed now. It has no other: the one before has ended or was taken off.
-  void begin(const std::string& job);
+  void begin(const std::string& job, MayStart may_start);
+  /// Looks whether the machine is there, where that can be known without a print and no job is on it.
+  void look();
   /// Takes a job off that is not yet under way; nothing more is tried for it.
   void take_off(const std::string& job);
   /// The control of the job's print; null where it is not under way here.
@@ -64,6 +68,8 @@ class JobPrinter {
   /// Keeps a word about a job that is not under way here. Fails as keep_word does, and with Conflict where it went on
   /// just now.
   [[nodiscard]] Result<void> keep(const Job& job, const PrintWord& word);
+  /// How a job stands that is not under way here. Fails as start_case, and with Conflict where it went on just now.
+  [[nodiscard]] Result<StartCase> case_of(const Job& job);
   /// The light off, of a machine whose print waits; what cannot be switched off is logged.
   void darken(const std::string& job);
 
@@ -80,11 +86,14 @@ class JobPrinter {
   /// From any thread to the loop's.
   void later(std::function<void()> work) { site_.loop().post(std::move(work)); }
 
-  /// On the device's thread.
+  /// Its thread, which begins with the first job.
+  [[nodiscard]] WorkQueue& queue();
+  /// Both on the device's thread.
+  void look_now();
   void print(const std::string& job, std::stop_token stop);
   /// Whether the store says so now; if not, it is tried again. What the next start knows of this print begins there.
   [[nodiscard]] bool is_recorded_as_printing(const std::string& job);
-  [[nodiscard]] Result<PrintRecord> attempt(const std::string& job, PrintControl& control, const std::stop_token& stop);
+  [[nodiscard]] Result<PrintReport> attempt(const std::string& job, PrintControl& control, const std::stop_token& stop);
   /// Whether the disk has room for what the print will write; false: the job waits for it.
   [[nodiscard]] bool has_room(const Job& job);
 
@@ -92,31 +101,33 @@ class JobPrinter {
   void add_after(Nanoseconds pause, const std::string& job);
   /// The job says why it waits, and is tried again.
   void wait_for_disk(const std::string& job, const Error& why);
-  void on_progress(const std::string& job, const PrintProgress& progress);
-  void on_ended(const std::string& job, const Result<PrintRecord>& record);
-  /// No record came: what becomes of the job. False: it stays on its machine, and is tried again.
-  [[nodiscard]] bool leaves_without_record(const std::string& job, const Error& why, PrintEnd& end);
-  void leaves_with(const std::string& job, const PrintRecord& record);
+  void on_progress(const std::string& job, const PrintStanding& standing);
+  void on_ended(const std::string& job, const Result<PrintReport>& report);
+  /// No report came: what becomes of the job. False: it stays on its machine, and is tried again.
+  [[nodiscard]] bool leaves_without_report(const std::string& job, const Error& why, PrintEnd& end);
+  void leaves_with(const std::string& job, const PrintReport& report);
   /// What the start rule would say of the job now. Fails as start_case.
   [[nodiscard]] Result<StartRuling> ruling_on(const std::string& job);
-  [[nodiscard]] PrintEnd end_of(const std::string& job, const Result<PrintRecord>& record);
+  [[nodiscard]] PrintEnd end_of(const std::string& job, const Result<PrintReport>& report);
 
   Site& site_;
-  ExposureQuestions& questions_;
+  OpenQuestions& questions_;
   std::string name_;
   ProfileOf profile_of_;
   std::unique_ptr<PrintingMachine> machine_;
   StartPolicy at_start_;
   PrinterEvents events_;
   std::string assigned_;  ///< the job it was given; empty: none
+
   bool is_ending_ = false;
   std::mutex mutex_;
   /// Guarded by mutex_, which is also held while a word goes into the journal of a job that does not print.
   std::string printing_;
   std::shared_ptr<PrintControl> control_;  ///< of the job being printed; guarded by mutex_
   double speed_up_ = 1;                    ///< of the print under way; guarded by mutex_
+  MayStart may_start_ = MayStart::Yes;     ///< the job it was given; guarded by mutex_
   std::atomic<std::uint64_t> beats_ = 0;   ///< waits of the print under way; 0: none, or not so far yet
-  Heartbeat beat_{std::chrono::seconds{30}};
+  Heartbeat beat_;
   std::optional<WorkQueue> queue_;  ///< begins with the first job: most machines of a catalogue never get one
 };
 

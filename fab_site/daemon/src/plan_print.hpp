@@ -32,6 +32,10 @@ struct PlanOutcome {
 /// Bytes that a print from the folder still takes on its disk: the journal, where none is begun, and the records.
 [[nodiscard]] std::uint64_t print_room_bytes(const std::filesystem::path& folder, LayerIndex layers);
 
+/// A held job is printed on the word of somebody who knew what holds it, and on no other: Conflict. Fails where the
+/// plan's preflight cannot be read.
+[[nodiscard]] Result<void> check_let_through(const std::filesystem::path& folder, const PrintJournal& orders);
+
 /// As darken() of its devices: its stage is touched only where its board switches the light.
 [[nodiscard]] Result<void> go_dark(const MachineProfile& machine);
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "print_orders.hpp"
 
+#include <fmt/format.h>
+
 #include <telefab/fab/planning/plan_folder.hpp>
 
 namespace telefab::fab {
@@ -12,13 +14,77 @@ Result<PrintJournal> open_journal(const std::filesystem::path& folder) {
   return PrintJournal::open(std::move(*file));
 }
 
+/// Nothing: it is damaged.
+Result<std::optional<PrinterJournal>> open_printer_journal(const std::filesystem::path& folder) {
+  auto file = open_journal_file(printer_journal_path(folder));
+  if (!file) return tl::unexpected{file.error()};
+  auto journal = PrinterJournal::open(std::move(*file));
+  if (journal) return std::optional{std::move(*journal)};
+  if (journal.error().code == ErrorCode::NotTrusted) return std::optional<PrinterJournal>{};
+  return tl::unexpected{journal.error()};
+}
+
 bool is_begun(const Job& job) { return !is_before(job.state, JobState::Printing) || job.counters.layers_printed > 0; }
+
+bool is_whole(const std::filesystem::path& folder, LightOf light) {
+  std::error_code error;
+  return light == LightOf::WholePrinter || std::filesystem::exists(printer_journal_path(folder), error);
+}
+
+StartFacts facts_of_whole(const std::optional<PrinterJournal>& journal, const PrintJournal& orders,
+                          const std::filesystem::path& folder, const Job& job) {
+  const auto planned = PlannedJob::open(folder / "plan");
+  StartFacts facts =
+      facts_of(journal ? &*journal : nullptr, orders, planned ? plan_digest((*planned)->plan()) : Digest{},
+               LayerIndex{job.counters.layers_printed}, is_begun(job), job.state == JobState::Paused);
+  if (!planned) facts.is_of_this_plan = journal && journal->entries().empty();
+  return facts;
+}
+
+/// A word about a print on a whole printer: about its start in the printer's journal, then in that of the orders.
+Result<void> keep_word_of_whole(const std::filesystem::path& folder, const Job& job, PrintJournal& orders,
+                                const PrintWord& word, Nanoseconds wall) {
+  if (word.decision)
+    return fail(ErrorCode::Conflict,
+                fmt::format("job {} is printed by a whole printer, so no layer of it is in question here; resume it "
+                            "plainly, or --as start-again|treat-as-started where that is asked",
+                            job.id));
+  const bool goes_on = word.step == JournalStep::Approved || word.step == JournalStep::Resumed;
+  if (goes_on && orders.order().order != Order::Cancel) {
+    auto journal = open_printer_journal(folder);
+    if (!journal) return tl::unexpected{journal.error()};
+    const StartFacts facts = facts_of_whole(*journal, orders, folder, job);
+    const bool is_asked = !*journal || facts.is_behind_store || (*journal)->stage() == PrinterStage::StartUnknown;
+    if (is_asked && !word.start) return fail(ErrorCode::Conflict, question_about_start(job.id));
+    if (!is_asked && word.start)
+      return fail(
+          ErrorCode::Conflict,
+          fmt::format("job {}: no start of it is in question; resume it without saying what came of it", job.id));
+    if (is_asked && !*journal) {
+      auto file = open_journal_file(printer_journal_path(folder));
+      if (!file) return tl::unexpected{file.error()};
+      if (auto kept = PrinterJournal::begin_again(**file, *word.start, word.by, wall); !kept) return kept;
+    } else if (is_asked) {
+      if (auto kept = (*journal)->write(entry_of(*word.start, word.by, wall)); !kept) return kept;
+    }
+  }
+  PrintPlan plan;
+  plan.job = job.id;
+  PrintWord order = word;
+  order.start.reset();
+  return keep_word(orders, plan, LayerIndex{0}, order, wall);
+}
 
 }  // namespace
 
-Result<void> keep_word(const std::filesystem::path& folder, const Job& job, const PrintWord& word, Nanoseconds wall) {
+Result<void> keep_word(const std::filesystem::path& folder, const Job& job, LightOf light, const PrintWord& word,
+                       Nanoseconds wall) {
   auto journal = open_journal(folder);
   if (!journal) return tl::unexpected{journal.error()};
+  if (is_whole(folder, light)) return keep_word_of_whole(folder, job, *journal, word, wall);
+  if (word.start)
+    return fail(ErrorCode::Conflict,
+                fmt::format("job {}: no start of it is in question; resume it without saying what came of it", job.id));
   PrintPlan plan;
   plan.job = job.id;
   if (word.decision) {
@@ -29,10 +95,20 @@ Result<void> keep_word(const std::filesystem::path& folder, const Job& job, cons
   return keep_word(*journal, plan, LayerIndex{job.counters.layers_printed}, word, wall);
 }
 
-Result<StartCase> start_case(const std::filesystem::path& folder, const Job& job) {
+Result<StartCase> start_case(const std::filesystem::path& folder, const Job& job, LightOf light) {
   StartCase found;
   found.has_begun = is_begun(job);
   std::error_code error;
+  if (is_whole(folder, light)) {
+    found.light = LightOf::WholePrinter;
+    const auto orders = open_journal(folder);
+    if (!orders) return tl::unexpected{orders.error()};
+    const auto journal = open_printer_journal(folder);
+    if (!journal) return tl::unexpected{journal.error()};
+    found.facts = facts_of_whole(*journal, *orders, folder, job);
+    found.has_begun |= !*journal || (*journal)->stage() >= PrinterStage::StartUnknown;
+    return found;
+  }
   if (!std::filesystem::exists(folder / "journal", error) && job.counters.layers_printed == 0) return found;
   const auto journal = open_journal(folder);
   if (!journal) return tl::unexpected{journal.error()};

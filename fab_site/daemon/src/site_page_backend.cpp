@@ -153,7 +153,8 @@ JobView SitePageBackend::view_of(const Job& job) {
   view.state = job.state;
   view.message = job.message;
   const JobQuestions questions = questions_(job.id);
-  view.exposure_unknown = job.state == JobState::Paused && questions.exposure_unknown;
+  view.exposure_unknown = job.state == JobState::Paused && questions.open == OpenQuestion::Exposure;
+  view.start_unknown = job.state == JobState::Paused && questions.open == OpenQuestion::Start;
   view.waits_for_platform = !questions.platform.empty();
   view.platform = questions.platform;
   // Until the plan is on disk there is no print layer to look at.

@@ -15,6 +15,7 @@
 #include <telefab/store/job_store.hpp>
 #include <telefab/wire/message.hpp>
 
+#include "open_questions.hpp"
 #include "upload.hpp"
 
 namespace telefab::fab {
@@ -28,8 +29,8 @@ using SupportsPost = std::function<void(const std::string& job, const HandList& 
 
 /// What a job waits for that only somebody at the machine knows.
 struct JobQuestions {
-  bool exposure_unknown = false;  ///< a layer was perhaps exposed, and nobody has decided yet
-  std::string platform;           ///< machine on whose platform another part is; empty: it waits for none
+  OpenQuestion open = OpenQuestion::None;  ///< nobody has decided yet
+  std::string platform;                    ///< machine on whose platform another part is; empty: it waits for none
 };
 /// Any thread.
 using QuestionAsker = std::function<JobQuestions(const std::string& job)>;

@@ -74,7 +74,9 @@ ordered_json job_json(const JobView& job) {
 
 /// What somebody at the machine must decide or do goes before what it is at.
 const char* state_of(const std::vector<JobView>& jobs) {
-  const auto asks = [](const JobView& job) { return job.exposure_unknown || job.waits_for_platform; };
+  const auto asks = [](const JobView& job) {
+    return job.exposure_unknown || job.start_unknown || job.waits_for_platform;
+  };
   if (std::ranges::any_of(jobs, asks)) return "ATTENTION";
   const JobView* job = job_on_machine(jobs);
   if (job != nullptr && job->state == JobState::Printing) return "PRINTING";

@@ -29,6 +29,7 @@ json to_json(const JobView& job) {
              {"state", name_of(job.state)},
              {"message", job.message},
              {"exposure_unknown", job.exposure_unknown},
+             {"start_unknown", job.start_unknown},
              {"waits_for_platform", job.waits_for_platform},
              {"platform", job.platform},
              {"layers", job.layers},
@@ -161,7 +162,7 @@ WebResponse plan_again(const Call& call) {
   return show_job(call);
 }
 
-/// An empty body resumes; {"as":"treat-as-exposed"} and {"as":"expose-again"} also say whether a layer was exposed.
+/// An empty body resumes; {"as":"..."} also says whether a layer was exposed, or what came of a start.
 WebResponse resume(const Call& call) {
   if (call.request.body.empty()) return act<JobCommand::Resume>(call);
   const json body = json_or_discarded(call.request.body);
@@ -169,8 +170,11 @@ WebResponse resume(const Call& call) {
   if (body.is_object() && body.size() == 1 && body.contains("as")) {
     if (body["as"] == "treat-as-exposed") return act<JobCommand::TreatAsExposed>(call);
     if (body["as"] == "expose-again") return act<JobCommand::ExposeAgain>(call);
+    if (body["as"] == "treat-as-started") return act<JobCommand::TreatAsStarted>(call);
+    if (body["as"] == "start-again") return act<JobCommand::StartAgain>(call);
   }
-  return web_problem(400, "invalid-input", R"(the body is empty, {"as":"treat-as-exposed"} or {"as":"expose-again"})");
+  return web_problem(400, "invalid-input",
+                     R"(the body is empty or {"as":"treat-as-exposed|expose-again|treat-as-started|start-again"})");
 }
 
 /// Of the page: a file chosen there.

@@ -22,6 +22,7 @@ struct JobView {
   JobState state{};
   std::string message;                ///< why it failed, what it waits for; may be empty
   bool exposure_unknown = false;      ///< paused because a layer was perhaps exposed: somebody must say whether it was
+  bool start_unknown = false;         ///< paused because a whole printer was perhaps started: likewise
   bool waits_for_platform = false;    ///< another part is on the platform: somebody must take it off and say so
   std::string platform;               ///< of that machine; empty: it waits for none
   std::uint32_t layers = 0;           ///< of the print, supports included; 0: not known yet

@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <cstdlib>
+#include <iostream>
+#include <random>
+#include <set>
+
+#include "whole_printers.hpp"
+
+// A printer that owns its light as a machine of the fab: scan site, fab and a strict simulated printer as real
+// programs. TELEFAB_WHOLE_KILLS says how often the fab is killed in a campaign (default: 6).
+
+namespace telefab::test {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::HasSubstr;
+using testing::Not;
+namespace fs = std::filesystem;
+
+TEST_F(WholePrinters, PrintAJobOfTheScanSiteAndItsRecordSaysWhoseLightItWas) {
+  start_printer();
+  write_whole_list();
+  start_sites();
+  const std::string job = submit_for("toy", "2");
+  await_state(job, "done");
+  EXPECT_EQ(job_of(job)["instance"], "saturn");
+  const Json record = record_of(job);
+  EXPECT_EQ(record["light"], "by the printer");
+  EXPECT_EQ(record["end"], "done");
+  EXPECT_EQ(record["job"], job);
+  EXPECT_EQ(record["provenance"]["instance"], "saturn");
+  EXPECT_EQ(record["orders"][0]["by"], "automatic");
+  const Outcome verified =
+      run({bin("telefab-fab"), "verify", (job_folder(job) / "plan").string(), "--machines",
+           (folder() / "machines").string(), "--as-built", (job_folder(job) / "report" / "as-built.json").string(),
+           "--key", (folder() / "fab" / "as-built-key.pub").string()});
+  EXPECT_EQ(verified.code, 0) << verified.output << verified.errors;
+  EXPECT_THAT(verified.output, HasSubstr("by the printer"));
+  EXPECT_EQ(state_of("saturn"), "occupied") << "a part hangs there";
+  const std::string next = submit_for("toy", "1");
+  ASSERT_TRUE(await([&] { return message_of(next).find("telefab cleared saturn") != std::string::npos; })) << says();
+  EXPECT_EQ(at_fab({"cleared", "saturn"}).code, 0);
+  await_state(next, "done");
+  EXPECT_FALSE(fs::exists(job_folder(job) / "printer.goo")) << "it is made again from the plan where it is wanted";
+  EXPECT_THAT(end_of_printer(), HasSubstr("prints begun: 2, messages against the protocol: 0"));
+}
+
+TEST_F(WholePrinters, WaitForAnApprovalAndObeyPauseResumeAndCancel) {
+  start_printer("1");
+  write_whole_list();
+  start_sites({"--start", "on-approval"});
+  const std::string job = submit_for("toy", "4");
+  await_state(job, "awaiting-approval");
+  EXPECT_EQ(journal_of(job), "");
+  ASSERT_EQ(at_fab({"approve", job, "--who", "ana"}).code, 0);
+  ASSERT_TRUE(await([&] { return prints_layers(job); })) << says();
+  EXPECT_EQ(state_of("saturn"), "printing");
+  ASSERT_EQ(at_fab({"pause", job, "--who", "ana"}).code, 0);
+  ASSERT_TRUE(await([&] { return state_of("saturn") == "paused"; })) << says();
+  await_state(job, "paused");
+  ASSERT_EQ(at_fab({"resume", job, "--who", "ana"}).code, 0);
+  await_state(job, "printing");
+  const Outcome cancelled = at_fab({"cancel", job, "--who", "eve"});
+  ASSERT_EQ(cancelled.code, 0) << cancelled.errors << says();
+  await_state(job, "cancelled");
+  const Json record = record_of(job);
+  EXPECT_EQ(record["end"], "stopped");
+  EXPECT_EQ(record["orders"].size(), 4U) << record;
+  EXPECT_EQ(state_of("saturn"), "occupied");
+  expect_once();
+}
+
+TEST_F(WholePrinters, GoOnWhileTheFabIsKilledAndAreNeverStartedTwice) {
+  start_printer("0.2");
+  write_whole_list();
+  start_sites({"--platform", "automatic"});
+  const char* asked = std::getenv("TELEFAB_WHOLE_KILLS");
+  const int kills = asked ? std::atoi(asked) : 6;
+  std::mt19937 random{7};
+  int killed = 0, prints = 0;
+  std::map<std::string, int> behind;  // the last line of the printer's journal when it was killed
+  while (killed < kills) {
+    const std::string job = submit_for("toy", "2");
+    ++prints;
+    std::set<std::string> seen;
+    const auto until = std::chrono::steady_clock::now() + 120s;
+    while (job_state(job) != "done" && std::chrono::steady_clock::now() < until) {
+      ASSERT_NE(job_state(job), "failed") << says();
+      if (job_state(job) == "paused") look_and_resume(job);
+      if (killed >= kills) {
+        std::this_thread::sleep_for(50ms);
+        continue;
+      }
+      // The first print is killed behind each line, as soon as that is there; the others at any time.
+      bool is_due = prints > 1;
+      if (is_due) std::this_thread::sleep_for(std::chrono::milliseconds{random() % 1500});
+      for (const std::string step : {"planned", "uploaded", "starting", "started"})
+        if (prints == 1 && has_step(job, step) && seen.insert(step).second) is_due = true;
+      if (!is_due) continue;
+      kill_fab();
+      ++killed;
+      ++behind[last_step(job)];
+      start_fab(with_list({"--platform", "automatic"}));
+    }
+    ASSERT_EQ(job_state(job), "done") << says();
+    EXPECT_EQ(record_of(job)["end"], "done");
+  }
+  std::string where;
+  for (const auto& [step, count] : behind) where += fmt::format(" {} {}", step.empty() ? "nothing" : step, count);
+  std::cout << fmt::format("  {} kills in {} prints; behind{}\n", killed, prints, where);
+  EXPECT_EQ(starts_at_end(), prints);
+}
+
+TEST_F(WholePrinters, WhoseJournalIsDamagedStartNothingUntilSomebodyHasLooked) {
+  start_printer("0.5");
+  write_whole_list();
+  start_sites();
+  const std::string job = submit_for("toy", "2");
+  ASSERT_TRUE(await([&] { return has_step(job, "started"); })) << says();
+  kill_fab();
+  const fs::path path = job_folder(job) / "printer.journal";
+  std::string journal = text_of(path);
+  journal[journal.size() / 2] ^= 1;
+  std::ofstream{path} << journal;
+  start_fab(with_list());
+  await_state(job, "paused");
+  EXPECT_THAT(message_of(job), HasSubstr("treat-as-started"));
+  look_and_resume(job);
+  await_state(job, "done");
+  EXPECT_TRUE(fs::exists(job_folder(job) / "printer.journal.damaged-1"));
+  EXPECT_THAT(record_of(job)["journal_gaps"][0].get<std::string>(), HasSubstr("set aside by ana"));
+  expect_once();
+}
+
+TEST_F(WholePrinters, AreStoppedByACancelThatIsGivenWhileNobodyWatchesThem) {
+  start_printer("0.5");
+  write_whole_list();
+  start_sites();
+  const std::string job = submit_for("toy", "4");
+  ASSERT_TRUE(await([&] { return has_step(job, "started"); })) << says();
+  // The machine of that name answers as another board, so that the print is not watched.
+  kill_fab();
+  std::string list = text_of(folder() / "fab.toml");
+  list.replace(list.find("1d354"), 5, "1d355");
+  std::ofstream{folder() / "fab.toml"} << list;
+  start_fab(with_list());
+  await_state(job, "paused");
+  kill_fab();
+  write_whole_list();
+  start_fab(with_list());  // it is watched again, by itself
+  await_state(job, "printing");
+  ASSERT_EQ(at_fab({"cancel", job, "--who", "ana"}).code, 0) << says();
+  await_state(job, "cancelled");
+  EXPECT_EQ(record_of(job)["end"], "stopped");
+  expect_once();
+}
+
+TEST_F(WholePrinters, ThatAreSwitchedOffAreWaitedForAndDisturbNobody) {
+  start_printer();
+  write_whole_list({"own"});
+  EXPECT_THAT(end_of_printer(), HasSubstr("prints begun: 0"));
+  start_sites();
+  ASSERT_TRUE(await([&] { return state_of("saturn") == "offline"; })) << says();
+  const std::string for_it = submit_for("saturn", "1"), other = submit_for("own", "2");
+  await_state(other, "done");
+  ASSERT_TRUE(await([&] { return message_of(for_it).find("waits for saturn, which is offline") != std::string::npos; }))
+      << says();
+  EXPECT_EQ(state_of("own"), "idle");
+  start_printer();
+  await_state(for_it, "done");
+  expect_once();
+}
+
+TEST_F(WholePrinters, OutOfReachAreSaidToBeAndTheirPrintIsWatchedAgain) {
+  start_printer("0.3");
+  write_whole_list();
+  start_sites();
+  const std::string job = submit_for("toy", "4");
+  ASSERT_TRUE(await([&] { return prints_layers(job); })) << says();
+  printer_->send_signal(SIGSTOP);
+  ASSERT_TRUE(await([&] { return state_of("saturn") == "offline"; })) << says();
+  EXPECT_EQ(job_state(job), "printing") << "it goes on there, as far as anybody knows";
+  printer_->send_signal(SIGCONT);
+  await_state(job, "done");
+  expect_once();
+}
+
+TEST_F(WholePrinters, OfAnotherModelAreRefusedByName) {
+  start_printer("0.1", "ELEGOO Other");
+  write_whole_list();
+  start_sites();
+  const std::string job = submit_for("toy", "1");
+  await_state(job, "paused");
+  EXPECT_THAT(message_of(job), HasSubstr("file.model"));
+  EXPECT_EQ(state_of("saturn"), "fault");
+  EXPECT_EQ(at_fab({"resume", job, "--as", "start-again"}).code, 2) << "no start of it is in question";
+  ASSERT_EQ(at_fab({"cancel", job}).code, 0);
+  EXPECT_THAT(end_of_printer(), HasSubstr("prints begun: 0"));
+}
+
+}  // namespace
+}  // namespace telefab::test
