@@ -156,7 +156,8 @@ Result<Job> JobIntake::take_upload(const NewJob& upload) {
   const auto folder = site_.folder().job(*upload.id);
   if (!folder) return tl::unexpected{folder.error()};
   const auto offer = saved_offer(*folder);
-  if (!offer) return tl::unexpected{offer.error()};
+  const bool is_to_trace = has_ready_print(*folder);  // its layers are not known yet
+  if (!offer && !is_to_trace) return tl::unexpected{offer.error()};
   auto job = site_.store().create(upload);
   if (!job) return job;
   tracker().note(upload.owner,
@@ -165,6 +166,7 @@ Result<Job> JobIntake::take_upload(const NewJob& upload) {
   tracker().begin_stage(job->id, JobStage::Send);
   tracker().counters().begin(job->id, job->counters);
   tracker().counters().change(job->id, [&](JobCounters& c) {
+    if (is_to_trace) return;
     c.layers = c.layers_sent = offer->header.layer_count;
     if (const auto spool = ChunkSpool::open(*folder / "chunks")) c.wire_bytes = spool->payload_bytes();
   });
@@ -195,7 +197,8 @@ Result<void> JobIntake::resume(const Job& job) {
     return {};
   }
   // A scan site will offer its job again; nobody would an upload, whose layers are all here.
-  if (const auto intake = Intake::reopen(*folder); intake && intake->is_complete()) completed(job.id);
+  const auto intake = Intake::reopen(*folder);
+  if ((intake && intake->is_complete()) || has_ready_print(*folder)) completed(job.id);
   return {};
 }
 

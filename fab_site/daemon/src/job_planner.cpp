@@ -137,6 +137,9 @@ Result<PlanOutcome> JobPlanner::attempt(const std::string& job, std::stop_token 
   if (!found) return tl::unexpected{found.error()};
   const auto machine = profile_of_job(site_.profiles(), found->job.machine, found->job.parameters);
   if (!machine) return tl::unexpected{machine.error()};
+  if (has_ready_print(found->folder))
+    if (auto traced = trace_masks(found->folder, found->job, *machine, stop); !traced)
+      return tl::unexpected{traced.error()};
   const auto part = received_stack(found->folder);
   if (!part) return tl::unexpected{part.error()};
   // A disk that will never do may be made larger; nothing of a job that was taken is given up for it.
@@ -145,6 +148,13 @@ Result<PlanOutcome> JobPlanner::attempt(const std::string& job, std::stop_token 
   if (!found->job.message.empty())
     site_.loop().post([this, job] { site_.tracker().move(job, JobState::Planning, ""); });
   const std::uint32_t layers = part->layers.header().layer_count;
+  if (found->job.counters.layers == 0)  // masks, which had to be traced first
+    site_.loop().post([this, job, layers, bytes = part->bytes()] {
+      site_.tracker().counters().change(job, [&](JobCounters& c) {
+        c.layers = c.layers_sent = layers;
+        c.wire_bytes = bytes;
+      });
+    });
   PlanOptions options = options_;
   options.job = job;
   auto hand = hand_list_in(found->folder);

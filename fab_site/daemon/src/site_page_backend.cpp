@@ -365,7 +365,7 @@ Result<void> SitePageBackend::clear_platform(std::string_view machine, std::stri
   return carry_out(post_, command);
 }
 
-std::vector<UploadTarget> SitePageBackend::upload_targets() {
+std::vector<UploadTarget> SitePageBackend::upload_targets(std::string_view asked) {
   // A profile of which no machine would take the job is passed over for its machines, which follow it.
   std::vector<UploadTarget> targets;
   const auto offered = profiles_.offered(ProfileKind::Machine);  // in the order of machines()
@@ -381,12 +381,15 @@ std::vector<UploadTarget> SitePageBackend::upload_targets() {
     });
     if (is_taken) targets.push_back({offered[i]->name, profiles_.machines()[i]});
   }
+  // A folder that is no machine's is its sender's own affair.
+  if (std::ranges::find(targets, asked, &UploadTarget::asked) != targets.end())
+    std::erase_if(targets, [&](const UploadTarget& target) { return target.asked != asked; });
   return targets;
 }
 
-Result<std::string> SitePageBackend::take_file(std::string_view name, std::string_view bytes, bool start,
-                                               std::string_view who) {
-  return make_job(write_upload(folder_, upload_targets(), name, std::as_bytes(std::span{bytes}), start, who));
+Result<std::string> SitePageBackend::take_file(std::string_view folder, std::string_view name, std::string_view bytes,
+                                               bool start, std::string_view who) {
+  return make_job(write_upload(folder_, upload_targets(folder), name, std::as_bytes(std::span{bytes}), start, who));
 }
 
 Result<std::string> SitePageBackend::print_again(std::string_view id, std::string_view who) {

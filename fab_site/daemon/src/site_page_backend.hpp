@@ -76,7 +76,7 @@ class SitePageBackend final : public PageBackend {
   Result<void> act(std::string_view id, JobCommand action, std::string_view who) override;
   Result<void> approve(std::string_view id, std::string_view although, std::string_view who) override;
   Result<void> clear_platform(std::string_view machine, std::string_view who) override;
-  Result<std::string> take_file(std::string_view name, std::string_view bytes, bool start,
+  Result<std::string> take_file(std::string_view folder, std::string_view name, std::string_view bytes, bool start,
                                 std::string_view who) override;
   Result<std::string> print_again(std::string_view id, std::string_view who) override;
   std::optional<MachineMoment> moment(std::string_view machine) override { return asker_.moment(machine); }
@@ -90,7 +90,7 @@ class SitePageBackend final : public PageBackend {
 
  private:
   /// What uploads may be for: every machine and profile that some machine of the fab would take a job for.
-  [[nodiscard]] std::vector<UploadTarget> upload_targets();
+  [[nodiscard]] std::vector<UploadTarget> upload_targets(std::string_view asked);
   /// The job whose folder was written; its id.
   [[nodiscard]] Result<std::string> make_job(const Result<NewJob>& written);
   struct LayerImages {

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cmath>
+#include <set>
 #include <telefab/base/file.hpp>
 #include <telefab/base/secret.hpp>
 #include <telefab/codec/tfc_file.hpp>
@@ -74,76 +75,155 @@ Result<void> write_layers(const std::filesystem::path& folder, const Offer& offe
 
 /// What is in a file, and for which of the machines.
 struct Given {
-  std::string asked;  ///< as UploadTarget has it
-  MachineProfile machine;
-  LayerStack stack;
-  bool has_masks = false;
+  const UploadTarget* target = nullptr;
+  std::optional<LayerStack> stack;  ///< none: masks, which are traced when they are planned
 };
 
 Result<Given> given_by_tfc(std::span<const std::byte> bytes, const std::vector<UploadTarget>& targets) {
   auto stack = read_tfc(bytes);
   if (!stack) return tl::unexpected{stack.error()};
-  std::vector<MachineProfile> machines;
-  for (const UploadTarget& target : targets) machines.push_back(target.machine);
-  if (auto known = find_machine(machines, stack->header().machine); !known) return tl::unexpected{known.error()};
-  Result<void> fits;
+  Result<void> fits = fail(ErrorCode::NotFound, "");
+  std::vector<std::string> names;
   for (const UploadTarget& target : targets) {
+    names.push_back(target.machine.name);
     if (target.machine.name != stack->header().machine) continue;
     fits = check_fits(stack->header(), target.machine);
-    if (fits) return Given{target.asked, target.machine, std::move(*stack), false};
+    if (fits) return Given{&target, std::move(*stack)};
   }
-  return tl::unexpected{fits.error()};
+  if (fits.error().code != ErrorCode::NotFound) return tl::unexpected{fits.error()};
+  return fail(ErrorCode::InvalidInput, fmt::format("no machine named {} takes jobs here; there are: {}",
+                                                   stack->header().machine, fmt::join(names, ", ")));
 }
 
-/// The first machine that it fits; the reasons of the others where it fits none.
-Result<Given> given_by_others(std::span<const std::byte> bytes, const std::vector<UploadTarget>& targets,
-                              std::string_view name) {
-  const auto kept = std::make_shared<const std::vector<std::byte>>(bytes.begin(), bytes.end());
-  std::optional<Error> why;
-  for (const auto& [asked, machine] : targets) {
-    auto print = read_foreign_print(kept, machine, name, {}, {});
-    if (print) return Given{asked, machine, std::move(print->stack), print->ready != nullptr};
+/// Why a file fits none of the machines, their reasons one after the other.
+class Reasons {
+ public:
+  void add(const Error& why) {
     // What is wrong with the file itself is so for every machine.
-    if (!why || print.error().what != why->what)
-      why = why ? Error{why->code, why->what + "; " + print.error().what} : print.error();
+    if (!why_)
+      why_ = why;
+    else if (why.what != why_->what)
+      why_->what += "; " + why.what;
   }
-  if (!why) return fail(ErrorCode::Conflict, "this fab has no machine");
-  return tl::unexpected{*why};
+  [[nodiscard]] tl::unexpected<Error> error() const {
+    return tl::unexpected{why_.value_or(Error{ErrorCode::Conflict, "this fab has no machine"})};
+  }
+
+ private:
+  std::optional<Error> why_;
+};
+
+/// Of several profiles that masks fit, the one whose printer the file names.
+Result<Given> chosen_by_model(const std::vector<const UploadTarget*>& fitting, const std::string& model) {
+  std::set<std::string> all, named;
+  const UploadTarget* first_named = nullptr;
+  for (const UploadTarget* target : fitting) {
+    all.insert(target->machine.name);
+    if (model.empty() || target->machine.file.model != model) continue;
+    named.insert(target->machine.name);
+    if (first_named == nullptr) first_named = target;
+  }
+  if (all.size() == 1) return Given{fitting.front(), {}};
+  if (named.size() == 1) return Given{first_named, {}};
+  return fail(
+      ErrorCode::InvalidInput,
+      fmt::format("it fits {}, and {}; send it into a folder named as the one that is meant, such as {}/FILE, or "
+                  "state in their profiles which printer they are (file.model)",
+                  fmt::join(all, " and "),
+                  model.empty() ? "names no printer"
+                                : fmt::format("the printer that it names, {}, is {}", model,
+                                              named.empty() ? "none of them" : "several of them"),
+                  *all.begin()));
+}
+
+/// Their head alone is read: tracing all pixels takes a planner's time.
+Result<Given> given_by_masks(const FileBytes& bytes, const std::vector<UploadTarget>& targets) {
+  Reasons reasons;
+  std::vector<const UploadTarget*> fitting;
+  for (const UploadTarget& target : targets) {
+    const auto ready = ready_for(bytes, target.machine);
+    if (ready)
+      fitting.push_back(&target);
+    else
+      reasons.add(ready.error());
+  }
+  if (fitting.empty()) return reasons.error();
+  const auto file = read_sliced_file(*bytes);
+  if (!file) return tl::unexpected{file.error()};
+  return chosen_by_model(fitting, (*file)->job().model);
+}
+
+/// The first machine that contours of another program fit.
+Result<Given> given_by_contours(const FileBytes& bytes, const std::vector<UploadTarget>& targets,
+                                std::string_view name) {
+  Reasons reasons;
+  for (const UploadTarget& target : targets) {
+    auto print = read_foreign_print(bytes, target.machine, name, {}, {});
+    if (print) return Given{&target, std::move(print->stack)};
+    reasons.add(print.error());
+  }
+  return reasons.error();
+}
+
+Result<Given> given_by(std::span<const std::byte> bytes, const std::vector<UploadTarget>& targets,
+                       std::string_view name) {
+  if (is_tfc(bytes) || !is_foreign_print(bytes)) return given_by_tfc(bytes, targets);
+  const auto kept = std::make_shared<const std::vector<std::byte>>(bytes.begin(), bytes.end());
+  return sliced_format_of(bytes) ? given_by_masks(kept, targets) : given_by_contours(kept, targets, name);
+}
+
+Offer offer_of(const NewJob& job, const MachineProfile& machine, const StackHeader& header) {
+  return {*job.id,
+          job.name,
+          job.machine,
+          job.parameters,
+          digest_of_profile(machine),
+          header,
+          static_cast<std::uint32_t>(Coding::Exact),
+          job.owner,
+          {},
+          {}};
 }
 
 }  // namespace
 
 Result<NewJob> write_upload(const DataFolder& data, const std::vector<UploadTarget>& targets, std::string_view name,
                             std::span<const std::byte> bytes, bool start, std::string_view who) {
-  const auto given =
-      is_tfc(bytes) || !is_foreign_print(bytes) ? given_by_tfc(bytes, targets) : given_by_others(bytes, targets, name);
+  const auto given = given_by(bytes, targets, name);
   if (!given) return fail_in(std::string{name}, given.error());
   const auto id = fresh_id();
   if (!id) return tl::unexpected{id.error()};
   const auto folder = data.job(*id);
   if (!folder) return tl::unexpected{folder.error()};
-  const std::string kept_name{name.substr(0, kLongestName)};
-  const std::string parameters = fmt::format(R"({{"upload_sha256":"{}"}})", to_hex(digest_of(bytes)));
-  const Offer offer{*id,
-                    kept_name,
-                    given->asked,
-                    parameters,
-                    digest_of_profile(given->machine),
-                    given->stack.header(),
-                    static_cast<std::uint32_t>(Coding::Exact),
-                    std::string{who},
-                    {},
-                    {}};
-  Result<void> written;
-  if (given->has_masks) written = write_file_atomically(*folder / kReadyFile, bytes);
-  if (written) written = write_layers(*folder, offer, given->stack);
+  const NewJob job{*id, std::string{name.substr(0, kLongestName)}, given->target->asked,
+                   fmt::format(R"({{"upload_sha256":"{}"}})", to_hex(digest_of(bytes))), std::string{who}};
+  Result<void> written =
+      given->stack ? write_layers(*folder, offer_of(job, given->target->machine, given->stack->header()), *given->stack)
+                   : write_file_atomically(*folder / kReadyFile, bytes);
   if (written && !start) written = hold_for_approval(*folder);
   if (!written) {
     std::error_code ignored;  // the reason is the error that is told
     std::filesystem::remove_all(*folder, ignored);
     return tl::unexpected{written.error()};
   }
-  return NewJob{*id, kept_name, given->asked, parameters, std::string{who}};
+  return job;
+}
+
+Result<void> trace_masks(const std::filesystem::path& folder, const Job& job, const MachineProfile& machine,
+                         const std::stop_token& stop) {
+  if (const auto traced = Intake::reopen(folder); traced && traced->is_complete()) return {};
+  const auto ready = ready_print_in(folder, machine);
+  if (!ready) return tl::unexpected{ready.error()};
+  const auto stack = outlines_of(**ready, machine, job.name, {}, stop);
+  if (!stack) return tl::unexpected{stack.error()};
+  // What a start before this one left of them is not the end of these.
+  std::error_code error;
+  std::filesystem::remove_all(folder / "chunks", error);
+  if (!error) std::filesystem::remove(folder / "offer", error);
+  if (error)
+    return fail(ErrorCode::StorageFailed, fmt::format("cannot clear {}: {}", folder.string(), error.message()));
+  return write_layers(
+      folder, offer_of({job.id, job.name, job.machine, job.parameters, job.owner}, machine, stack->header()), *stack);
 }
 
 Result<NewJob> write_again(const DataFolder& data, const Job& job, std::string_view who) {

@@ -147,7 +147,8 @@ WebResponse octoprint_upload(const WebRequest& request, PageBackend& backend, co
   });
   if (file == fields->end()) return octoprint_problem(400, "the form has no field \"file\" with a file in it");
   const bool is_to_print = is_yes(value_of(*fields, "print"));
-  const auto job = take_upload(backend, file->file_name, file->content, is_to_print, who);
+  const std::string path = fmt::format("{}/{}", value_of(*fields, "path"), base_name(file->file_name));
+  const auto job = take_upload(backend, path, file->content, is_to_print, who);
   if (!job) return octoprint_problem(job.error().status, job.error().what);
   const std::string name{base_name(file->file_name)};
   WebResponse made = with(201, {{"files",

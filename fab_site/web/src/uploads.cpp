@@ -49,12 +49,24 @@ std::string_view base_name(std::string_view path) {
   return slash == std::string_view::npos ? path : path.substr(slash + 1);
 }
 
+namespace {
+
+/// The folder that the file lies in, without those above; empty: none.
+std::string_view folder_of(std::string_view path) {
+  auto slash = path.find_last_of("/\\");
+  if (slash == std::string_view::npos) return {};
+  while (slash > 0 && (path[slash - 1] == '/' || path[slash - 1] == '\\')) --slash;
+  return base_name(path.substr(0, slash));
+}
+
+}  // namespace
+
 tl::expected<std::string, UploadRefusal> take_upload(PageBackend& backend, std::string_view path,
                                                      std::string_view bytes, bool start, std::string_view who) {
   const std::string name{base_name(path)};
   if (!is_file_name(name)) return tl::unexpected{UploadRefusal{400, "the file's name cannot be kept; rename it"}};
   if (!ends_with_one_of(name, kAccepted)) return tl::unexpected{UploadRefusal{415, not_taken(name)}};
-  auto job = backend.take_file(name, bytes, start, who);
+  auto job = backend.take_file(folder_of(path), name, bytes, start, who);
   if (!job) return tl::unexpected{UploadRefusal{web_problem(job.error()).status, job.error().what}};
   return std::move(*job);
 }

@@ -15,11 +15,11 @@ struct UploadRefusal {
   std::string what;
 };
 
-/// The last part of a path of either kind: a fab keeps no folders.
+/// The last part of a path of either kind.
 [[nodiscard]] std::string_view base_name(std::string_view path);
 
-/// Makes a job of a file, `path` being what its sender calls it; the job's id. Printed as soon as it is planned where
-/// `start` and nothing holds it, else it waits for approval.
+/// Makes a job of a file, `path` being what its sender calls it, with the folder that may name a machine; the job's id.
+/// Printed as soon as it is planned where `start` and nothing holds it, else it waits for approval.
 [[nodiscard]] tl::expected<std::string, UploadRefusal> take_upload(PageBackend& backend, std::string_view path,
                                                                    std::string_view bytes, bool start,
                                                                    std::string_view who);

@@ -88,6 +88,56 @@ TEST_F(ForeignFiles, OfMasksArePrintedPixelForPixelOnceSomebodyHasApprovedThem) 
   EXPECT_EQ(job_in("done")["id"], job);
 }
 
+TEST_F(ForeignFiles, OfMasksThatFitSeveralProfilesGoToTheOneWhosePrinterTheyNameOrToTheFolderOfOne) {
+  const fs::path machines = folder() / "machines";
+  const std::string toy = text_of(machines / "toy.toml");
+  const auto write = [&](const std::string& name, const std::string& model) {
+    std::string profile = toy;
+    profile.replace(profile.find("\"toy\""), 5, "\"" + name + "\"");
+    std::ofstream{machines / (name + ".toml")} << profile << "[file]\nkind = \"goo\"\nmodel = \"" << model << "\"\n";
+  };
+  std::ofstream{machines / "toy.toml"} << toy << "[file]\nkind = \"goo\"\nmodel = \"Printer B\"\n";
+  const fs::path goo = written("goo");  // for Printer B
+  fs::remove(machines / "toy.toml");
+  write("first", "Printer A");
+  write("second", "Printer B");
+  write("third", "Printer C");
+  start_fab({"--web", "127.0.0.1:0"});
+  EXPECT_THAT(sent(goo, "named.goo"), HasSubstr("HTTP/1.1 201"));
+  EXPECT_THAT(sent(goo, "third/asked.goo"), HasSubstr("HTTP/1.1 201"));
+  EXPECT_THAT(sent(goo, "parts/of-june/folder.goo"), HasSubstr("HTTP/1.1 201")) << "a folder of its sender's own";
+  std::map<std::string, std::string> machine_of;
+  for (const json& job : jobs()) machine_of[job["name"]] = job["machine"];
+  EXPECT_EQ(machine_of["named.goo"], "second");
+  EXPECT_EQ(machine_of["asked.goo"], "third");
+  EXPECT_EQ(machine_of["folder.goo"], "second");
+  kill_fab();
+  write("second", "Printer D");
+  start_fab({"--web", "127.0.0.1:0"});
+  const std::string refused = sent(goo, "nobodys.goo");
+  EXPECT_THAT(refused, HasSubstr("HTTP/1.1 400"));
+  EXPECT_THAT(refused, HasSubstr("first and second and third"));
+  EXPECT_THAT(sent(goo, "second/again.goo"), HasSubstr("HTTP/1.1 201"));
+}
+
+TEST_F(ForeignFiles, OfMasksAreTracedByThePlannerAlsoWhereTheFabIsKilledBefore) {
+  start_fab({"--web", "127.0.0.1:0"});
+  const fs::path goo = written("goo");
+  EXPECT_THAT(sent(goo, "torus.goo"), HasSubstr("HTTP/1.1 201"));
+  kill_fab();
+  const std::string job = [&] {
+    for (const auto& each : fs::directory_iterator{folder() / "fab" / "jobs"}) return each.path().filename().string();
+    return std::string{};
+  }();
+  // As it is killed before a layer is traced.
+  fs::remove_all(folder() / "fab" / "jobs" / job / "chunks");
+  fs::remove_all(folder() / "fab" / "jobs" / job / "offer");
+  start_fab({"--web", "127.0.0.1:0"});
+  const json planned = job_in("awaiting-approval");
+  EXPECT_EQ(planned["id"], job);
+  EXPECT_GT(planned["layers"], 0);
+}
+
 TEST_F(ForeignFiles, OfContoursArePlannedAsAnyOthers) {
   start_fab({"--web", "127.0.0.1:0"});
   EXPECT_THAT(sent(written("svg"), "torus.svg"), HasSubstr("HTTP/1.1 201"));

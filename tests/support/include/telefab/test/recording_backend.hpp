@@ -68,8 +68,9 @@ class RecordingBackend : public PageBackend {
     cleared.emplace_back(machine);
     return {};
   }
-  [[nodiscard]] Result<std::string> take_file(std::string_view name, std::string_view tfc, bool start,
-                                              std::string_view) override {
+  [[nodiscard]] Result<std::string> take_file(std::string_view folder, std::string_view name, std::string_view tfc,
+                                              bool start, std::string_view) override {
+    folders.emplace_back(folder);
     if (tfc.empty()) return fail(ErrorCode::InvalidInput, "this is not a .tfc file");
     files.push_back({std::string{name}, std::string{tfc}, start});
     return std::string{"u1"};
@@ -120,6 +121,7 @@ class RecordingBackend : public PageBackend {
   std::vector<std::string> cleared;                             ///< machines
   std::vector<File> files;
   int printed_again = 0;
+  std::vector<std::string> folders;  ///< of the files
 
  private:
   static JobView view() {

@@ -102,10 +102,11 @@ class PageBackend {
   /// The platform of the machine was emptied. Conflict: it is empty already, or its part is still being made.
   [[nodiscard]] virtual Result<void> clear_platform(std::string_view machine, std::string_view who) = 0;
   /// Makes a job of the bytes of a file of an accepted kind (accepted_endings), judged by name and content; its id.
-  /// Printed as soon as it is planned where `start`, else it waits for approval. `who` owns it. InvalidInput: not what
-  /// its name says, damaged, or for a machine this fab has not.
-  [[nodiscard]] virtual Result<std::string> take_file(std::string_view name, std::string_view bytes, bool start,
-                                                      std::string_view who) = 0;
+  /// Printed as soon as it is planned where `start`, else it waits for approval. `who` owns it. `folder`: that its
+  /// sender put it in; one that is named as a machine, or a profile, asks for that. InvalidInput: not what its name
+  /// says, damaged, for a machine this fab has not, or for any of several profiles.
+  [[nodiscard]] virtual Result<std::string> take_file(std::string_view folder, std::string_view name,
+                                                      std::string_view bytes, bool start, std::string_view who) = 0;
   /// Makes a new job of the layers of another, as they are and for what it was for; its id. It waits for approval and
   /// is `who`'s. Conflict: not all of its layers are here.
   [[nodiscard]] virtual Result<std::string> print_again(std::string_view id, std::string_view who) = 0;
