@@ -107,6 +107,24 @@ TEST_F(Machines, ArePausedResumedAndCancelledOneByOne) {
   expect_whole(paused);
 }
 
+TEST_F(Machines, WhosePlatformWasClearedAreNotOccupiedAgainAfterARestart) {
+  // Begun before the machine had a name of its own, so that its platform is kept under that of its profile.
+  set_machine(5000);
+  start_fab({"--platform", "cleared-by-operator"});
+  start_scan();
+  const std::string job = submit_for("toy", "2");
+  expect_done(job);
+  kill_fab();
+  write_list({"a"});
+  start_fab(with_list({"--platform", "cleared-by-operator"}));
+  EXPECT_EQ(state_of("a"), "occupied");
+  EXPECT_EQ(at_fab({"cleared", "a", "--who", "ana"}).code, 0) << says();
+  EXPECT_EQ(state_of("a"), "idle");
+  kill_fab();
+  start_fab(with_list({"--platform", "cleared-by-operator"}));
+  EXPECT_EQ(state_of("a"), "idle") << says();
+}
+
 TEST_F(Machines, WaitEachForItsOwnPlatform) {
   set_machine(5000);
   write_list({"a", "b"});

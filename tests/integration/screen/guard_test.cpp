@@ -239,6 +239,30 @@ TEST(GuardedScreen, IsDarkenedWhereItsGuardHangs) {
   EXPECT_TRUE(screen.is_black());
 }
 
+TEST(GuardedScreen, HasAGuardOfAnotherProcessGroupSoThatAKeyAtTheTerminalEndsItNot) {
+  FileScreen screen;
+  SystemClock clock;
+  const auto projector = open_on(screen, clock);
+  ASSERT_TRUE(projector) << projector.error().what;
+  const pid_t guard = guard_of_ours();
+  if (guard <= 0) GTEST_SKIP() << "this kernel does not list children";
+  EXPECT_NE(::getpgid(guard), ::getpgrp());
+}
+
+TEST(GuardedScreen, IsRefusedOnAFramebufferOnWhichAnotherProgramShowsItsMasks) {
+  FileScreen screen;
+  SystemClock clock;
+  {
+    const auto first = open_on(screen, clock);
+    ASSERT_TRUE(first) << first.error().what;
+    const auto second = open_guarded_display(screen.settings(), guard_program(), clock);
+    ASSERT_FALSE(second);
+    EXPECT_THAT(second.error().what, HasSubstr("another program shows its masks on"));
+  }
+  const auto next = open_guarded_display(screen.settings(), guard_program(), clock);
+  EXPECT_TRUE(next) << next.error().what;
+}
+
 TEST(GuardedScreen, NamesWhatIsWrongWithAFramebuffer) {
   SystemClock clock;
   const auto refused = [&](ScreenSettings settings) {

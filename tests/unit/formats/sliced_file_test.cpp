@@ -197,6 +197,15 @@ TEST_F(SlicedFiles, RefuseAnSl1ArchiveThatIsNoJobAndSayWhy) {
   EXPECT_THAT(refusal(archive), HasSubstr("coloured"));
 }
 
+TEST_F(SlicedFiles, RefuseAnArchiveWhoseTextUnpacksToMoreThanIsEverParsed) {
+  Entries archive = prusa_archive();
+  archive["config.ini"] += "; " + std::string(8U << 20U, 'x') + "\n";
+  EXPECT_THAT(refusal(archive), HasSubstr("config.ini unpacks to"));
+  archive = prusa_archive();
+  archive["config.ini"] += "; " + std::string(7U << 20U, 'x') + "\n";
+  EXPECT_EQ(refusal(archive), "read");
+}
+
 TEST_F(SlicedFiles, RefuseANanoDlpArchiveThatIsNoJobAndSayWhy) {
   (void)written(MaskFormat::NanoDlp, plan_of(machine, masks));
   const Entries whole = telefab::test::zip_entries(folder / "x");

@@ -105,6 +105,24 @@ TEST(ReadyPrint, IsPlannedWithItsOwnPixelsTimesMotionAndHeights) {
   EXPECT_TRUE(made.summary->check.passes());
 }
 
+TEST(ReadyPrint, IsRefusedWithPixelsThatNoLightWouldReachAndTakenWithABlackLayerWithoutLight) {
+  const MachineProfile machine = test::small_machine();
+  const auto error_of = [&](std::vector<std::vector<Box>> layers) {
+    auto print = print_of(machine, std::move(layers));
+    print->layers[2].exposure = 0s;
+    const auto stack = outlines_of(*print, machine, "boxes.sl1", {}, {});
+    EXPECT_TRUE(stack) << stack.error().what;
+    const VirtualClock clock;
+    const auto summary = plan_job(*stack, machine, as_it_is(print),
+                                  [](const PlannedImage&) -> Result<void> { return {}; }, clock, {}, {});
+    return summary ? std::string{} : summary.error().what;
+  };
+  EXPECT_THAT(error_of(steps()), HasSubstr("layer 2 has pixels to light and an exposure of 0 s"));
+  auto black = steps();
+  black[2].clear();
+  EXPECT_EQ(error_of(black), "");
+}
+
 TEST(ReadyPrint, IsPassedWhereNothingFloatsAndSaysWhoMadeIt) {
   const auto made = planned(steps());
   const auto item = std::ranges::find(made.preflight.items, "file", &PreflightItem::name);

@@ -83,6 +83,32 @@ TEST_F(OctoPrintTest, PausesAndCancelsTheJobOnTheMachine) {
   EXPECT_EQ(backend.actions[2].second, JobCommand::Cancel);
 }
 
+/// Two machines print.
+class TwoPrints final : public RecordingBackend {
+ public:
+  Result<std::vector<JobView>> jobs() override {
+    auto list = RecordingBackend::jobs();
+    if (!list) return list;
+    JobView other = list->front();
+    other.id = "job-other";
+    other.state = JobState::Paused;
+    list->push_back(std::move(other));
+    return list;
+  }
+};
+
+TEST_F(OctoPrintTest, RefusesACommandThatCouldMeanOneOfSeveralPrints) {
+  TwoPrints two;
+  for (const char* body : {R"({"command":"pause","action":"pause"})", R"({"command":"pause","action":"resume"})",
+                           R"({"command":"cancel"})"}) {
+    const WebResponse refused =
+        answer({"POST", "/api/job", "Bearer secret", "application/json", body}, two, sign_in, options);
+    EXPECT_EQ(refused.status, 409U) << body;
+    EXPECT_THAT(refused.body, HasSubstr("several machines"));
+  }
+  EXPECT_THAT(two.actions, IsEmpty());
+}
+
 TEST_F(OctoPrintTest, TakesAResumeOfARunningPrintForDone) {
   EXPECT_EQ(post("/api/job", R"({"command":"pause","action":"resume"})").status, 204U);
   EXPECT_THAT(backend.actions, IsEmpty());
