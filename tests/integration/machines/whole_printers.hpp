@@ -37,7 +37,7 @@ class WholePrinters : public SeveralMachines {
     words.insert(words.end(), more.begin(), more.end());
     printer_ = std::make_unique<Process>(words);
     const std::string line = printer_->read_line();
-    static const std::regex ports{R"(.* on 127\.0\.0\.1:(\d+), asked who is there at UDP \d+)"};
+    static const std::regex ports{R"(.* on 127\.0\.0\.1:(\d+), asked who is there at UDP (\d+))"};
     std::smatch found;
     ASSERT_TRUE(std::regex_match(line, found, ports)) << line;
     port_ = found[1];

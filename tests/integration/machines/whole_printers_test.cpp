@@ -132,22 +132,20 @@ TEST_F(WholePrinters, WhoseJournalIsDamagedStartNothingUntilSomebodyHasLooked) {
   expect_once();
 }
 
-TEST_F(WholePrinters, AreStoppedByACancelThatIsGivenWhileNobodyWatchesThem) {
-  start_printer("0.5");
+TEST_F(WholePrinters, ThatWereNotInTheListForAWhileAreWatchedAgainAndObey) {
+  start_printer("0.8");
   write_whole_list();
   start_sites();
   const std::string job = submit_for("toy", "4");
   ASSERT_TRUE(await([&] { return has_step(job, "started"); })) << says();
-  // The machine of that name answers as another board, so that the print is not watched.
   kill_fab();
-  std::string list = text_of(folder() / "fab.toml");
-  list.replace(list.find("1d354"), 5, "1d355");
-  std::ofstream{folder() / "fab.toml"} << list;
+  write_list({"own"});
   start_fab(with_list());
   await_state(job, "paused");
+  EXPECT_THAT(message_of(job), HasSubstr("saturn"));
   kill_fab();
   write_whole_list();
-  start_fab(with_list());  // it is watched again, by itself
+  start_fab(with_list());
   await_state(job, "printing");
   ASSERT_EQ(at_fab({"cancel", job, "--who", "ana"}).code, 0) << says();
   await_state(job, "cancelled");
