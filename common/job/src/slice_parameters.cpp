@@ -104,9 +104,11 @@ const std::array kTable{
                    .example = "-10,-10,0,10,10,25.5"},
     SliceParameter{.key = "pieces",
                    .field = &P::pieces,
-                   .help = "all | largest | N: keep so many of the largest pieces, without the ground they stand on",
+                   .help =
+                       "all | largest | N: keep so many of the largest pieces, without the ground they stand on; or "
+                       "only:N,M,...: those of these numbers, 1 being the largest",
                    .fallback = "all",
-                   .form = "all | largest | N",
+                   .form = "all | largest | N | only:N,M,...",
                    .example = "2"},
     SliceParameter{.key = "sample_faces",
                    .field = &P::sample_faces,

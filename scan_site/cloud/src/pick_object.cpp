@@ -19,10 +19,11 @@ constexpr double kFlat = 1e-9;            ///< least over all of the scatter of 
 constexpr std::size_t kNeighbours = 16;   ///< as the normals want them
 constexpr std::size_t kLeastPiece = 30, kMostSpeck = 100;  ///< a piece has so many points, or this share of all,
 constexpr double kSpeckShare = 0.001;
-constexpr double kMostStrays = 0.25;    ///< where strays would be more, the cloud is sparse and none is one
-constexpr std::size_t kSceneParts = 8;  ///< a scene has so many pieces,
-constexpr double kScenePiece = 0.9;     ///< the largest of which holds less than this share
-constexpr double kSmallPiece = 0.05;    ///< of the points; a smaller one that sets the size is named
+constexpr double kMostStrays = 0.25;        ///< where strays would be more, the cloud is sparse and none is one
+constexpr std::size_t kMostNumbers = 1000;  ///< of pieces that are picked one by one
+constexpr std::size_t kSceneParts = 8;      ///< a scene has so many pieces,
+constexpr double kScenePiece = 0.9;         ///< the largest of which holds less than this share
+constexpr double kSmallPiece = 0.05;        ///< of the points; a smaller one that sets the size is named
 constexpr double kMuchLarger = 1.25;
 
 Box3 box_of(const PointCloud& cloud, std::span<const std::uint32_t> points) {
@@ -137,8 +138,8 @@ class Picker {
     std::vector<bool> on_ground(cloud_.size(), false);
     const auto ground = find_ground(cloud_.points, *graph_);
     if (!ground) return on_ground;
-    report_.ground = StandingGround{ground->share, ground->up, options_.pieces > 0};
-    if (options_.pieces == 0) return on_ground;
+    report_.ground = StandingGround{ground->share, ground->up, is_choosing()};
+    if (!is_choosing()) return on_ground;
     for (std::size_t i = 0; i < cloud_.size(); ++i)
       on_ground[i] = std::abs((cloud_.points[i].cast<double>() - ground->place).dot(ground->up)) < ground->thickness;
     return on_ground;
@@ -161,10 +162,16 @@ class Picker {
     for (const std::uint32_t p : by_size(map)) {
       const bool is_piece = map.size[p] >= least;
       if (!is_piece && drop) continue;
-      chosen[p] = options_.pieces == 0 || (is_piece && count < options_.pieces);
+      if (!options_.only.empty())
+        chosen[p] = is_piece && std::ranges::binary_search(options_.only, static_cast<std::uint32_t>(count + 1));
+      else
+        chosen[p] = options_.pieces == 0 || (is_piece && count < options_.pieces);
       if (is_piece) ++count;
     }
-    if (options_.pieces > 0 && count == 0)
+    if (!options_.only.empty() && options_.only.back() > count)
+      return fail(ErrorCode::InvalidInput,
+                  fmt::format("there is no piece {}: without its ground the scan has {}", options_.only.back(), count));
+    if (is_choosing() && count == 0)
       return fail(ErrorCode::InvalidInput, "no piece of the scan has enough points to be one; give --pieces all");
     for (std::size_t i = 0; i < cloud_.size(); ++i) {
       const bool wanted = chosen[map.of[i]] && !on_ground[i];
@@ -176,6 +183,9 @@ class Picker {
     list_pieces(map, chosen, least);
     return {};
   }
+
+  /// Between pieces, so that what they stand on joins none of them.
+  [[nodiscard]] bool is_choosing() const { return options_.pieces > 0 || !options_.only.empty(); }
 
   void list_pieces(const PieceMap& map, const std::vector<bool>& chosen, std::size_t least) {
     std::vector<std::vector<std::uint32_t>> members(map.size.size());
@@ -255,8 +265,32 @@ Result<std::uint32_t> pieces_from(std::string_view text) {
   const auto [after, fault] = std::from_chars(text.data(), text.data() + text.size(), count);
   if (fault != std::errc{} || after != text.data() + text.size() || count == 0)
     return fail(ErrorCode::InvalidInput,
-                fmt::format("pieces are all, largest, or how many of the largest; not \"{}\"", text.substr(0, 40)));
+                fmt::format("pieces are all, largest, how many of the largest, or only:N,M,...; not \"{}\"",
+                            text.substr(0, 40)));
   return count;
+}
+
+Result<std::vector<std::uint32_t>> piece_numbers_from(std::string_view text) {
+  std::vector<std::uint32_t> numbers;
+  const auto wrong = [&] {
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("pieces by number are only:N,M,... from 1, the largest; not \"{}\"", text.substr(0, 40)));
+  };
+  if (!text.starts_with(kOnlyPieces)) return wrong();
+  const char* at = text.data() + kOnlyPieces.size();
+  const char* const end = text.data() + text.size();
+  while (true) {
+    std::uint32_t number = 0;
+    const auto [after, fault] = std::from_chars(at, end, number);
+    if (fault != std::errc{} || number == 0 || numbers.size() == kMostNumbers) return wrong();
+    numbers.push_back(number);
+    if (after == end) break;
+    if (*after != ',') return wrong();
+    at = after + 1;
+  }
+  std::ranges::sort(numbers);
+  numbers.erase(std::unique(numbers.begin(), numbers.end()), numbers.end());
+  return numbers;
 }
 
 Result<PickResult> pick_object(PointCloud cloud, const PickOptions& options, std::stop_token stop) {

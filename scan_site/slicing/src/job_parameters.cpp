@@ -41,6 +41,12 @@ Result<void> read_up(const std::optional<std::string>& word, PlacementOptions& p
   return {};
 }
 
+/// So many of the largest, or some by their numbers.
+Result<void> read_pieces(const std::optional<std::string>& word, PickOptions& pick) {
+  if (word && word->starts_with(kOnlyPieces)) return take(word, piece_numbers_from, pick.only);
+  return take(word, pieces_from, pick.pieces);
+}
+
 Result<void> take_words(const SliceParameters& asked, SliceRequest& slice) {
   if (auto ok = take(asked.units, millimetres_per, slice.placement.unit_mm); !ok) return ok;
   if (auto ok = read_up(asked.up, slice.placement); !ok) return ok;
@@ -51,7 +57,7 @@ Result<void> take_words(const SliceParameters& asked, SliceRequest& slice) {
   if (auto ok = take(asked.method, trace_method_from, slice.method); !ok) return ok;
   if (auto ok = take(asked.surface, surface_kind_from, slice.mls.surface); !ok) return ok;
   if (auto ok = take(asked.crop, crop_box_from, slice.intake.pick.crop); !ok) return ok;
-  if (auto ok = take(asked.pieces, pieces_from, slice.intake.pick.pieces); !ok) return ok;
+  if (auto ok = read_pieces(asked.pieces, slice.intake.pick); !ok) return ok;
   slice.intake.sample_faces = asked.sample_faces;
   if (asked.complete)
     if (auto ok = complete_gaps_as(*asked.complete, slice); !ok) return ok;

@@ -102,6 +102,14 @@ TEST(PickObject, KeepsEveryPieceAndChoosesTheLargestWhenAsked) {
   EXPECT_EQ(all.report.pieces[1].points, 300U);
   EXPECT_THAT(sentences_of(all.report).at(0), HasSubstr("a piece of 60 points"));
   EXPECT_EQ(picked(cloud, {.pieces = 1}).cloud.size(), 2500U);
+  const PickResult second = picked(cloud, {.only = {2}});
+  EXPECT_EQ(second.cloud.size(), 300U) << "the second largest alone";
+  EXPECT_TRUE(second.report.pieces[1].kept);
+  EXPECT_FALSE(second.report.pieces[0].kept);
+  EXPECT_EQ(picked(cloud, {.only = {1, 2}}).cloud.size(), 2800U);
+  const auto none = pick_object(cloud, {.only = {1, 9}}, {});
+  ASSERT_FALSE(none);
+  EXPECT_THAT(none.error().what, testing::HasSubstr("no piece 9"));
   EXPECT_EQ(picked(cloud, {.pieces = 2}).cloud.size(), 2800U);
   const PickResult one = picked(cloud, {.pieces = 1});
   EXPECT_EQ(one.report.in_other_pieces, 360U);
@@ -217,6 +225,10 @@ TEST(CropBox, IsReadFromTextOrRefused) {
   EXPECT_EQ(box->max, Vec3(10, 2, 10));
   for (const char* text : {"", "1,2,3", "1,2,3,4,5,6,7", "a,2,3,4,5,6", "1;2;3;4;5;6", "1,2,3,4,5,nan", "1,2,3,4,5,"})
     EXPECT_FALSE(crop_box_from(text)) << text;
+  EXPECT_EQ(piece_numbers_from("only:3,1,3").value(), (std::vector<std::uint32_t>{1, 3}));
+  for (const char* text :
+       {"", "only:", "only:0", "only:1,", "only:,1", "only:1;2", "only:-1", "1,2", "only:99999999999"})
+    EXPECT_FALSE(piece_numbers_from(text)) << text;
   EXPECT_EQ(pieces_from("largest").value(), 1U);
   EXPECT_EQ(pieces_from("all").value(), 0U);
   EXPECT_EQ(pieces_from("3").value(), 3U);

@@ -21,6 +21,11 @@ struct SurfaceGraph;
 /// "all" (0), "largest" (1) or how many of the largest. Fails: InvalidInput.
 [[nodiscard]] Result<std::uint32_t> pieces_from(std::string_view text);
 
+/// "only:2,5": the numbers, rising, each once. Fails: InvalidInput.
+[[nodiscard]] Result<std::vector<std::uint32_t>> piece_numbers_from(std::string_view text);
+/// What they begin with.
+inline constexpr std::string_view kOnlyPieces = "only:";
+
 /// A box in a frame of its own.
 struct FramedBox {
   Eigen::Matrix<double, 3, 4> to_frame;  ///< takes places of the cloud there
@@ -30,8 +35,10 @@ struct FramedBox {
 
 /// What of a cloud is the object.
 struct PickOptions {
-  std::optional<Box3> crop;    ///< points outside are left out first of all
-  std::uint32_t pieces = 0;    ///< so many of the largest pieces stay, and the ground they stand on goes; 0: all
+  std::optional<Box3> crop;  ///< points outside are left out first of all
+  std::uint32_t pieces = 0;  ///< so many of the largest pieces stay, and the ground they stand on goes; 0: all
+  /// The pieces of these numbers stay, rising from 1, the largest; the others and the ground go. Empty: `pieces` says.
+  std::vector<std::uint32_t> only = {};
   bool keep_outliers = false;  ///< strays stay
   /// What lies outside was found to be off the surface by whoever made one of the points; strays too.
   std::optional<FramedBox> surface_box = std::nullopt;
