@@ -31,6 +31,7 @@ std::string intake_text(const SliceRequest& r) {
   Json text{r.intake.sample_faces, r.intake.pick.pieces, !r.mls.drop_outliers, r.complete};
   if (const auto& crop = r.intake.pick.crop)
     for (const Vec3& corner : {crop->min, crop->max}) text.push_back({corner.x(), corner.y(), corner.z()});
+  for (const std::uint32_t number : r.intake.pick.only) text.push_back(number);
   text.push_back(r.most_gap_mm.value_or(0));
   text.push_back(r.thickness_mm.value_or(0));
   text.push_back(r.mls.kernel_mm.value_or(0));

@@ -8,13 +8,12 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
+#include <telefab/machine/rough_print_time.hpp>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/slicing/standings.hpp>
 
 namespace telefab::scan {
 namespace {
-
-using Seconds = std::chrono::duration<double>;
 
 constexpr std::array<std::string_view, 4> kVerdicts{"pass", "warning", "held", "not-known"};
 constexpr double kMm3PerMl = 1000;
@@ -22,19 +21,6 @@ constexpr double kMm3PerMl = 1000;
 constexpr double kTrapped_mm3 = 50;
 /// A vat is not emptied: so much of what it holds can be printed.
 constexpr double kUsableShare = 0.9;
-
-double path_s(double part_mm, double part_speed, double all_mm, double speed) {
-  if (!(speed > 0)) return 0;
-  const double slow_mm = part_speed > 0 ? std::min(part_mm, all_mm) : 0;
-  return (slow_mm > 0 ? slow_mm / part_speed : 0) + (all_mm - slow_mm) / speed;
-}
-
-double layer_s(const MachineProfile& machine, std::uint32_t print_layer) {
-  const MachineProfile::Stroke s = machine.motion.stroke_of(print_layer < machine.layers.bottom_count, false);
-  return machine.exposure_of_layer_s(print_layer) + s.wait_after_exposure_s + s.tilt_s +
-         path_s(s.peel_mm, s.peel_speed_mm_per_s, s.lift_mm, s.lift_speed_mm_per_s) + s.wait_after_lift_s +
-         path_s(s.approach_mm, s.approach_speed_mm_per_s, s.lift_mm, s.lower_speed_mm_per_s) + s.settle_s;
-}
 
 /// Where nobody asks for a size and the one it has is hardly meant.
 std::optional<std::string> unit_warning(const PreparedScan& prepared, const SliceRequest& request) {
@@ -96,20 +82,6 @@ std::vector<ForeseenItem> items_of(const PrintEstimate& e, const PreparedScan& p
 
 std::string_view name_of(Verdict verdict) { return kVerdicts[static_cast<std::size_t>(verdict) - 1]; }
 
-Seconds print_time_of(const MachineProfile& machine, std::uint32_t layers, double layer_mm) {
-  double total = 0;
-  // Layers repeat themselves once bottom and transition are over.
-  const std::uint32_t special = std::min(layers, machine.layers.bottom_count + machine.layers.transition_count + 1);
-  for (std::uint32_t k = 0; k < special; ++k) total += layer_s(machine, k);
-  if (layers > special) total += (layers - special) * layer_s(machine, special);
-  const double top_mm = machine.platform.z_travel_mm + machine.highest_lift_mm();
-  const double lower = machine.motion.lower_speed_mm_per_s;
-  if (lower > 0) total += top_mm / lower;
-  if (const double homing = machine.homing_mm_per_s(); homing > 0)
-    total += (top_mm + std::max(0.0, top_mm - layers * layer_mm)) / homing;
-  return Seconds{total};
-}
-
 Result<PrintEstimate> estimate_print(const PreparedScan& prepared, const SliceRequest& request, std::stop_token stop) {
   // As slicing does: what nobody states is asked, and not guessed.
   if (const auto warning = unit_warning(prepared, request);
@@ -127,7 +99,7 @@ Result<PrintEstimate> estimate_print(const PreparedScan& prepared, const SliceRe
   }
   estimate.layer_mm = request.layer_mm.value_or(request.machine.layers.thickness_mm);
   estimate.resin_ml = (estimate.figures.part_mm3 + estimate.figures.support_mm3) / kMm3PerMl;
-  estimate.print_time = print_time_of(request.machine, estimate.figures.layers, estimate.layer_mm);
+  estimate.print_time = rough_print_time(request.machine, estimate.figures.layers, estimate.layer_mm);
   estimate.items = items_of(estimate, prepared, request);
   return estimate;
 }

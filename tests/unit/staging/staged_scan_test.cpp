@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <telefab/machine/profile_catalogue.hpp>
+#include <telefab/machine/rough_print_time.hpp>
 #include <telefab/scan/placing/turn.hpp>
 #include <telefab/scan/staging/print_estimate.hpp>
 #include <telefab/scan/staging/staged_scan.hpp>
@@ -93,7 +94,7 @@ TEST(PrintEstimate, TellsVolumeSizeLayersAndTimeOfABall) {
   EXPECT_GE(estimate->figures.layers * estimate->layer_mm, 20);
   EXPECT_GT(estimate->figures.anchors, 0U);
   EXPECT_NEAR(estimate->resin_ml, (estimate->figures.part_mm3 + estimate->figures.support_mm3) / 1000, 1e-9);
-  EXPECT_EQ(estimate->print_time, print_time_of(request.machine, estimate->figures.layers, estimate->layer_mm));
+  EXPECT_EQ(estimate->print_time, rough_print_time(request.machine, estimate->figures.layers, estimate->layer_mm));
 }
 
 TEST(PrintEstimate, IsOfTheTurnThatIsAskedFor) {
@@ -123,10 +124,10 @@ TEST(PrintEstimate, RefusesAPartThatDoesNotFitAndOneWhoseUnitNobodyStates) {
   EXPECT_EQ(unit.error().code, ErrorCode::InvalidInput);
 }
 
-TEST(PrintTime, CountsEveryLayerAndTheBottomOnesLonger) {
+TEST(RoughPrintTime, CountsEveryLayerAndTheBottomOnesLonger) {
   const MachineProfile machine = request_for(20).machine;
-  const auto few = print_time_of(machine, 10, 0.1), more = print_time_of(machine, 110, 0.1);
-  const auto most = print_time_of(machine, 210, 0.1);
+  const auto few = rough_print_time(machine, 10, 0.1), more = rough_print_time(machine, 110, 0.1);
+  const auto most = rough_print_time(machine, 210, 0.1);
   EXPECT_GT(machine.layers.bottom_exposure_s, machine.layers.exposure_s);
   // Each hundred layers more take the same, less the way up that the stage is spared.
   EXPECT_NEAR((more - few).count(), (most - more).count(), 1e-6);

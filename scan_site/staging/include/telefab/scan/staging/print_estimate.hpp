@@ -32,11 +32,6 @@ struct PrintEstimate {
   std::vector<ForeseenItem> items;
 };
 
-/// Time of a print of so many layers by the profile's exposures and motion, the platform's way down and up included;
-/// axes that do not state their acceleration are taken as at once.
-[[nodiscard]] std::chrono::duration<double> print_time_of(const MachineProfile& machine, std::uint32_t layers,
-                                                          double layer_mm);
-
 /// Estimates a prepared scan as the request places it. Fails: InvalidInput (larger
 /// than the machine; a size that is hardly meant where nobody states a unit, as slicing refuses it), Cancelled.
 [[nodiscard]] Result<PrintEstimate> estimate_print(const PreparedScan& prepared, const SliceRequest& request,
