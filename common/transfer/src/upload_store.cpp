@@ -8,6 +8,7 @@
 #include <cerrno>
 #include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
+#include <telefab/base/json_number.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/base/text.hpp>
 #include <telefab/transfer/upload_store.hpp>
@@ -87,21 +88,20 @@ std::string about_text(const UploadPlan& plan) {
 Result<UploadPlan> plan_in(const std::filesystem::path& folder) {
   const auto bytes = read_file(folder / kAbout, kMostAbout_bytes);
   if (!bytes) return tl::unexpected{bytes.error()};
-  const auto about = json_or_discarded({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
-  const auto text = [&](const char* key) {
-    const auto found = about.is_object() ? about.find(key) : about.end();
-    return found != about.end() && found->is_string() ? found->get<std::string>() : std::string{};
-  };
   UploadPlan plan;
-  plan.name = text("name");
-  plan.owner = text("owner");
-  const auto content = digest_from_hex(text("sha256"));
-  if (!content) return tl::unexpected{content.error()};
-  plan.content = *content;
-  const auto size = about.find("size_bytes");
-  if (!is_file_name(plan.name) || size == about.end() || !size->is_number_unsigned())
-    return fail(ErrorCode::InvalidInput, "an upload says of itself what cannot be");
-  plan.size_bytes = size->get<std::uint64_t>();
+  try {
+    const auto about = parsed_json({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
+    plan.name = about.at("name").get<std::string>();
+    plan.owner = about.at("owner").get<std::string>();
+    plan.size_bytes = whole_number<std::uint64_t>(about.at("size_bytes"));
+    const auto content = digest_from_hex(about.at("sha256").get<std::string>());
+    if (!content) return tl::unexpected{content.error()};
+    plan.content = *content;
+  } catch (const nlohmann::ordered_json::exception& error) {
+    return fail(ErrorCode::InvalidInput, fmt::format("{}: {}", (folder / kAbout).string(), error.what()));
+  }
+  if (!is_file_name(plan.name))
+    return fail(ErrorCode::InvalidInput, fmt::format("{}: a name that is none", (folder / kAbout).string()));
   return plan;
 }
 
@@ -115,11 +115,11 @@ Result<std::unique_ptr<UploadStore>> UploadStore::open(std::filesystem::path fol
   std::filesystem::create_directories(folder, error);
   if (error) return fail(ErrorCode::StorageFailed, fmt::format("cannot make {}: {}", folder.string(), error.message()));
   std::unique_ptr<UploadStore> store{new UploadStore{std::move(folder), limits, clock}};
-  store->take_up();
+  store->resume_unfinished();
   return store;
 }
 
-void UploadStore::take_up() {
+void UploadStore::resume_unfinished() {
   std::error_code error;
   std::vector<std::filesystem::path> useless;
   for (const auto& entry : std::filesystem::directory_iterator{folder_, error}) {

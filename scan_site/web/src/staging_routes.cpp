@@ -2,6 +2,7 @@
 #include "staging_routes.hpp"
 
 #include <nlohmann/json.hpp>
+#include <telefab/base/json_number.hpp>
 #include <telefab/base/json_text.hpp>
 
 namespace telefab::scan {
@@ -19,16 +20,19 @@ std::optional<std::string> text_in(const ordered_json& body, const char* key) {
 }  // namespace
 
 WebResponse begin_upload(const Call& call) {
-  const ordered_json body = json_or_discarded(call.request.body);
-  constexpr const char* kWanted = R"(the body is {"name":"FILE","size_bytes":N,"sha256":"64 hexadecimal digits"})";
-  if (!body.is_object()) return web_problem(400, "invalid-input", kWanted);
-  const auto name = text_in(body, "name"), sha256 = text_in(body, "sha256");
-  const auto size = body.find("size_bytes");
-  if (!name || !sha256 || size == body.end() || !size->is_number_unsigned())
-    return web_problem(400, "invalid-input", kWanted);
-  const auto content = digest_from_hex(*sha256);
-  if (!content) return web_problem(content.error());
-  return web_json(call.staging.begin({*name, size->get<std::uint64_t>(), *content}, call.who()));
+  AnnouncedFile file;
+  try {
+    const ordered_json body = parsed_json(call.request.body);
+    file.name = body.at("name").get<std::string>();
+    file.size_bytes = whole_number<std::uint64_t>(body.at("size_bytes"));
+    const auto content = digest_from_hex(body.at("sha256").get<std::string>());
+    if (!content) return web_problem(content.error());
+    file.content = *content;
+  } catch (const ordered_json::exception&) {
+    return web_problem(400, "invalid-input",
+                       R"(the body is {"name":"FILE","size_bytes":N,"sha256":"64 hexadecimal digits"})");
+  }
+  return web_json(call.staging.begin(file, call.who()));
 }
 
 WebResponse add_part(const Call& call) {

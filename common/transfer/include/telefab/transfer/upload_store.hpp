@@ -91,7 +91,7 @@ class UploadStore {
   };
   UploadStore(std::filesystem::path folder, UploadLimits limits, const Clock& clock)
       : folder_{std::move(folder)}, limits_{limits}, clock_{clock} {}
-  void take_up();
+  void resume_unfinished();
   [[nodiscard]] std::filesystem::path folder_of(std::string_view id) const { return folder_ / std::string{id}; }
   /// mutex_ is held. Fails: NotFound.
   [[nodiscard]] Result<const Kept*> kept(std::string_view id) const;
