@@ -66,6 +66,7 @@ const cloudView = (() => {
     gl.paper = c[0];
     gl.plate.material.color = paint("--plate");
     gl.cropBox.material.color = paint("--accent");
+    gl.markBox.material.color = paint("--ink");
   }
 
   async function start() {
@@ -78,15 +79,16 @@ const cloudView = (() => {
       uniforms: { grain: { value: 2 }, hasNormals: { value: 0 }, colours: { value: [] }, shown: { value: shown } } });
     const plate = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial());
     const cropBox = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial());
-    cropBox.visible = false;
+    const markBox = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial());
+    cropBox.visible = markBox.visible = false;
     const crop = new THREE.Group();
     crop.matrixAutoUpdate = false;
-    crop.add(cropBox);
-    plate.frustumCulled = cropBox.frustumCulled = false;
+    crop.add(cropBox, markBox);
+    plate.frustumCulled = cropBox.frustumCulled = markBox.frustumCulled = false;
     scene.add(part, plate, crop);
     const camera = new THREE.PerspectiveCamera(30, 1.5, 0.1, 1000);
     camera.up.set(0, 0, 1);
-    gl = { renderer, scene, part, material, plate, crop, cropBox, camera };
+    gl = { renderer, scene, part, material, plate, crop, cropBox, markBox, camera };
     setColours();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { setColours(); draw(); });
     new ResizeObserver(fitCanvas).observe(canvas);
@@ -218,15 +220,17 @@ const cloudView = (() => {
     gl.plate.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(lines), 3));
   }
 
-  function setCrop(box) {
-    if (!gl) return;
-    gl.cropBox.visible = Boolean(box);
+  // Both in the frame of the file: the box that is cropped to, and that of a piece that is pointed at.
+  const setCrop = (box) => gl && setBox(gl.cropBox, box);
+  const setMark = (box) => gl && setBox(gl.markBox, box);
+  function setBox(lines, box) {
+    lines.visible = Boolean(box);
     if (box) {
       const [x0, y0, z0, x1, y1, z1] = box, c = [];
       for (const [y, z] of [[y0, z0], [y1, z0], [y0, z1], [y1, z1]]) c.push(x0, y, z, x1, y, z);
       for (const [x, z] of [[x0, z0], [x1, z0], [x0, z1], [x1, z1]]) c.push(x, y0, z, x, y1, z);
       for (const [x, y] of [[x0, y0], [x1, y0], [x0, y1], [x1, y1]]) c.push(x, y, z0, x, y, z1);
-      gl.cropBox.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(c), 3));
+      lines.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(c), 3));
     }
     draw();
   }
@@ -343,6 +347,6 @@ const cloudView = (() => {
       draw();
     };
 
-  return { load, setPlacing, setCrop, clear: () => { clear(); shape = null; note.textContent = ""; if (gl) gl.renderer.clear(); }, move, pace, size: () => shape?.size, isWhole: () => Boolean(shape && shape.drawn === shape.total),
+  return { load, setPlacing, setCrop, setMark, clear: () => { clear(); shape = null; note.textContent = ""; if (gl) gl.renderer.clear(); }, move, pace, size: () => shape?.size, isWhole: () => Boolean(shape && shape.drawn === shape.total),
     box: () => shape && { low: shape.low, high: shape.low.map((v) => v + 65535 * shape.step) }, note };
 })();

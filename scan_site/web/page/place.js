@@ -5,7 +5,7 @@
 
 const place = (() => {
   const angles = ["x", "y", "z"].map((axis) => byId(`turn-${axis}`));
-  const self = { id: null, view: null, profiles: null, table: [], picture: 0, lookKey: "", estimateKey: "", timer: null, polling: false };
+  const self = { id: null, view: null, profiles: null, table: [], picture: 0, lookKey: "", estimateKey: "", timer: null, polling: false, ticked: [1], pieceKey: "" };
 
   // ---- what is asked -------------------------------------------------------------------------------------------
 
@@ -26,7 +26,7 @@ const place = (() => {
     if (rotation().some((a) => a !== 0)) p.rotate = rotation().join(",");
     if (byId("mirror").value) p.mirror = byId("mirror").value;
     if (byId("crop-on").checked) p.crop = self.cropText().join(",");
-    if (byId("pieces").value) p.pieces = byId("pieces").value;
+    if (byId("pieces").value) p.pieces = byId("pieces").value === "only" ? `only:${self.ticked.join(",")}` : byId("pieces").value;
     for (const input of byId("other-parameters").querySelectorAll("[data-key]")) {
       if (input.type === "checkbox" ? input.checked : input.value !== "")
         p[input.dataset.key] = input.type === "checkbox" ? true : input.type === "number" ? Number(input.value) : input.value;
@@ -96,6 +96,9 @@ const place = (() => {
     if ([...select.options].some((o) => o.value === before)) select.value = before;
   }
 
+  // What programs say names options of a command line; here they are fields of this page.
+  const pageWords = (text) => text.replace(/--([a-z][a-z-]*)/g, (_, option) => `“${option.replaceAll("-", " ")}”`);
+
   // ---- what is shown ------------------------------------------------------------------------------------------
 
   const unitMm = () => ({ mm: 1, cm: 10, m: 1000, in: 25.4 })[byId("units").value] || self.view?.reading.result?.unit_mm || 1;
@@ -164,14 +167,38 @@ const place = (() => {
     const pick = self.view.look.result?.pick, list = byId("piece-list"), select = byId("pieces");
     if (!pick) return;
     const pieces = pick.pieces || [];
-    list.hidden = pieces.length < 2 && !pick.strays;
-    list.replaceChildren(...pieces.slice(0, 50).map((piece) => {
+    const key = JSON.stringify([pieces, self.ticked, select.value]);
+    if (self.pieceKey === key) return;  // a box that is being ticked is not replaced for nothing
+    self.pieceKey = key;
+    list.hidden = pieces.length < 2;
+    const isTicking = select.value === "only", focused = document.activeElement?.dataset?.piece;
+    list.replaceChildren(...pieces.slice(0, 50).map((piece, k) => {
       const size = piece.box ? piece.box[1].map((v, k) => (v - piece.box[0][k]).toPrecision(3)).join(" × ") : "";
       const item = element("li", `${piece.points.toLocaleString()} points${size ? `, ${size}` : ""}: ${piece.kept ? "kept" : "left out"}`);
       if (piece.kept) item.className = "kept";
+      // A piece that is pointed at, or has the focus, is shown by its box.
+      item.onpointerenter = () => piece.box && cloudView.setMark(piece.box.flat());
+      item.onpointerleave = () => cloudView.setMark(null);
+      item.addEventListener("focusin", item.onpointerenter);
+      item.addEventListener("focusout", item.onpointerleave);
+      if (pieces.length > 1) item.tabIndex = isTicking ? -1 : 0;
+      if (!isTicking) return item;
+      const label = document.createElement("label"), tick = document.createElement("input");
+      label.className = "check";
+      tick.type = "checkbox";
+      tick.checked = self.ticked.includes(k + 1);
+      tick.dataset.piece = String(k + 1);
+      tick.onchange = () => {
+        self.ticked = self.ticked.filter((n) => n !== k + 1).concat(tick.checked ? [k + 1] : []).sort((a, b) => a - b);
+        if (!self.ticked.length) self.ticked = [k + 1];
+        changed();
+      };
+      label.append(tick, element("span", item.textContent));
+      item.replaceChildren(label);
       return item;
     }));
-    const options = [new Option("all", ""), new Option("the largest alone", "largest")];
+    if (focused) list.querySelector(`[data-piece="${focused}"]`)?.focus();
+    const options = [new Option("all", ""), new Option("the largest alone", "largest"), new Option("those ticked below", "only")];
     for (let n = 2; n < Math.min(pieces.length, 20); n++) options.push(new Option(`the ${n} largest`, String(n)));
     const before = select.value;
     select.replaceChildren(...options);
@@ -190,8 +217,8 @@ const place = (() => {
       rows.push(["doubtful", facts.doubtful ? `${facts.doubtful} of ${facts.asked} places looked at` : `none of ${facts.asked} places looked at`]);
     }
     byId("scan-facts").replaceChildren(...rows.flatMap(([k, v]) => [element("dt", k), element("dd", v)]));
-    const texts = facts ? [...facts.warnings, ...(facts.refusal ? [facts.refusal] : [])] : raw ? raw.notes : [];
-    byId("scan-warnings").replaceChildren(...texts.map((t) => element("li", t)));
+    const texts = facts ? facts.warnings : raw ? raw.notes : [];
+    byId("scan-warnings").replaceChildren(...texts.map((t) => element("li", pageWords(t))));
   }
 
   function cropDefaults() {
@@ -230,7 +257,7 @@ const place = (() => {
     const e = self.view.estimate, line = byId("estimate-line"), isCurrent = e.asked && self.estimateNumber === e.number;
     let text = "not estimated yet";
     if (e.state === "working") text = `estimating${e.stage ? `: ${e.stage}` : ""}`;
-    else if (e.state === "failed" && isCurrent && e.code !== "cancelled") text = e.why;
+    else if (e.state === "failed" && isCurrent && e.code !== "cancelled") text = pageWords(e.why);
     else if (e.state === "done") text = isCurrent ? "from a grid of the part; the fab's plan has the true figures" : "of the last choice";
     if (line.textContent !== text) line.textContent = text;
     line.className = e.state === "failed" ? "danger" : "";
@@ -244,10 +271,12 @@ const place = (() => {
       if (k === "price") value.dataset.price = "";
       return [element("dt", k), value];
     }));
-    byId("foreseen").replaceChildren(...r.items.map((item) => {
+    const refusal = self.view.look.result?.refusal;
+    const items = refusal ? [{ name: "surface", verdict: "held", text: `it would not be cut: ${refusal}` }, ...r.items] : r.items;
+    byId("foreseen").replaceChildren(...items.map((item) => {
       const li = document.createElement("li");
       li.className = item.verdict;
-      li.append(element("b", `${item.verdict.replace("-", " ")}: ${item.name}`), element("span", item.text));
+      li.append(element("b", `${item.verdict.replace("-", " ")}: ${item.name}`), element("span", pageWords(item.text)));
       return li;
     }));
     showPrice();
@@ -255,7 +284,7 @@ const place = (() => {
 
   function showWays() {
     const o = self.view.orientation, line = byId("way-line");
-    const text = o.state === "working" ? `judging directions, ${Math.round(100 * (o.share || 0))} %` : o.state === "failed" && o.code !== "cancelled" ? o.why : "";
+    const text = o.state === "working" ? `judging directions, ${Math.round(100 * (o.share || 0))} %` : o.state === "failed" && o.code !== "cancelled" ? pageWords(o.why) : "";
     if (line.textContent !== text) line.textContent = text;
     byId("find-way").disabled = o.state === "working";
     if (o.state !== "done" || self.waysNumber === o.number) return;
@@ -280,8 +309,14 @@ const place = (() => {
     self.takesBest = false;
   }
 
+  function showProblem(text) {
+    const box = byId("place-problem");
+    box.hidden = !text;
+    if (box.textContent !== text) box.textContent = text;
+  }
+
   function showSend() {
-    const { reading, look, estimate } = self.view;
+    const { reading, look } = self.view;
     const why = self.view.state !== "whole" ? "The file is not here yet." : reading.state === "failed" && reading.code !== "too-large" ? "The file cannot be read: see above." : unitIsOpen() ? "The unit of the file is not known: choose it above." : !byId("machine").value ? "There is no machine to print on." : "";
     const send = byId("send");
     send.disabled = Boolean(why) || self.isSending;
@@ -289,10 +324,8 @@ const place = (() => {
     if (why && note.textContent !== why) note.textContent = why;
     else if (!why && note.dataset.why) note.textContent = "";
     note.dataset.why = why;
-    const problem = reading.state === "failed" && reading.code !== "cancelled" ? reading.why : look.state === "failed" && look.code !== "cancelled" ? look.why : "";
-    byId("place-problem").hidden = !problem;
-    if (byId("place-problem").textContent !== problem) byId("place-problem").textContent = problem;
-    return estimate;
+    const problem = reading.state === "failed" && reading.code !== "cancelled" ? reading.why : look.state === "failed" && look.code !== "cancelled" ? look.why : look.result?.refusal ? `It would not be cut: ${look.result.refusal}` : "";
+    showProblem(problem ? pageWords(problem) : "");
   }
 
   async function showPicture() {
@@ -342,8 +375,7 @@ const place = (() => {
     if (!self.id || self.view?.state !== "whole" || !self.profiles) return;
     if (self.lookKey !== lookKey()) {
       self.lookKey = lookKey();
-      const view = await ask("look");
-      if (view) byId("place-problem").hidden = true;
+      if (await ask("look")) showProblem("");
     }
     const key = JSON.stringify(question());
     if (self.estimateKey !== key && self.view.reading.state !== "failed" && !unitIsOpen()) {
@@ -381,15 +413,14 @@ const place = (() => {
         await pause(200);
       }
     } catch (error) {
-      byId("place-problem").hidden = false;
-      byId("place-problem").textContent = error.message;
+      showProblem(error.message);
     } finally {
       self.polling = false;
     }
   }
 
   function clear() {
-    Object.assign(self, { view: null, picture: 0, lookKey: "", estimateKey: "", waysNumber: 0, estimateNumber: 0, takesBest: false });
+    Object.assign(self, { view: null, picture: 0, lookKey: "", estimateKey: "", waysNumber: 0, estimateNumber: 0, takesBest: false, ticked: [1], pieceKey: "" });
     setAngles([0, 0, 0]);
     byId("place-form").reset();
     if (self.profiles) {
@@ -400,7 +431,7 @@ const place = (() => {
     byId("price").value = localStorage.getItem("telefab-price") || "";
     for (const id of ["ways", "piece-list", "crop-box", "estimate", "foreseen", "scan-facts", "scan-warnings"]) byId(id).replaceChildren();
     byId("send-note").textContent = byId("way-line").textContent = byId("place-line").textContent = "";
-    byId("place-problem").hidden = true;
+    showProblem("");
     cloudView.clear();
   }
 
@@ -426,8 +457,7 @@ const place = (() => {
       if (view.state === "whole") await refresh();
       poll();
     } catch (error) {
-      byId("place-problem").hidden = false;
-      byId("place-problem").textContent = error.message;
+      showProblem(error.message);
     }
   };
   self.close = () => {
