@@ -9,6 +9,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/scan/slicing/standings.hpp>
+#include <telefab/scan/staging/joined_views.hpp>
 #include <telefab/scan/staging/print_estimate.hpp>
 
 namespace telefab::scan {
@@ -49,51 +50,64 @@ Json standing_json(const Standing& s) {
 
 }  // namespace
 
-ScanStager::ScanStager(UploadStore& uploads)
-    : uploads_{uploads}, queue_{"stager", [this](const std::string& task, std::stop_token stop) { run(task, stop); }} {}
+ScanStager::ScanStager(UploadStore& uploads, std::function<Result<void>(std::uint64_t)> room)
+    : uploads_{uploads},
+      room_{std::move(room)},
+      queue_{"stager", [this](const std::string& task, std::stop_token stop) { run(task, stop); }} {}
 
-namespace {
-
-/// A task is the upload's id and a letter for what is asked.
-std::string task_name(const std::string& id, char letter) { return id + letter; }
-
-}  // namespace
-
-void ScanStager::ask(const std::string& id, Kind kind, SliceRequest request, std::string asked, StandFor goal) {
-  const char letter = kind == &Scan::reading ? 'r' : kind == &Scan::look ? 'l' : kind == &Scan::estimate ? 'e' : 'o';
+void ScanStager::ask(const std::string& id, Kind kind, Question question) {
+  const std::string task = id + letter_of(kind);
   {
     const std::lock_guard lock{mutex_};
     Scan& scan = scans_[id];
     scan.used = ++next_;
-    Question& question = scan.*kind;
+    Question& now = scan.*kind;
     // The same question is not asked twice, while its answer is on its way or holds.
-    if ((question.state == Question::State::Working || question.state == Question::State::Done) &&
-        question.asked == asked)
+    if ((now.state == Question::State::Working || now.state == Question::State::Done) && now.asked == question.asked)
       return;
-    question = {};
-    question.state = Question::State::Working;
-    question.number = ++next_;
-    question.request = std::move(request);
-    question.goal = goal;
-    question.asked = std::move(asked);
+    now = std::move(question);
+    now.state = Question::State::Working;
+    now.number = ++next_;
   }
-  queue_.drop(task_name(id, letter));
-  queue_.add(task_name(id, letter));
+  queue_.drop(task);
+  queue_.add(task);
 }
 
-void ScanStager::read(const std::string& id) { ask(id, &Scan::reading, {}, "read", {}); }
+void ScanStager::read(const std::string& id) {
+  Question question;
+  question.asked = "read";
+  ask(id, &Scan::reading, std::move(question));
+}
 
 void ScanStager::look(const std::string& id, SliceRequest request, std::string asked) {
   read(id);
-  ask(id, &Scan::look, std::move(request), std::move(asked), {});
+  Question question;
+  question.request = std::move(request);
+  question.asked = std::move(asked);
+  ask(id, &Scan::look, std::move(question));
 }
 
 void ScanStager::estimate(const std::string& id, SliceRequest request, std::string asked) {
-  ask(id, &Scan::estimate, std::move(request), std::move(asked), {});
+  Question question;
+  question.request = std::move(request);
+  question.asked = std::move(asked);
+  ask(id, &Scan::estimate, std::move(question));
 }
 
 void ScanStager::orient(const std::string& id, SliceRequest request, StandFor goal, std::string asked) {
-  ask(id, &Scan::orientation, std::move(request), std::move(asked), goal);
+  Question question;
+  question.request = std::move(request);
+  question.goal = goal;
+  question.asked = std::move(asked);
+  ask(id, &Scan::orientation, std::move(question));
+}
+
+void ScanStager::join(const std::string& id, std::vector<std::string> with, std::string owner) {
+  Question question;
+  for (const std::string& other : with) question.asked += (question.asked.empty() ? "" : ",") + other;
+  question.with = std::move(with);
+  question.owner = std::move(owner);
+  ask(id, &Scan::joining, std::move(question));
 }
 
 void ScanStager::forget(const std::string& id) {
@@ -101,7 +115,7 @@ void ScanStager::forget(const std::string& id) {
     const std::lock_guard lock{mutex_};
     scans_.erase(id);
   }
-  for (const char letter : {'r', 'l', 'e', 'o'}) queue_.drop(task_name(id, letter));
+  for (const auto& [kind, letter] : kKinds) queue_.drop(id + letter);
 }
 
 void ScanStager::forget_others(const std::string& id) {
@@ -131,11 +145,7 @@ void ScanStager::set_progress(const std::string& id, Kind kind, std::uint64_t nu
 
 void ScanStager::run(const std::string& task, const std::stop_token& stop) {
   const std::string id = task.substr(0, task.size() - 1);
-  const char letter = task.back();
-  const Kind kind = letter == 'r'   ? &Scan::reading
-                    : letter == 'l' ? &Scan::look
-                    : letter == 'e' ? &Scan::estimate
-                                    : &Scan::orientation;
+  const Kind kind = std::ranges::find(kKinds, task.back(), &std::pair<Kind, char>::second)->first;
   Question question;
   {
     const std::lock_guard lock{mutex_};
@@ -168,6 +178,7 @@ void ScanStager::run(const std::string& task, const std::stop_token& stop) {
 Result<std::string> ScanStager::answer(const std::string& id, Kind kind, const Question& question,
                                        const std::stop_token& stop) {
   if (kind == &Scan::reading) return read_file_of(id, stop);
+  if (kind == &Scan::joining) return joined(id, question, stop);
   const auto scan = staged(id, kind, question, stop);
   if (!scan) return tl::unexpected{scan.error()};
   if (kind == &Scan::look) return (*scan)->facts_json;
@@ -197,6 +208,47 @@ Result<std::vector<std::byte>> ScanStager::bytes_of(const std::string& id, std::
   const auto path = uploads_.file(id);
   if (!path) return tl::unexpected{path.error()};
   return read_file(*path, kMostShown_bytes);
+}
+
+Result<std::string> ScanStager::joined(const std::string& id, const Question& question, const std::stop_token& stop) {
+  std::vector<ViewFile> files;
+  std::uint64_t bytes = 0;
+  std::vector<std::string> ids{id};
+  ids.insert(ids.end(), question.with.begin(), question.with.end());
+  for (const std::string& each : ids) {
+    ViewFile file;
+    auto read = bytes_of(each, file.name);
+    if (!read) return tl::unexpected{read.error()};
+    file.bytes = std::move(*read);
+    bytes += file.bytes.size();
+    if (bytes > kMostShown_bytes)
+      return fail(
+          ErrorCode::TooLarge,
+          fmt::format("the views are larger together than the {} MiB that are joined here; telefab-scan register "
+                      "joins them",
+                      kMostShown_bytes >> 20U));
+    files.push_back(std::move(file));
+  }
+  const auto scan = joined_views(
+      files,
+      [&](const Progress& p) { set_progress(id, &Scan::joining, question.number, label_of(p.stage), p.fraction); },
+      stop);
+  if (!scan) return tl::unexpected{scan.error()};
+  const std::span<const std::byte> content = scan->ply;
+  if (auto room = room_(content.size()); !room) return tl::unexpected{room.error()};
+  const std::string stem = std::filesystem::path{files.front().name}.stem().string();
+  auto upload =
+      uploads_.begin({fmt::format("{}-joined.ply", stem), content.size(), digest_of(content), question.owner});
+  while (upload && upload->state == UploadState::Receiving) {
+    const auto rest = content.subspan(upload->received_bytes);
+    upload = uploads_.append(upload->id, upload->received_bytes,
+                             rest.first(std::min<std::size_t>(rest.size(), uploads_.limits().part_bytes)));
+  }
+  if (upload && upload->state == UploadState::Checking) upload = uploads_.check(upload->id, stop);
+  if (!upload) return tl::unexpected{upload.error()};
+  Json answer = parsed_json(scan->facts_json);
+  answer["id"] = upload->id;
+  return json_text(answer);
 }
 
 Result<std::string> ScanStager::read_file_of(const std::string& id, const std::stop_token& stop) {
@@ -269,6 +321,7 @@ void ScanStager::describe(const std::string& id, Json& view) const {
   view["look"] = json_of(scan.look);
   view["estimate"] = json_of(scan.estimate);
   view["orientation"] = json_of(scan.orientation);
+  view["joining"] = json_of(scan.joining);
   view["picture"] = {{"revision", scan.revision}, {"levels", scan.picture.levels()}, {"points", scan.picture.size()}};
 }
 

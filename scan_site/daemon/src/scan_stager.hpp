@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <algorithm>
+#include <array>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -19,7 +22,8 @@ namespace telefab::scan {
 class ScanStager {
  public:
   /// The store must outlive it.
-  explicit ScanStager(UploadStore& uploads);
+  /// `room`: whether so many bytes may be written now; from any thread.
+  ScanStager(UploadStore& uploads, std::function<Result<void>(std::uint64_t)> room);
 
   /// All bytes are there: compare the digest, then read. Once, however often it is asked for.
   void read(const std::string& id);
@@ -27,6 +31,8 @@ class ScanStager {
   void look(const std::string& id, SliceRequest request, std::string asked);
   void estimate(const std::string& id, SliceRequest request, std::string asked);
   void orient(const std::string& id, SliceRequest request, StandFor goal, std::string asked);
+  /// Joins it with others to one scan, which becomes an upload of its own; its id is the answer. Under `owner`.
+  void join(const std::string& id, std::vector<std::string> with, std::string owner);
   /// The upload is gone: what was asked of it too.
   void forget(const std::string& id);
   /// Adds what is known of the scan: stage, facts, look, estimate, orientation, picture.
@@ -43,6 +49,8 @@ class ScanStager {
     std::uint64_t number = 0;  ///< of the question asked last
     SliceRequest request;
     StandFor goal = StandFor::Supports;
+    std::vector<std::string> with;  ///< of joining: the other views
+    std::string owner;              ///< likewise: of what comes out
     std::string asked;
     std::string stage;  ///< what is being done, for people
     double share = 0;
@@ -50,7 +58,7 @@ class ScanStager {
     std::string answer_json;
   };
   struct Scan {
-    Question reading, look, estimate, orientation;
+    Question reading, look, estimate, orientation, joining;
     std::shared_ptr<const StagedScan> staged;
     std::string staged_as;  ///< the intake that it was prepared with
     CloudPicture picture;
@@ -58,10 +66,21 @@ class ScanStager {
     std::uint64_t used = 0;
   };
   using Kind = Question Scan::*;
+  /// A task is the upload's id and the letter of what is asked.
+  static constexpr std::array<std::pair<Kind, char>, 5> kKinds{{{&Scan::reading, 'r'},
+                                                                {&Scan::look, 'l'},
+                                                                {&Scan::estimate, 'e'},
+                                                                {&Scan::orientation, 'o'},
+                                                                {&Scan::joining, 'j'}}};
+  [[nodiscard]] static char letter_of(Kind kind) {
+    return std::ranges::find(kKinds, kind, &std::pair<Kind, char>::first)->second;
+  }
 
-  void ask(const std::string& id, Kind kind, SliceRequest request, std::string asked, StandFor goal);
+  void ask(const std::string& id, Kind kind, Question question);
   void run(const std::string& task, const std::stop_token& stop);
   [[nodiscard]] Result<std::string> answer(const std::string& id, Kind kind, const Question& question,
+                                           const std::stop_token& stop);
+  [[nodiscard]] Result<std::string> joined(const std::string& id, const Question& question,
                                            const std::stop_token& stop);
   [[nodiscard]] Result<std::string> read_file_of(const std::string& id, const std::stop_token& stop);
   [[nodiscard]] Result<std::shared_ptr<const StagedScan>> staged(const std::string& id, Kind kind,
@@ -72,6 +91,7 @@ class ScanStager {
   void forget_others(const std::string& id);
 
   UploadStore& uploads_;
+  std::function<Result<void>(std::uint64_t)> room_;
   mutable std::mutex mutex_;
   std::map<std::string, Scan> scans_;  ///< by id; guarded by mutex_
   std::uint64_t next_ = 0;             ///< guarded by mutex_

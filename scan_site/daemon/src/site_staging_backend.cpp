@@ -5,7 +5,9 @@
 
 #include <future>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <telefab/base/json_text.hpp>
+#include <telefab/base/text.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
 #include <telefab/service/profile_choice.hpp>
 
@@ -133,6 +135,23 @@ Result<std::string> SiteStagingBackend::orient(std::string_view id, const Stagin
   return view(id);
 }
 
+Result<std::string> SiteStagingBackend::join(std::string_view id, const std::vector<std::string>& with,
+                                             std::string_view who) {
+  if (with.empty()) return fail(ErrorCode::InvalidInput, "with: the other views are missing");
+  if (with.size() > uploads_.limits().most_uploads)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("with: at most {} views are joined", uploads_.limits().most_uploads));
+  std::set<std::string_view> all{id};
+  for (const std::string& other : with)
+    if (!all.insert(other).second)
+      return fail(ErrorCode::InvalidInput, fmt::format("with: {} is there twice", to_printable(other)));
+  for (const std::string_view each : all)
+    if (const auto there = whole(each); !there) return tl::unexpected{there.error()};
+  note_(std::string{who}, fmt::format("join upload {} with {} more", id, with.size()));
+  stager_.join(std::string{id}, with, std::string{who});
+  return view(id);
+}
+
 Result<std::string> SiteStagingBackend::level(std::string_view id, std::uint64_t revision, std::uint32_t level) {
   const auto bytes = stager_.level(std::string{id}, revision, level);
   if (!bytes) return tl::unexpected{bytes.error()};
@@ -144,6 +163,8 @@ Result<Job> SiteStagingBackend::submit(std::string_view id, const StagingQuestio
   if (!upload) return tl::unexpected{upload.error()};
   const auto file = uploads_.file(id);
   if (!file) return tl::unexpected{file.error()};
+  const auto asked = slice_parameters_from_json(question.parameters);
+  if (!asked) return tl::unexpected{asked.error()};
   // A name of its own for the same bytes: the job takes that one, and the upload stays for the next job.
   const auto link = incoming_ / fmt::format("staged-{}-{}", id, ++submits_);
   std::error_code error;
@@ -155,7 +176,7 @@ Result<Job> SiteStagingBackend::submit(std::string_view id, const StagingQuestio
   Submit submit;
   submit.name = upload->plan.name;
   submit.machine = question.machine;
-  submit.parameters = question.parameters;
+  submit.parameters = to_json(*asked);  // the same words as from a command line
   submit.size_bytes = upload->plan.size_bytes;
   submit.content = upload->plan.content;
   // Shared, for an answer that comes after this call gave up.

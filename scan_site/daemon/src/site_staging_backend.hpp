@@ -30,7 +30,7 @@ class SiteStagingBackend final : public StagingBackend {
         incoming_{std::move(incoming)},
         submit_{std::move(submit)},
         note_{std::move(note)},
-        stager_{uploads} {}
+        stager_{uploads, [this](std::uint64_t bytes) { return room_.check(uploads_.missing_bytes() + bytes); }} {}
 
   Result<std::string> uploads() override;
   Result<std::string> begin(const AnnouncedFile& file, std::string_view who) override;
@@ -40,6 +40,7 @@ class SiteStagingBackend final : public StagingBackend {
   Result<std::string> look(std::string_view id, const StagingQuestion& question) override;
   Result<std::string> estimate(std::string_view id, const StagingQuestion& question) override;
   Result<std::string> orient(std::string_view id, const StagingQuestion& question) override;
+  Result<std::string> join(std::string_view id, const std::vector<std::string>& with, std::string_view who) override;
   Result<std::string> level(std::string_view id, std::uint64_t revision, std::uint32_t level) override;
   Result<Job> submit(std::string_view id, const StagingQuestion& question, std::string_view who) override;
   std::string profiles() override;

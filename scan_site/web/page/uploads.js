@@ -66,7 +66,7 @@ class Sha256 {
   }
 }
 
-const uploads = { here: [], limits: null, sending: new Map() };  // sending: by name of the file
+const uploads = { here: [], limits: null, sending: new Map(), views: new Set() };  // sending: by name of the file
 
 const mostHeldBytes = 256 << 20, hashBlock = 4 << 20;
 
@@ -197,6 +197,20 @@ function uploadItem({ id, name, size, done, text, isHere, sending }) {
   }
   const row = document.createElement("div");
   row.className = "row";
+  if (isHere && uploads.here.filter((each) => each.state === "whole").length > 1) {
+    const label = document.createElement("label"), tick = document.createElement("input");
+    tick.type = "checkbox";
+    tick.checked = uploads.views.has(id);
+    tick.dataset.view = id;
+    tick.setAttribute("aria-label", `${name} is a view to be joined`);
+    tick.onchange = () => {
+      if (tick.checked) uploads.views.add(id);
+      else uploads.views.delete(id);
+      showJoin();
+    };
+    label.append(tick, " a view");
+    row.append(label);
+  }
   if (sending) {
     const stop = element("button", "Interrupt");
     stop.setAttribute("aria-label", `Interrupt ${name}`);
@@ -212,6 +226,37 @@ function uploadItem({ id, name, size, done, text, isHere, sending }) {
   return item;
 }
 
+// Views of one object, in any pose, become one scan.
+function showJoin() {
+  const count = [...uploads.views].filter((id) => uploads.here.some((each) => each.id === id && each.state === "whole")).length;
+  byId("join").hidden = count < 2 || uploads.isJoining;
+  byId("join").textContent = `Join the ${count} views`;
+}
+
+async function joinViews() {
+  const [id, ...others] = uploads.here.map((each) => each.id).filter((each) => uploads.views.has(each));
+  const say = (text) => (byId("upload-answer").textContent = text);
+  uploads.isJoining = true;
+  showJoin();
+  try {
+    let view = await post(`/v1/uploads/${id}/join`, { with: others });
+    while (view.joining.state === "working") {
+      say(`joining: ${view.joining.stage || "waiting"}${view.joining.share ? `, ${Math.round(100 * view.joining.share)} %` : ""}`);
+      await pause(300);
+      view = await get(`/v1/uploads/${id}`);
+    }
+    if (view.joining.state !== "done") throw new Error(view.joining.why || "nothing was joined");
+    say([`${view.joining.result.views} views joined`, ...view.joining.result.notes].join("; "));
+    uploads.views.clear();
+    await refreshUploads();
+    place.open(view.joining.result.id);
+  } catch (error) {
+    say(error.message);
+  }
+  uploads.isJoining = false;
+  showJoin();
+}
+
 function showUploads() {
   const list = byId("uploads"), focused = document.activeElement?.dataset?.upload;
   const sent = [...uploads.sending.values()];
@@ -225,10 +270,12 @@ function showUploads() {
   }
   list.replaceChildren(...items);
   if (focused) list.querySelector(`[data-upload="${focused}"]`)?.focus();
+  showJoin();
 }
 
 (() => {
   const drop = byId("drop"), input = byId("scan-file");
+  byId("join").onclick = joinViews;
   input.onchange = () => {
     const files = [...input.files];
     uploadAll(files).then(() => (input.value = ""));

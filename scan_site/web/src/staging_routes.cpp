@@ -49,6 +49,17 @@ WebResponse show_level(const Call& call) {
   return {200, "application/octet-stream", std::move(*level)};
 }
 
+WebResponse join_uploads(const Call& call) {
+  std::vector<std::string> with;
+  try {
+    const ordered_json body = parsed_json(call.request.body);
+    for (const ordered_json& id : body.at("with")) with.push_back(id.get<std::string>());
+  } catch (const ordered_json::exception&) {
+    return web_problem(400, "invalid-input", R"(the body is {"with":["ID",...]}, the other views)");
+  }
+  return web_json(call.staging.join(call.id(), with, call.who()));
+}
+
 WebResponse discard_upload(const Call& call) {
   if (const auto gone = call.staging.discard(call.id(), call.who()); !gone) return web_problem(gone.error());
   return {200, "application/json", json_text({{"discarded", call.id()}})};

@@ -24,6 +24,8 @@ inline constexpr std::uint64_t kMostPart_bytes = 4U << 20U;
 [[nodiscard]] WebResponse begin_upload(const Call& call);
 [[nodiscard]] WebResponse add_part(const Call& call);
 [[nodiscard]] WebResponse show_level(const Call& call);
+/// {"with":["ID",...]}.
+[[nodiscard]] WebResponse join_uploads(const Call& call);
 [[nodiscard]] WebResponse discard_upload(const Call& call);
 /// {"machine","parameters":{...}}; 201 and the job.
 [[nodiscard]] WebResponse submit(const Call& call);

@@ -99,6 +99,7 @@ constexpr std::array kScanPostRoutes{"/v1/uploads",
                                      "/v1/uploads/JOB/look",
                                      "/v1/uploads/JOB/estimate",
                                      "/v1/uploads/JOB/orient",
+                                     "/v1/uploads/JOB/join",
                                      "/v1/uploads/JOB/submit",
                                      "/v1/uploads/JOB/discard",
                                      "/v1/jobs/JOB/cancel"};

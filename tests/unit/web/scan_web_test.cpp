@@ -34,6 +34,7 @@ class ScanWebTest : public testing::Test {
     if (route.path == "/v1/uploads")
       return R"({"name":"a.ply","size_bytes":3,"sha256":")" + std::string(64, 'a') + R"("})";
     if (route.path.ends_with("/part")) return "xyz";
+    if (route.path.ends_with("/join")) return R"({"with":["scan-2"]})";
     return route.method == "POST" && route.path.starts_with("/v1/uploads/") ? R"({"machine":"machine-a"})" : "";
   }
   RecordingScanBackend backend;
@@ -190,6 +191,13 @@ TEST_F(ScanWebTest, MakesAJobOfAnUploadUnderTheOperatorsName) {
   EXPECT_EQ(made.status, 201U);
   EXPECT_EQ(made.location, "/v1/jobs/job-9");
   EXPECT_THAT(staging.calls, testing::ElementsAre(R"(submit scan-1 machine-a {"rotate":"90,0,0"} by web)"));
+}
+
+TEST_F(ScanWebTest, PassesTheOtherViewsOnThatAreToBeJoined) {
+  EXPECT_EQ(ask("POST", "/v1/uploads/scan-1/join", "Bearer secret", R"({"with":["scan-2","scan-3"]})").status, 200U);
+  EXPECT_THAT(staging.calls, testing::ElementsAre("join scan-1 with 2"));
+  for (const char* body : {"", "{}", "[]", R"({"with":[1]})", R"({"with":7})"})
+    EXPECT_EQ(ask("POST", "/v1/uploads/scan-1/join", "Bearer secret", body).status, 400U) << body;
 }
 
 TEST_F(ScanWebTest, GivesALevelOfThePictureThatIsAskedForAndNotOfAnother) {

@@ -38,6 +38,10 @@ class RecordingStaging : public StagingBackend {
   Result<std::string> orient(std::string_view id, const StagingQuestion& question) override {
     return asked("orient", id, question);
   }
+  Result<std::string> join(std::string_view id, const std::vector<std::string>& with, std::string_view) override {
+    calls.push_back("join " + std::string{id} + " with " + std::to_string(with.size()));
+    return view(id);
+  }
   Result<std::string> level(std::string_view, std::uint64_t revision, std::uint32_t level) override {
     if (revision != 7) return fail(ErrorCode::Conflict, "the picture is another one by now");
     return std::string(8, static_cast<char>('0' + level));

@@ -5,6 +5,7 @@
 #include <string_view>
 #include <telefab/base/digest.hpp>
 #include <telefab/job/job.hpp>
+#include <vector>
 
 namespace telefab::scan {
 
@@ -47,6 +48,10 @@ class StagingBackend {
   [[nodiscard]] virtual Result<std::string> look(std::string_view id, const StagingQuestion& question) = 0;
   [[nodiscard]] virtual Result<std::string> estimate(std::string_view id, const StagingQuestion& question) = 0;
   [[nodiscard]] virtual Result<std::string> orient(std::string_view id, const StagingQuestion& question) = 0;
+  /// Begins to join it with others, views of one object in any pose; view() tells the id of what comes out. The view.
+  /// Fails: NotFound, Conflict (one is not whole), InvalidInput (no other, or the same twice).
+  [[nodiscard]] virtual Result<std::string> join(std::string_view id, const std::vector<std::string>& with,
+                                                 std::string_view who) = 0;
   /// A level of detail of the picture, as CloudPicture::level writes it. Fails: NotFound, Conflict (the picture has
   /// another revision by now).
   [[nodiscard]] virtual Result<std::string> level(std::string_view id, std::uint64_t revision, std::uint32_t level) = 0;
