@@ -166,6 +166,8 @@ void ScanStager::run(const std::string& task, const std::stop_token& stop) {
   if (found == scans_.end()) return;
   Question& now = found->second.*kind;
   if (now.number != question.number) return;  // asked again meanwhile
+  // Stopped for a question that had come already when this began: its task is in the queue once more.
+  if (!outcome && outcome.error().code == ErrorCode::Cancelled) return;
   if (outcome) {
     now.state = Question::State::Done;
     now.answer_json = std::move(*outcome);

@@ -37,6 +37,19 @@ Json part_json(const ProfilePart& part) { return {{"name", part.name}, {"descrip
 
 }  // namespace
 
+SiteStagingBackend::SiteStagingBackend(UploadStore& uploads, DiskRoom& room, std::filesystem::path incoming,
+                                       SubmitPost submit, NotePost note)
+    : uploads_{uploads},
+      room_{room},
+      incoming_{std::move(incoming)},
+      submit_{std::move(submit)},
+      note_{std::move(note)},
+      stager_{uploads, [this](std::uint64_t bytes) { return room_.check(uploads_.missing_bytes() + bytes); }} {
+  // Those that came whole before a restart, and that nobody checked.
+  for (const Upload& upload : uploads_.list())
+    if (upload.state == UploadState::Checking) stager_.read(upload.id);
+}
+
 Result<std::string> SiteStagingBackend::uploads() {
   const auto room = room_.room();
   if (!room) return tl::unexpected{room.error()};

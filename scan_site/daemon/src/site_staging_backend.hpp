@@ -24,13 +24,7 @@ class SiteStagingBackend final : public StagingBackend {
  public:
   /// Store, room and clock must outlive the backend. `incoming`: on the file system of the jobs.
   SiteStagingBackend(UploadStore& uploads, DiskRoom& room, std::filesystem::path incoming, SubmitPost submit,
-                     NotePost note)
-      : uploads_{uploads},
-        room_{room},
-        incoming_{std::move(incoming)},
-        submit_{std::move(submit)},
-        note_{std::move(note)},
-        stager_{uploads, [this](std::uint64_t bytes) { return room_.check(uploads_.missing_bytes() + bytes); }} {}
+                     NotePost note);
 
   Result<std::string> uploads() override;
   Result<std::string> begin(const AnnouncedFile& file, std::string_view who) override;

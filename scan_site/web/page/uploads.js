@@ -157,7 +157,9 @@ async function upload(file) {
 
 async function uploadAll(files) {
   byId("upload-answer").textContent = "";
+  if (!uploads.limits && state.visitor.must_sign_in && state.visitor.may !== "operator") await signedIn("");
   if (!uploads.limits) await refreshUploads();
+  if (!uploads.limits) return;  // it says why
   for (const file of files) {
     if (!file.size) byId("upload-answer").textContent = `${file.name} is empty`;
     else if (file.size > uploads.limits.limit_bytes) byId("upload-answer").textContent = `${file.name} has ${sizeText(file.size)}; the limit is ${sizeText(uploads.limits.limit_bytes)}`;
