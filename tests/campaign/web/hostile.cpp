@@ -93,16 +93,11 @@ constexpr std::array kScanGetRoutes{"/",
                                     "/v1/uploads/JOB/submit",
                                     "/v1/uploads/JOB/discard",
                                     "/metrics"};
-constexpr std::array kScanPostRoutes{"/v1/uploads",
-                                     "/v1/uploads/JOB/part?from=500",
-                                     "/v1/uploads/JOB/part?from=18446744073709551615",
-                                     "/v1/uploads/JOB/look",
-                                     "/v1/uploads/JOB/estimate",
-                                     "/v1/uploads/JOB/orient",
-                                     "/v1/uploads/JOB/join",
-                                     "/v1/uploads/JOB/submit",
-                                     "/v1/uploads/JOB/discard",
-                                     "/v1/jobs/JOB/cancel"};
+constexpr std::array kScanPostRoutes{
+    "/v1/uploads",          "/v1/uploads/JOB/part?from=500", "/v1/uploads/JOB/part?from=18446744073709551615",
+    "/v1/uploads/JOB/look", "/v1/uploads/JOB/estimate",      "/v1/uploads/JOB/orient",
+    "/v1/uploads/JOB/join", "/v1/uploads/JOB/submit",        "/v1/uploads/JOB/discard",
+    "/v1/jobs/JOB/cancel"};
 constexpr std::array kScanTricks{"/v1/uploads/../../etc/passwd",
                                  "/v1/uploads/%2e%2e%2f%2e%2e/levels/0?revision=1",
                                  "/v1/uploads/JOB/levels/-1?revision=1",
