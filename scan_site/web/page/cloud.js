@@ -64,6 +64,8 @@ const cloudView = (() => {
     const c = ["--paper", "--measured", "--completed", "--doubtful", "--left-out"].map((n) => paint(n));
     gl.material.uniforms.colours.value = c.map((each) => new THREE.Vector3(each.r, each.g, each.b));
     gl.paper = c[0];
+    gl.renderer.setClearColor(gl.paper, 1);
+    if (!shape) gl.renderer.clear();
     gl.plate.material.color = paint("--plate");
     gl.cropBox.material.color = paint("--accent");
     gl.markBox.material.color = paint("--ink");

@@ -148,6 +148,13 @@ async function upload(file) {
     uploads.sending.delete(file.name);
     await refreshUploads();
     if (!sending.isStopped) place.open(view.id);
+    // Its digest is compared now; only what is whole is a view that can be joined.
+    while (view.state === "checking") {
+      await pause(100);
+      view = await get(`/v1/uploads/${view.id}`);
+    }
+    if (view.state === "refused") throw new Error("it did not arrive as it was announced; choose the file again");
+    await refreshUploads();
   } catch (error) {
     uploads.sending.delete(file.name);
     byId("upload-answer").textContent = `${file.name}: ${error.message}`;
