@@ -237,7 +237,7 @@ TEST_F(PageTest, AsksForEachReasonThatHoldsAJobBeforeItIsApproved) {
   keep_screenshot("page-approval");
   browser->click("#approval button[value='']");
   ASSERT_TRUE(browser->becomes_true("return !document.querySelector('#approval').open;"));
-  EXPECT_TRUE(backend.approvals.empty()) << "not now is no approval";
+  EXPECT_TRUE(backend.approvals.empty()) << "whoever puts it off has approved nothing";
   browser->click("[data-action=approve]");
   ASSERT_TRUE(browser->becomes_true("return document.querySelector('#approval').open;"));
   browser->click("#approval-0");
