@@ -59,7 +59,10 @@ std::string script_of(std::string_view page) {
   std::istringstream lines{std::string{page}};
   for (std::string line; std::getline(lines, line);) {
     const bool is_command = line.starts_with(kIndent);
-    if (line.starts_with(kNotRun)) is_run = false;
+    if (line.starts_with(kNotRun)) {
+      is_run = was_command = false;
+      continue;
+    }
     if (line.starts_with(kFilledIn))
       script += fmt::format("fill_in {}\n", line.substr(kFilledIn.size(), line.find(" -->") - kFilledIn.size()));
     if (is_command && is_run) {

@@ -82,8 +82,8 @@ TEST_F(Guides, LeadFromAScanToAPrintFile) {
 
 TEST_F(Guides, LeadToFilesOfThreeKindsOfPrinters) {
   walk("your-printer.md",
-       "telefab-scan slice figure.ply --units m --machine elegoo-mars-4-ultra --height-mm 4 --out figure.tfc");
-  for (const char* file : {"figure.goo", "figure.sl1", "figure.nanodlp"}) is_there(file, 10000);
+       "telefab-scan slice figure.ply --units m --machine elegoo-mars-4-dlp --height-mm 4 --out figure.tfc");
+  for (const char* file : {"figure.goo", "figure.sl1", "figure.nanodlp", "cover.goo"}) is_there(file, 10000);
   is_there("read-back/plan.json", 1000);
 }
 
