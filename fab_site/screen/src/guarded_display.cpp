@@ -7,7 +7,6 @@
 #include <sys/wait.h>
 
 #include <cerrno>
-#include <climits>
 #include <csignal>
 #include <cstring>
 #include <mutex>
@@ -308,10 +307,8 @@ ScreenSettings screen_settings(const MachineProfile& machine) {
 }
 
 GuardProgram own_guard_program() {
-  std::string path(PATH_MAX, '\0');
-  const ssize_t n = ::readlink("/proc/self/exe", path.data(), path.size());
-  path.resize(static_cast<std::size_t>(std::max<ssize_t>(n, 0)));
-  return {path, {"guard-screen"}};
+  // Not the path that it had: after an upgrade another version lies there, which may speak otherwise.
+  return {"/proc/self/exe", {"guard-screen"}};
 }
 
 Result<std::unique_ptr<ScreenDisplay>> open_guarded_display(const ScreenSettings& settings, const GuardProgram& program,

@@ -119,6 +119,15 @@ class Worker {
   bool shows_ = false;
 };
 
+// An upgrade replaces the file of a program that goes on with its print; its guard must be of its own version.
+TEST(OwnGuardProgram, IsTheProgramThatRunsAlsoWhereItsFileWasReplaced) {
+  const auto file = std::filesystem::temp_directory_path() / fmt::format("telefab-replaced-{}", ::getpid());
+  std::filesystem::copy_file("/bin/sh", file);
+  const std::string script = "rm $0 && cp /bin/false $0 && chmod 755 $0 && " + own_guard_program().path + " -c true";
+  EXPECT_EQ(std::system(fmt::format("{0} -c '{1}' {0}", file.string(), script).c_str()), 0);
+  std::filesystem::remove(file);
+}
+
 TEST(GuardedScreen, ShowsAMaskByteForByteAndIsBlackBeforeAndAfter) {
   FileScreen screen;
   SystemClock clock;

@@ -22,7 +22,7 @@ struct GuardProgram {
   std::string path;
   std::vector<std::string> arguments;
 };
-/// This program, as it was started, with its verb for that.
+/// The program that runs, also where its file was replaced since it was started, with its verb for that.
 [[nodiscard]] GuardProgram own_guard_program();
 
 /// Number of the open file by which a guard hears its program.
