@@ -28,7 +28,6 @@ pkg_check_modules(pugixml REQUIRED IMPORTED_TARGET pugixml)
 pkg_check_modules(libusb REQUIRED IMPORTED_TARGET libusb-1.0)
 pkg_check_modules(libudev REQUIRED IMPORTED_TARGET libudev)
 pkg_check_modules(libdrm REQUIRED IMPORTED_TARGET libdrm)
-pkg_check_modules(lib3mf REQUIRED IMPORTED_TARGET lib3MF)
 find_package(CGAL REQUIRED QUIET)
 
 # libopencv-dev alone carries OpenCVConfig.cmake and pulls in all of OpenCV; the two parts we use are found by name.
@@ -41,6 +40,7 @@ target_link_libraries(telefab_opencv INTERFACE ${TELEFAB_OPENCV_IMGPROC} ${TELEF
 
 if(TELEFAB_TESTS)
   find_package(GTest REQUIRED)
+  pkg_check_modules(lib3mf REQUIRED IMPORTED_TARGET lib3MF)
 endif()
 if(TELEFAB_BENCH)
   find_package(benchmark REQUIRED)
