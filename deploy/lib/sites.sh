@@ -45,3 +45,20 @@ end_sites() {
   for process in "${site_processes[@]}"; do kill "$process" 2>/dev/null || true; done
   wait 2>/dev/null || true
 }
+
+# take_packages FOLDER TO: unpacks the programs of the packages in FOLDER into TO, installs with apt the libraries that
+# they miss here, and nothing else: no service, no settings.
+take_packages() {
+  local folder=$1 to=$2 package newest depends=()
+  rm -rf "$to" && mkdir -p "$to" || return
+  for package in telefab telefab-scan telefab-fab; do
+    # shellcheck disable=SC2012  # of names that dpkg made
+    newest=$(ls -t "$folder/${package}_"*.deb 2>/dev/null | head -n 1)
+    [ -n "$newest" ] || { echo "there is no $package package in $folder; deploy/release makes it" >&2; return 1; }
+    dpkg-deb -x "$newest" "$to" || return
+    depends+=("$(dpkg-deb -f "$newest" Depends)")
+  done
+  if ldd "$to"/usr/bin/telefab* | grep 'not found'; then
+    as_root apt-get update && as_root env DEBIAN_FRONTEND=noninteractive apt-get satisfy -y --no-install-recommends "${depends[@]}"
+  fi
+}
