@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <telefab/machine/exposure_time.hpp>
 #include <telefab/base/nearest_name.hpp>
+#include <telefab/machine/exposure_time.hpp>
 #include <telefab/machine/machine_profile.hpp>
 
 namespace telefab {

@@ -6,8 +6,8 @@
 #include <array>
 #include <cmath>
 #include <set>
-#include <telefab/machine/exposure_time.hpp>
 #include <telefab/base/nearest_name.hpp>
+#include <telefab/machine/exposure_time.hpp>
 #include <telefab/machine/profile_catalogue.hpp>
 
 #include "profile_values.hpp"
