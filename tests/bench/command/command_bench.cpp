@@ -41,7 +41,7 @@ void command(benchmark::State& state, const Input& input, const Setup& setup, co
                                            "--height-mm", fmt::format("{}", setup.height_mm),
                                            "--layer-mm",  fmt::format("{}", setup.layer_mm),
                                            "--threads",   fmt::format("{}", setup.threads),
-                                           "--json"};
+                                           "--force",     "--json"};
   Spent most;
   for (auto _ : state) {
     const auto spent = run_child(TELEFAB_SCAN, arguments, report);
