@@ -38,6 +38,14 @@ std::string intake_text(const SliceRequest& r) {
   text.push_back(r.mls.kernel_mm.value_or(0));
   text.push_back(static_cast<int>(r.mls.surface));
   text.push_back(r.flat_base);
+  // What is said in millimetres of the print means another surface at another size.
+  if (r.most_gap_mm || r.thickness_mm || r.mls.kernel_mm) {
+    const PlacementOptions& p = r.placement;
+    for (const double size : {p.height_mm.value_or(0), p.scale.value_or(0), p.unit_mm.value_or(0)})
+      text.push_back(size);
+    text.push_back(p.fit ? r.machine.name : "");
+    for (const double entry : p.turn.matrix().reshaped()) text.push_back(entry);
+  }
   return json_text(text);
 }
 
@@ -55,6 +63,14 @@ ScanStager::ScanStager(UploadStore& uploads, std::function<Result<void>(std::uin
       room_{std::move(room)},
       queue_{"stager", [this](const std::string& task, std::stop_token stop) { run(task, stop); }} {}
 
+bool ScanStager::holds(const std::string& id, const Scan& scan, Kind kind) const {
+  if (kind == &Scan::joining) return false;  // what was made may have gone since; the same bytes are the same upload
+  if (kind == &Scan::look) return scan.staged != nullptr;
+  if (kind != &Scan::reading) return true;
+  const auto upload = uploads_.find(id);
+  return scan.picture.size() > 0 && upload && upload->state != UploadState::Checking;
+}
+
 void ScanStager::ask(const std::string& id, Kind kind, Question question) {
   const std::string task = id + letter_of(kind);
   {
@@ -63,8 +79,9 @@ void ScanStager::ask(const std::string& id, Kind kind, Question question) {
     scan.used = ++next_;
     Question& now = scan.*kind;
     // The same question is not asked twice, while its answer is on its way or holds.
-    if ((now.state == Question::State::Working || now.state == Question::State::Done) && now.asked == question.asked)
-      return;
+    const bool is_known =
+        now.state == Question::State::Working || (now.state == Question::State::Done && holds(id, scan, kind));
+    if (is_known && now.asked == question.asked) return;
     now = std::move(question);
     now.state = Question::State::Working;
     now.number = ++next_;
@@ -128,9 +145,10 @@ void ScanStager::forget_others(const std::string& id) {
       if (other != id && (oldest == nullptr || scan.used < oldest->used)) oldest = &scan;
     }
     if (held <= kMostHeld || oldest == nullptr) return;
-    const std::uint64_t revision = oldest->revision;
-    *oldest = {};
-    oldest->revision = revision;
+    // Questions and answers are small, and perhaps somebody waits for them.
+    oldest->staged.reset();
+    oldest->staged_as.clear();
+    oldest->picture = {};
   }
 }
 

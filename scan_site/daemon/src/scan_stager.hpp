@@ -77,6 +77,8 @@ class ScanStager {
   }
 
   void ask(const std::string& id, Kind kind, Question question);
+  /// Whether an answer of that kind is still what would be found.
+  [[nodiscard]] bool holds(const std::string& id, const Scan& scan, Kind kind) const;
   void run(const std::string& task, const std::stop_token& stop);
   [[nodiscard]] Result<std::string> answer(const std::string& id, Kind kind, const Question& question,
                                            const std::stop_token& stop);

@@ -66,7 +66,7 @@ Result<std::string> SiteStagingBackend::uploads() {
 }
 
 Result<std::string> SiteStagingBackend::begin(const AnnouncedFile& file, std::string_view who) {
-  uploads_.remove_outlived();
+  remove_outlived();
   // A file that is known wants nothing more of the disk than its parts that are missing, which count already.
   bool is_known = false;
   for (const Upload& each : uploads_.list()) is_known |= each.plan.content == file.content;

@@ -2,10 +2,12 @@
 #include <telefab/scan/staging/staged_scan.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
+#include <telefab/scan/placing/room.hpp>
 #include <telefab/scan/slicing/surface_survey.hpp>
 
 namespace telefab::scan {
@@ -38,6 +40,20 @@ void add_left_out(ShownPoints& shown, const PointCloud& all, const PointCloud& k
   }
 }
 
+/// Millimetres of the print in a unit of the cloud, as the request asks for it.
+double print_scale(const PointCloud& cloud, const SliceRequest& request) {
+  const PlacementOptions& placement = request.placement;
+  if (!placement.height_mm && !placement.fit)
+    return placement.scale.value_or(placement.unit_mm.value_or(cloud.unit_mm.value_or(1)));
+  Box3 box = Box3::nothing();
+  for (const Eigen::Vector3f& p : cloud.points)
+    box.include(Vec3{placement.turn.matrix() * (cloud.origin + p.cast<double>())});
+  const Vec3 size = box.max - box.min;
+  const double scale =
+      placement.fit ? fitted_scale(request.machine, size, Vec3::Zero()) : *placement.height_mm / size.z();
+  return std::isfinite(scale) && scale > 0 ? scale : 1;
+}
+
 }  // namespace
 
 Result<RawScan> raw_scan(std::span<const std::byte> file, std::string_view name, std::stop_token stop) {
@@ -68,7 +84,9 @@ Result<StagedScan> staged_scan(std::span<const std::byte> file, std::string_view
   intake.pick.keep_outliers |= !request.mls.drop_outliers;
   auto prepared = prepare_scan(file, name, intake, progress, clock, stop);
   if (!prepared) return tl::unexpected{prepared.error()};
-  const auto survey = survey_surface(prepared->cloud, request, progress, stop);
+  // In millimetres, as everything is that the request says of gaps, thickness and kernel.
+  const double scale = print_scale(prepared->cloud, request);
+  const auto survey = survey_surface(scaled(prepared->cloud, scale), request, progress, stop);
   if (!survey) return fail_in(name, survey.error());
   clock.lap("surface");
 
@@ -76,7 +94,7 @@ Result<StagedScan> staged_scan(std::span<const std::byte> file, std::string_view
   ShownPoints shown;
   shown.origin = origin;
   const auto add = [&](const SurfaceSurvey::Sample& s) {
-    shown.points.push_back((s.place - origin).cast<float>());
+    shown.points.push_back((s.place / scale - origin).cast<float>());
     shown.normals.push_back(s.normal);
     shown.kinds.push_back(static_cast<PointKind>(s.kind));
   };
@@ -101,9 +119,9 @@ Result<StagedScan> staged_scan(std::span<const std::byte> file, std::string_view
       {"completed", count(survey->added, SurfaceClass::Completed)},
       {"doubtful", count(survey->measured, SurfaceClass::Doubtful) + count(survey->added, SurfaceClass::Doubtful)},
       {"asked", survey->asked},
-      {"spacing", survey->spacing},
-      {"noise", survey->noise},
-      {"largest_gap", survey->largest_gap},
+      {"spacing", survey->spacing / scale},
+      {"noise", survey->noise / scale},
+      {"largest_gap", survey->largest_gap / scale},
       {"missing_share", survey->open.share()}};
   facts["refusal"] = survey->refusal ? Json(*survey->refusal) : Json(nullptr);
   facts["warnings"] = prepared->warnings;

@@ -38,7 +38,9 @@ const place = (() => {
   const placingKeys = ["resin", "print", "height_mm", "scale", "fit", "units", "rotate", "mirror", "position", "scale_axes", "layer_mm", "chord_mm", "speck_px2", "method", "coding"];
   function lookKey() {
     const p = parameters();
-    for (const key of placingKeys) delete p[key];
+    // What is said in millimetres of the print means another surface at another size.
+    const isOfSize = ["complete", "thickness_mm", "kernel_mm"].some((key) => key in p);
+    for (const key of placingKeys) if (!isOfSize || !["height_mm", "scale", "fit", "units", "rotate"].includes(key)) delete p[key];
     return JSON.stringify(p);
   }
 

@@ -54,6 +54,23 @@ TEST(RawScan, TellsPointsBoxAndThatNobodyKnowsTheUnitOfATinyFile) {
 
 TEST(RawScan, RefusesWhatIsNoScan) { EXPECT_FALSE(raw_scan(bytes_of("hello"), "a.ply", {}).has_value()); }
 
+TEST(StagedScan, FindsTheSameOfAScanInMetresAsInMillimetresWhereGapsAreSaidInMillimetres) {
+  const auto facts_of = [](double radius, double unit_mm) {
+    SliceRequest request = request_for(20);
+    request.placement.height_mm.reset();
+    request.placement.unit_mm = unit_mm;
+    request.most_gap_mm = 3;  // of a hole that is wider
+    const auto staged = staged_scan(bytes_of(ball(radius, 0, 6000, 0.8 * radius)), "open.xyz", request, {}, {});
+    EXPECT_TRUE(staged.has_value()) << staged.error().what;
+    return json::parse(staged->facts_json);
+  };
+  const json small = facts_of(10, 1), large = facts_of(10, 10);
+  // Three millimetres close less of a hole of 60 mm than of one of 6 mm.
+  EXPECT_GT(small["completed"], large["completed"]);
+  EXPECT_NEAR(small["spacing"].get<double>(), large["spacing"].get<double>(), 1e-3) << "in the unit of the file";
+  EXPECT_EQ(facts_of(10, 10)["completed"], facts_of(100, 1)["completed"]);
+}
+
 TEST(StagedScan, ShowsThePieceThatIsLeftOut) {
   SliceRequest request = request_for(20);
   request.intake.pick.pieces = 1;
