@@ -28,7 +28,7 @@ Result<DataFolder> DataFolder::open(const std::filesystem::path& path) {
   for (const auto& folder : {path, path / "incoming", path / "jobs"}) {
     std::filesystem::create_directories(folder, error);
     if (error == std::errc::not_a_directory || error == std::errc::file_exists)
-      return fail(ErrorCode::InvalidInput, fmt::format("{} is a file; name a folder", path.string()));
+      return fail(ErrorCode::InvalidInput, fmt::format("{} is a file; name a folder", folder.string()));
     if (error) return fail_system("make the folder", folder, error.value());
   }
   const auto lock_path = path / "lock";

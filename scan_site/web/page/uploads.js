@@ -236,14 +236,17 @@ function uploadItem({ id, name, size, done, text, isHere, sending }) {
 }
 
 // Views of one object, in any pose, become one scan.
+// Those that are ticked and here as a whole, in the order of the list.
+const viewsToJoin = () => uploads.here.filter((each) => uploads.views.has(each.id) && each.state === "whole").map((each) => each.id);
+
 function showJoin() {
-  const count = [...uploads.views].filter((id) => uploads.here.some((each) => each.id === id && each.state === "whole")).length;
+  const count = viewsToJoin().length;
   byId("join").hidden = count < 2 || uploads.isJoining;
   byId("join").textContent = `Join the ${count} views`;
 }
 
 async function joinViews() {
-  const [id, ...others] = uploads.here.map((each) => each.id).filter((each) => uploads.views.has(each));
+  const [id, ...others] = viewsToJoin();
   const say = (text) => (byId("upload-answer").textContent = text);
   uploads.isJoining = true;
   showJoin();
