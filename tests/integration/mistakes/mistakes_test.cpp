@@ -142,7 +142,9 @@ TEST_P(Mistakes, AreAnsweredWithWhatWhereAndWhatToDo) {
     if (word.empty()) continue;
     EXPECT_THAT(printed, Not(HasSubstr(std::string{word})));
   }
-  EXPECT_LT(std::ranges::count(outcome.errors, '\n'), 4) << "an answer, not a flood: " << outcome.errors;
+  // Whoever watches is told each state that is seen besides; how many are seen is a matter of time.
+  const int states = mistake.command.find("--watch") == std::string_view::npos ? 0 : 4;
+  EXPECT_LT(std::ranges::count(outcome.errors, '\n'), 4 + states) << "an answer, not a flood: " << outcome.errors;
 }
 
 std::string name_of(const testing::TestParamInfo<Mistake>& info) { return std::string{info.param.name}; }
