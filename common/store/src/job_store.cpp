@@ -106,8 +106,12 @@ class Statement {
     if (code == SQLITE_ROW) return true;
     if (code == SQLITE_DONE) return false;
     const char* const path = sqlite3_db_filename(database_, "main");
-    // SQLite calls a full disk an I/O error where it has no room for its own side files.
-    if (code == SQLITE_FULL || sqlite3_system_errno(database_) == ENOSPC) return fail_system("write", path, ENOSPC);
+    // SQLite calls a full disk an I/O error where it has no room for its own side files; what the system said last it
+    // keeps over answers that have nothing to do with it.
+    const int kind = code & 0xff;
+    const bool is_of_system = kind == SQLITE_IOERR || kind == SQLITE_CANTOPEN;
+    if (kind == SQLITE_FULL || (is_of_system && sqlite3_system_errno(database_) == ENOSPC))
+      return fail_system("write", path, ENOSPC);
     return fail(code_of(code), fmt::format("job store {}: {}", path, sqlite3_errmsg(database_)));
   }
   [[nodiscard]] std::string text() {
