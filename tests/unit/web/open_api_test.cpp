@@ -9,6 +9,7 @@
 #include <set>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/scan/web/scan_web.hpp>
+#include <telefab/test/recording_backend.hpp>
 
 namespace telefab {
 namespace {
@@ -60,6 +61,22 @@ TEST(OpenApi, EveryOperationSaysWhatItAnswers) {
       for (const auto& [method, operation] : methods.items())
         EXPECT_FALSE(operation["responses"].empty()) << site << ' ' << path << ' ' << method;
   }
+}
+
+TEST(OpenApi, NamesEveryMemberOfAJobAndOfAMachineOfTheFab) {
+  fab::RecordingBackend backend;
+  const VirtualClock clock;
+  SignIn sign_in{{}, clock};
+  const auto answered = [&](const char* path) {
+    return json::parse(fab::answer({"GET", path, {}, {}, {}}, backend, sign_in, {}).body);
+  };
+  const json paths = api_of("fab_site")["paths"];
+  const auto names = [&](const char* path, const json& members) {
+    const std::string text = paths[path]["get"]["responses"]["200"]["description"];
+    for (const auto& [name, value] : members.items()) EXPECT_THAT(text, testing::HasSubstr(name)) << path;
+  };
+  names("/v1/jobs/{id}", answered("/v1/jobs/job-1"));
+  names("/v1/machines", answered("/v1/machines")["machines"][0]);
 }
 
 }  // namespace
