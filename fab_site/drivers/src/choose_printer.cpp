@@ -4,8 +4,72 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <utility>
 
 namespace telefab::fab {
+namespace {
+
+class SoughtPrinter final : public WholePrinter {
+ public:
+  SoughtPrinter(PrinterNetwork& network, Clock& clock, PrinterChoice choice)
+      : network_{network}, clock_{clock}, choice_{std::move(choice)} {}
+
+  Result<WholePrinterFacts> facts() override {
+    return ask([](WholePrinter& printer) { return printer.facts(); });
+  }
+  Result<WholePrinterStatus> status() override {
+    return ask([](WholePrinter& printer) { return printer.status(); });
+  }
+  Result<std::optional<PrinterTask>> task(std::string_view id) override {
+    return ask([&](WholePrinter& printer) { return printer.task(id); });
+  }
+  Result<void> begin_upload(const PrinterUpload& file) override {
+    return ask([&](WholePrinter& printer) { return printer.begin_upload(file); });
+  }
+  Result<UploadStep> send_part() override {
+    return ask([](WholePrinter& printer) { return printer.send_part(); });
+  }
+  Result<void> end_upload() override { return found_ ? found_->end_upload() : Result<void>{}; }
+  Result<PrinterProblem> start(std::string_view file) override {
+    return ask([&](WholePrinter& printer) { return printer.start(file); });
+  }
+  Result<PrinterProblem> pause() override {
+    return ask([](WholePrinter& printer) { return printer.pause(); });
+  }
+  Result<PrinterProblem> resume() override {
+    return ask([](WholePrinter& printer) { return printer.resume(); });
+  }
+  Result<PrinterProblem> stop() override {
+    return ask([](WholePrinter& printer) { return printer.stop(); });
+  }
+
+ private:
+  template <class Question>
+  auto ask(const Question& question) -> decltype(question(std::declval<WholePrinter&>())) {
+    if (!found_) {
+      auto found = chosen_printer(network_, clock_, choice_);
+      if (!found)
+        return fail(found.error().code == ErrorCode::NotFound ? ErrorCode::Unreachable : found.error().code,
+                    found.error().what);
+      found_ = std::move(*found);
+    }
+    auto answer = question(*found_);
+    // It may have another address by now.
+    if (!answer && answer.error().code == ErrorCode::Unreachable) found_.reset();
+    return answer;
+  }
+
+  PrinterNetwork& network_;
+  Clock& clock_;
+  PrinterChoice choice_;
+  std::unique_ptr<WholePrinter> found_;
+};
+
+}  // namespace
+
+std::unique_ptr<WholePrinter> sought_printer(PrinterNetwork& network, Clock& clock, PrinterChoice choice) {
+  return std::make_unique<SoughtPrinter>(network, clock, std::move(choice));
+}
 
 Result<std::unique_ptr<WholePrinter>> chosen_printer(PrinterNetwork& network, Clock& clock,
                                                      const PrinterChoice& choice) {
