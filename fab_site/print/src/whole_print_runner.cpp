@@ -13,6 +13,29 @@ constexpr std::array<std::string_view, 6> kPhases{"checking", "uploading", "star
 constexpr std::array<std::string_view, 8> kOutcomes{"done", "stopped", "unknown",    "refused", "awaiting-decision",
                                                     "held", "sent",    "interrupted"};
 
+struct Word {
+  PrinterStep step;
+  std::string by;
+};
+/// Nothing: a printer that owns its light does not know it, and whoever said it is told so.
+std::optional<Word> word_of(const PrintControl::Wish& wish) {
+  if (const auto* pause = std::get_if<PauseAsked>(&wish.event)) return Word{PrinterStep::PauseAsked, pause->by};
+  if (const auto* resume = std::get_if<ResumeAsked>(&wish.event)) return Word{PrinterStep::Resumed, resume->by};
+  if (const auto* cancel = std::get_if<CancelAsked>(&wish.event)) return Word{PrinterStep::CancelAsked, cancel->by};
+  if (wish.kept) wish.kept(fail(ErrorCode::Conflict, "a printer that owns its light knows pause, resume and cancel"));
+  return std::nullopt;
+}
+
+Result<void> keep(PrintJournal& orders, Word word, Nanoseconds wall) {
+  JournalEntry entry;
+  entry.step = word.step == PrinterStep::PauseAsked ? JournalStep::PauseAsked
+               : word.step == PrinterStep::Resumed  ? JournalStep::Resumed
+                                                    : JournalStep::CancelAsked;
+  entry.wall = wall;
+  entry.by = std::move(word.by);
+  return orders.write(entry);
+}
+
 /// One run: the runner's arguments, and what it knows by now.
 class Run {
  public:
@@ -169,7 +192,10 @@ class Run {
     }
     if (problem != PrinterProblem::None)
       return report(WholePrintOutcome::Refused, problem, std::string{advice_on(problem)});
-    return fail_in(fmt::format("the file could not be sent in {} tries", policy_.uploads), last);
+    const auto failed = fail_in(fmt::format("the file could not be sent in {} tries", policy_.uploads), last);
+    // One that answers is not waited for: it would be sent the file for ever.
+    if (printer_.status()) return report(WholePrintOutcome::Refused, PrinterProblem::Other, failed.value().what);
+    return failed;
   }
 
   enum class Sent : std::uint8_t { Whole, Stopped, Refused };
@@ -335,24 +361,13 @@ class Run {
   /// Operators' words: journalled, and passed on to a print under way.
   Result<void> take_words() {
     while (auto wish = control_.take()) {
-      std::optional<PrinterStep> word;
-      std::string by;
-      if (const auto* pause = std::get_if<PauseAsked>(&wish->event)) {
-        word = PrinterStep::PauseAsked, by = pause->by;
-      } else if (const auto* resume = std::get_if<ResumeAsked>(&wish->event)) {
-        word = PrinterStep::Resumed, by = resume->by;
-      } else if (const auto* cancel = std::get_if<CancelAsked>(&wish->event)) {
-        word = PrinterStep::CancelAsked, by = cancel->by;
-      } else {
-        if (wish->kept)
-          wish->kept(fail(ErrorCode::Conflict, "a printer that owns its light knows pause, resume and cancel"));
-        continue;
-      }
-      is_given_up_ = is_given_up_ || (*word == PrinterStep::CancelAsked && is_lost_ && order() == Order::Cancel);
-      auto kept = keep_word(*word, std::move(by));
+      const auto word = word_of(*wish);
+      if (!word) continue;
+      is_given_up_ = is_given_up_ || (word->step == PrinterStep::CancelAsked && is_lost_ && order() == Order::Cancel);
+      auto kept = keep_word(*word);
       const bool is_written = kept.has_value();
       if (is_written && journal_.stage() == PrinterStage::Printing) {
-        unpassed_ = word;
+        unpassed_ = word->step;
         kept = pass_on();
       }
       if (wish->kept) wish->kept(kept);
@@ -373,19 +388,11 @@ class Run {
     }
   }
 
-  Result<void> keep_word(PrinterStep word, std::string by) {
-    if (orders_ != nullptr) {
-      JournalEntry entry;
-      entry.step = word == PrinterStep::PauseAsked ? JournalStep::PauseAsked
-                   : word == PrinterStep::Resumed  ? JournalStep::Resumed
-                                                   : JournalStep::CancelAsked;
-      entry.wall = clock_.wall();
-      entry.by = std::move(by);
-      return orders_->write(entry);
-    }
+  Result<void> keep_word(const Word& word) {
+    if (orders_ != nullptr) return keep(*orders_, word, clock_.wall());
     PrinterJournalEntry entry;
-    entry.step = word;
-    entry.by = std::move(by);
+    entry.step = word.step;
+    entry.by = word.by;
     return write(std::move(entry));
   }
 
@@ -507,6 +514,17 @@ Result<WholePrintReport> WholePrintRunner::run(const WholePrintJob& job, const W
                                                PrintControl& control, const WholePrintSink& sink,
                                                std::stop_token stop) {
   return Run{printer_, journal_, clock_, orders_, job, policy, control, sink, std::move(stop)}.go();
+}
+
+Result<void> keep_words(PrintControl& control, PrintJournal& orders, Nanoseconds wall) {
+  while (const auto wish = control.take()) {
+    const auto word = word_of(*wish);
+    if (!word) continue;
+    const auto kept = keep(orders, *word, wall);
+    if (wish->kept) wish->kept(kept);
+    if (!kept) return kept;
+  }
+  return {};
 }
 
 Result<void> decide_start(PrinterJournal& journal, StartDecision decision, std::string by, Nanoseconds wall) {

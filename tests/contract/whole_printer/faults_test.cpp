@@ -128,6 +128,18 @@ TEST_P(WholePrintFaults, AtEveryStepAreNamedAndNothingIsStartedTwice) {
 }
 INSTANTIATE_TEST_SUITE_P(All, WholePrintFaults, testing::Range<std::size_t>(0, kSdcpFaults));
 
+TEST(WholePrint, IsNotSentForEverToAPrinterThatAnswersAndBreaksEveryUploadOff) {
+  WholePrintBench bench;
+  bench.model.inject_when(SdcpFault::CutUpload, SdcpMoment::Upload);
+  const auto report = bench.run();
+  ASSERT_TRUE(report) << "as if it had been switched off: " << report.error().what;
+  EXPECT_EQ(report->outcome, WholePrintOutcome::Refused);
+  EXPECT_THAT(report->message, testing::HasSubstr("could not be sent in 3 tries"));
+  EXPECT_EQ(bench.model.starts_of("part.goo"), 0U);
+  bench.model.repair();
+  EXPECT_EQ(bench.run()->outcome, WholePrintOutcome::Done);
+}
+
 TEST(WholePrint, RefusesAPrinterThatIsNotTheOneOfItsProfile) {
   WholePrintBench bench;
   SdcpOptions options;

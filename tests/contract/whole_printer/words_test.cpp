@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <set>
+#include <telefab/fab/drivers/choose_printer.hpp>
 
 #include "whole_print_bench.hpp"
 
@@ -49,6 +50,72 @@ TEST(WholePrintWords, OfCancelStopThePrinterAlsoWhereTheLineBreaksJustThen) {
     EXPECT_EQ(report->outcome, WholePrintOutcome::Stopped);
     EXPECT_LT(bench.model.layers_of("part.goo"), WholePrintBench::kLayers);
   }
+}
+
+TEST(WholePrintWords, AreKeptWhileAPrinterThatIsKnownByItsNameAloneIsOutOfReach) {
+  WholePrintBench bench;
+  const auto sought = sought_printer(*bench.network, bench.clock, {"", bench.printer.id});
+  auto journal = PrinterJournal::open(memory_journal_file(bench.journal)).value();
+  PrintControl control;
+  int kept = 0, lost = 0, kept_while_lost = 0;
+  const auto report = WholePrintRunner{*sought, journal, bench.clock}.run(
+      bench.job, {}, control,
+      [&](const WholePrintEvent& event) {
+        if (event.phase == WholePrintPhase::Printing && event.task.layer == 1 && lost == 0)
+          bench.model.inject(SdcpFault::Silent, bench.model.interactions());
+        if (event.phase != WholePrintPhase::Lost) return;
+        if (++lost == 2) control.pause("ada", [&](const auto& outcome) { kept += outcome && *outcome ? 1 : 0; });
+        if (lost == 4) kept_while_lost = kept, bench.model.repair();
+      },
+      {});
+  ASSERT_TRUE(report) << report.error().what;
+  EXPECT_EQ(kept_while_lost, 1);
+  EXPECT_EQ(report->outcome, WholePrintOutcome::Done) << "it went on by itself";
+  EXPECT_THAT(bench.journal, HasSubstr("pause-asked"));
+}
+
+TEST(WholePrintWords, OfASecondCancelGiveUpAPrinterThatIsKnownByItsNameAloneAndNotFound) {
+  WholePrintBench bench;
+  auto journal = PrinterJournal::open(memory_journal_file(bench.journal)).value();
+  PrintControl control;
+  std::stop_source stop;
+  const auto life = [&](const WholePrintSink& sink, const std::stop_token& until) {
+    const auto sought = sought_printer(*bench.network, bench.clock, {"", bench.printer.id});
+    return WholePrintRunner{*sought, journal, bench.clock}.run(bench.job, {}, control, sink, until);
+  };
+  const auto first = life(
+      [&](const WholePrintEvent& event) {
+        if (event.task.layer == 1) stop.request_stop();
+      },
+      stop.get_token());
+  ASSERT_TRUE(first) << first.error().what;
+  ASSERT_EQ(first->outcome, WholePrintOutcome::Interrupted);
+  bench.model.inject(SdcpFault::Silent, bench.model.interactions());
+  int lost = 0;
+  const auto given_up = life(
+      [&](const WholePrintEvent& event) {
+        if (event.phase == WholePrintPhase::Lost && ++lost <= 2) control.cancel("ada");
+      },
+      {});
+  ASSERT_TRUE(given_up) << given_up.error().what;
+  EXPECT_EQ(given_up->outcome, WholePrintOutcome::Unknown);
+  EXPECT_LT(lost, 10) << "in time";
+}
+
+TEST(WholePrintWords, BeforeAnythingWasAskedAreKeptAndNothingMore) {
+  std::string bytes;
+  PrintControl control;
+  int kept = 0, refused = 0;
+  const auto on_kept = [&](const auto& outcome) { (outcome && *outcome ? kept : refused) += 1; };
+  auto orders = PrintJournal::open(memory_journal_file(bytes)).value();
+  control.pause("ada", on_kept);
+  control.decide(Decision::ExposeAgain, "ada", on_kept);
+  control.cancel("eve", on_kept);
+  ASSERT_TRUE(keep_words(control, orders, {}));
+  EXPECT_EQ(kept, 2);
+  EXPECT_EQ(refused, 1) << "no layer is in question";
+  EXPECT_EQ(PrintJournal::open(memory_journal_file(bytes))->order().by, "eve");
+  EXPECT_FALSE(control.take());
 }
 
 TEST(WholePrintWords, OfACancelThatWasKeptBeforeACrashStopThePrintAfterIt) {

@@ -89,6 +89,10 @@ class WholePrintRunner {
   PrintJournal* orders_;
 };
 
+/// Keeps the words that wait; all that is to be done about them while nothing was asked of a printer. Fails as
+/// PrintJournal::write does.
+[[nodiscard]] Result<void> keep_words(PrintControl& control, PrintJournal& orders, Nanoseconds wall);
+
 /// An operator's word about a start that nobody knows of; in the journal when this returns. Conflict: none is open.
 [[nodiscard]] Result<void> decide_start(PrinterJournal& journal, StartDecision decision, std::string by,
                                         Nanoseconds wall);
