@@ -14,9 +14,20 @@ Result<PrintJournal> open_journal(const std::filesystem::path& folder) {
   return PrintJournal::open(std::move(*file));
 }
 
-/// Nothing: it is damaged.
-Result<std::optional<PrinterJournal>> open_printer_journal(const std::filesystem::path& folder) {
-  auto file = open_journal_file(printer_journal_path(folder));
+bool has_printer_journal(const std::filesystem::path& folder) {
+  std::error_code error;
+  const auto bytes = std::filesystem::file_size(printer_journal_path(folder), error);
+  return !error && bytes > 0;
+}
+
+Result<std::unique_ptr<JournalFile>> printer_journal_file(const std::filesystem::path& folder) {
+  if (!has_printer_journal(folder)) return memory_journal_file();  // a look leaves none behind
+  return open_journal_file(printer_journal_path(folder));
+}
+
+/// For a look; an absent one is empty. Nothing: it is damaged.
+Result<std::optional<PrinterJournal>> look_into_printer_journal(const std::filesystem::path& folder) {
+  auto file = printer_journal_file(folder);
   if (!file) return tl::unexpected{file.error()};
   auto journal = PrinterJournal::open(std::move(*file));
   if (journal) return std::optional{std::move(*journal)};
@@ -26,9 +37,11 @@ Result<std::optional<PrinterJournal>> open_printer_journal(const std::filesystem
 
 bool is_begun(const Job& job) { return !is_before(job.state, JobState::Printing) || job.counters.layers_printed > 0; }
 
-bool is_whole(const std::filesystem::path& folder, LightOf light) {
-  std::error_code error;
-  return light == LightOf::WholePrinter || std::filesystem::exists(printer_journal_path(folder), error);
+/// A machine may have become of the other kind: whoever began a print has it to its end.
+bool is_whole(const std::filesystem::path& folder, LightOf light, const PrintJournal& orders) {
+  if (has_printer_journal(folder)) return true;
+  const ResumePoint lit = orders.resume_point();
+  return light == LightOf::WholePrinter && lit.next.count() == 0 && !lit.maybe_exposed;
 }
 
 StartFacts facts_of_whole(const std::optional<PrinterJournal>& journal, const PrintJournal& orders,
@@ -41,6 +54,15 @@ StartFacts facts_of_whole(const std::optional<PrinterJournal>& journal, const Pr
   return facts;
 }
 
+/// What came of a start, in the printer's journal; in another one where that is damaged.
+Result<void> keep_decision(std::unique_ptr<JournalFile> file, bool is_readable, const PrintWord& word,
+                           Nanoseconds wall) {
+  if (!is_readable) return PrinterJournal::begin_again(*file, *word.start, word.by, wall);
+  auto journal = PrinterJournal::open(std::move(file));
+  if (!journal) return tl::unexpected{journal.error()};
+  return journal->write(entry_of(*word.start, word.by, wall));
+}
+
 /// A word about a print on a whole printer: about its start in the printer's journal, then in that of the orders.
 Result<void> keep_word_of_whole(const std::filesystem::path& folder, const Job& job, PrintJournal& orders,
                                 const PrintWord& word, Nanoseconds wall) {
@@ -51,7 +73,7 @@ Result<void> keep_word_of_whole(const std::filesystem::path& folder, const Job& 
                             job.id));
   const bool goes_on = word.step == JournalStep::Approved || word.step == JournalStep::Resumed;
   if (goes_on && orders.order().order != Order::Cancel) {
-    auto journal = open_printer_journal(folder);
+    const auto journal = look_into_printer_journal(folder);
     if (!journal) return tl::unexpected{journal.error()};
     const StartFacts facts = facts_of_whole(*journal, orders, folder, job);
     const bool is_asked = !*journal || facts.is_behind_store || (*journal)->stage() == PrinterStage::StartUnknown;
@@ -60,12 +82,10 @@ Result<void> keep_word_of_whole(const std::filesystem::path& folder, const Job& 
       return fail(
           ErrorCode::Conflict,
           fmt::format("job {}: no start of it is in question; resume it without saying what came of it", job.id));
-    if (is_asked && !*journal) {
+    if (is_asked) {
       auto file = open_journal_file(printer_journal_path(folder));
       if (!file) return tl::unexpected{file.error()};
-      if (auto kept = PrinterJournal::begin_again(**file, *word.start, word.by, wall); !kept) return kept;
-    } else if (is_asked) {
-      if (auto kept = (*journal)->write(entry_of(*word.start, word.by, wall)); !kept) return kept;
+      if (auto kept = keep_decision(std::move(*file), journal->has_value(), word, wall); !kept) return kept;
     }
   }
   PrintPlan plan;
@@ -81,7 +101,7 @@ Result<void> keep_word(const std::filesystem::path& folder, const Job& job, Ligh
                        Nanoseconds wall) {
   auto journal = open_journal(folder);
   if (!journal) return tl::unexpected{journal.error()};
-  if (is_whole(folder, light)) return keep_word_of_whole(folder, job, *journal, word, wall);
+  if (is_whole(folder, light, *journal)) return keep_word_of_whole(folder, job, *journal, word, wall);
   if (word.start)
     return fail(ErrorCode::Conflict,
                 fmt::format("job {}: no start of it is in question; resume it without saying what came of it", job.id));
@@ -99,26 +119,26 @@ Result<StartCase> start_case(const std::filesystem::path& folder, const Job& job
   StartCase found;
   found.has_begun = is_begun(job);
   std::error_code error;
-  if (is_whole(folder, light)) {
+  if (light == LightOf::Fab && !has_printer_journal(folder) && !std::filesystem::exists(folder / "journal", error) &&
+      job.counters.layers_printed == 0)
+    return found;
+  const auto orders = open_journal(folder);
+  if (!orders) return tl::unexpected{orders.error()};
+  if (is_whole(folder, light, *orders)) {
     found.light = LightOf::WholePrinter;
-    const auto orders = open_journal(folder);
-    if (!orders) return tl::unexpected{orders.error()};
-    const auto journal = open_printer_journal(folder);
+    const auto journal = look_into_printer_journal(folder);
     if (!journal) return tl::unexpected{journal.error()};
     found.facts = facts_of_whole(*journal, *orders, folder, job);
     found.has_begun |= !*journal || (*journal)->stage() >= PrinterStage::StartUnknown;
     return found;
   }
-  if (!std::filesystem::exists(folder / "journal", error) && job.counters.layers_printed == 0) return found;
-  const auto journal = open_journal(folder);
-  if (!journal) return tl::unexpected{journal.error()};
   const auto planned = PlannedJob::open(folder / "plan");
   const LayerIndex seen{job.counters.layers_printed};
-  found.facts = facts_of(*journal, planned ? plan_digest((*planned)->plan()) : Digest{}, seen, is_begun(job),
+  found.facts = facts_of(*orders, planned ? plan_digest((*planned)->plan()) : Digest{}, seen, is_begun(job),
                          job.state == JobState::Paused);
-  if (!planned) found.facts.is_of_this_plan = journal->empty();
-  found.has_begun |= !journal->empty();
-  found.point = resume_point_of(*journal, seen);
+  if (!planned) found.facts.is_of_this_plan = orders->empty();
+  found.has_begun |= !orders->empty();
+  found.point = resume_point_of(*orders, seen);
   return found;
 }
 
