@@ -185,6 +185,15 @@ Offer offer_of(const NewJob& job, const MachineProfile& machine, const StackHead
           {}};
 }
 
+/// The same file once more under another name, where the file system has that; else a copy. Nothing writes to either.
+Result<void> share_file(const std::filesystem::path& from, const std::filesystem::path& to) {
+  std::error_code error;
+  std::filesystem::create_hard_link(from, to, error);
+  if (error) std::filesystem::copy_file(from, to, error);
+  if (error) return fail_system("write", to, error.value());
+  return {};
+}
+
 }  // namespace
 
 Result<NewJob> write_upload(const DataFolder& data, const std::vector<UploadTarget>& targets, std::string_view name,
@@ -243,10 +252,7 @@ Result<NewJob> write_again(const DataFolder& data, const Job& job, std::string_v
   offer.owner = who;
   offer.public_key.clear(), offer.signature.clear();
   Result<void> written;
-  if (has_ready_print(*from)) {
-    const auto masks = read_file(*from / kReadyFile, kMostBytes);
-    written = masks ? write_file_atomically(*folder / kReadyFile, *masks) : tl::unexpected{masks.error()};
-  }
+  if (has_ready_print(*from)) written = share_file(*from / kReadyFile, *folder / kReadyFile);
   if (const auto by_hand = hand_list_in(*from); written && !by_hand)
     written = tl::unexpected{by_hand.error()};
   else if (written && !by_hand->is_empty())

@@ -68,6 +68,16 @@ TEST_F(Again, IsRefusedWhereNotAllLayersCameAndMakesNoJob) {
   start_fab({"--web", "127.0.0.1:0"});
   EXPECT_THAT(post("/v1/jobs/j0000/again"), HasSubstr("HTTP/1.1 404"));
   EXPECT_EQ(json::parse(telefab({"jobs", "--json", "--site", fab_site()}).output).size(), 0U);
+  start_scan();
+  ASSERT_EQ(telefab({"submit", torus().string(), "--machine", "toy", "--height-mm", "2", "--watch"}).code, 0);
+  const std::string job = newest_in("done")["id"];
+  const auto jobs = folder() / "fab" / "jobs";
+  const auto chunks = jobs / job / "chunks";
+  std::filesystem::resize_file(chunks, std::filesystem::file_size(chunks) - 1);  // its end is torn off
+  const std::string refused = post("/v1/jobs/" + job + "/again");
+  EXPECT_THAT(refused, HasSubstr("HTTP/1.1 409"));
+  EXPECT_THAT(refused, HasSubstr("not all layers of job " + job + " are here"));
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator{jobs}, {}), 1) << "no folder is left";
 }
 
 }  // namespace
