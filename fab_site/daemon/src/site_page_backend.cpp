@@ -17,6 +17,7 @@
 
 #include "intake.hpp"
 #include "job_supports.hpp"
+#include "printing_machine.hpp"
 
 namespace telefab::fab {
 namespace {
@@ -265,6 +266,8 @@ Result<std::vector<std::byte>> SitePageBackend::preview_png(std::string_view id)
 Result<std::vector<std::byte>> SitePageBackend::view_png(std::string_view id) {
   const auto path = plan_file(id, "view.png");
   if (!path) return tl::unexpected{path.error()};
+  std::error_code error;
+  if (!std::filesystem::exists(*path, error)) return preview_png(id);  // planned before there were any
   return read_file(*path, kMaxFileBytes);
 }
 
@@ -412,10 +415,12 @@ std::string SitePageBackend::devices_json() {
     const auto found = profiles_.compose({standing.name});
     if (!found) continue;
     const MachineProfile& machine = found->profile;
-    value[standing.name] =
-        fmt::format("projector {}, stage {}, {} x {} pixels, layers of {} mm", name_of(machine.devices.projector),
-                    name_of(machine.devices.stage), machine.mask_size().width_px, machine.mask_size().height_px,
-                    machine.layers.thickness_mm);
+    const std::string made_of =
+        fab::light_of(machine) == LightOf::WholePrinter
+            ? fmt::format("a whole printer ({})", name_of(machine.devices.printer))
+            : fmt::format("projector {}, stage {}", name_of(machine.devices.projector), name_of(machine.devices.stage));
+    value[standing.name] = fmt::format("{}, {} x {} pixels, layers of {} mm", made_of, machine.mask_size().width_px,
+                                       machine.mask_size().height_px, machine.layers.thickness_mm);
   }
   return json_text(value);
 }

@@ -34,8 +34,9 @@ function part(of, name, kind) {
 
 // A picture that is only there where the server has one.
 function showPicture(image, source) {
+  if (source && image.getAttribute("src") === source) return;  // hidden where it did not come
   image.hidden = !source;
-  if (!source || image.getAttribute("src") === source) return;
+  if (!source) return;
   image.onerror = () => (image.hidden = true);
   image.src = source;
 }
