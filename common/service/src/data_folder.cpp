@@ -94,6 +94,15 @@ Result<void> DataFolder::announce_port(std::uint16_t port) const {
   return write_file_atomically(path_ / "port", std::string_view{fmt::format("{}\n", port)});
 }
 
+std::uint64_t bytes_in(const std::filesystem::path& folder) {
+  std::uint64_t bytes = 0;
+  std::error_code error;
+  for (const auto& file : std::filesystem::recursive_directory_iterator{folder, error})
+    if (file.is_regular_file(error))
+      if (const auto size = file.file_size(error); !error) bytes += size;
+  return bytes;
+}
+
 void set_thread_name(const char* name) { pthread_setname_np(pthread_self(), name); }
 
 void give_way() {

@@ -17,15 +17,6 @@ constexpr auto kReserveLookEvery = std::chrono::seconds{5};
 constexpr auto kRetentionLookEvery = std::chrono::hours{1};
 constexpr auto kBackUpEvery = std::chrono::hours{1};
 
-std::uint64_t bytes_in(const std::filesystem::path& folder) {
-  std::uint64_t bytes = 0;
-  std::error_code error;  // what cannot be read counts as nothing
-  for (const auto& file : std::filesystem::recursive_directory_iterator{folder, error})
-    if (file.is_regular_file(error))
-      if (const auto size = file.file_size(error); !error) bytes += size;
-  return bytes;
-}
-
 }  // namespace
 
 Result<std::unique_ptr<Site>> Site::open(std::string program, const ServeOptions& options, const Clock& clock,

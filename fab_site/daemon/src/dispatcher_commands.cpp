@@ -165,7 +165,7 @@ Result<void> JobDispatcher::cancel(const Job& job, const std::string& who) {
   if (at_printer && *at_printer) {
     const auto place =
         queue_.begun_on(job.id) ? Result<std::optional<std::size_t>>{queue_.begun_on(job.id)} : where_begun(job);
-    if (place && *place) {
+    if (place && *place && machines_.is_whole(**place)) {
       queue_.begin(job.id, **place);
       pass_to_printer(job, fmt::format("cancelled by {}; its printer is asked to stop", who));
       return {};
@@ -190,10 +190,14 @@ Result<Job> JobDispatcher::clear_platform(const std::string& machine) {
   const bool is_in_trouble = standing == MachineStanding::Fault || standing == MachineStanding::Offline;
   if (!there && is_in_trouble) {
     const std::string met_by = shown_[*place].left_by;
-    if (met_by.empty())
-      return fail(ErrorCode::Conflict,
-                  fmt::format("the platform of {} is empty already; it is looked for by itself: {}", machine,
-                              shown_[*place].why));
+    if (met_by.empty()) {  // found out by a look
+      printers_[*place]->look();
+      Job of_nobody;
+      of_nobody.id = machine;
+      of_nobody.machine = machine;
+      of_nobody.message = "looked for now: telefab machines";
+      return of_nobody;
+    }
     queue_.forget_trouble(*place);
     shown_[*place] = {};
     dispatch();

@@ -29,7 +29,9 @@ Result<void> serve_fab_site(const FabSiteConfig& config, const Clock& clock, std
   if (!machines) return tl::unexpected{machines.error()};
   FabSite work{**site, config, std::move(*machines)};
   if (auto served = (*site)->serve(work, std::move(stop)); !served) return served;
-  log_line("telefab-fab ends; every print under way is dark and is resumed at the next start");
+  log_line(
+      "telefab-fab ends; every print by its own light is dark and is resumed at the next start, and what whole "
+      "printers print goes on there");
   return {};
 }
 
@@ -99,7 +101,7 @@ WebSite& FabSite::open_page(SignIn& sign_in, CommandPost post) {
 void FabSite::begin(std::uint16_t port) { log_line(fmt::format("telefab-fab listens on port {}", port)); }
 
 void FabSite::end(std::function<void()> ended) {
-  if (!dispatcher_.is_idle()) log_line("telefab-fab ends when the light of every print under way has ended");
+  if (!dispatcher_.is_idle()) log_line("telefab-fab ends when the light of every print by its own light has ended");
   planner_.ask_to_end();
   dispatcher_.ask_to_end();
   end_when_dark(std::move(ended));

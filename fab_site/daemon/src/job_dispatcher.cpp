@@ -292,7 +292,10 @@ void JobDispatcher::wait_for_machine(const std::string& job, InTrouble in_troubl
   if (!now) return log_warning(now.error().what, {job});
   const auto fits = machines_.fits(*now);
   const auto begun = queue_.begun_on(job);
-  if (begun && std::ranges::find(fits.places, *begun) == fits.places.end())
+  const bool is_misfit = begun && std::ranges::find(fits.places, *begun) == fits.places.end();
+  // What goes on at its printer is watched there, and obeys, whatever that has become.
+  if (is_misfit && machines_.is_whole(*begun) && is_at_printer(*now).value_or(false)) only_watched_.insert(job);
+  if (is_misfit && !only_watched_.contains(job))
     return tracker().move(job, JobState::Paused,
                           fmt::format("its print began on {}, which has another resin or light now; put that back in "
                                       "the list and start the fab again, or cancel the job",
@@ -353,16 +356,19 @@ std::string JobDispatcher::sentence_of(const Wait& wait) const {
     case WaitReason::Busy:
       return {};
     case WaitReason::Platform:
-      return fmt::format(
-          "waits for an empty platform: the part of {} is on that of {}; take it off, then telefab cleared {}",
-          queue_.part_on(*wait.machine).value_or(""), machine, machine);
+      return fmt::format("waits for an empty platform: {} is on that of {}; take it off, then telefab cleared {}",
+                         queue_.part_on(*wait.machine) == kForeignPart
+                             ? "what it printed by itself"
+                             : fmt::format("the part of {}", queue_.part_on(*wait.machine).value_or("")),
+                         machine, machine);
     case WaitReason::Held:
     case WaitReason::Trouble:
       return fmt::format(
           "waits for {}, which is {}: {}", machine, name_of(state_of(queue_.standing(*wait.machine))),
           wait.reason == WaitReason::Held
               ? fmt::format("job {} began there", queue_.job_of(*wait.machine).value_or(""))
-              : fmt::format("{}; telefab cleared {} has it tried again", shown_[*wait.machine].why, machine));
+              : fmt::format("{}; {}telefab cleared {} has it tried again", shown_[*wait.machine].why,
+                            shown_[*wait.machine].left_by.empty() ? "it is looked for by itself, and " : "", machine));
     case WaitReason::NoMachine:
       break;
   }
@@ -495,11 +501,14 @@ bool JobDispatcher::is_alive() {
   bool has_hung = false, has_living = false;
   for (std::size_t place = 0; place < printers_.size(); ++place) {
     const bool is_alive = printers_[place]->is_alive();  // each is asked: it compares with the question before
-    if (printers_[place]->is_idle()) continue;
+    if (!printers_[place]->prints()) continue;
     (is_alive ? has_living : has_hung) = true;
     if (is_alive == !shown_[place].has_hung) continue;
     shown_[place].has_hung = !is_alive;
-    shown_[place].why = is_alive ? "" : "the print no longer looks at its devices; its light ends by itself";
+    shown_[place].why = is_alive ? ""
+                        : machines_.is_whole(place)
+                            ? "the print no longer looks at its printer, which goes on by itself"
+                            : "the print no longer looks at its devices; its light ends by itself";
     if (!is_alive) log_warning(fmt::format("{}: {}", machines_[place].name, shown_[place].why));
     publish();
   }
@@ -513,7 +522,7 @@ void JobDispatcher::ask_to_end() {
 }
 
 bool JobDispatcher::is_idle() const {
-  return std::ranges::all_of(printers_, [](const auto& printer) { return printer->is_idle(); });
+  return std::ranges::none_of(printers_, [](const auto& printer) { return printer->prints(); });
 }
 
 bool JobDispatcher::has_ended() const {

@@ -37,7 +37,8 @@ class JobDispatcher {
   /// Approve, pause, resume or cancel a job that is not at its end. The answer comes once the job's journal has the
   /// word.
   void command(const Job& job, const Command& command, std::function<void(Result<Job>)> done);
-  /// An operator says that the platform of the machine is empty. The job whose part was on it.
+  /// An operator says that the platform of the machine is empty, or that it is ready again. The job whose part was on
+  /// it, or that met the trouble; one without an id where there is none.
   [[nodiscard]] Result<Job> clear_platform(const std::string& machine);
 
   /// What somebody is to decide about the job, and nobody has yet. Any thread.

@@ -148,8 +148,8 @@ Result<PrintReport> JobPrinter::attempt(const std::string& job, PrintControl& co
 }
 
 bool JobPrinter::has_room(const Job& job) {
-  const auto room = site_.room().check(
-      print_room_bytes(site_.folder().path() / "jobs" / job.id, LayerIndex{job.counters.print_layers}));
+  const auto room = site_.room().check(print_room_bytes(site_.folder().path() / "jobs" / job.id,
+                                                        LayerIndex{job.counters.print_layers}, machine_->light()));
   if (room) return true;
   later([this, id = job.id, why = room.error()] { wait_for_disk(id, {why.code, "the fab is full: " + why.what}); });
   return false;
@@ -199,6 +199,11 @@ void JobPrinter::on_progress(const std::string& job, const PrintStanding& standi
     if (waits || now->state != state || now->message != standing.message) tracker().move(job, state, standing.message);
     events_.progress(job, waits, standing.is_lost, seconds_left);
   });
+}
+
+bool JobPrinter::prints() {
+  const std::lock_guard lock{mutex_};
+  return !printing_.empty();
 }
 
 bool JobPrinter::is_alive() {

@@ -77,7 +77,8 @@ class JobPrinter {
   [[nodiscard]] bool is_alive();
   /// Asks the print under way to go dark and to end with the site; nothing is begun any more.
   void ask_to_end();
-  [[nodiscard]] bool is_idle() const { return !queue_ || queue_->is_idle(); }
+  /// Whether one is under way; a look at the machine is none.
+  [[nodiscard]] bool prints();
   [[nodiscard]] bool has_ended() const { return !queue_ || queue_->has_ended(); }
 
  private:

@@ -29,8 +29,9 @@ struct PlanOutcome {
 [[nodiscard]] Result<PrintRecord> print_from(const PrintTask& task, PrintControl& control, const PrintSink& sink,
                                              std::atomic<std::uint64_t>& beats, std::stop_token stop);
 
-/// Bytes that a print from the folder still takes on its disk: the journal, where none is begun, and the records.
-[[nodiscard]] std::uint64_t print_room_bytes(const std::filesystem::path& folder, LayerIndex layers);
+/// Bytes that a print from the folder still takes on its disk: the journal, where none is begun, the records, and the
+/// file for a whole printer, about as far as its masks tell.
+[[nodiscard]] std::uint64_t print_room_bytes(const std::filesystem::path& folder, LayerIndex layers, LightOf light);
 
 /// A held job is printed on the word of somebody who knew what holds it, and on no other: Conflict. Fails where the
 /// plan's preflight cannot be read.

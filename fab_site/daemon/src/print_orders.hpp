@@ -12,8 +12,8 @@ namespace telefab::fab {
 
 inline constexpr const char* kAutomatic = "automatic";  ///< whose word a job prints by where no operator is asked
 
-/// Whose light a job is printed by, as far as its machine is known. A folder with a printer's journal is that of a
-/// whole print whatever is said here.
+/// Whose light a job is printed by, as far as its machine is known. Whichever light began a print has it to its end,
+/// whatever is said here.
 enum class LightOf : std::uint8_t { Fab, WholePrinter };
 
 /// Keeps a word in the folder's journal; durable when it returns. Fails as keep_word of print does; of a whole print
@@ -46,6 +46,10 @@ struct StartCase {
 /// The journal of what a whole printer was asked for.
 [[nodiscard]] inline std::filesystem::path printer_journal_path(const std::filesystem::path& folder) {
   return folder / "printer.journal";
+}
+/// The file that a whole printer is sent; there while it may be sent again.
+[[nodiscard]] inline std::filesystem::path printer_file_path(const std::filesystem::path& folder) {
+  return folder / "printer.goo";
 }
 
 }  // namespace telefab::fab

@@ -30,10 +30,22 @@ PrinterChoice choice_of(const MachineProfile& machine) {
 
 /// What the line does is the machine's to have: it was not found.
 Error lost(const Error& why) {
-  const bool is_of_the_line = why.code == ErrorCode::Unreachable || why.code == ErrorCode::DeviceTimeout ||
-                              why.code == ErrorCode::NotFound || why.code == ErrorCode::ProtocolBroken ||
-                              why.code == ErrorCode::DeviceRefused;
+  const bool is_of_the_line = why.code == ErrorCode::Unreachable || why.code == ErrorCode::DeviceTimeout;
   return {is_of_the_line ? ErrorCode::DeviceLost : why.code, why.what};
+}
+
+/// Whether a print that the printer was asked for is looked for again behind that: it goes on there all the same.
+bool is_watched_on(ErrorCode code) {
+  return code == ErrorCode::DeviceLost || code == ErrorCode::ProtocolBroken || code == ErrorCode::DeviceRefused;
+}
+
+/// The print that a printer was asked for, to watch it: what the printer knows it by.
+WholePrintJob watched_job(const PrinterJournalEntry& planned) {
+  WholePrintJob job;
+  job.plan = planned.plan;
+  job.file.name = planned.file;
+  job.file.md5 = planned.md5;
+  return job;
 }
 
 /// One print of one plan folder.
@@ -44,12 +56,11 @@ class WholePrint {
         planned_{std::move(planned)},
         orders_{std::move(orders)},
         journal_{std::move(journal)},
-        made_{std::min(task.seen.count(), layers().count())} {}
+        made_{is_to_begin_again() ? LayerIndex{0} : std::min(task.seen, layers())} {}
 
   static Result<std::unique_ptr<WholePrint>> open(const PrintTask& task) {
     auto planned = PlannedJob::open(task.folder / "plan");
     if (!planned) return tl::unexpected{planned.error()};
-    if (auto fits = (*planned)->plan().fits(task.profile); !fits) return tl::unexpected{fits.error()};
     auto order_file = open_journal_file(task.folder / "journal");
     if (!order_file) return tl::unexpected{order_file.error()};
     auto orders = PrintJournal::open(std::move(*order_file));
@@ -83,7 +94,7 @@ class WholePrint {
     WholePrintReport last;
     if (journal_.stage() != PrinterStage::Finished) {
       sink({.layers = layers(), .message = "writes the file for the printer"});
-      const auto ran = run_at_printer(control, sink, beating, stop);
+      const auto ran = run_at_printer(control, sink, beating, beats, stop);
       if (!ran) return tl::unexpected{ran.error()};
       last = *ran;
     }
@@ -100,47 +111,83 @@ class WholePrint {
   }
 
  private:
-  [[nodiscard]] fs::path file() const { return task_.folder / "printer.goo"; }
+  [[nodiscard]] fs::path file() const { return printer_file_path(task_.folder); }
   [[nodiscard]] LayerIndex layers() const {
     return LayerIndex{static_cast<std::uint32_t>(planned_->plan().layers.size())};
   }
   [[nodiscard]] bool is_decided() const {
     return journal_.last(PrinterStep::Starting) != nullptr || journal_.last(PrinterStep::DecidedStartAgain) != nullptr;
   }
+  /// An operator had it started again, and it has not been since: no layer of that print is made.
+  [[nodiscard]] bool is_to_begin_again() const {
+    const PrinterJournalEntry* decided = journal_.last(PrinterStep::DecidedStartAgain);
+    const PrinterJournalEntry* started = journal_.last(PrinterStep::Started);
+    return decided != nullptr && (started == nullptr || decided > started);  // both in one vector
+  }
   [[nodiscard]] bool is_asked() const { return journal_.stage() >= PrinterStage::StartUnknown; }
 
+  [[nodiscard]] bool is_held() const {
+    return !is_asked() && (orders_.order().order == Order::Pause || orders_.order().order == Order::Cancel);
+  }
+  static WholePrintReport held() {
+    return {WholePrintOutcome::Held, PrinterProblem::None, "paused before its start; resume it to go on", {}};
+  }
+
+  /// A word that is to hold the print ends the work on its file.
+  Result<WholePrintFile> file_made(FileThere there, PrintControl& control, Clock& clock,
+                                   std::atomic<std::uint64_t>& beats, const std::stop_token& stop) {
+    std::stop_source held;
+    const std::stop_callback with_site{stop, [&] { held.request_stop(); }};
+    Result<void> kept;
+    auto made = whole_print_file(
+        planned_->plan(), *planned_, task_.profile, file(), there,
+        [&](const Progress&) {
+          ++beats;
+          if (is_asked() || !kept) return;  // the runner passes words on
+          kept = keep_words(control, orders_, clock.wall());
+          if (!kept || is_held()) held.request_stop();
+        },
+        held.get_token());
+    if (!kept) return tl::unexpected{kept.error()};
+    return made;
+  }
+
   Result<WholePrintReport> run_at_printer(PrintControl& control, const StandingSink& sink, Clock& clock,
-                                          const std::stop_token& stop) {
+                                          std::atomic<std::uint64_t>& beats, const std::stop_token& stop) {
     const PrinterJournalEntry* written = journal_.last(PrinterStep::Planned);
     const auto md5 = written != nullptr ? md5_of_file(file()) : fail(ErrorCode::NotFound, "");
     const bool is_there = is_asked() || (md5 && *md5 == written->md5);
-    const auto made = whole_print_file(planned_->plan(), *planned_, task_.profile, file(),
-                                       is_there ? FileThere::IsSent : FileThere::IsMadeAgain, {}, stop);
-    if (!made)  // its profile can be put right, and nothing of the job is lost by that
-      return made.error().code == ErrorCode::InvalidInput ? fail(ErrorCode::Conflict, made.error().what)
-                                                          : tl::unexpected{made.error()};
-    const auto network = make_printer_network();
+    auto made = file_made(is_there ? FileThere::IsSent : FileThere::IsMadeAgain, control, clock, beats, stop);
+    if (!made && is_held()) return held();
     WholePrintPolicy policy;
     policy.starts = task_.may_start == MayStart::Yes;
+    const bool fits = made ? written == nullptr || !is_asked() || made->job.file.md5 == written->md5
+                           : made.error().code != ErrorCode::InvalidInput;
+    if (!fits) {
+      // The profile became another; it can be put right, and what is at its printer is watched whatever it is.
+      if (!is_asked() || written == nullptr) return fail(ErrorCode::Conflict, made.error().what);
+      made = WholePrintFile{watched_job(*written), 0};
+      policy.starts = false;
+    }
+    if (!made) return tl::unexpected{made.error()};
     if (!policy.starts && !is_asked()) return fail(ErrorCode::Conflict, "the printer was not asked to start it");
-    const WholePrintSink events = sink_of(sink);
+    const auto network = make_printer_network();
+    const auto printer = sought_printer(*network, clock, choice_of(task_.profile));
+    const WholePrintSink events = sink_of(sink, beats);
     while (true) {
-      auto printer = chosen_printer(*network, clock, choice_of(task_.profile));
-      if (!printer && !is_asked()) return tl::unexpected{lost(printer.error())};
-      auto ran =
-          printer ? WholePrintRunner{**printer, journal_, clock, &orders_}.run(made->job, policy, control, events, stop)
-                  : Result<WholePrintReport>{tl::unexpected{printer.error()}};
+      auto ran = WholePrintRunner{*printer, journal_, clock, &orders_}.run(made->job, policy, control, events, stop);
       if (ran) return ran;
       const Error why = lost(ran.error());
       // What the printer was asked for goes on there; nobody has to say that it is to be watched.
-      if (!is_asked() || why.code != ErrorCode::DeviceLost || stop.stop_requested()) return tl::unexpected{why};
+      if (!is_asked() || !is_watched_on(why.code) || stop.stop_requested()) return tl::unexpected{why};
       events({.phase = WholePrintPhase::Lost, .message = why.what});
       clock.sleep_for(policy.poll);
     }
   }
 
-  [[nodiscard]] WholePrintSink sink_of(const StandingSink& sink) {
-    return [this, &sink](const WholePrintEvent& event) {
+  [[nodiscard]] WholePrintSink sink_of(const StandingSink& sink, std::atomic<std::uint64_t>& beats) {
+    return [this, &sink, &beats](const WholePrintEvent& event) {
+      ++beats;  // a long upload waits for nothing
       PrintStanding standing;
       standing.layer = made_;
       standing.layers = layers();
@@ -221,8 +268,7 @@ class WholePrint {
 
   [[nodiscard]] PrintReport report_of_end(const PrinterJournalEntry& end, const WholePrintReport& last) const {
     PrintReport report;
-    const std::uint32_t seen = std::max({made_.count(), task_.seen.count(), last.task.layer});
-    report.next = LayerIndex{std::min(seen, layers().count())};
+    report.next = LayerIndex{std::min(std::max(made_.count(), last.task.layer), layers().count())};
     switch (end.end) {
       case PrinterEnd::Done:
         report.verdict = PrintVerdict::Done;
@@ -310,7 +356,7 @@ Result<void> forget_unasked(const fs::path& folder, const std::string& machine) 
                               machine));
   fs::remove(path, error);
   if (error) return fail_system("remove", path, error.value());
-  fs::remove(folder / "printer.goo", error);
+  fs::remove(printer_file_path(folder), error);
   return {};
 }
 

@@ -43,12 +43,12 @@ class WholePrinters : public SeveralMachines {
     port_ = found[1];
     question_port_ = found[2];
   }
-  void write_whole_list(const std::vector<std::string>& own_light = {}) {
+  void write_whole_list(const std::vector<std::string>& own_light = {}, const std::string& more = {}) {
     std::vector<std::string> names{"saturn"};
     names.insert(names.end(), own_light.begin(), own_light.end());
-    write_list(names, {{"saturn", fmt::format("[machine.devices]\nprinter = \"sdcp\"\nprinter_address = "
+    write_list(names, {{"saturn", fmt::format("{}[machine.devices]\nprinter = \"sdcp\"\nprinter_address = "
                                               "\"127.0.0.1:{}\"\nprinter_id = \"000000000001d354\"",
-                                              port_)}});
+                                              more, port_)}});
   }
   /// What the printer counted, once it has ended.
   std::string end_of_printer() {

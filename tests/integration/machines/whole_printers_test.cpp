@@ -183,6 +183,56 @@ TEST_F(WholePrinters, OutOfReachAreSaidToBeAndTheirPrintIsWatchedAgain) {
   expect_once();
 }
 
+TEST_F(WholePrinters, StopAtACancelThoughTheirMachineHasAnotherResinByNow) {
+  start_printer("1");
+  write_whole_list();
+  start_sites();
+  const std::string job = submit_for("toy", "4");
+  ASSERT_TRUE(await([&] { return prints_layers(job); })) << says();
+  kill_fab();
+  write_whole_list({}, "resin = \"generic-blue\"\n");
+  start_fab(with_list());
+  await_state(job, "printing");
+  ASSERT_EQ(at_fab({"cancel", job, "--who", "ana"}).code, 0) << says();
+  await_state(job, "cancelled");
+  EXPECT_EQ(record_of(job)["end"], "stopped");
+  expect_once();
+}
+
+TEST_F(WholePrinters, LeaveAPrintToTheLightThatBeganIt) {
+  write_list({"saturn"});  // light of the fab's own
+  start_fab(with_list({"--start", "on-approval"}));
+  start_scan();
+  ASSERT_TRUE(await([&] { return telefab({"machines"}).output.find("any of") != std::string::npos; })) << says();
+  const std::string begun = submit_for("toy", "4"), waits = submit_for("toy", "2");
+  await_state(waits, "awaiting-approval");
+  await_state(begun, "awaiting-approval");
+  ASSERT_EQ(at_fab({"approve", begun}).code, 0);
+  ASSERT_TRUE(await([&] { return lights(begun) > 2; })) << says();
+  kill_fab();
+  start_printer();
+  write_whole_list();
+  start_fab(with_list({"--start", "on-approval"}));
+  await_state(begun, "paused");
+  EXPECT_THAT(message_of(begun), HasSubstr("began by light of this fab"));
+  const Outcome asked = at_fab({"resume", begun, "--as", "start-again"});
+  EXPECT_EQ(asked.code, 2) << "no start of it is in question: " << asked.output;
+  EXPECT_EQ(journal_of(begun), "");
+  kill_fab();
+  write_list({"saturn"});
+  start_fab(with_list({"--start", "on-approval"}));
+  if (job_state(begun) == "paused") {
+    const bool is_exposure_asked = message_of(begun).find("treat-as-exposed") != std::string::npos;
+    std::vector<std::string> words{"resume", begun};
+    if (is_exposure_asked) words.insert(words.end(), {"--as", "treat-as-exposed"});
+    ASSERT_EQ(at_fab(words).code, 0) << says();
+  }
+  await_state(begun, "done");
+  ASSERT_EQ(at_fab({"approve", waits}).code, 0) << "it goes by whichever light stands there now";
+  await_state(waits, "done");
+  EXPECT_THAT(end_of_printer(), HasSubstr("prints begun: 0"));
+}
+
 TEST_F(WholePrinters, OfAnotherModelAreRefusedByName) {
   start_printer("0.1", "ELEGOO Other");
   write_whole_list();

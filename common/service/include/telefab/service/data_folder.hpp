@@ -38,6 +38,9 @@ class DataFolder {
 /// the reason: a job waits for its disk, and does not end.
 [[nodiscard]] Result<void> make_folder(const std::filesystem::path& path);
 
+/// What the files in a folder and below take; what cannot be read counts as nothing.
+[[nodiscard]] std::uint64_t bytes_in(const std::filesystem::path& folder);
+
 /// Names the calling thread, as the site's README lists it; at most 15 bytes.
 void set_thread_name(const char* name);
 
