@@ -134,9 +134,10 @@ function(telefab_time_limit name seconds)
 endfunction()
 
 # telefab_test(KIND NAME SOURCES .. USES ..): one test program a module and kind; KIND becomes the CTest label.
-#   TIMEOUT s (default 120), LONG puts it behind the others.
+#   TIMEOUT s (default 120), LONG puts it behind the others, ALONE gives it the machine to itself: for what measures
+#   real time. Everything else runs side by side.
 function(telefab_test kind name)
-  cmake_parse_arguments(PARSE_ARGV 2 arg "LONG" "TIMEOUT" "SOURCES;USES;ENVIRONMENT")
+  cmake_parse_arguments(PARSE_ARGV 2 arg "ALONE;LONG" "TIMEOUT" "SOURCES;USES;ENVIRONMENT")
   if(arg_UNPARSED_ARGUMENTS)
     message(FATAL_ERROR "telefab_test(${kind} ${name}): stray ${arg_UNPARSED_ARGUMENTS}")
   endif()
@@ -153,13 +154,8 @@ function(telefab_test kind name)
   if(arg_LONG)
     set(cost 0)   # ctest starts costly tests first; ours says: longest last
   endif()
-  # What plays with real time and real processes has the machine to itself; everything else may run side by side.
-  set(alone OFF)
-  if(kind STREQUAL "integration")
-    set(alone ON)
-  endif()
   telefab_time_limit(${kind}.${name} ${arg_TIMEOUT})
-  set_tests_properties(${kind}.${name} PROPERTIES LABELS ${kind} COST ${cost} RUN_SERIAL ${alone}
+  set_tests_properties(${kind}.${name} PROPERTIES LABELS ${kind} COST ${cost} RUN_SERIAL ${arg_ALONE}
     ENVIRONMENT "TELEFAB_BIN=${CMAKE_BINARY_DIR}/bin;TELEFAB_SOURCE=${CMAKE_SOURCE_DIR};${arg_ENVIRONMENT}")
 endfunction()
 

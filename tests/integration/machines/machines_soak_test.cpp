@@ -9,9 +9,9 @@
 #include <telefab/base/clock.hpp>
 #include <telefab/fab/planning/plan_folder.hpp>
 #include <telefab/fab/print/print_time.hpp>
+#include <telefab/test/several_machines.hpp>
 
 #include "pty_host.hpp"
-#include "several_machines.hpp"
 
 // Many short jobs on three machines of one fab, one of them paused, one of them with its stage's line cut: the third is
 // not disturbed, and in the end every job is printed once. TELEFAB_MACHINE_JOBS says how many jobs each machine gets

@@ -5,8 +5,8 @@
 #include <set>
 #include <telefab/base/clock.hpp>
 #include <telefab/store/job_store.hpp>
+#include <telefab/test/several_machines.hpp>
 
-#include "several_machines.hpp"
 
 // One fab, several machines: who prints what, what one machine's trouble means to the others, and what of it is kept
 // over a restart.

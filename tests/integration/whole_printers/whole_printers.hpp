@@ -4,9 +4,8 @@
 
 #include <cstdlib>
 #include <regex>
+#include <telefab/test/several_machines.hpp>
 #include <telefab/test/toy.hpp>
-
-#include "several_machines.hpp"
 
 namespace telefab::test {
 
