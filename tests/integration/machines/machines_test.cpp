@@ -7,7 +7,6 @@
 #include <telefab/store/job_store.hpp>
 #include <telefab/test/several_machines.hpp>
 
-
 // One fab, several machines: who prints what, what one machine's trouble means to the others, and what of it is kept
 // over a restart.
 

@@ -56,7 +56,8 @@ TEST_F(WholePrinterFaults, AreNamedAndNoPrintIsStartedTwiceAndEachComesToAnEnd) 
   std::map<std::string, int> ends;
   for (const Trial& trial : trials()) {
     SCOPED_TRACE(trial.fault + " at " + trial.moment);
-    start_printer(trial.moment == "watch" ? "0.3" : "0.05", "ELEGOO Toy", {"--fault", trial.fault, "--fault-at", trial.moment});
+    start_printer(trial.moment == "watch" ? "0.3" : "0.05", "ELEGOO Toy",
+                  {"--fault", trial.fault, "--fault-at", trial.moment});
     await_idle();
     const std::string job = submit_for("toy", "1");
     const bool may_be_lost = trial.moment != "upload" || trial.fault == "silent" || trial.fault == "too-many-clients" ||
