@@ -182,6 +182,7 @@ DigestLogin::Verdict DigestLogin::judge(const WebRequest& request, const DigestA
   const bool is_right = are_equal(wanted, answer.response);
   if (keys == nullptr || a1.empty() || wanted.empty() || !is_right) return Verdict::Wrong;
   const auto issued = issued_at(answer.nonce);
+  if (request.goes_on) return issued ? Verdict::Right : Verdict::Stale;
   const Nanoseconds lasts = request.is_whole ? kNonceLasts : kNonceLasts - kLongestRequest;
   if (!issued || clock_.now() - *issued > lasts || !take_count(answer, *issued, request.is_whole))
     return Verdict::Stale;

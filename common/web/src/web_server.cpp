@@ -305,7 +305,9 @@ class StreamSession final : public Session, public std::enable_shared_from_this<
   }
 
   void open_stream() {
+    head_.is_whole = true;
     if (auto visitor = shared_.site.admit(head_); !visitor) return send(std::move(visitor.error()), true);
+    head_.goes_on = true;
     if (shared_.streams.size() >= shared_.max_streams)
       return send(web_problem(503, "too-large", "too many watchers; try again later"), false);
     shared_.streams.insert(this);

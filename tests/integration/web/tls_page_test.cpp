@@ -5,10 +5,12 @@
 #include <filesystem>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/net/authority.hpp>
+#include <telefab/test/digest_client.hpp>
 #include <telefab/test/http_client.hpp>
 #include <telefab/test/https_client.hpp>
 #include <telefab/test/recording_backend.hpp>
 #include <telefab/test/scratch_folder.hpp>
+#include <thread>
 
 namespace telefab::fab {
 namespace {
@@ -100,6 +102,23 @@ TEST_F(TlsPage, EndsTheStreamOfARevokedToken) {
   ASSERT_THAT(watcher.read_until("job-1"), HasSubstr("event-stream"));
   ASSERT_TRUE(revoke_operator_token(tokens, "bob"));
   EXPECT_THAT(watcher.read_until(""), Not(HasSubstr("still here")));
+}
+
+TEST_F(TlsPage, KeepsAStreamThatWasOpenedByDigestAndOpensNoOtherByTheSameLogin) {
+  const std::string password = add_operator_token(tokens, "eve", Access::Readers, {}, DigestUse::Yes).value();
+  const std::string challenge = ask_as("", "GET", "/api/v1/status");  // the pages offer no digest themselves
+  const test::DigestClient eve{"eve", password};
+  const std::string login =
+      "Authorization: " + eve.answer("GET", "/v1/stream", test::DigestClient::nonce_of(challenge)) + "\r\n";
+  const HttpsClient watcher{server->port()};
+  watcher.send("GET /v1/stream HTTP/1.1\r\nHost: localhost\r\n" + login + "\r\n");
+  ASSERT_THAT(watcher.read_until("job-1"), HasSubstr("event-stream"));
+  EXPECT_THAT(ask_as("", "GET", "/v1/stream", login), StartsWith("HTTP/1.1 401")) << "what was overheard";
+  std::this_thread::sleep_for(milliseconds{200});  // it is judged several times
+  ++backend.revised;
+  EXPECT_THAT(watcher.read_until("data: "), HasSubstr("data: ")) << "it still watches";
+  ASSERT_TRUE(revoke_operator_token(tokens, "eve"));
+  (void)watcher.read_until("");  // returns because the server has closed
 }
 
 TEST_F(TlsPage, TakesNoCertificateOfAnotherAuthority) {

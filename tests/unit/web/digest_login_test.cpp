@@ -64,6 +64,20 @@ TEST_F(DigestLoginTest, TakesTheRightPasswordByEitherHash) {
   }
 }
 
+TEST_F(DigestLoginTest, LetsAStreamGoOnForAsLongAsThePasswordHoldsAndOpensNoSecondOne) {
+  const std::string header = ada.answer("GET", "/v1/stream", nonce());
+  EXPECT_EQ(judge(header, true, "GET", "/v1/stream"), Verdict::Right);
+  EXPECT_EQ(judge(header, true, "GET", "/v1/stream"), Verdict::Stale) << "was overheard";
+  WebRequest watched{"GET", "/v1/stream", header};
+  watched.goes_on = true;
+  const auto shown = digest_answer_from(std::string_view{header}.substr(7)).value();
+  clock.sleep_for(3 * DigestLogin::kNonceLasts);
+  EXPECT_EQ(login.judge(watched, shown, &keys), Verdict::Right);
+  const DigestKeys changed = digest_keys_of("ada", "another");
+  EXPECT_EQ(login.judge(watched, shown, &changed), Verdict::Wrong);
+  EXPECT_EQ(login.judge(watched, shown, nullptr), Verdict::Wrong);
+}
+
 TEST_F(DigestLoginTest, RefusesAnotherPasswordUserMethodAddressOrHash) {
   const std::string one = nonce();
   const std::string right = ada.answer("PUT", kUri, one);

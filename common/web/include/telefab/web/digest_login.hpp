@@ -53,7 +53,8 @@ class DigestLogin {
     Wrong,
   };
   /// Judges an answer by the user's keys (null: there is no such user; it takes as long). A request that is whole uses
-  /// its count up; its head alone does not.
+  /// its count up; its head alone does not. One whose answer goes on holds
+  /// for as long as the password does.
   [[nodiscard]] Verdict judge(const WebRequest& request, const DigestAnswer& answer, const DigestKeys* keys);
 
  private:

@@ -26,6 +26,7 @@ struct WebRequest {
   std::optional<Visitor> certified = {};  ///< by a client certificate that holds now
   bool is_encrypted = false;              ///< came over TLS
   bool is_whole = true;                   ///< false: its head alone has come
+  bool goes_on = false;                   ///< was let in when it was whole, and its answer has no end (a stream)
   std::string sent_target = {};           ///< what was sent, where a site reads a shorter `target`; empty: the same
   std::string overwrite = {};             ///< the header of PrusaLink's upload, "?1" or "?0"
   std::string print_after_upload = {};    ///< likewise

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <atomic>
 #include <string>
 #include <telefab/fab/web/page_backend.hpp>
 #include <vector>
@@ -107,7 +108,7 @@ class RecordingBackend : public PageBackend {
   [[nodiscard]] std::string devices_json() override { return R"({"projector":"virtual","light":"off"})"; }
   [[nodiscard]] Result<void> healthy() override { return health; }
   Result<void> health;
-  [[nodiscard]] std::uint64_t revision() override { return 1; }
+  [[nodiscard]] std::uint64_t revision() override { return revised; }
 
   struct File {
     std::string name;
@@ -120,6 +121,7 @@ class RecordingBackend : public PageBackend {
   std::vector<std::pair<std::string, std::string>> approvals;   ///< job, although
   std::vector<std::string> cleared;                             ///< machines
   std::vector<File> files;
+  std::atomic<std::uint64_t> revised = 1;  ///< raised: watchers are told
   int printed_again = 0;
   std::vector<std::string> folders;  ///< of the files
 
