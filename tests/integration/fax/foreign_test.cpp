@@ -120,6 +120,15 @@ TEST_F(ForeignFiles, OfMasksThatFitSeveralProfilesGoToTheOneWhosePrinterTheyName
   EXPECT_THAT(sent(goo, "second/again.goo"), HasSubstr("HTTP/1.1 201"));
 }
 
+TEST_F(ForeignFiles, GoToTheMachineThatStandsThereWithTheResinThatItStates) {
+  const fs::path goo = written("goo");
+  std::ofstream{folder() / "fab.toml"} << "[[machine]]\nname = \"own\"\nprofile = \"toy\"\nresin = \"generic-blue\"\n";
+  start_fab({"--web", "127.0.0.1:0", "--instances", (folder() / "fab.toml").string()});
+  EXPECT_THAT(sent(goo, "torus.goo"), HasSubstr("HTTP/1.1 201"));
+  const json job = job_in("awaiting-approval");
+  EXPECT_EQ(job["machine"], "own") << "toy has no resin of its own, and nobody would print it";
+}
+
 TEST_F(ForeignFiles, OfMasksAreTracedByThePlannerAlsoWhereTheFabIsKilledBefore) {
   start_fab({"--web", "127.0.0.1:0"});
   const fs::path goo = written("goo");

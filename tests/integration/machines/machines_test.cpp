@@ -67,6 +67,17 @@ TEST_F(Machines, OfOneProfilePrintAtTheSameTimeAndEachPrintIsNamedByItsMachine) 
   EXPECT_LT(last_begin, first_end) << "all three were lit before one had ended";
 }
 
+TEST_F(Machines, PrintAJobOfTheirProfileWithTheirOwnDevices) {
+  std::ofstream{folder() / "machines" / "toy.toml", std::ios::app}
+      << "stage = \"grbl\"\nstage_serial = \"of no machine here\"\n";
+  write_list({"a", "b"}, {{"b", "[machine.devices]\nstage = \"virtual\"\nspeed_up = 2000.0\n"}});
+  start_sites({"--platform", "automatic"});
+  const std::string there = submit_for("b", "2"), of_profile = submit_for("toy", "2");
+  expect_done(there);
+  expect_done(of_profile);
+  EXPECT_EQ(record_of(of_profile)["provenance"]["instance"], "b") << "the stage of a is not found";
+}
+
 TEST_F(Machines, TakeAJobOfTheirProfileAsSoonAsOneIsFree) {
   set_machine(40);
   write_list({"a", "b"});
