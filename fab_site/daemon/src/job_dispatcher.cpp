@@ -83,12 +83,8 @@ std::unique_ptr<JobPrinter> JobDispatcher::make_printer(std::size_t place, const
   parts.profile_of = [this, place](const Job& job) { return machines_.profile_on(place, job); };
   parts.machine = printing_machine(machines_.profile(place));
   parts.at_start = config.at_start;
-  parts.events = {[this](const std::string& job, bool is_paused, bool is_lost, double seconds_left) {
-                    on_progress(job, is_paused, is_lost, seconds_left);
-                  },
-                  [this, place](const MachineMoment& now) {
-                    shown_[place].now = now;
-                    publish();
+  parts.events = {[this](const std::string& job, const PrintStanding& standing, double seconds_left) {
+                    on_progress(job, standing, seconds_left);
                   },
                   [this](const std::string& job) { return fits_elsewhere(job); },
                   [this](const std::string& job, const PrintEnd& end) { on_left(job, end); },
@@ -393,12 +389,13 @@ void JobDispatcher::explain_waits() {
   for_platform_ = std::move(for_platform);
 }
 
-void JobDispatcher::on_progress(const std::string& job, bool is_paused, bool is_lost, double seconds_left) {
+void JobDispatcher::on_progress(const std::string& job, const PrintStanding& standing, double seconds_left) {
   const auto place = queue_.machine_of(job);
   if (!place) return;
-  queue_.set_paused(job, is_paused);
-  queue_.set_lost(job, is_lost);
+  queue_.set_paused(job, standing.activity != PrintActivity::Works);
+  queue_.set_lost(job, standing.is_lost);
   shown_[*place].seconds_left = seconds_left;
+  shown_[*place].now = standing.now;
   publish();
 }
 

@@ -88,7 +88,7 @@ class JobDispatcher {
   [[nodiscard]] std::string sentence_of(const Wait& wait) const;
   void publish();
 
-  void on_progress(const std::string& job, bool is_paused, bool is_lost, double seconds_left);
+  void on_progress(const std::string& job, const PrintStanding& standing, double seconds_left);
   void on_left(const std::string& job, const PrintEnd& end);
   void on_job_end(const std::string& job);
 

@@ -186,7 +186,6 @@ void JobPrinter::on_progress(const std::string& job, const PrintStanding& standi
       c.layers_printed = printed;
     });
     if (!is_live) return;
-    if (standing.now) events_.step(*standing.now);
     // A fault says in its report whether a layer was perhaps exposed.
     if (standing.activity != PrintActivity::Faulted)
       questions_.set(job,
@@ -197,7 +196,7 @@ void JobPrinter::on_progress(const std::string& job, const PrintStanding& standi
     const bool waits = standing.activity != PrintActivity::Works;
     const JobState state = waits ? JobState::Paused : JobState::Printing;
     if (waits || now->state != state || now->message != standing.message) tracker().move(job, state, standing.message);
-    events_.progress(job, waits, standing.is_lost, seconds_left);
+    events_.progress(job, standing, seconds_left);
   });
 }
 

@@ -26,10 +26,8 @@ struct PrintEnd {
 
 /// What a printer tells whoever gives it jobs. Called on the loop's thread.
 struct PrinterEvents {
-  /// The print waits for an operator, or goes on, perhaps out of reach; so many seconds are left of it.
-  std::function<void(const std::string& job, bool is_paused, bool is_lost, double seconds_left)> progress;
-  /// What the machine does now, at every step of it.
-  std::function<void(const MachineMoment& now)> step;
+  /// How the print stands, at every step of it; so many seconds of the clock on the wall are left, < 0: not known.
+  std::function<void(const std::string& job, const PrintStanding& standing, double seconds_left)> progress;
   /// Whether another machine than the one it is on fits the job.
   std::function<bool(const std::string& job)> fits_elsewhere;
   /// The machine is free of the job, whose state says what becomes of it.

@@ -207,6 +207,7 @@ class WholePrint {
           const bool is_paused = event.task.state == TaskState::Paused || event.task.state == TaskState::Pausing;
           standing.activity = is_paused ? PrintActivity::Paused : PrintActivity::Works;
           if (is_paused) standing.message = "paused at the printer";
+          standing.now = {std::string{name_of(event.task.state)}, event.task.state == TaskState::Exposing, {}, {}};
           if (event.task.state == TaskState::Stopping) standing.message = "the printer stops";
           last_ = standing;
           break;
@@ -214,6 +215,7 @@ class WholePrint {
         case WholePrintPhase::Lost:
           standing = last_.value_or(standing);
           standing.is_lost = true;
+          standing.now.reset();
           standing.message = fmt::format("no answer from the printer: {}{}", event.message,
                                          is_asked() ? "; it goes on by itself" : "");
           break;

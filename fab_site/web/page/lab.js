@@ -61,7 +61,7 @@ function shownMachines(machines) {
 function momentOf(machine) {
   if (!machine.now || machine.state === "occupied") return "";
   const { phase, light, z_mm, resin_celsius } = machine.now;
-  return [phase.replaceAll("-", " "), light ? "light on" : "dark", `z ${z_mm.toFixed(2)} mm`, resin_celsius === null ? "" : `resin ${resin_celsius.toFixed(1)} °C`]
+  return [phase.replaceAll("-", " "), light ? "light on" : "dark", z_mm === null ? "" : `z ${z_mm.toFixed(2)} mm`, resin_celsius === null ? "" : `resin ${resin_celsius.toFixed(1)} °C`]
     .filter(Boolean).join(" · ");
 }
 

@@ -70,7 +70,8 @@ json machine_list(PageBackend& backend) {
     json& value = list.emplace_back(json_or_discarded(telefab::to_json(machine)));
     value["now"] = nullptr;
     if (const auto now = backend.moment(machine.name)) {
-      value["now"] = {{"phase", now->phase}, {"light", now->is_lit}, {"z_mm", now->z_mm}, {"resin_celsius", nullptr}};
+      value["now"] = {{"phase", now->phase}, {"light", now->is_lit}, {"z_mm", nullptr}, {"resin_celsius", nullptr}};
+      if (now->z_mm) value["now"]["z_mm"] = *now->z_mm;
       if (now->resin_celsius) value["now"]["resin_celsius"] = *now->resin_celsius;
     }
   }

@@ -3,6 +3,7 @@
 #include <iostream>
 #include <random>
 #include <set>
+#include <telefab/test/http_client.hpp>
 
 #include "whole_printers.hpp"
 
@@ -48,13 +49,18 @@ TEST_F(WholePrinters, PrintAJobOfTheScanSiteAndItsRecordSaysWhoseLightItWas) {
 TEST_F(WholePrinters, WaitForAnApprovalAndObeyPauseResumeAndCancel) {
   start_printer("1");
   write_whole_list();
-  start_sites({"--start", "on-approval"});
+  start_sites({"--start", "on-approval", "--web", "127.0.0.1:0"});
   const std::string job = submit_for("toy", "4");
   await_state(job, "awaiting-approval");
   EXPECT_EQ(journal_of(job), "");
   ASSERT_EQ(at_fab({"approve", job, "--who", "ana"}).code, 0);
   ASSERT_TRUE(await([&] { return prints_layers(job); })) << says();
   EXPECT_EQ(state_of("saturn"), "printing");
+  const auto port = static_cast<std::uint16_t>(std::stoi(text_of(folder() / "fab" / "web-port")));
+  const std::string answer = http_ask(port, "GET", "/v1/machines", "", "");
+  const Json now = Json::parse(answer.substr(answer.find("\r\n\r\n")))["machines"][0]["now"];
+  EXPECT_THAT(now["phase"].get<std::string>(), testing::AnyOf("exposing", "lifting", "lowering")) << now;
+  EXPECT_TRUE(now["z_mm"].is_null()) << "the printer does not say";
   ASSERT_EQ(at_fab({"pause", job, "--who", "ana"}).code, 0);
   ASSERT_TRUE(await([&] { return state_of("saturn") == "paused"; })) << says();
   await_state(job, "paused");

@@ -50,7 +50,7 @@ struct JobEventView {
 struct MachineMoment {
   std::string phase;                    ///< name of a PrintPhase, or what a printer says of itself
   bool is_lit = false;                  ///< an exposure goes on
-  double z_mm = 0;                      ///< of the platform, as last reported
+  std::optional<double> z_mm;           ///< of the platform, as last reported; none: the printer does not say
   std::optional<double> resin_celsius;  ///< where the machine has a thermometer
   friend bool operator==(const MachineMoment&, const MachineMoment&) = default;
 };
