@@ -114,23 +114,29 @@ void BlendStack::mark_cured(Mask& mask) const {
   const int width = static_cast<int>(m.frame.size.width_px), height = static_cast<int>(m.frame.size.height_px);
   const float least = m.target * m.passed;  // the dose has gone through one layer since
   const float joined = least * static_cast<float>(std::pow(m.light.passed(), 0.5 - kJoined));
+  std::ranges::fill(mask.rows, std::uint8_t{0});
+  // Beyond a pixel around what is bright enough the blur brings no more.
+  const DoseTiles::Box box = state_->above.box_of(joined);
+  if (box.is_empty()) return;
+  const int left = std::max(0, box.left - 1), right = std::min(width, box.right + 1);
+  const int front = std::max(0, box.front - 1), back = std::min(height, box.back + 1);
   // Rows y - 1, y and y + 1 with a pixel of margin: what a pixel's own dose is enough for, one in each nibble.
-  const auto stride = static_cast<std::size_t>(width) + 2;
+  const auto stride = static_cast<std::size_t>(right - left) + 2;
   constexpr std::uint8_t kAll = 9, kJoins = 16;
   std::vector<float> doses(stride);
   std::array<std::vector<std::uint8_t>, 3> enough;
   const auto read = [&](int y, std::vector<std::uint8_t>& row) {
     row.resize(stride);
-    state_->above.copy_row(-1, y, width + 2, doses.data());
+    state_->above.copy_row(left - 1, y, static_cast<int>(stride), doses.data());
     for (std::size_t x = 0; x < stride; ++x)
       row[x] = static_cast<std::uint8_t>((doses[x] >= least) + kJoins * (doses[x] >= joined));
   };
-  read(-1, enough[0]);
-  read(0, enough[1]);
-  std::vector<std::uint8_t> columns(stride), around(static_cast<std::size_t>(width));
-  for (int y = 0; y < height; ++y) {
+  read(front - 1, enough[0]);
+  read(front, enough[1]);
+  std::vector<std::uint8_t> columns(stride), around(stride - 2);
+  for (int y = front; y < back; ++y) {
     read(y + 1, enough[2]);
-    std::uint8_t* row = mask.rows.data() + static_cast<std::ptrdiff_t>(height - 1 - y) * width;
+    std::uint8_t* row = mask.rows.data() + static_cast<std::ptrdiff_t>(height - 1 - y) * width + left;
     for (std::size_t x = 0; x < stride; ++x)
       columns[x] = static_cast<std::uint8_t>(enough[0][x] + enough[1][x] + enough[2][x]);
     for (std::size_t x = 0; x < around.size(); ++x) {
@@ -138,10 +144,10 @@ void BlendStack::mark_cured(Mask& mask) const {
       row[x] = around[x] == kAll * (kJoins + 1) ? kCuredPixel : 0;
     }
     // The blur is a mean of what is around: only where neighbours differ does it decide.
-    for (int x = 0; x < width; ++x) {
-      const int sum = around[static_cast<std::size_t>(x)];
+    for (std::size_t x = 0; x < around.size(); ++x) {
+      const int sum = around[x];
       if (sum == 0 || sum == kAll * (kJoins + 1)) continue;
-      const float dose = blurred(m, state_->above, x, y);
+      const float dose = blurred(m, state_->above, left + static_cast<int>(x), y);
       row[x] = dose >= least ? kCuredPixel : dose >= joined ? kJoinedPixel : 0;
     }
     std::swap(enough[0], enough[1]);

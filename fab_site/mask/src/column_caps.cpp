@@ -74,24 +74,40 @@ SolidRows::SolidRows(std::span<const Contour> part, std::span<const Contour> sup
 
 namespace {
 
-constexpr std::uint8_t kHeld = 255;  // a count of solid layers below that no gap ends
+constexpr std::uint8_t kHeld = 255;  // a count of solid layers below that no gap ends; a pixel without cap
 constexpr std::uint8_t kDark = 1;    // solid, but never lit
 
-/// Solid layers of every pixel's column, nearest first: a count that stops growing at the first gap.
-void count_solid(const std::vector<const SolidRows*>& layers, std::uint32_t y, std::size_t from, std::size_t until,
-                 bool supports_hold, std::vector<std::uint8_t>& counts) {
-  counts.assign(until - from, 0);
-  const auto visit = [&](std::span<const PixelRun> runs, auto&& each) {
-    for (const PixelRun& run : runs) {
-      const auto first = std::max(from, static_cast<std::size_t>(run.first));
-      const auto behind = std::min(until, static_cast<std::size_t>(run.behind));
-      for (std::size_t x = first; x < behind; ++x) each(counts[x - from]);
-    }
-  };
+/// Calls `each` with the columns of a run that lie between `from` and `until`, of every such run.
+template <class Each>
+void visit(std::span<const PixelRun> runs, const PixelRun& span, const Each& each) {
+  auto run = std::ranges::upper_bound(runs, span.first, {}, &PixelRun::behind);
+  for (; run != runs.end() && run->first < span.behind; ++run)
+    each(std::max(run->first, span.first), std::min(run->behind, span.behind));
+}
+
+/// Solid layers of the column of every pixel of a span, nearest first: a count that stops growing at the first gap.
+void count_solid(const std::vector<const SolidRows*>& layers, std::uint32_t y, const PixelRun& span, bool supports_hold,
+                 std::vector<std::uint8_t>& counts) {
+  counts.assign(static_cast<std::size_t>(span.width()), 0);
+  const auto of = [&](std::int32_t x) -> std::uint8_t& { return counts[static_cast<std::size_t>(x - span.first)]; };
   for (std::size_t k = 0; k < layers.size(); ++k) {
-    if (supports_hold) visit(layers[k]->support_row(y), [k](std::uint8_t& n) { n = n == k ? kHeld : n; });
-    visit(layers[k]->row(y), [k](std::uint8_t& n) { n = static_cast<std::uint8_t>(n + (n == k)); });
+    if (supports_hold)
+      visit(layers[k]->support_row(y), span, [&](std::int32_t first, std::int32_t behind) {
+        for (std::int32_t x = first; x < behind; ++x) of(x) = of(x) == k ? kHeld : of(x);
+      });
+    visit(layers[k]->row(y), span, [&](std::int32_t first, std::int32_t behind) {
+      for (std::int32_t x = first; x < behind; ++x) of(x) = static_cast<std::uint8_t>(of(x) + (of(x) == k));
+    });
   }
+}
+
+/// What is solid here and not in all of the layers below that count: a column of it may be capped.
+PixelRuns perhaps_capped(const SolidRows& here, const std::vector<const SolidRows*>& below, std::size_t reach,
+                         bool grounded) {
+  if (below.size() < reach && !grounded) return here.solid();
+  PixelRuns held = here.solid();
+  for (std::size_t k = 0; k < std::min(reach, below.size()); ++k) held = common(held, below[k]->solid());
+  return without(here.solid(), held);
 }
 
 }  // namespace
@@ -101,47 +117,48 @@ LayerCaps::LayerCaps(const CapTable& table, const SolidRows& here, const std::ve
   const auto reach = static_cast<std::size_t>(table.reach());
   if (reach == 0 || (below.empty() && on_platform)) return;
   const bool grounded = on_platform && below.size() < reach;
+  const PixelRuns doubtful = perhaps_capped(here, below, reach, grounded);
+  // The box around them, with the rows beside, by which they may be held.
   std::uint32_t behind = 0;
-  std::size_t until = 0;
-  from_ = std::numeric_limits<std::size_t>::max();
-  for (std::uint32_t y = 0; y < here.rows(); ++y) {
-    const auto solid = here.row(y);
-    if (solid.empty()) continue;
-    if (behind == 0) front_ = y;
-    behind = y + 1;
-    from_ = std::min(from_, static_cast<std::size_t>(solid.front().first));
-    until = std::max(until, static_cast<std::size_t>(solid.back().behind));
+  for (std::uint32_t y = 0; y < doubtful.rows(); ++y) {
+    if (doubtful.row(y).empty()) continue;
+    if (behind == 0) front_ = y > 0 ? y - 1 : 0;
+    behind = std::min(y + 2, here.rows());
   }
   if (behind == 0) return;
-  width_ = until - from_;
+  std::int32_t from = std::numeric_limits<std::int32_t>::max(), until = 0;
+  for (std::uint32_t y = front_; y < behind; ++y)
+    if (const auto solid = here.row(y); !solid.empty()) {
+      from = std::min(from, solid.front().first);
+      until = std::max(until, solid.back().behind);
+    }
+  from_ = static_cast<std::size_t>(from);
+  width_ = static_cast<std::size_t>(until - from);
   capped_.assign(behind - front_, 0);
   caps_.assign(width_ * capped_.size(), 0);
   held_.assign(caps_.size(), 0);
   std::vector<std::uint8_t> under, over;
   for (std::uint32_t y = front_; y < behind; ++y) {
-    std::uint8_t* caps = caps_.data() + (y - front_) * width_;
-    std::uint8_t* held = held_.data() + (y - front_) * width_;
-    count_solid(below, y, from_, until, true, under);
-    for (const PixelRun& run : here.support_row(y))
-      std::fill(under.begin() + (run.first - static_cast<std::ptrdiff_t>(from_)),
-                under.begin() + (run.behind - static_cast<std::ptrdiff_t>(from_)), kHeld);
-    char& capped = capped_[y - front_];
+    std::uint8_t* const caps = caps_.data() + (y - front_) * width_;
+    std::uint8_t* const held = held_.data() + (y - front_) * width_;
     for (const PixelRun& run : here.row(y))
-      for (auto x = static_cast<std::size_t>(run.first) - from_; x < static_cast<std::size_t>(run.behind) - from_;
-           ++x) {
-        if (under[x] >= reach || (grounded && under[x] == below.size()))
-          caps[x] = held[x] = 255;
-        else
-          capped = 1;
+      for (auto* each : {caps, held}) std::fill(each + (run.first - from), each + (run.behind - from), kHeld);
+    for (const PixelRun& span : doubtful.row(y)) {
+      count_solid(below, y, span, true, under);
+      visit(here.support_row(y), span, [&](std::int32_t first, std::int32_t last) {
+        std::fill(under.begin() + (first - span.first), under.begin() + (last - span.first), kHeld);
+      });
+      const auto is_held = [&](std::uint8_t count) { return count >= reach || (grounded && count == below.size()); };
+      if (std::ranges::all_of(under, is_held)) continue;
+      capped_[y - front_] = 1;
+      count_solid(above, y, span, false, over);
+      for (std::int32_t x = span.first; x < span.behind; ++x) {
+        const auto at = static_cast<std::size_t>(x - span.first);
+        if (is_held(under[at])) continue;
+        caps[x - from] = table.cap(under[at], over[at]);
+        held[x - from] = caps[x - from] == 0 ? kDark : 0;
       }
-    if (!capped) continue;
-    count_solid(above, y, from_, until, false, over);
-    for (const PixelRun& run : here.row(y))
-      for (auto x = static_cast<std::size_t>(run.first) - from_; x < static_cast<std::size_t>(run.behind) - from_; ++x)
-        if (!held[x]) {
-          caps[x] = table.cap(under[x], over[x]);
-          if (caps[x] == 0) held[x] = kDark;
-        }
+    }
   }
   darken_what_floats();
 }
@@ -180,8 +197,9 @@ void LayerCaps::darken_what_floats() {
         by_light[through].push_back(static_cast<std::uint32_t>(n));
       });
     }
-  for (std::size_t at = 0; at < caps_.size(); ++at)
-    if (caps_[at] == 0 && held_[at] != kDark) caps_[at] = 255;
+  for (std::size_t y = 0; y < rows; ++y)
+    for (std::size_t at = y * width_; at < (y + 1) * width_ && capped_[y]; ++at)
+      if (caps_[at] == 0 && held_[at] != kDark) caps_[at] = 255;
   // What is three pixels wide somewhere cures well, and the body cures to it with the layers that follow: it stays lit.
   enum : std::uint8_t { kCalm, kFloats, kStays };
   std::vector<std::uint8_t> state(caps_.size(), kCalm);

@@ -33,8 +33,18 @@ void DoseTiles::copy_row(int x, int y, int count, float* to) const {
   }
 }
 
-void DoseTiles::copy_square(int x, int y, int side, float* to) const {
-  for (int row = 0; row < side; ++row) copy_row(x, y + row, side, to + row * side);
+DoseTiles::Box DoseTiles::box_of(float least) const {
+  Box box{columns_ * kSide, 0, rows_ * kSide, 0};
+  for (int row = 0; row < rows_; ++row)
+    for (int column = 0; column < columns_; ++column) {
+      const Tile& each = tile(column, row);
+      if (!each.pixels && each.even < least) continue;
+      box.left = std::min(box.left, column * kSide);
+      box.right = std::max(box.right, (column + 1) * kSide);
+      box.front = std::min(box.front, row * kSide);
+      box.back = (row + 1) * kSide;
+    }
+  return box.is_empty() ? Box{} : box;
 }
 
 }  // namespace telefab::fab

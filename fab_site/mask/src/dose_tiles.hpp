@@ -22,8 +22,13 @@ class DoseTiles {
   [[nodiscard]] Tile& tile(int column, int row) { return tiles_[index(column, row)]; }
   [[nodiscard]] const Tile& tile(int column, int row) const { return tiles_[index(column, row)]; }
 
-  /// Copies the square of `side` pixels whose front left corner is (x, y); zero beyond the tiles.
-  void copy_square(int x, int y, int side, float* to) const;
+  /// Pixels outside of which no number reaches `least`, in whole tiles; empty: none does.
+  struct Box {
+    int left = 0, right = 0;  ///< right and back count no more
+    int front = 0, back = 0;
+    [[nodiscard]] bool is_empty() const { return left >= right; }
+  };
+  [[nodiscard]] Box box_of(float least) const;
   /// The numbers of row y from column x on.
   void copy_row(int x, int y, int count, float* to) const;
 

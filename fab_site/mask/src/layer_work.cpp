@@ -17,13 +17,9 @@ constexpr float kSnap = 1e-4F;           // shares of a white dose that make no 
 constexpr int kSolid = 32;               // cover from which a pixel has a cap of its own, as in SolidRows
 constexpr int kBeside = 2;               // pixels
 constexpr std::size_t kInterleave = 16;  // neighbours on a contour wait for each other's stores
+constexpr std::uint8_t kAll = 255;       // cover of a whole pixel, and no cap
 
-/// Shares of the 256 greys: a division a pixel is the dearest step of all.
-constexpr std::array<float, 256> kShare = [] {
-  std::array<float, 256> shares{};
-  for (std::size_t grey = 0; grey < shares.size(); ++grey) shares[grey] = static_cast<float>(grey) / 255;
-  return shares;
-}();
+bool is_even(const std::uint8_t* row, std::size_t count) { return std::memcmp(row, row + 1, count - 1) == 0; }
 
 using Model = MaskBlender::Model;
 
@@ -116,6 +112,9 @@ class LayerWork {
     problem_.weights = &m.weights;
     h_.resize(static_cast<std::size_t>(m.side) * static_cast<std::size_t>(m.side));
     field_.assign(h_.size(), 1.0F);
+    steady_dose_ = m.passed / (1 - m.passed);
+    for (auto* row : {&nothing_, &row_caps_, &attached_, &attached_columns_})
+      row->assign(static_cast<std::size_t>(m.side), 0);
   }
 
   BlendedLayer run() {
@@ -189,7 +188,10 @@ class LayerWork {
       const std::uint8_t* cap = cap_row(m_.halo + y, column * kCore);
       const int width = width_in(column);
       if (!cap && !support) {
-        for (int x = 0; x < width; ++x) to[x] = m_.grey_of_share[part[x]];
+        if (is_even(part, static_cast<std::size_t>(width)))
+          std::memset(to, m_.grey_of_share[part[0]], static_cast<std::size_t>(width));
+        else
+          for (int x = 0; x < width; ++x) to[x] = m_.grey_of_share[part[x]];
         continue;
       }
       for (int x = 0; x < width; ++x) {
@@ -211,53 +213,107 @@ class LayerWork {
             static_cast<float>(field_at(projection, (x0 + x + 0.5) / width, 1 - (y0 + y + 0.5) / height));
   }
 
-  /// Bounds and reference of every pixel of the tile and its halo.
+  /// Bounds and reference of every pixel of the tile and its halo that a spot sees.
   void set_bounds(int column, int row) {
     const int x0 = column * kCore - m_.halo, y0 = row * kCore - m_.halo;
-    if (above_)
-      above_->copy_square(x0, y0, m_.side, h_.data());
-    else
-      std::fill(h_.begin(), h_.end(), 0.0F);
     fill_field(x0, y0);
     if (task_.caps && part_strip_.any())
       find_caps_beside(column);
     else
       beside_.clear();
-    const float leak = m_.tone[0], scale = static_cast<float>(m_.options.support_grey) / 255;
     const int width = static_cast<int>(m_.frame.size.width_px), height = static_cast<int>(m_.frame.size.height_px);
     for (int y = 0; y < m_.side; ++y) {
-      const int at_y = y0 + y;
-      const bool row_exists = at_y >= 0 && at_y < height;
-      const std::uint8_t* part = part_strip_.any() ? part_strip_.row(y, column * kCore) : nullptr;
-      const std::uint8_t* inner =
-          part_strip_.any() && inner_strip_.any() ? inner_strip_.row(y, column * kCore) : nullptr;
-      const std::uint8_t* support = support_strip_.any() ? support_strip_.row(y, column * kCore) : nullptr;
-      for (int x = 0; x < m_.side; ++x) {
-        const auto at = static_cast<std::size_t>(y * m_.side + x);
-        const float h = h_[at];
-        const int at_x = x0 + x;
-        if (!row_exists || at_x < 0 || at_x >= width) {
-          problem_.least[at] = problem_.most[at] = problem_.reference[at] = h;
-          continue;
-        }
-        const float full = light_ * field_[at];
-        const float p = part ? kShare[part[x]] : 0, s = support ? static_cast<float>(support[x]) : 0;
-        const float cap = (part ? part[x] : 0) < kSolid ? cap_beside(at) : cap_of(column, x, y);
-        const float least = std::max(leak, s * scale);
-        const float most = std::max(least, s > 0 && p == 0 ? least : cap);
-        const float wanted = cap * std::max(inner ? kShare[inner[x]] : 0, p / 2);
-        problem_.least[at] = h + full * least;
-        problem_.most[at] = h + full * most;
-        problem_.reference[at] = h + full * std::max(least, wanted);
-        if (above_ && part && y > 0 && y + 1 < m_.side && x > 0 && x + 1 < m_.side && inside(part, x, y, column))
-          problem_.least[at] = h + full * std::max(least, std::min(cap, m_.attach));
-      }
+      const int first = problem_.first[static_cast<std::size_t>(y)], last = problem_.last[static_cast<std::size_t>(y)];
+      if (first >= last) continue;
+      const std::size_t from = static_cast<std::size_t>(y * m_.side + first);
+      if (above_)
+        above_->copy_row(x0 + first, y0 + y, last - first, h_.data() + from);
+      else
+        std::fill_n(h_.data() + from, last - first, 0.0F);
+      const int begins = std::clamp(-x0, first, last), ends = std::clamp(width - x0, begins, last);
+      const bool is_whole = begins == first && ends == last && y0 + y >= 0 && y0 + y < height;
+      for (auto* field : {&problem_.least, &problem_.most, &problem_.reference})
+        if (!is_whole) std::copy_n(h_.data() + from, last - first, field->data() + from);  // as beyond the frame
+      if (y0 + y >= 0 && y0 + y < height) set_row_bounds(column, y, begins, ends);
     }
   }
 
-  [[nodiscard]] float cap_of(int column, int x, int y) const {
-    const std::uint8_t* caps = cap_row(y, 0);
-    return caps ? kShare[caps[column * kCore - m_.halo + x]] : 1;
+  /// The same of row y, columns `first` to `behind`; passes that g++ makes vectors of.
+  void set_row_bounds(int column, int y, int first, int behind) {
+    const auto from = static_cast<std::size_t>(first), until = static_cast<std::size_t>(behind);
+    const std::size_t at = static_cast<std::size_t>(y) * static_cast<std::size_t>(m_.side);
+    const bool has_part = part_strip_.any(), has_supports = support_strip_.any();
+    const std::uint8_t* const part = has_part ? part_strip_.row(y, column * kCore) : nothing_.data();
+    const std::uint8_t* const inner =
+        has_part && inner_strip_.any() ? inner_strip_.row(y, column * kCore) : nothing_.data();
+    const std::uint8_t* const support = has_supports ? support_strip_.row(y, column * kCore) : nothing_.data();
+    find_caps(column, y, part, from, until);
+    find_attached(column, y, from, until);
+    const float leak = m_.tone[0], scale = static_cast<float>(m_.options.support_grey) / 255, attach = m_.attach,
+                light = light_;
+    const float* const field = field_.data() + at;
+    const float* const h = h_.data() + at;
+    const std::uint8_t* const caps = row_caps_.data();
+    const std::uint8_t* const attached = attached_.data();
+    float* const least_of = problem_.least.data() + at;
+    float* const most_of = problem_.most.data() + at;
+    float* const reference_of = problem_.reference.data() + at;
+#pragma GCC ivdep
+    for (std::size_t x = from; x < until; ++x) {
+      const float full = light * field[x];
+      const float p = static_cast<float>(part[x]) / 255, s = static_cast<float>(support[x]);
+      const float within = static_cast<float>(inner[x]) / 255, cap = static_cast<float>(caps[x]) / 255;
+      const float least = larger(leak, s * scale);
+      const float wanted = cap * larger(within, p / 2);
+      const float most = larger(least, support[x] > 0 && part[x] == 0 ? least : cap);
+      const float held = larger(least, cap < attach ? cap : attach);
+      least_of[x] = h[x] + full * (attached[x] == kAll ? held : least);
+      most_of[x] = h[x] + full * most;
+      reference_of[x] = h[x] + full * larger(least, wanted);
+    }
+  }
+  static float larger(float a, float b) { return a < b ? b : a; }
+
+  /// Leaves in row_caps_ what each pixel of the row may show at most: its own cap, or that of the part beside it.
+  void find_caps(int column, int y, const std::uint8_t* part, std::size_t from, std::size_t until) {
+    const std::uint8_t* const own = cap_row(y, 0);
+    if (own == nullptr && beside_.empty()) {
+      std::fill(row_caps_.begin(), row_caps_.end(), kAll);
+      return;
+    }
+    std::uint8_t* const caps = row_caps_.data();
+    if (own != nullptr)
+      std::copy(own + (column * kCore - m_.halo) + static_cast<std::ptrdiff_t>(from),
+                own + (column * kCore - m_.halo) + static_cast<std::ptrdiff_t>(until), caps + from);
+    else
+      std::fill(row_caps_.begin(), row_caps_.end(), kAll);
+    if (beside_.empty()) {
+      for (std::size_t x = from; x < until; ++x) caps[x] = part[x] < kSolid ? kAll : caps[x];
+      return;
+    }
+    // Far from all that shows in the mask only splinters of the contour could ask for light; it would cure to beads.
+    const std::uint16_t* const beside =
+        beside_.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(m_.side);
+    for (std::size_t x = from; x < until; ++x) {
+      const auto near = static_cast<std::uint8_t>(beside[x] == 0 ? 0 : beside[x] - 1);
+      caps[x] = part[x] < kSolid ? near : caps[x];
+    }
+  }
+
+  /// Leaves in attached_ kAll where a pixel and its eight neighbours are all of the part: what is there holds the layer
+  /// while it is printed.
+  void find_attached(int column, int y, std::size_t from, std::size_t until) {
+    std::fill(attached_.begin(), attached_.end(), std::uint8_t{0});
+    if (!above_ || !part_strip_.any() || y == 0 || y + 1 == m_.side) return;
+    const std::uint8_t* const front = part_strip_.row(y - 1, column * kCore);
+    const std::uint8_t* const here = part_strip_.row(y, column * kCore);
+    const std::uint8_t* const back = part_strip_.row(y + 1, column * kCore);
+    std::uint8_t* const columns = attached_columns_.data();
+    const auto side = static_cast<std::size_t>(m_.side);
+    for (std::size_t x = 0; x < side; ++x) columns[x] = front[x] & here[x] & back[x];
+    std::uint8_t* const attached = attached_.data();
+    for (std::size_t x = std::max<std::size_t>(from, 1); x < std::min(until, side - 1); ++x)
+      attached[x] = columns[x - 1] & columns[x] & columns[x + 1];
   }
 
   /// A pixel outside of the part may give as much light as the part's pixels around it: light beside an underside
@@ -292,25 +348,9 @@ class LayerWork {
     }
   }
 
-  [[nodiscard]] float cap_beside(std::size_t at) const {
-    if (beside_.empty()) return 1;
-    // Far from all that shows in the mask only splinters of the contour could ask for light; it would cure to beads.
-    return beside_[at] == 0 ? 0 : kShare[beside_[at] - 1U];
-  }
-
-  /// Whether the pixel and its eight neighbours are all of the part: what is there holds the layer while it is printed.
-  [[nodiscard]] bool inside(const std::uint8_t* part, int x, int y, int column) const {
-    if (part[x] != 255) return false;
-    for (int dy = -1; dy <= 1; ++dy) {
-      const std::uint8_t* near = part_strip_.row(y + dy, column * kCore);
-      if (near[x - 1] != 255 || near[x] != 255 || near[x + 1] != 255) return false;
-    }
-    return true;
-  }
-
   void set_spots(int column, int row, std::span<const std::uint32_t> list) {
     const int x0 = column * kCore - m_.halo, y0 = row * kCore - m_.halo, taps = m_.weights.taps();
-    problem_.spots.clear();
+    problem_.clear_spots();
     for (std::size_t lane = 0; lane < kInterleave; ++lane)
       for (std::size_t i = lane; i < list.size(); i += kInterleave) {
         const EdgeSpot& spot = spots_[list[i]];
@@ -323,17 +363,16 @@ class LayerWork {
         if (support_strip_.any() && support_strip_.row(row_px, column * kCore)[column_px] > 0) continue;
         const bool core =
             column_px >= m_.halo && column_px < m_.halo + kCore && row_px >= m_.halo && row_px < m_.halo + kCore;
-        problem_.spots.push_back({along.first * m_.side + across.first, across.node, along.node,
-                                  spot.weight / static_cast<float>(m_.edge_slope * m_.edge_slope),
-                                  core ? spot.weight : 0.0F});
+        problem_.add({along.first * m_.side + across.first, across.node, along.node,
+                      spot.weight / static_cast<float>(m_.edge_slope * m_.edge_slope), core ? spot.weight : 0.0F});
       }
   }
 
   void solve(BlendedLayer& out, int column, int row, std::span<const std::uint32_t> list) {
     if (iterations_ == 0) return;
-    set_bounds(column, row);
     set_spots(column, row, list);
     if (problem_.spots.empty()) return;
+    set_bounds(column, row);
     const double squares = solve_tile(problem_, iterations_);
     ++out.figures.tiles;
     out.figures.squares_px3 += squares / (m_.edge_slope * m_.edge_slope);
@@ -355,7 +394,7 @@ class LayerWork {
     bool even = !tile.pixels && m_.light.projection.field.empty();
     for (int y = 0; y < height && even; ++y) {
       const std::uint8_t* greys = grey_row(mask, column * kCore, row * kCore + y);
-      even = greys[0] == grey && std::memcmp(greys, greys + 1, static_cast<std::size_t>(width - 1)) == 0;
+      even = greys[0] == grey && is_even(greys, static_cast<std::size_t>(width));
     }
     if (even) {
       tile.even = snapped(m_.passed * (tile.even + light_ * m_.tone[grey]));
@@ -368,22 +407,22 @@ class LayerWork {
     const bool flat = m_.light.projection.field.empty();
     for (int y = 0; y < height; ++y) {
       const std::uint8_t* greys = grey_row(mask, column * kCore, row * kCore + y);
-      float* doses = tile.pixels.get() + y * kCore;
-      for (int x = 0; x < width; ++x) {
-        float light = light_ * m_.tone[greys[x]];
-        if (!flat)
-          light *= static_cast<float>(field_at(m_.light.projection, (column * kCore + x + 0.5) / m_.frame.size.width_px,
-                                               1 - (row * kCore + y + 0.5) / m_.frame.size.height_px));
-        doses[x] = snapped(m_.passed * (doses[x] + light));
-      }
+      std::array<float, kCore> light;
+      for (int x = 0; x < width; ++x) light[static_cast<std::size_t>(x)] = light_ * m_.tone[greys[x]];
+      for (int x = 0; x < width && !flat; ++x)
+        light[static_cast<std::size_t>(x)] *=
+            static_cast<float>(field_at(m_.light.projection, (column * kCore + x + 0.5) / m_.frame.size.width_px,
+                                        1 - (row * kCore + y + 0.5) / m_.frame.size.height_px));
+      float* const doses = tile.pixels.get() + y * kCore;
+      for (int x = 0; x < width; ++x) doses[x] = snapped(m_.passed * (doses[x] + light[static_cast<std::size_t>(x)]));
     }
     keep_as_one_value(tile, width, height);
   }
 
   [[nodiscard]] float snapped(float dose) const {
-    const float steady_dose = m_.passed / (1 - m_.passed);
-    if (dose < kSnap) return 0;
-    return std::abs(dose - steady_dose) < kSnap ? steady_dose : dose;
+    const float off = dose - steady_dose_;
+    const float steady = (off < 0 ? -off : off) < kSnap ? steady_dose_ : dose;
+    return dose < kSnap ? 0 : steady;
   }
 
   static void keep_as_one_value(DoseTiles::Tile& tile, int width, int height) {
@@ -408,6 +447,9 @@ class LayerWork {
   std::vector<std::uint8_t> caps_;  ///< rows of the strip, without margins
   std::vector<char> capped_;        ///< by row of the strip
   std::vector<std::uint16_t> own_, beside_;
+  float steady_dose_ = 0;
+  std::vector<std::uint8_t> nothing_;  ///< a row without cover
+  std::vector<std::uint8_t> row_caps_, attached_, attached_columns_;
 };
 
 }  // namespace

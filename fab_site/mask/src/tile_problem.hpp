@@ -24,12 +24,16 @@ struct TileProblem {
   std::vector<Spot> spots;
   const SpotWeights* weights = nullptr;
 
+  /// Columns of each row that the spots see, in steps of 8; last is one behind. Bounds and reference count there alone.
+  std::vector<std::int32_t> first, last;
+
   // What the solver works on.
   std::vector<float> dose;  ///< the solution
   std::vector<float> ahead, slope, steepness;
-  std::vector<std::int32_t> first, last;  ///< touched columns of each row, in steps of 8; last is one behind
 
   void resize(int side_px);
+  void clear_spots();
+  void add(const Spot& spot);
   /// Whether a spot sees that pixel.
   [[nodiscard]] bool touched(std::size_t pixel) const { return steepness[pixel] != regular; }
 };

@@ -70,16 +70,7 @@ struct TileSolver {
 
   template <int Blocks>
   static double run(TileProblem& p, int iterations) {
-    for (const auto& spot : p.spots) {
-      spread<Blocks>(p, spot, spot.weight, p.steepness.data());
-      const int row = spot.offset / p.side, column = spot.offset % p.side;
-      for (int y = row; y < row + Blocks * kLanes; ++y) {
-        auto& first = p.first[static_cast<std::size_t>(y)];
-        auto& last = p.last[static_cast<std::size_t>(y)];
-        first = std::min(first, column / kLanes * kLanes);
-        last = std::max(last, (column + Blocks * kLanes + kLanes - 1) / kLanes * kLanes);
-      }
-    }
+    for (const auto& spot : p.spots) spread<Blocks>(p, spot, spot.weight, p.steepness.data());
     double t = 1;
     for (int i = 0; i < iterations; ++i) {
       for (const auto& spot : p.spots)
