@@ -113,9 +113,7 @@ class Judge {
     for (const Vector3f& p : all_) s.stance.box_mm.include(Vec3{s.stance.to_build * p.cast<double>()});
     const Vec3 size = s.stance.box_mm.size();
     if (!(size.minCoeff() > 0)) return s;
-    double scale = options_.scale;
-    if (options_.height_mm) scale = *options_.height_mm * options_.axis_scale.z() / size.z();
-    if (options_.fit) scale = fitted_scale(options_.machine, size, Vec3::Zero());
+    const double scale = scale_for(size, options_);
     s.stance.to_build *= scale;
     s.stance.box_mm = {scale * s.stance.box_mm.min, scale * s.stance.box_mm.max};
     s.fits = ((s.stance.box_mm.size() - room_).array() <= 1e-9 * room_.maxCoeff()).all();
@@ -146,9 +144,7 @@ class Judge {
 
 /// Millimetres a unit of the scan as it lies in its file: good enough to make a sheet thick.
 double scale_as_in_file(const PointCloud& cloud, const StandingOptions& options) {
-  if (!options.height_mm && !options.fit) return options.scale;
-  const Vec3 size = size_of(cloud).cwiseMax(1e-12);
-  return options.fit ? fitted_scale(options.machine, size, Vec3::Zero()) : *options.height_mm / size.z();
+  return scale_for(options.axis_scale.cwiseProduct(size_of(cloud).cwiseMax(1e-12)), options);
 }
 
 /// Sets the costs; the numbers of the standings, the best first. Volumes and heights are held against the part's own,
@@ -205,6 +201,11 @@ Result<StandFor> stand_for_from(std::string_view name) {
 }
 
 std::string_view name_of(StandFor goal) { return kGoals[static_cast<std::size_t>(goal) - 1].second; }
+
+double scale_for(const Vec3& size, const StandingOptions& options) {
+  if (options.fit) return fitted_scale(options.machine, size, Vec3::Zero());
+  return options.height_mm ? *options.height_mm * options.axis_scale.z() / size.z() : options.scale;
+}
 
 std::string_view name_of(StandingSource source) {
   switch (source) {

@@ -67,6 +67,17 @@ PointCloud mirrored(PointCloud cloud, MirrorAxis axis) {
   return cloud;
 }
 
+double print_scale(const PointCloud& prepared, const SliceRequest& request) {
+  const StandingOptions options = options_for(prepared, request);
+  Vec3 signs = Vec3::Ones();
+  if (const auto mirror = request.placement.mirror) signs[static_cast<Eigen::Index>(*mirror) - 1] = -1;
+  const Eigen::Matrix3d turned = options.axis_scale.asDiagonal() * request.placement.turn.matrix() * signs.asDiagonal();
+  Box3 box = Box3::nothing();
+  for (const Eigen::Vector3f& p : prepared.points) box.include(Vec3{turned * p.cast<double>()});
+  const double scale = scale_for(box.size(), options);
+  return std::isfinite(scale) && scale > 0 ? scale : 1;
+}
+
 std::string to_json(const StandingFigures& figures) { return json_text(json_of(figures)); }
 
 Result<std::vector<Standing>> standings_of(const PointCloud& prepared, const SliceRequest& request,

@@ -2,12 +2,11 @@
 #include <telefab/scan/staging/staged_scan.hpp>
 
 #include <algorithm>
-#include <cmath>
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
-#include <telefab/scan/placing/room.hpp>
+#include <telefab/scan/slicing/standings.hpp>
 #include <telefab/scan/slicing/surface_survey.hpp>
 
 namespace telefab::scan {
@@ -38,20 +37,6 @@ void add_left_out(ShownPoints& shown, const PointCloud& all, const PointCloud& k
     shown.normals.push_back(Eigen::Vector3f::Zero());
     shown.kinds.push_back(PointKind::LeftOut);
   }
-}
-
-/// Millimetres of the print in a unit of the cloud, as the request asks for it.
-double print_scale(const PointCloud& cloud, const SliceRequest& request) {
-  const PlacementOptions& placement = request.placement;
-  if (!placement.height_mm && !placement.fit)
-    return placement.scale.value_or(placement.unit_mm.value_or(cloud.unit_mm.value_or(1)));
-  Box3 box = Box3::nothing();
-  for (const Eigen::Vector3f& p : cloud.points)
-    box.include(Vec3{placement.turn.matrix() * (cloud.origin + p.cast<double>())});
-  const Vec3 size = box.max - box.min;
-  const double scale =
-      placement.fit ? fitted_scale(request.machine, size, Vec3::Zero()) : *placement.height_mm / size.z();
-  return std::isfinite(scale) && scale > 0 ? scale : 1;
 }
 
 }  // namespace

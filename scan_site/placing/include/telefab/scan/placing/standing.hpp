@@ -36,6 +36,10 @@ struct StandingOptions {
   [[nodiscard]] Result<void> validate() const;
 };
 
+/// Millimetres of the print in a unit of the scan. `size`: of the turned scan in its own unit, drawn out along the axes of
+/// the platform (`axis_scale`); above 0.
+[[nodiscard]] double scale_for(const Vec3& size, const StandingOptions& options);
+
 /// Where a direction came from.
 enum class StandingSource : std::uint8_t { AsInFile = 1, Axis = 2, FlatSide = 3, OpenSide = 4, Spread = 5 };
 /// "as in the file", "axis", "flat side", "open side", "spread".
