@@ -37,7 +37,6 @@ std::string intake_text(const SliceRequest& r) {
   text.push_back(r.thickness_mm.value_or(0));
   text.push_back(r.mls.kernel_mm.value_or(0));
   text.push_back(static_cast<int>(r.mls.surface));
-  text.push_back(r.flat_base);
   // What is said in millimetres of the print means another surface at another size.
   if (r.most_gap_mm || r.thickness_mm || r.mls.kernel_mm) {
     const PlacementOptions& p = r.placement;
@@ -204,7 +203,7 @@ Result<std::string> ScanStager::answer(const std::string& id, Kind kind, const Q
   if (kind == &Scan::look) return (*scan)->facts_json;
   if (kind == &Scan::estimate) {
     set_progress(id, kind, question.number, "estimating", 0);
-    const auto estimate = estimate_print((*scan)->prepared, question.request, stop);
+    const auto estimate = estimate_print(**scan, question.request, stop);
     if (!estimate) return tl::unexpected{estimate.error()};
     return to_json(*estimate);
   }

@@ -54,12 +54,6 @@ Point2 outward_at(std::span<const Point2> ring, std::size_t i) {
   return length > 0 ? Point2{x / length, y / length} : Point2{};
 }
 
-/// What is missing beside what the request says will be.
-Openness unasked(Openness open, const SliceRequest& request) {
-  if (request.flat_base) open.missing_mm2.z() = std::max(0.0, open.missing_mm2.z());
-  return open;
-}
-
 }  // namespace
 
 CompletedScan::CompletedScan(PointCloud measured, Completion completion)
@@ -137,25 +131,26 @@ CompletionSummary CompletedScan::summary() const {
   return summary;
 }
 
-Result<void> CompletedScan::check(const SliceRequest& request) const {
-  if (!request.complete || request.thickness_mm) return {};
-  if (const auto why = refusal_of(unasked(openness(), request))) return fail(ErrorCode::InvalidInput, *why);
-  return {};
-}
+Result<void> CompletedScan::check(const SliceRequest& request) const { return check_openness(openness(), request); }
 
 std::vector<std::string> CompletedScan::warnings(const SliceRequest& request) const {
+  std::vector<std::string> sentences = gap_warnings(request);
+  if (!request.thickness_mm)
+    if (auto open = warning_of(unasked(openness(), request))) sentences.insert(sentences.begin(), std::move(*open));
+  return sentences;
+}
+
+std::vector<std::string> CompletedScan::gap_warnings(const SliceRequest& request) const {
   std::vector<std::string> sentences;
   if (request.thickness_mm)
-    sentences.push_back(fmt::format("taken as a sheet or relief: its back lies {:.3g} mm behind what was scanned",
-                                    *request.thickness_mm));
-  else if (auto open = warning_of(unasked(openness(), request)))
-    sentences.push_back(std::move(*open));
+    sentences.emplace_back(fmt::format("taken as a sheet or relief: its back lies {:.3g} mm behind what was scanned",
+                                       *request.thickness_mm));
   if (completion_.too_wide)
-    sentences.push_back(
+    sentences.emplace_back(
         "a gap of the scan is wider than what is closed (--complete MM closes wider ones): its middle is "
         "taken as flat");
   if (completion_.too_many)
-    sentences.push_back(
+    sentences.emplace_back(
         fmt::format("the gaps of the scan are larger than what it shows: closing them ended after {} samples "
                     "nobody measured; scan what is missing, or cut the scan to the part wanted",
                     completion_.samples.size()));

@@ -20,12 +20,16 @@ class CompletedScan {
   [[nodiscard]] const Completion& completion() const { return completion_; }
   /// The virtual samples as the field takes them.
   [[nodiscard]] std::vector<GapSample> gap_samples() const;
+  /// In the frame of `measured`.
   [[nodiscard]] Openness openness() const;
   [[nodiscard]] CompletionSummary summary() const;
-  /// Whether so little of the surface is missing that closing it is right. Fails: InvalidInput, says what to do.
+  /// Whether so little of the surface is missing that closing it is right; for a scan that is placed. Fails:
+  /// InvalidInput, says what to do.
   [[nodiscard]] Result<void> check(const SliceRequest& request) const;
-  /// About what was closed, and what could not be; for people.
+  /// About what was closed, and what could not be; for people. For a scan that is placed.
   [[nodiscard]] std::vector<std::string> warnings(const SliceRequest& request) const;
+  /// Those that hold however it is turned.
+  [[nodiscard]] std::vector<std::string> gap_warnings(const SliceRequest& request) const;
 
   /// How far the place is from the nearest sample, and whether the solid is there: where samples surround a place their
   /// winding number tells, however far they are.

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <telefab/scan/slicing/surface_survey.hpp>
 
 namespace telefab::scan {
 namespace {
@@ -32,6 +33,29 @@ const char* base_hint(const Openness& open) {
 }
 
 }  // namespace
+
+Openness unasked(Openness open, const SliceRequest& request) {
+  if (request.flat_base) open.missing_mm2.z() = std::max(0.0, open.missing_mm2.z());
+  return open;
+}
+
+Result<void> check_openness(const Openness& open, const SliceRequest& request) {
+  if (!request.complete || request.thickness_mm) return {};
+  if (const auto why = refusal_of(unasked(open, request))) return fail(ErrorCode::InvalidInput, *why);
+  return {};
+}
+
+StoodOpenness judged_openness(const Openness& open, const SliceRequest& request, const Turn& turn) {
+  Vec3 signs = Vec3::Ones();
+  if (const auto mirror = request.placement.mirror) signs[static_cast<Eigen::Index>(*mirror) - 1] = -1;
+  const Openness stood{open.seen_mm2, turn.matrix() * signs.cwiseProduct(open.missing_mm2)};
+  StoodOpenness judged;
+  if (const auto ok = check_openness(stood, request); !ok)
+    judged.refusal = ok.error().what;
+  else if (!request.thickness_mm)
+    judged.warning = warning_of(unasked(stood, request));
+  return judged;
+}
 
 std::optional<std::string> warning_of(const Openness& open) {
   if (open.share() < kSilentShare) return std::nullopt;

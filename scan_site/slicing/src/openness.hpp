@@ -17,4 +17,9 @@ inline constexpr double kMostOpenShare = 0.3;
 /// Why a scan this open is not sliced, and what to do; none where it is.
 [[nodiscard]] std::optional<std::string> refusal_of(const Openness& open);
 
+/// What is missing beside what the request says will be. `open`: build frame.
+[[nodiscard]] Openness unasked(Openness open, const SliceRequest& request);
+/// Whether so little is missing that closing it is right; build frame. Fails: InvalidInput, says what to do.
+[[nodiscard]] Result<void> check_openness(const Openness& open, const SliceRequest& request);
+
 }  // namespace telefab::scan

@@ -29,8 +29,7 @@ Result<SurfaceSurvey> survey_surface(const PointCloud& prepared, const SliceRequ
   survey.spacing = (*field)->kernel().spacing_mm;
   survey.largest_gap = scan.completion().largest_gap;
   survey.open = scan.openness();
-  survey.warnings = scan.warnings(request);
-  if (auto ok = scan.check(request); !ok) survey.refusal = ok.error().what;
+  survey.warnings = scan.gap_warnings(request);
   SurfaceSamples kept;
   const Box3 box = (*field)->bounds();
   (*field)->samples_between(box.min.z(), box.max.z(), kept);

@@ -11,6 +11,7 @@
 #include <telefab/machine/rough_print_time.hpp>
 #include <telefab/scan/cloud/units.hpp>
 #include <telefab/scan/slicing/standings.hpp>
+#include <telefab/scan/slicing/surface_survey.hpp>
 
 namespace telefab::scan {
 namespace {
@@ -78,20 +79,33 @@ std::vector<ForeseenItem> items_of(const PrintEstimate& e, const PreparedScan& p
   return items;
 }
 
+/// What of the surface is missing where it stands so; nothing where that is no word worth.
+std::optional<ForeseenItem> surface_item(const StagedScan& scan, const SliceRequest& stood) {
+  const double scale = print_scale(scan.prepared.cloud, stood);
+  const Openness open{scale * scale * scan.open.seen_mm2, scale * scale * scan.open.missing_mm2};
+  const StoodOpenness judged = judged_openness(open, stood, stood.placement.turn);
+  if (judged.refusal) return ForeseenItem{"surface", Verdict::Held, "it would not be cut: " + *judged.refusal};
+  if (judged.warning) return ForeseenItem{"surface", Verdict::Warning, *judged.warning};
+  return std::nullopt;
+}
+
 }  // namespace
 
 std::string_view name_of(Verdict verdict) { return kVerdicts[static_cast<std::size_t>(verdict) - 1]; }
 
-Result<PrintEstimate> estimate_print(const PreparedScan& prepared, const SliceRequest& request, std::stop_token stop) {
+Result<PrintEstimate> estimate_print(const StagedScan& scan, const SliceRequest& request, std::stop_token stop) {
+  const PreparedScan& prepared = scan.prepared;
   // As slicing does: what nobody states is asked, and not guessed.
   if (const auto warning = unit_warning(prepared, request);
       warning && !request.placement.unit_mm && !prepared.cloud.unit_mm)
     return fail(ErrorCode::InvalidInput, *warning);
   PrintEstimate estimate;
+  SliceRequest stood = request;
   if (const auto goal = request.placement.stand_for) {
     const auto chosen = chosen_standing(prepared.cloud, request, *goal, stop);
     if (!chosen) return tl::unexpected{chosen.error()};
     estimate.figures = chosen->standing.figures;
+    stood.placement.turn = chosen->standing.turn;
   } else {
     const auto standing = standing_of(prepared.cloud, request, stop);
     if (!standing) return tl::unexpected{standing.error()};
@@ -101,6 +115,7 @@ Result<PrintEstimate> estimate_print(const PreparedScan& prepared, const SliceRe
   estimate.resin_ml = (estimate.figures.part_mm3 + estimate.figures.support_mm3) / kMm3PerMl;
   estimate.print_time = rough_print_time(request.machine, estimate.figures.layers, estimate.layer_mm);
   estimate.items = items_of(estimate, prepared, request);
+  if (auto surface = surface_item(scan, stood)) estimate.items.insert(estimate.items.begin(), std::move(*surface));
   return estimate;
 }
 

@@ -108,12 +108,12 @@ Result<StagedScan> staged_scan(std::span<const std::byte> file, std::string_view
       {"noise", survey->noise / scale},
       {"largest_gap", survey->largest_gap / scale},
       {"missing_share", survey->open.share()}};
-  facts["refusal"] = survey->refusal ? Json(*survey->refusal) : Json(nullptr);
   facts["warnings"] = prepared->warnings;
   for (const std::string& warning : survey->warnings) facts["warnings"].push_back(warning);
   facts["seconds"] = Json::object();
   for (const StageTime& time : times) facts["seconds"][time.stage] = time.seconds;
-  return StagedScan{std::move(*prepared), CloudPicture{shown}, json_text(facts)};
+  const Openness open{survey->open.seen_mm2 / (scale * scale), survey->open.missing_mm2 / (scale * scale)};
+  return StagedScan{std::move(*prepared), open, CloudPicture{shown}, json_text(facts)};
 }
 
 }  // namespace telefab::scan

@@ -35,7 +35,7 @@ const place = (() => {
   }
 
   const question = () => ({ machine: byId("machine").value, parameters: parameters() });
-  const placingKeys = ["resin", "print", "height_mm", "scale", "fit", "units", "rotate", "mirror", "position", "scale_axes", "layer_mm", "chord_mm", "speck_px2", "method", "coding"];
+  const placingKeys = ["resin", "print", "height_mm", "scale", "fit", "units", "rotate", "mirror", "position", "scale_axes", "base", "layer_mm", "chord_mm", "speck_px2", "method", "coding"];
   function lookKey() {
     const p = parameters();
     // What is said in millimetres of the print means another surface at another size.
@@ -273,9 +273,7 @@ const place = (() => {
       if (k === "price") value.dataset.price = "";
       return [element("dt", k), value];
     }));
-    const refusal = self.view.look.result?.refusal;
-    const items = refusal ? [{ name: "surface", verdict: "held", text: `it would not be cut: ${refusal}` }, ...r.items] : r.items;
-    byId("foreseen").replaceChildren(...items.map((item) => {
+    byId("foreseen").replaceChildren(...r.items.map((item) => {
       const li = document.createElement("li");
       li.className = item.verdict;
       li.append(element("b", `${item.verdict.replace("-", " ")}: ${item.name}`), element("span", pageWords(item.text)));
@@ -317,8 +315,11 @@ const place = (() => {
     if (box.textContent !== text) box.textContent = text;
   }
 
+  // Whether what is missing of the surface is meant depends on how the part stands: the estimate of the last choice knows.
+  const surfaceHeld = (estimate) => (estimate.state === "done" && estimate.number === self.estimateNumber && estimate.result.items.find((i) => i.name === "surface" && i.verdict === "held")?.text) || "";
+
   function showSend() {
-    const { reading, look } = self.view;
+    const { reading, look, estimate } = self.view;
     const why = self.view.state !== "whole" ? "The file is not here yet." : reading.state === "failed" && reading.code !== "too-large" ? "The file cannot be read: see above." : unitIsOpen() ? "The unit of the file is not known: choose it above." : !byId("machine").value ? "There is no machine to print on." : "";
     const send = byId("send");
     send.disabled = Boolean(why) || self.isSending;
@@ -326,7 +327,7 @@ const place = (() => {
     if (why && note.textContent !== why) note.textContent = why;
     else if (!why && note.dataset.why) note.textContent = "";
     note.dataset.why = why;
-    const problem = reading.state === "failed" && reading.code !== "cancelled" ? reading.why : look.state === "failed" && look.code !== "cancelled" ? look.why : look.result?.refusal ? `It would not be cut: ${look.result.refusal}` : "";
+    const problem = reading.state === "failed" && reading.code !== "cancelled" ? reading.why : look.state === "failed" && look.code !== "cancelled" ? look.why : surfaceHeld(estimate);
     showProblem(problem ? pageWords(problem) : "");
   }
 

@@ -103,7 +103,7 @@ TEST(StagedScan, EndsSoonWhenItIsStopped) {
 TEST(PrintEstimate, TellsVolumeSizeLayersAndTimeOfABall) {
   const SliceRequest request = request_for(20);
   const auto staged = staged_scan(bytes_of(ball(10, 0, 6000)), "a.xyz", request, {}, {});
-  const auto estimate = estimate_print(staged->prepared, request, {});
+  const auto estimate = estimate_print(*staged, request, {});
   ASSERT_TRUE(estimate.has_value()) << estimate.error().what;
   const double ball_mm3 = 4.0 / 3 * std::numbers::pi * 1000;
   EXPECT_NEAR(estimate->figures.part_mm3, ball_mm3, 0.05 * ball_mm3);
@@ -121,22 +121,52 @@ TEST(PrintEstimate, IsOfTheTurnThatIsAskedFor) {
   const auto staged = staged_scan(bytes_of(file), "row.xyz", request, {}, {});
   ASSERT_TRUE(staged.has_value()) << staged.error().what;
   request.placement = {};
-  const auto lying = estimate_print(staged->prepared, request, {});
+  const auto lying = estimate_print(*staged, request, {});
   request.placement.turn = turn_from_rotate("0,90,0").value();
-  const auto upright = estimate_print(staged->prepared, request, {});
+  const auto upright = estimate_print(*staged, request, {});
   ASSERT_TRUE(lying && upright);
   EXPECT_NEAR(lying->figures.size_mm.z(), 20, 0.3);
   EXPECT_NEAR(upright->figures.size_mm.z(), 65, 0.5);
   EXPECT_NEAR(lying->figures.part_mm3, upright->figures.part_mm3, 0.02 * lying->figures.part_mm3);
 }
 
+TEST(PrintEstimate, JudgesAMissingBaseAsThePartStandsAndNotAsItLiesInItsFile) {
+  // Half a ball without its flat side, which looks up in the file.
+  SliceRequest request = request_for(10);
+  request.flat_base = true;
+  const auto staged = staged_scan(bytes_of(ball(10, 0, 8000, 0)), "half.xyz", request, {}, {});
+  ASSERT_TRUE(staged.has_value()) << staged.error().what;
+  const auto surface = [&](const char* rotate, std::optional<MirrorAxis> mirror) -> std::optional<ForeseenItem> {
+    request.placement.turn = turn_from_rotate(rotate).value();
+    request.placement.mirror = mirror;
+    const auto estimate = estimate_print(*staged, request, {});
+    EXPECT_TRUE(estimate.has_value()) << estimate.error().what;
+    if (estimate->items.front().name != "surface") return std::nullopt;
+    return estimate->items.front();
+  };
+  const auto as_in_file = surface("0,0,0", {});
+  ASSERT_TRUE(as_in_file.has_value());
+  EXPECT_EQ(as_in_file->verdict, Verdict::Held);
+  EXPECT_THAT(as_in_file->text, HasSubstr("facing up"));
+  const auto missing_cm2 = [](const std::string& text) { return std::stod(text.substr(text.find("about ") + 6)); };
+  EXPECT_NEAR(missing_cm2(as_in_file->text), std::numbers::pi, 0.15 * std::numbers::pi) << "a disc of 10 mm";
+  EXPECT_FALSE(surface("180,0,0", {}).has_value()) << "then the missing side is the base";
+  EXPECT_FALSE(surface("0,0,0", MirrorAxis::Z).has_value()) << "and the other hand of it lies on its base too";
+  const auto on_its_side = surface("90,0,0", {});
+  ASSERT_TRUE(on_its_side.has_value());
+  EXPECT_THAT(on_its_side->text, HasSubstr("facing towards -y"));
+  request.placement.height_mm = 20;
+  EXPECT_NEAR(missing_cm2(surface("0,0,0", {})->text), 4 * missing_cm2(as_in_file->text), 0.1)
+      << "of the print, whatever size it was looked at in";
+}
+
 TEST(PrintEstimate, RefusesAPartThatDoesNotFitAndOneWhoseUnitNobodyStates) {
   SliceRequest request = request_for(20);
   const auto staged = staged_scan(bytes_of(ball(0.5, 0, 3000)), "a.xyz", request, {}, {});
   request.placement.height_mm = 5000;
-  EXPECT_THAT(estimate_print(staged->prepared, request, {}).error().what, HasSubstr("larger than machine-a"));
+  EXPECT_THAT(estimate_print(*staged, request, {}).error().what, HasSubstr("larger than machine-a"));
   request.placement.height_mm.reset();
-  const auto unit = estimate_print(staged->prepared, request, {});
+  const auto unit = estimate_print(*staged, request, {});
   ASSERT_FALSE(unit.has_value());
   EXPECT_EQ(unit.error().code, ErrorCode::InvalidInput);
 }

@@ -7,6 +7,7 @@
 #include <string_view>
 #include <telefab/scan/placing/standing.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
+#include <telefab/scan/staging/staged_scan.hpp>
 #include <vector>
 
 namespace telefab::scan {
@@ -32,9 +33,9 @@ struct PrintEstimate {
   std::vector<ForeseenItem> items;
 };
 
-/// Estimates a prepared scan as the request places it. Fails: InvalidInput (larger
-/// than the machine; a size that is hardly meant where nobody states a unit, as slicing refuses it), Cancelled.
-[[nodiscard]] Result<PrintEstimate> estimate_print(const PreparedScan& prepared, const SliceRequest& request,
+/// Estimates a scan as the request places it. Fails: InvalidInput (larger than the machine; a size that is hardly meant
+/// where nobody states a unit, as slicing refuses it), Cancelled.
+[[nodiscard]] Result<PrintEstimate> estimate_print(const StagedScan& scan, const SliceRequest& request,
                                                    std::stop_token stop);
 
 /// One JSON object, fixed key order.

@@ -23,6 +23,7 @@ struct RawScan {
 /// A scan as slicing would take it: the object picked, its normals outward, its surface surveyed.
 struct StagedScan {
   PreparedScan prepared;   ///< frame and unit of the file
+  Openness open;           ///< frame of the file, square units of it
   CloudPicture picture;    ///< measured, completed, doubtful and left out
   std::string facts_json;  ///< one object: points, pieces, strays, gaps, warnings, ...
 };
