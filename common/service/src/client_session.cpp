@@ -47,7 +47,8 @@ class Upload {
     got_ += block.content.size();
     return {};
   }
-  [[nodiscard]] bool is_whole() const { return got_ == submit_.size_bytes; }
+  [[nodiscard]] std::uint64_t missing_bytes() const { return submit_.size_bytes - got_; }
+  [[nodiscard]] bool is_whole() const { return missing_bytes() == 0; }
   /// Durable and with the digest that was announced.
   Result<void> finish() const {
     if (hasher_.digest() != submit_.content)
@@ -78,7 +79,7 @@ class ClientSession final : public MessageSession {
     std::visit([&](const auto& question) { answer(question); }, message);
   }
   void on_end() override {
-    uploads_.clear();
+    while (!uploads_.empty()) remove_upload(uploads_.begin()->first);
     watches_.clear();
   }
 
@@ -112,6 +113,8 @@ class ClientSession final : public MessageSession {
     if (auto may = service().may_submit(submit); !may) return send_fault(submit.request, may.error());
     auto upload = Upload::begin(submit, service().incoming());
     if (!upload) return send_fault(submit.request, upload.error());
+    remove_upload(submit.request);  // one that was begun under the same number is given up
+    service().expect_upload((*upload)->path(), submit.size_bytes);
     uploads_[submit.request] = std::move(*upload);
     send(UploadReady{submit.request, 0});
   }
@@ -122,11 +125,12 @@ class ClientSession final : public MessageSession {
     if (found == uploads_.end()) return;
     Upload& upload = *found->second;
     auto taken = upload.take(block);
+    service().expect_upload(upload.path(), upload.missing_bytes());
     if (taken && !upload.is_whole()) return;
     if (taken) taken = upload.finish();
     if (!taken) {
       send_fault(block.request, taken.error());
-      uploads_.erase(found);
+      remove_upload(block.request);
       return;
     }
     auto job = service().submit(upload.submit(), upload.path(), who(""));
@@ -134,7 +138,15 @@ class ClientSession final : public MessageSession {
       send(Jobs{block.request, {std::move(*job)}});
     else
       send_fault(block.request, job.error());
-    uploads_.erase(block.request);
+    remove_upload(block.request);
+  }
+
+  /// Handed over, or given up: nobody waits for its bytes any more.
+  void remove_upload(RequestId request) {
+    const auto found = uploads_.find(request);
+    if (found == uploads_.end()) return;  // gone with the connection
+    service().expect_upload(found->second->path(), 0);
+    uploads_.erase(found);
   }
 
   void answer(const AskJobs& question) {

@@ -62,14 +62,16 @@ Result<void> DiskRoom::check(std::uint64_t bytes) {
   const auto checked = [&]() -> Result<void> {
     const auto space = ask_(folder_);
     if (!space) return tl::unexpected{space.error()};
-    const std::uint64_t wanted = bytes + (is_held_ ? 0 : reserve_bytes_);
+    const std::uint64_t coming = bytes > 0 ? expected_bytes() : 0;
+    const std::uint64_t wanted = bytes + coming + (is_held_ ? 0 : reserve_bytes_);
     if (space->capacity < bytes + reserve_bytes_)
       return fail(ErrorCode::TooLarge,
                   fmt::format("the disk of {} MiB is too small: {} MiB are needed beside a reserve of {}",
                               space->capacity >> 20U, mib(bytes), mib(reserve_bytes_)));
     if (space->available < wanted)
       return fail(ErrorCode::StorageFailed,
-                  fmt::format("{} MiB of disk are free, {} are needed{}", space->available >> 20U, mib(bytes),
+                  fmt::format("{} MiB of disk are free, {} are needed{}{}", space->available >> 20U, mib(bytes),
+                              coming > 0 ? fmt::format(" beside {} that are on their way", mib(coming)) : "",
                               is_held_ ? "" : fmt::format(" beside a reserve of {}", mib(reserve_bytes_))));
     return take_reserve();
   }();
@@ -77,11 +79,25 @@ Result<void> DiskRoom::check(std::uint64_t bytes) {
   return checked;
 }
 
+void DiskRoom::expect(const std::string& what, std::uint64_t bytes) {
+  const std::lock_guard lock{mutex_};
+  if (bytes > 0)
+    expected_.insert_or_assign(what, bytes);
+  else
+    expected_.erase(what);
+}
+
+std::uint64_t DiskRoom::expected_bytes() const {
+  std::uint64_t sum = 0;
+  for (const auto& [what, bytes] : expected_) sum += bytes;
+  return sum;
+}
+
 Result<std::uint64_t> DiskRoom::room() const {
   const std::lock_guard lock{mutex_};
   const auto space = ask_(folder_);
   if (!space) return tl::unexpected{space.error()};
-  const std::uint64_t kept = is_held_ ? 0 : reserve_bytes_;
+  const std::uint64_t kept = expected_bytes() + (is_held_ ? 0 : reserve_bytes_);
   return space->available > kept ? space->available - kept : 0;
 }
 

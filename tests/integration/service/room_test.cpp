@@ -76,6 +76,33 @@ class Room : public TwoSites {
   std::jthread fab_thread_;
 };
 
+TEST(DiskRoom, LeavesRoomForWhatIsOnItsWay) {
+  const ScratchFolder folder;
+  std::uint64_t free_bytes = 100U << 20U;
+  DiskRoom room{folder.path(), 0, [&](const fs::path&) -> Result<fs::space_info> {
+                  return fs::space_info{kPlenty_bytes, free_bytes, free_bytes};
+                }};
+  EXPECT_TRUE(room.check(60U << 20U));
+  room.expect("a scan", 60U << 20U);
+  EXPECT_EQ(room.room().value(), 40U << 20U);
+  const auto second = room.check(60U << 20U);
+  ASSERT_FALSE(second) << "two that fit alone do not fit together";
+  EXPECT_EQ(second.error().code, ErrorCode::StorageFailed);
+  EXPECT_THAT(second.error().what,
+              HasSubstr("100 MiB of disk are free, 60 are needed beside 60 that are on their way"));
+  EXPECT_TRUE(room.check(40U << 20U));
+  // What has arrived is used, and no longer expected.
+  free_bytes = 50U << 20U;
+  room.expect("a scan", 10U << 20U);
+  EXPECT_TRUE(room.check(40U << 20U));
+  EXPECT_FALSE(room.check(41U << 20U));
+  room.expect("a scan", 0);
+  EXPECT_TRUE(room.check(50U << 20U));
+  free_bytes = 0;
+  room.expect("a scan", 10U << 20U);
+  EXPECT_TRUE(room.check(0)) << "only the reserve is asked for, and there is none";
+}
+
 TEST_F(Room, AFullFabPutsAnOfferOffAndTheScanSiteOffersItAgain) {
   is_full_for_offers = true;
   start_fab_here();

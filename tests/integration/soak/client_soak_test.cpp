@@ -27,6 +27,7 @@ class IdleService final : public JobService {
   JobStore& store() override { return store_; }
   void machines(std::function<void(Machines)> done) override { done({}); }
   Result<void> may_submit(const Submit&) override { return {}; }
+  void expect_upload(const std::filesystem::path&, std::uint64_t) override {}
   std::filesystem::path incoming() override { return incoming_; }
   Result<Job> submit(const Submit& submit, const std::filesystem::path&, std::string_view owner) override {
     return store_.create({{}, submit.name, submit.machine, "{}", std::string{owner}});

@@ -21,10 +21,14 @@ class DiskRoom {
   /// Takes the reserve as far as there is room. `ask`: the file system itself where it is empty.
   DiskRoom(std::filesystem::path folder, std::uint64_t reserve_bytes, AskSpace ask = {});
 
-  /// Whether so many bytes may be written now and the reserve is whole, or can be taken back beside them. Fails in one
-  /// sentence with figures: StorageFailed (not now), TooLarge (never: the disk is smaller).
+  /// Whether so many bytes may be written now, beside what is expected, and the reserve is whole, or can be taken back
+  /// beside them. Of no bytes: whether the reserve is. Fails in one sentence with figures: StorageFailed (not now),
+  /// TooLarge (never: the disk is smaller).
   [[nodiscard]] Result<void> check(std::uint64_t bytes);
-  /// How many bytes may be written now beside the reserve. Fails with StorageFailed.
+  /// So many bytes that a check has let in are still to come under this name; none: all are here, or nobody sends them
+  /// any more.
+  void expect(const std::string& what, std::uint64_t bytes);
+  /// How many bytes may be written now beside the reserve and what is expected. Fails with StorageFailed.
   [[nodiscard]] Result<std::uint64_t> room() const;
   /// Frees the reserve for what must be written now. False where none was held.
   bool give_up_reserve();
@@ -40,6 +44,8 @@ class DiskRoom {
  private:
   /// mutex_ is held.
   [[nodiscard]] Result<void> take_reserve();
+  /// mutex_ is held.
+  [[nodiscard]] std::uint64_t expected_bytes() const;
 
   std::filesystem::path folder_;
   std::uint64_t reserve_bytes_;
@@ -47,7 +53,8 @@ class DiskRoom {
   mutable std::mutex mutex_;
   bool is_held_ = false;
   std::optional<Error> trouble_;
-  std::map<std::string, Error> waiting_;  ///< by job
+  std::map<std::string, Error> waiting_;           ///< by job
+  std::map<std::string, std::uint64_t> expected_;  ///< bytes, by what brings them
 };
 
 }  // namespace telefab

@@ -23,6 +23,8 @@ class JobService {
   [[nodiscard]] virtual Result<void> may_submit(const Submit& submit) = 0;
   /// Where uploads under way lie; on the same file system as the jobs.
   [[nodiscard]] virtual std::filesystem::path incoming() = 0;
+  /// So many bytes of this upload are still to come: others leave them room. None: no more come.
+  virtual void expect_upload(const std::filesystem::path& upload, std::uint64_t missing_bytes) = 0;
   /// The scan has arrived whole. Takes the file.
   [[nodiscard]] virtual Result<Job> submit(const Submit& submit, const std::filesystem::path& upload,
                                            std::string_view owner) = 0;

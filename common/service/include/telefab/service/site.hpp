@@ -102,6 +102,9 @@ class SiteWork : public JobService {
  public:
   JobStore& store() final { return site_.store(); }
   std::filesystem::path incoming() final { return site_.folder().incoming(); }
+  void expect_upload(const std::filesystem::path& upload, std::uint64_t missing_bytes) final {
+    site_.room().expect(upload.filename(), missing_bytes);
+  }
   void note(std::string_view who, std::string_view what) final { site_.tracker().note(who, what); }
 
   /// Goes on with a job that was not at its end when the site ended last.
