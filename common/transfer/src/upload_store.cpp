@@ -10,6 +10,7 @@
 #include <telefab/base/file.hpp>
 #include <telefab/base/json_number.hpp>
 #include <telefab/base/json_text.hpp>
+#include <telefab/base/open_file.hpp>
 #include <telefab/base/text.hpp>
 #include <telefab/transfer/upload_store.hpp>
 
@@ -28,32 +29,17 @@ constexpr std::array<std::string_view, 4> kStates{"receiving", "checking", "whol
 
 std::string id_of(const Digest& content) { return to_hex(content).substr(0, kIdDigits); }
 
-/// A file descriptor that is closed.
-class OpenFile {
- public:
-  OpenFile(const std::filesystem::path& path, int flags) : fd_{::open(path.c_str(), flags | O_CLOEXEC, 0600)} {}
-  ~OpenFile() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  OpenFile(const OpenFile&) = delete;
-  OpenFile& operator=(const OpenFile&) = delete;
-  [[nodiscard]] int fd() const { return fd_; }
-
- private:
-  int fd_;
-};
-
 Result<void> write_at(const std::filesystem::path& path, std::uint64_t from, std::span<const std::byte> bytes) {
-  const OpenFile file{path, O_WRONLY | O_CREAT};
-  if (file.fd() < 0) return fail_system("keep an upload in", path, errno);
+  const OpenFile file{::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600)};
+  if (file.get() < 0) return fail_system("keep an upload in", path, errno);
   // What a write that failed half way left behind is not counted, and is written over.
   std::uint64_t at = from;
   while (!bytes.empty()) {
-    const ssize_t n = ::pwrite(file.fd(), bytes.data(), bytes.size(), static_cast<off_t>(at));
+    const ssize_t n = ::pwrite(file.get(), bytes.data(), bytes.size(), static_cast<off_t>(at));
     if (n < 0 && errno == EINTR) continue;
     if (n < 0) {
       const int error = errno;
-      (void)!::ftruncate(file.fd(), static_cast<off_t>(from));  // it is cut again at the next part
+      (void)!::ftruncate(file.get(), static_cast<off_t>(from));  // it is cut again at the next part
       return fail_system("keep an upload in", path, error);
     }
     bytes = bytes.subspan(static_cast<std::size_t>(n));
@@ -63,13 +49,13 @@ Result<void> write_at(const std::filesystem::path& path, std::uint64_t from, std
 }
 
 Result<Digest> digest_of_file(const std::filesystem::path& path, const std::stop_token& stop) {
-  const OpenFile file{path, O_RDONLY};
-  if (file.fd() < 0) return fail_system("read the upload", path, errno);
+  const OpenFile file{::open(path.c_str(), O_RDONLY | O_CLOEXEC)};
+  if (file.get() < 0) return fail_system("read the upload", path, errno);
   Hasher hasher;
   std::vector<std::byte> block(kBlock_bytes);
   while (true) {
     if (stop.stop_requested()) return cancelled("checking an upload");
-    const ssize_t n = ::read(file.fd(), block.data(), block.size());
+    const ssize_t n = ::read(file.get(), block.data(), block.size());
     if (n < 0 && errno == EINTR) continue;
     if (n < 0) return fail_system("read the upload", path, errno);
     if (n == 0) return hasher.digest();
