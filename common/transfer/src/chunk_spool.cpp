@@ -177,6 +177,27 @@ struct ChunkSpool::Impl {
     return whole > size || (whole == size && head->size > 0 && is_zero(bytes->back()));
   }
 
+  /// Takes what the heads tell, up to the first that does not follow.
+  [[nodiscard]] Result<void> walk() {
+    struct stat status {};
+    if (::fstat(file, &status) != 0) return storage_failed("look at");
+    const auto size = static_cast<std::uint64_t>(status.st_size);
+    while (!finished && end < size) {
+      const auto bytes = bytes_at(end, kHeadBytes);
+      if (!bytes) return tl::unexpected{bytes.error()};
+      const auto head = head_of(*bytes);
+      if (!head || end + kHeadBytes + head->size > size || head->sequence != places.size() ||
+          head->first_layer != layers)
+        break;
+      if (head->mark == kEndMark)
+        finished = head->digest;
+      else
+        take(*head, end);
+      end += kHeadBytes + head->size;
+    }
+    return {};
+  }
+
   /// Reads every record; cuts off a torn tail, and keeps a damaged file aside before it goes on behind what is sound.
   [[nodiscard]] Result<void> load() {
     struct stat status {};
@@ -215,6 +236,15 @@ struct ChunkSpool::Impl {
     return {};
   }
 };
+
+Result<ChunkSpool> ChunkSpool::look_into(const std::filesystem::path& path) {
+  auto impl = std::make_unique<Impl>();
+  impl->path = path;
+  impl->file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (impl->file < 0) return fail_system("read", path, errno);
+  if (auto walked = impl->walk(); !walked) return tl::unexpected{walked.error()};
+  return ChunkSpool{std::move(impl)};
+}
 
 ChunkSpool::ChunkSpool(std::unique_ptr<Impl> impl) : impl_{std::move(impl)} {}
 ChunkSpool::~ChunkSpool() = default;
@@ -255,6 +285,15 @@ Result<Digest> ChunkSpool::append(LayerIndex first_layer, std::uint32_t layer_co
   if (auto written = impl_->write(to_record(head, payload)); !written) return tl::unexpected{written.error()};
   impl_->take(head, offset);
   return head.digest;
+}
+
+Result<std::uint32_t> ChunkSpool::sequence_of(LayerIndex layer) const {
+  if (layer.count() >= impl_->layers)
+    return fail(ErrorCode::NotFound, fmt::format("{} has no layer {}", impl_->path.string(), layer.count()));
+  const auto behind =
+      std::upper_bound(impl_->places.begin(), impl_->places.end(), layer.count(),
+                       [](std::uint32_t wanted, const Impl::Place& place) { return wanted < place.head.first_layer; });
+  return static_cast<std::uint32_t>(behind - impl_->places.begin() - 1);
 }
 
 Result<SpooledChunk> ChunkSpool::read(std::uint32_t sequence) const {

@@ -64,7 +64,7 @@ Result<CutLayers::Stack*> CutLayers::stack_of(const Job& job, const std::filesys
   stack.decoder = std::make_unique<StackDecoder>(std::move(*decoder));
   if (is_final(job.state)) {
     // Nobody else works on it any more.
-    auto spool = ChunkSpool::open(folder / "chunks");
+    auto spool = ChunkSpool::look_into(folder / "chunks");
     if (!spool) return tl::unexpected{spool.error()};
     stack.spool = std::make_shared<SharedSpool>(std::move(*spool));
   } else {
@@ -83,18 +83,11 @@ Result<std::string> CutLayers::json(const Job& job, const std::filesystem::path&
   const auto found = stack_of(job, folder);
   if (!found) return tl::unexpected{found.error()};
   Stack& stack = **found;
-  const auto [chunks, layers] = stack.spool->with([](const ChunkSpool& s) {
-    return std::pair{s.chunk_count(), s.layer_count()};
+  const auto [layers, found_in] = stack.spool->with([&](const ChunkSpool& s) {
+    return std::pair{s.layer_count(), s.sequence_of(LayerIndex{layer})};
   });
-  if (layer >= layers) return not_cut(job, layer, layers);
-  while (stack.first_layers.size() < chunks) {
-    const auto next = static_cast<std::uint32_t>(stack.first_layers.size());
-    const auto chunk = stack.spool->with([&](const ChunkSpool& s) { return s.read(next); });
-    if (!chunk) return tl::unexpected{chunk.error()};
-    stack.first_layers.push_back(chunk->first_layer.count());
-  }
-  const auto sequence = static_cast<std::uint32_t>(
-      std::upper_bound(stack.first_layers.begin(), stack.first_layers.end(), layer) - stack.first_layers.begin() - 1);
+  if (!found_in) return not_cut(job, layer, layers);
+  const std::uint32_t sequence = *found_in;
   auto kept = stack.chunks.find(sequence);
   if (kept == stack.chunks.end()) {
     const auto chunk = stack.spool->with([&](const ChunkSpool& s) { return s.read(sequence); });
@@ -106,7 +99,11 @@ Result<std::string> CutLayers::json(const Job& job, const std::filesystem::path&
       stack.chunks.erase(sequence > stack.chunks.begin()->first ? stack.chunks.begin() : std::prev(stack.chunks.end()));
     kept = stack.chunks.emplace(sequence, std::move(*decoded)).first;
   }
-  return text_of(stack.decoder->header(), kept->second[layer - stack.first_layers[sequence]]);
+  const std::vector<Layer>& decoded = kept->second;
+  const auto there = std::ranges::find(decoded, LayerIndex{layer}, &Layer::index);
+  if (there == decoded.end())
+    return fail(ErrorCode::NotTrusted, fmt::format("chunk {} of job {} has no layer {}", sequence, job.id, layer));
+  return text_of(stack.decoder->header(), *there);
 }
 
 }  // namespace telefab::scan

@@ -11,7 +11,8 @@
 
 namespace telefab::scan {
 
-/// The layers of jobs, decoded from their spools as they come, a chunk at a time. Threads: one caller.
+/// The layers of jobs, decoded from their spools as they come, a chunk at a time: of a spool no more is read than that
+/// and the heads of its records. Threads: one caller.
 class CutLayers {
  public:
   /// The registry must outlive it.
@@ -24,7 +25,6 @@ class CutLayers {
     std::unique_ptr<StackDecoder> decoder;
     std::shared_ptr<SharedSpool> spool;
     std::map<std::uint32_t, std::vector<Layer>> chunks;  ///< by sequence; a few
-    std::vector<std::uint32_t> first_layers;             ///< of each chunk known so far
     std::uint64_t used = 0;
   };
   [[nodiscard]] Result<Stack*> stack_of(const Job& job, const std::filesystem::path& folder);

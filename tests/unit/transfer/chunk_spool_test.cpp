@@ -42,6 +42,40 @@ TEST_F(ChunkSpoolTest, GivesBackAfterReopeningWhatWasAppended) {
   EXPECT_EQ(spool.read(3).error().code, ErrorCode::NotFound);
 }
 
+TEST_F(ChunkSpoolTest, IsLookedIntoWithoutReadingItAllOrChangingIt) {
+  fill(3);
+  {
+    ChunkSpool spool = open();
+    ASSERT_TRUE(spool.finish(chain_after({}, 9, LayerIndex{0}, 1, {})));
+  }
+  std::string changed = bytes();
+  const std::string whole = changed;
+  changed[changed.find(std::string(50, '\1'))] ^= 1;  // in the payload of the second chunk
+  write(changed + "what does not follow");
+  const auto looked = ChunkSpool::look_into(path());
+  ASSERT_TRUE(looked) << looked.error().what;
+  EXPECT_EQ(looked->chunk_count(), 3U);
+  EXPECT_EQ(looked->layer_count(), 30U);
+  EXPECT_TRUE(looked->finished());
+  EXPECT_EQ(looked->read(0)->payload, payload(0));
+  EXPECT_EQ(looked->read(1).error().code, ErrorCode::NotTrusted) << "what is read is checked";
+  EXPECT_EQ(looked->read(2)->payload, payload(2));
+  EXPECT_EQ(bytes(), changed + "what does not follow");
+  write(whole.substr(0, whole.size() / 2));
+  EXPECT_EQ(ChunkSpool::look_into(path())->chunk_count(), 1U);
+  std::filesystem::remove(path());
+  EXPECT_EQ(ChunkSpool::look_into(path()).error().code, ErrorCode::NotFound);
+  EXPECT_FALSE(std::filesystem::exists(path()));
+}
+
+TEST_F(ChunkSpoolTest, FindsTheChunkThatALayerIsIn) {
+  fill(3);
+  const ChunkSpool spool = open();
+  for (const auto& [layer, sequence] : {std::pair{0U, 0U}, {9U, 0U}, {10U, 1U}, {29U, 2U}})
+    EXPECT_EQ(spool.sequence_of(LayerIndex{layer}).value(), sequence) << layer;
+  EXPECT_EQ(spool.sequence_of(LayerIndex{30}).error().code, ErrorCode::NotFound);
+}
+
 TEST_F(ChunkSpoolTest, KeepsEveryWholeChunkWhereverAWriteWasTorn) {
   fill(3);
   const std::string whole = bytes();

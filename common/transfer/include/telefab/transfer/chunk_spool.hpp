@@ -34,6 +34,10 @@ class ChunkSpool {
   /// Makes the file where there is none. Every record is read and checked. Fails with NotPermitted, StorageFailed,
   /// NotTrusted (a record in the middle is damaged: the file was changed; the message names it).
   [[nodiscard]] static Result<ChunkSpool> open(const std::filesystem::path& path);
+  /// To be read alone, from a file that is there: the heads of the records are walked, a few bytes a chunk, and a chunk
+  /// is checked when it is read. What does not follow is not seen; nothing is cut off and nothing can be added. Fails:
+  /// NotFound, NotPermitted, StorageFailed.
+  [[nodiscard]] static Result<ChunkSpool> look_into(const std::filesystem::path& path);
   ~ChunkSpool();
   ChunkSpool(ChunkSpool&&) noexcept;
   ChunkSpool& operator=(ChunkSpool&&) noexcept;
@@ -47,6 +51,8 @@ class ChunkSpool {
   /// finished; StorageFailed.
   [[nodiscard]] Result<Digest> append(LayerIndex first_layer, std::uint32_t layer_count,
                                       std::span<const std::byte> payload);
+  /// The chunk that the layer is in. NotFound: it is in none yet.
+  [[nodiscard]] Result<std::uint32_t> sequence_of(LayerIndex layer) const;
   /// NotFound above the last; StorageFailed; NotTrusted where the bytes have changed.
   [[nodiscard]] Result<SpooledChunk> read(std::uint32_t sequence) const;
   /// No chunk comes after this; remembers the digest of the decoded stack. Conflict if finished with another one.
