@@ -64,6 +64,10 @@ std::string number_problem(std::string_view word, NumberKind kind) {
   if (std::cmatch found; std::regex_match(word.data(), word.data() + word.size(), found, comma))
     return fmt::format("{} is not a number: write {}.{}, with a point", word, word.substr(0, word.find(',')),
                        found[2].str());
+  // "0x10" in C, and in no program's figures: its beginning is no number with a unit behind it.
+  static const std::regex prefixed{R"([+-]?0[xXbBoO][0-9a-fA-F.]*)"};
+  if (std::regex_match(word.begin(), word.end(), prefixed))
+    return fmt::format("{} is not a number: write it in decimal digits", word);
   if (is_number)
     return fmt::format("{} is not a number: leave out \"{}\", the unit stands in the option's name", word, rest);
   return fmt::format("{} is not a number", word.empty() ? "nothing" : word);

@@ -42,6 +42,10 @@ TEST(UsageError, RefusesWhatIsNoNumberOfTheKind) {
 TEST(UsageError, RefusesWhatCWouldReadAsAnOctalNumber) {
   EXPECT_THAT(number_problem("010", NumberKind::Whole), HasSubstr("leave out the 0"));
   EXPECT_EQ(number_problem("010", NumberKind::Any), "");
+  for (const char* word : {"0x10", "-0X1F", "0b11", "0o17"}) {
+    EXPECT_THAT(number_problem(word, NumberKind::Any), HasSubstr("not a number: write it in decimal digits")) << word;
+    EXPECT_THAT(number_problem(word, NumberKind::Counting), HasSubstr("decimal digits")) << word;
+  }
 }
 
 TEST(UsageError, NamesTheNumberToWriteInsteadOfADecimalCommaOrAUnit) {
