@@ -87,7 +87,8 @@ WebSite& ScanSite::open_page(SignIn& sign_in, CommandPost post) {
       [this](const Submit& asked, const std::filesystem::path& file, const std::string& who,
              std::function<void(Result<Job>)> done) {
         site().loop().post([this, asked, file, who, done = std::move(done)] {
-          if (const auto may = may_submit(asked); !may) return done(tl::unexpected{may.error()});
+          // The scan is here already, under this name or another.
+          if (const auto may = may_take(asked, asked.size_bytes); !may) return done(tl::unexpected{may.error()});
           done(submit(asked, file, who));
         });
       },
@@ -152,6 +153,11 @@ void ScanSite::machines(std::function<void(Machines)> done) {
 }
 
 Result<void> ScanSite::may_submit(const Submit& submit) {
+  // The scan itself, and at most as much again for its layers.
+  return may_take(submit, 2 * submit.size_bytes);
+}
+
+Result<void> ScanSite::may_take(const Submit& submit, std::uint64_t bytes) {
   const auto machine = profile_of_job(known_profiles(), submit.machine, submit.parameters);
   if (!machine) return tl::unexpected{machine.error()};
   const auto parameters = job_parameters_from(submit.parameters, *machine);
@@ -163,8 +169,7 @@ Result<void> ScanSite::may_submit(const Submit& submit) {
                 fmt::format("{} would be {:g} mm high, and {} travels {:g} mm; give --height-mm {:g} or less, or --fit",
                             submit.name, *height_mm, machine->name, machine->platform.z_travel_mm,
                             machine->platform.z_travel_mm));
-  // The scan itself, and at most as much again for its layers.
-  if (const auto room = site().room().check(2 * submit.size_bytes); !room)
+  if (const auto room = site().room().check(bytes); !room)
     return fail(room.error().code, fmt::format("the scan site has no room for {}{}: {}", submit.name,
                                                room.error().code == ErrorCode::TooLarge ? "" : " now, submit it later",
                                                room.error().what));

@@ -38,6 +38,8 @@ class ScanSite final : public SiteWork {
  private:
   ScanSite(Site& site, std::string fab) : SiteWork{site}, fab_{std::move(fab)} {}
   [[nodiscard]] Result<void> start(const std::string& fab_certificate);
+  /// may_submit for a scan that wants so much of the disk, its layers with it.
+  [[nodiscard]] Result<void> may_take(const Submit& submit, std::uint64_t bytes);
   [[nodiscard]] SlicerEvents slicer_events();
   [[nodiscard]] FabLinkEvents link_events();
   /// The fab's; this site's own until the fab was reached once.

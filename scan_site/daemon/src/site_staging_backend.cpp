@@ -3,13 +3,13 @@
 
 #include <fmt/format.h>
 
-#include <future>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <telefab/base/json_text.hpp>
 #include <telefab/base/text.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
 #include <telefab/service/profile_choice.hpp>
+#include <telefab/transfer/second_name.hpp>
 
 namespace telefab::scan {
 namespace {
@@ -28,9 +28,10 @@ Json json_of(const Upload& upload) {
           {"state", name_of(upload.state)}};
 }
 
-/// What a question is known by.
-std::string asked_text(const StagingQuestion& question) {
-  return json_text(Json{question.machine, question.goal, json_or_discarded(question.parameters)});
+/// What a question is known by. The same words mean another print once the fab's profiles take the place of the site's.
+std::string asked_text(const StagingQuestion& question, const SliceRequest& request) {
+  return json_text(Json{question.machine, question.goal, json_or_discarded(question.parameters),
+                        to_hex(digest_of_profile(request.machine)), request.machine.assumed.size()});
 }
 
 Json part_json(const ProfilePart& part) { return {{"name", part.name}, {"description", part.description}}; }
@@ -44,7 +45,9 @@ SiteStagingBackend::SiteStagingBackend(UploadStore& uploads, DiskRoom& room, std
       incoming_{std::move(incoming)},
       submit_{std::move(submit)},
       note_{std::move(note)},
-      stager_{uploads, [this](std::uint64_t bytes) { return room_.check(uploads_.missing_bytes() + bytes); }} {
+      stager_{uploads, [this](std::uint64_t bytes) { return room_.check(bytes); }},
+      copier_{"copier", [this](const std::string& task, std::stop_token stop) { copy(task, stop); }} {
+  expect_missing();
   // Those that came whole before a restart, and that nobody checked.
   for (const Upload& upload : uploads_.list())
     if (upload.state == UploadState::Checking) stager_.read(upload.id);
@@ -54,11 +57,10 @@ Result<std::string> SiteStagingBackend::uploads() {
   const auto room = room_.room();
   if (!room) return tl::unexpected{room.error()};
   const UploadLimits& limits = uploads_.limits();
-  const std::uint64_t missing = uploads_.missing_bytes();
   Json list = Json::array();
   for (const Upload& upload : uploads_.list()) list.push_back(json_of(upload));
   return json_text({{"limit_bytes", limits.most_bytes},
-                    {"room_bytes", *room > missing ? *room - missing : 0},
+                    {"room_bytes", *room},
                     {"part_bytes", limits.part_bytes},
                     {"most_uploads", limits.most_uploads},
                     {"kept_hours", std::chrono::duration<double, std::ratio<3600>>(limits.kept_for).count()},
@@ -71,10 +73,11 @@ Result<std::string> SiteStagingBackend::begin(const AnnouncedFile& file, std::st
   bool is_known = false;
   for (const Upload& each : uploads_.list()) is_known |= each.plan.content == file.content;
   if (!is_known && file.size_bytes <= uploads_.limits().most_bytes)
-    if (const auto room = room_.check(uploads_.missing_bytes() + file.size_bytes); !room)
+    if (const auto room = room_.check(file.size_bytes); !room)
       return fail(room.error().code, fmt::format("the scan site has no room for {}: {}", file.name, room.error().what));
   const auto upload = uploads_.begin({file.name, file.size_bytes, file.content, std::string{who}});
   if (!upload) return tl::unexpected{upload.error()};
+  expect_missing();
   if (!is_known)
     note_(std::string{who}, fmt::format("upload {} {} of {} bytes sha256 {}", upload->id, upload->plan.name,
                                         upload->plan.size_bytes, to_hex(upload->plan.content)));
@@ -84,6 +87,7 @@ Result<std::string> SiteStagingBackend::begin(const AnnouncedFile& file, std::st
 
 Result<std::string> SiteStagingBackend::append(std::string_view id, std::uint64_t from_bytes, std::string_view bytes) {
   const auto upload = uploads_.append(id, from_bytes, std::as_bytes(std::span{bytes}));
+  expect_missing();
   if (!upload) return tl::unexpected{upload.error()};
   if (upload->state == UploadState::Checking) stager_.read(upload->id);
   return view(id);
@@ -100,6 +104,7 @@ Result<std::string> SiteStagingBackend::view(std::string_view id) {
 Result<void> SiteStagingBackend::discard(std::string_view id, std::string_view who) {
   if (auto removed = uploads_.remove(id); !removed) return removed;
   stager_.forget(std::string{id});
+  expect_missing();
   note_(std::string{who}, fmt::format("discard upload {}", id));
   return {};
 }
@@ -126,7 +131,8 @@ Result<std::string> SiteStagingBackend::look(std::string_view id, const StagingQ
   if (const auto there = whole(id); !there) return tl::unexpected{there.error()};
   auto request = request_of(question);
   if (!request) return tl::unexpected{request.error()};
-  stager_.look(std::string{id}, std::move(*request), asked_text(question));
+  const std::string asked = asked_text(question, *request);
+  stager_.look(std::string{id}, std::move(*request), asked);
   return view(id);
 }
 
@@ -134,7 +140,8 @@ Result<std::string> SiteStagingBackend::estimate(std::string_view id, const Stag
   if (const auto there = whole(id); !there) return tl::unexpected{there.error()};
   auto request = request_of(question);
   if (!request) return tl::unexpected{request.error()};
-  stager_.estimate(std::string{id}, std::move(*request), asked_text(question));
+  const std::string asked = asked_text(question, *request);
+  stager_.estimate(std::string{id}, std::move(*request), asked);
   return view(id);
 }
 
@@ -144,7 +151,8 @@ Result<std::string> SiteStagingBackend::orient(std::string_view id, const Stagin
   if (!request) return tl::unexpected{request.error()};
   const auto goal = stand_for_from(question.goal.empty() ? "supports" : question.goal);
   if (!goal) return fail_in("for", goal.error());
-  stager_.orient(std::string{id}, std::move(*request), *goal, asked_text(question));
+  const std::string asked = asked_text(question, *request);
+  stager_.orient(std::string{id}, std::move(*request), *goal, asked);
   return view(id);
 }
 
@@ -179,30 +187,67 @@ Result<Job> SiteStagingBackend::submit(std::string_view id, const StagingQuestio
   const auto asked = slice_parameters_from_json(question.parameters);
   if (!asked) return tl::unexpected{asked.error()};
   // A name of its own for the same bytes: the job takes that one, and the upload stays for the next job.
-  const auto link = incoming_ / fmt::format("staged-{}-{}", id, ++submits_);
-  std::error_code error;
-  std::filesystem::remove(link, error);
-  std::filesystem::create_hard_link(*file, link, error);
-  if (error)
-    return fail(ErrorCode::StorageFailed,
-                fmt::format("cannot keep {} for a job: {}", upload->plan.name, error.message()));
-  Submit submit;
-  submit.name = upload->plan.name;
-  submit.machine = question.machine;
-  submit.parameters = to_json(*asked);  // the same words as from a command line
-  submit.size_bytes = upload->plan.size_bytes;
-  submit.content = upload->plan.content;
-  // Shared, for an answer that comes after this call gave up.
-  const auto answered = std::make_shared<std::promise<Result<Job>>>();
-  auto answer = answered->get_future();
-  submit_(submit, link, std::string{who}, [answered, link](Result<Job> job) {
+  const auto sending = std::make_shared<Sending>();
+  sending->from = *file;
+  sending->to = incoming_ / fmt::format("staged-{}-{}", id, ++submits_);
+  sending->who = who;
+  sending->submit.name = upload->plan.name;
+  sending->submit.machine = question.machine;
+  sending->submit.parameters = to_json(*asked);  // the same words as from a command line
+  sending->submit.size_bytes = upload->plan.size_bytes;
+  sending->submit.content = upload->plan.content;
+  std::error_code ignored;  // what is in the way is told by what comes next
+  std::filesystem::remove(sending->to, ignored);
+  auto answer = sending->answer.get_future();
+  const auto is_linked = give_second_name(sending->from, sending->to);
+  if (!is_linked)
+    return fail(is_linked.error().code,
+                fmt::format("cannot keep {} for a job: {}", upload->plan.name, is_linked.error().what));
+  if (*is_linked) {
+    make_job(sending);
+  } else {
+    if (const auto room = room_.check(upload->plan.size_bytes); !room)
+      return fail(room.error().code,
+                  fmt::format("the scan site has no room for a copy of {}, and its file system gives "
+                              "a file no second name: {}",
+                              upload->plan.name, room.error().what));
+    const std::string task = sending->to.filename();
+    room_.expect(task, upload->plan.size_bytes);
+    {
+      const std::lock_guard lock{mutex_};
+      copies_.emplace(task, sending);
+    }
+    copier_.add(task);
+  }
+  if (answer.wait_for(kSubmitTimeout) == std::future_status::ready) return answer.get();
+  return fail(ErrorCode::Unreachable,
+              *is_linked
+                  ? std::string{"the daemon is busy; look at the list of jobs before you send it again"}
+                  : fmt::format("{} is still being copied, and will be in the list of jobs then", upload->plan.name));
+}
+
+void SiteStagingBackend::make_job(const std::shared_ptr<Sending>& sending) {
+  // Shared, for an answer that comes after whoever asked has given up.
+  submit_(sending->submit, sending->to, sending->who, [sending](Result<Job> job) {
     std::error_code ignored;  // a job has taken it already
-    if (!job) std::filesystem::remove(link, ignored);
-    answered->set_value(std::move(job));
+    if (!job) std::filesystem::remove(sending->to, ignored);
+    sending->answer.set_value(std::move(job));
   });
-  if (answer.wait_for(kSubmitTimeout) != std::future_status::ready)
-    return fail(ErrorCode::Unreachable, "the daemon is busy; look at the list of jobs before you send it again");
-  return answer.get();
+}
+
+void SiteStagingBackend::copy(const std::string& task, const std::stop_token& stop) {
+  std::shared_ptr<Sending> sending;
+  {
+    const std::lock_guard lock{mutex_};
+    sending = copies_.extract(task).mapped();
+  }
+  const auto copied = copy_whole(sending->from, sending->to, stop);
+  room_.expect(task, 0);
+  if (copied) return make_job(sending);
+  const Error why{copied.error().code,
+                  fmt::format("cannot keep {} for a job: {}", sending->submit.name, copied.error().what)};
+  note_(sending->who, "submit failed: " + why.what);
+  sending->answer.set_value(tl::unexpected{why});
 }
 
 std::string SiteStagingBackend::profiles() {
@@ -255,6 +300,7 @@ void SiteStagingBackend::remove_outlived() {
     stager_.forget(id);
     note_("telefab", fmt::format("discard upload {}: nobody has used it", id));
   }
+  expect_missing();
 }
 
 }  // namespace telefab::scan

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <functional>
+#include <future>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <telefab/machine/profile_catalogue.hpp>
 #include <telefab/scan/web/staging_backend.hpp>
 #include <telefab/service/disk_room.hpp>
+#include <telefab/service/work_queue.hpp>
 #include <telefab/wire/message.hpp>
 
 #include "scan_stager.hpp"
@@ -49,6 +52,18 @@ class SiteStagingBackend final : public StagingBackend {
   [[nodiscard]] Result<SliceRequest> request_of(const StagingQuestion& question) const;
   /// NotFound, and Conflict unless all its bytes are there and are right.
   [[nodiscard]] Result<Upload> whole(std::string_view id);
+  /// Others leave the disk's room to what is missing of the uploads.
+  void expect_missing() { room_.expect("uploads", uploads_.missing_bytes()); }
+  /// A scan that becomes a job of its own.
+  struct Sending {
+    Submit submit;
+    std::filesystem::path from, to;
+    std::string who;
+    std::promise<Result<Job>> answer;
+  };
+  /// Copies the scan, where its file system gives no second name, and then makes a job of it; on the thread "copier".
+  void copy(const std::string& task, const std::stop_token& stop);
+  void make_job(const std::shared_ptr<Sending>& sending);
 
   UploadStore& uploads_;
   DiskRoom& room_;
@@ -57,9 +72,11 @@ class SiteStagingBackend final : public StagingBackend {
   NotePost note_;
   std::uint64_t submits_ = 0;
   mutable std::mutex mutex_;
-  std::shared_ptr<const ProfileCatalogue> profiles_;  ///< guarded by mutex_
-  std::string origin_;                                ///< guarded by mutex_
+  std::shared_ptr<const ProfileCatalogue> profiles_;        ///< guarded by mutex_
+  std::string origin_;                                      ///< guarded by mutex_
+  std::map<std::string, std::shared_ptr<Sending>> copies_;  ///< by task; guarded by mutex_
   ScanStager stager_;
+  WorkQueue copier_;
 };
 
 }  // namespace telefab::scan

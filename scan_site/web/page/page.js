@@ -69,6 +69,7 @@ site.chosen = () => {
 };
 
 site.news = (news) => {
+  if (state.link && state.link.up !== news.link.up) place.learnAgain();
   state.link = news.link;
   showLink();
 };

@@ -86,6 +86,18 @@ const place = (() => {
     showResins();
   }
 
+  // The fab is reached, or no more: its profiles take the place of the site's, and the other way round.
+  self.learnAgain = async () => {
+    if (!self.id) return;  // opening a scan asks for them
+    try {
+      await learn();
+      self.lookKey = self.estimateKey = "";
+      changed();
+    } catch (error) {
+      showProblem(error.message);
+    }
+  };
+
   const machine = () => self.profiles?.machines.find((m) => m.name === byId("machine").value);
 
   function showResins() {
@@ -116,6 +128,7 @@ const place = (() => {
   function placed() {
     const by = byId("size-by").value;
     byId("size-value-box").hidden = by !== "height" && by !== "scale";
+    byId("size-value").required = !byId("size-value-box").hidden;
     byId("size-value-name").textContent = by === "height" ? "Height, mm" : "mm a unit";
     cloudView.setPlacing({ rotate: rotation(), mirror: byId("mirror").value, scale: scaleFor, machine: machine() });
     cloudView.setCrop(byId("crop-on").checked ? self.cropText() : null);
@@ -315,12 +328,27 @@ const place = (() => {
     if (box.textContent !== text) box.textContent = text;
   }
 
+  // A browser gives a field that holds no number, as "0x10" or a lone minus, without a value: that must not pass for one
+  // that nobody has filled in.
+  function wrongField() {
+    const field = [...byId("place-form").elements].find((e) => e.willValidate && !e.validity.valid && !e.closest("[hidden]"));
+    if (!field) return "";
+    const name = field.getAttribute("aria-label") || field.labels?.[0]?.firstElementChild?.textContent || field.labels?.[0]?.firstChild?.textContent || field.id;
+    return `${name.trim()}: ${field.validity.badInput ? "this is not a number; write it in decimal digits" : field.validationMessage}`;
+  }
+
   // Whether what is missing of the surface is meant depends on how the part stands: the estimate of the last choice knows.
   const surfaceHeld = (estimate) => (estimate.state === "done" && estimate.number === self.estimateNumber && estimate.result.items.find((i) => i.name === "surface" && i.verdict === "held")?.text) || "";
 
   function showSend() {
     const { reading, look, estimate } = self.view;
-    const why = self.view.state !== "whole" ? "The file is not here yet." : reading.state === "failed" && reading.code !== "too-large" ? "The file cannot be read: see above." : unitIsOpen() ? "The unit of the file is not known: choose it above." : !byId("machine").value ? "There is no machine to print on." : "";
+    const why = [
+      [self.view.state !== "whole", "The file is not here yet."],
+      [reading.state === "failed" && reading.code !== "too-large", "The file cannot be read: see above."],
+      [wrongField(), wrongField()],
+      [unitIsOpen(), "The unit of the file is not known: choose it above."],
+      [!byId("machine").value, "There is no machine to print on."],
+    ].find(([isSo]) => isSo)?.[1] || "";
     const send = byId("send");
     send.disabled = Boolean(why) || self.isSending;
     const note = byId("send-note");
@@ -375,7 +403,7 @@ const place = (() => {
   }
 
   async function refresh() {
-    if (!self.id || self.view?.state !== "whole" || !self.profiles) return;
+    if (!self.id || self.view?.state !== "whole" || !self.profiles || wrongField()) return;
     if (self.lookKey !== lookKey()) {
       self.lookKey = lookKey();
       if (await ask("look")) showProblem("");

@@ -83,6 +83,23 @@ TEST_F(ScanPageFax, GoesFromAFileToAPrintedPartByTheKeyboardAlone) {
   EXPECT_EQ(ended(browser->run("return state.jobs[0].id;"))["state"], "done");
 }
 
+TEST_F(ScanPageFax, SendsNothingWhileAFieldHoldsNoNumber) {
+  browser->run("askToSignIn('');");
+  browser->type("#token", token() + "\n");
+  browser->type("#scan-file", torus().string());
+  ASSERT_TRUE(becomes("return place.view?.look.state === 'done';"));
+  browser->run(
+      "byId('size-by').value = 'height'; byId('size-by').dispatchEvent(new Event('input', { bubbles: true }));");
+  // What the browser takes no value from is not taken for a field that nobody has filled in.
+  browser->type("#size-value", "1e");
+  EXPECT_TRUE(
+      becomes("return byId('send').disabled && byId('send-note').textContent.includes('Height, mm: this is not a "
+              "number; write it in decimal digits');"))
+      << browser->run("return byId('send-note').textContent;");
+  browser->type("#size-value", "0");  // 1e0
+  EXPECT_TRUE(becomes("return !byId('send').disabled && byId('send-note').textContent === '';"));
+}
+
 TEST_F(ScanPageFax, GoesOnWithAnInterruptedUploadAfterThePageWasLoadedAgain) {
   // Half of it came before.
   const std::string bytes = text_of(torus());

@@ -1,5 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gmock/gmock.h>
+#include <sys/stat.h>
+
+#include <fstream>
+#include <set>
 
 #include "../../campaign/web/web_fab.hpp"
 #include "scan_page_site.hpp"
@@ -40,6 +44,20 @@ TEST_F(StagedUploads, GoOnWhereTheyStoppedAfterAKillAndBecomeTheSameJobAsSubmit)
   EXPECT_EQ(level.status, 200);
   EXPECT_EQ(level.body.size(), 64 + 12 * known["picture"]["points"].get<std::size_t>());
 
+  // All of it stands in the description of the API, and nothing else.
+  const json api = ask("GET", "/openapi.json").json();
+  const auto keys = [](const json& of) {
+    std::set<std::string> names;
+    for (const auto& each : of.items()) names.insert(each.key());
+    return names;
+  };
+  const json& view_schema = api["components"]["schemas"]["UploadView"]["properties"];
+  EXPECT_EQ(keys(known), keys(view_schema));
+  EXPECT_EQ(keys(known["picture"]), keys(view_schema["picture"]["properties"]));
+  for (const char* task : {"reading", "look", "estimate", "orientation", "joining"})
+    for (const std::string& key : keys(known[task]))
+      EXPECT_TRUE(api["components"]["schemas"]["StagedTask"]["properties"].contains(key)) << task << ' ' << key;
+
   // Twice: the upload stays for the next job.
   for (int times = 0; times < 2; ++times) {
     const Answer made = ask("POST", "/v1/uploads/" + id + "/submit", question);
@@ -69,6 +87,62 @@ TEST_F(StagedUploads, GoOnWhereTheyStoppedAfterAKillAndBecomeTheSameJobAsSubmit)
   for (int tries = 0; tries < 200 && audit().find("discard upload") == std::string::npos; ++tries)
     ::poll(nullptr, 0, 25);
   EXPECT_THAT(audit(), HasSubstr("discard upload " + id));
+}
+
+TEST_F(StagedUploads, AreCopiedForAJobWhereTheirFileSystemGivesNoSecondName) {
+  // The uploads on another file system than the jobs.
+  struct stat here {
+  }, there{};
+  if (::stat(folder().c_str(), &here) != 0 || ::stat("/dev/shm", &there) != 0 || here.st_dev == there.st_dev)
+    GTEST_SKIP() << "/dev/shm is no file system of its own here";
+  const ScratchFolder elsewhere{"/dev/shm"};
+  std::error_code error;
+  std::filesystem::create_directories(folder() / "scan", error);
+  std::filesystem::create_directory_symlink(elsewhere.path(), folder() / "scan" / "uploads", error);
+  ASSERT_FALSE(error) << error.message();
+  start_with_page();
+  const std::string bytes = text_of(torus());
+  const json begun = begin("torus.xyz", bytes);
+  send_rest(begun, bytes, 1U << 20U);
+  const auto id = begun["id"].get<std::string>();
+  ASSERT_EQ(rested(id)["state"], "whole");
+  const std::string question = R"({"machine":"toy","parameters":{"height_mm":4}})";
+  for (int times = 0; times < 2; ++times) {
+    const Answer made = ask("POST", "/v1/uploads/" + id + "/submit", question);
+    ASSERT_EQ(made.status, 201) << made.body;
+    EXPECT_EQ(ended(made.json()["id"])["state"], "done");
+  }
+  EXPECT_TRUE(std::filesystem::is_empty(folder() / "scan" / "incoming"));
+}
+
+TEST_F(StagedUploads, AreEstimatedAgainOnceTheFabsProfilesTakeThePlaceOfTheSites) {
+  start_fab();
+  kill_fab();
+  start_scan_with_page();
+  const std::string bytes = text_of(torus());
+  const json begun = begin("torus.xyz", bytes);
+  send_rest(begun, bytes, 1U << 20U);
+  const auto id = begun["id"].get<std::string>();
+  (void)rested(id);
+  const auto layers = [&] {
+    EXPECT_EQ(
+        ask("POST", "/v1/uploads/" + id + "/estimate", R"({"machine":"toy","parameters":{"height_mm":4}})").status,
+        200);
+    return rested(id)["estimate"]["result"]["figures"]["layers"].get<int>();
+  };
+  const int of_the_site = layers();
+  const auto profile = folder() / "machines" / "toy.toml";
+  std::string text = text_of(profile);
+  const std::string thickness = "thickness_mm = 0.2";
+  ASSERT_NE(text.find(thickness), std::string::npos);
+  text.replace(text.find(thickness), thickness.size(), "thickness_mm = 0.1");
+  std::ofstream{profile} << text;
+  start_fab();
+  for (int tries = 0;
+       tries < 400 && ask("GET", "/v1/profiles").json()["origin"].get<std::string>().starts_with("this scan site");
+       ++tries)
+    ::poll(nullptr, 0, 25);
+  EXPECT_NEAR(layers(), 2 * of_the_site, 2);
 }
 
 TEST_F(StagedUploads, OfHostileFilesFailTheirOwnRequestsAlone) {
