@@ -51,6 +51,7 @@ TEST_F(StagedUploads, GoOnWhereTheyStoppedAfterAKillAndBecomeTheSameJobAsSubmit)
     for (const auto& each : of.items()) names.insert(each.key());
     return names;
   };
+  ASSERT_TRUE(api.is_object());
   const json& view_schema = api["components"]["schemas"]["UploadView"]["properties"];
   EXPECT_EQ(keys(known), keys(view_schema));
   EXPECT_EQ(keys(known["picture"]), keys(view_schema["picture"]["properties"]));
