@@ -10,6 +10,7 @@
 #include <telefab/test/recording_backend.hpp>
 #include <telefab/test/scratch_folder.hpp>
 
+#include "accessible.hpp"
 #include "screenshot.hpp"
 
 namespace telefab::fab {
@@ -299,27 +300,22 @@ TEST_F(PageTest, ShowsTheAccuracyOfThePredictedPartOnceItIsThere) {
       "image.width = 5000; return document.documentElement.scrollWidth <= window.innerWidth;"));
 }
 
-TEST_F(PageTest, HasEnoughContrastInEveryText) {
-  // WCAG 2.1, 1.4.3: 4.5 to 1, of every text that shows, against the first opaque ground behind it. Words of controls
-  // that are off are exempt there.
-  const auto count = browser->run(R"(
-    const light = (c) => c.map((v) => v / 255).map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
-      .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
-    const parts = (text) => (text.match(/[\d.]+/g) || []).map(Number);
-    const ground = (e) => { for (; e; e = e.parentElement) { const c = parts(getComputedStyle(e).backgroundColor);
-      if (c.length === 3 || c[3] === 1) return c.slice(0, 3); } return [255, 255, 255]; };
-    return [...document.querySelectorAll('body *')].filter((e) => e.offsetParent && !e.disabled &&
-      [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim())).filter((e) => {
-        const a = light(parts(getComputedStyle(e).color).slice(0, 3)), b = light(ground(e));
-        return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05) < 4.5; }).length;)");
-  EXPECT_EQ(count, 0);
+TEST_F(PageTest, HasEnoughContrastInEveryTextByDayAndInTheDark) {
+  browser->run("for (const each of document.querySelectorAll('details')) each.open = true; askToSignIn('nobody');");
+  for (const char* scheme : {"light", "dark"}) {
+    browser->prefer_colours(scheme);
+    EXPECT_EQ(test::texts_without_contrast(*browser), "[]") << scheme;
+  }
 }
 
-TEST_F(PageTest, EveryControlHasAName) {
-  EXPECT_EQ(browser->run("return [...document.querySelectorAll('button, input, canvas, img, progress')].filter((e) => "
-                         "!(e.getAttribute('aria-label') || e.getAttribute('aria-labelledby') || e.hasAttribute('alt') "
-                         "|| (e.labels && e.labels.length) || e.textContent.trim())).length;"),
-            0);
+TEST_F(PageTest, NamesWhatItShowsForScreenReaders) {
+  browser->run("for (const each of document.querySelectorAll('details')) each.open = true; askToSignIn('nobody');");
+  EXPECT_EQ(test::faults_for_screen_readers(*browser), "[]");
+}
+
+TEST_F(PageTest, EveryControlIsReachedByTheTabKey) {
+  browser->run("for (const each of document.querySelectorAll('details')) each.open = true;");
+  EXPECT_EQ(test::out_of_reach_of_tab(*browser), "[]");
 }
 
 TEST_F(PageTest, ScrubsToAnyLayerByKeyboard) {

@@ -4,6 +4,7 @@
 #include <telefab/test/recording_scan_backend.hpp>
 #include <telefab/test/recording_staging.hpp>
 
+#include "accessible.hpp"
 #include "screenshot.hpp"
 
 namespace telefab::scan {
@@ -49,6 +50,16 @@ TEST_F(ScanPageTest, CancelsWithTheOperatorsToken) {
   ASSERT_TRUE(says("#answer", "cancel: accepted"));
   ASSERT_EQ(backend.commands.size(), 1U);
   EXPECT_EQ(backend.commands[0].second, JobCommand::Cancel);
+}
+
+TEST_F(ScanPageTest, KeepsToContrastNamesAndTheTabKey) {
+  browser->run("for (const each of document.querySelectorAll('details')) each.open = true; askToSignIn('nobody');");
+  for (const char* scheme : {"light", "dark"}) {
+    browser->prefer_colours(scheme);
+    EXPECT_EQ(test::texts_without_contrast(*browser), "[]") << scheme;
+  }
+  EXPECT_EQ(test::faults_for_screen_readers(*browser), "[]");
+  EXPECT_EQ(test::out_of_reach_of_tab(*browser), "[]");
 }
 
 TEST_F(ScanPageTest, FitsAPhoneAndAsksNobodyButItsOwnSite) {

@@ -111,6 +111,12 @@ class Browser {
     (void)in_session("POST", "/actions", {{"actions", Json::array({mouse})}});
   }
   void click_at(std::array<int, 2> place) { drag(place, place); }
+  /// "dark" or "light", as the system's setting would be.
+  void prefer_colours(const std::string& scheme) {
+    const Json feature{{"name", "prefers-color-scheme"}, {"value", scheme}};
+    (void)in_session("POST", "/goog/cdp/execute",
+                     {{"cmd", "Emulation.setEmulatedMedia"}, {"params", {{"features", Json::array({feature})}}}});
+  }
   void resize(int width_px, int height_px) {
     (void)in_session("POST", "/window/rect", {{"width", width_px}, {"height", height_px}});
   }

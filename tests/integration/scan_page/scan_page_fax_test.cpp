@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include "../page/accessible.hpp"
 #include "../page/screenshot.hpp"
 #include "scan_page_site.hpp"
 
@@ -131,6 +132,25 @@ TEST_F(ScanPageFax, HashesWithoutTheBrowsersHelpAsWithIt) {
             "same");
 }
 
+TEST_F(ScanPageFax, KeepsToContrastNamesAndTheTabKeyWhileAScanIsPlaced) {
+  browser->run("askToSignIn('');");
+  browser->type("#token", token() + "\n");
+  browser->type("#scan-file", torus().string());
+  ASSERT_TRUE(becomes("return place.view?.estimate.state === 'done';"));
+  browser->run(
+      "for (const each of document.querySelectorAll('details')) each.open = true; byId('crop-on').click(); "
+      "byId('size-by').value = 'height'; byId('size-by').dispatchEvent(new Event('input', { bubbles: true }));");
+  browser->click("#find-way");
+  ASSERT_TRUE(becomes("return document.querySelectorAll('#ways li').length > 0;"));
+  for (const char* scheme : {"light", "dark"}) {
+    browser->prefer_colours(scheme);
+    EXPECT_EQ(texts_without_contrast(*browser), "[]") << scheme;
+    keep_screenshot(*browser, std::string{"scan-page-place-"} + scheme);
+  }
+  EXPECT_EQ(faults_for_screen_readers(*browser), "[]");
+  EXPECT_EQ(out_of_reach_of_tab(*browser), "[]");
+}
+
 TEST_F(ScanPageFax, FitsAPhoneAndAsksNobodyButItsOwnSite) {
   browser->run("askToSignIn('');");
   browser->type("#token", token() + "\n");
@@ -141,13 +161,7 @@ TEST_F(ScanPageFax, FitsAPhoneAndAsksNobodyButItsOwnSite) {
   EXPECT_EQ(browser->run("return performance.getEntriesByType('resource').filter((r) => "
                          "!r.name.startsWith(location.origin)).length;"),
             0);
-  EXPECT_EQ(browser
-                ->run("return [...document.querySelectorAll('button, input, select, canvas')].filter((e) => !e.closest("
-                      "'[hidden]') && !(e.labels?.length || e.getAttribute('aria-label') || "
-                      "e.getAttribute('aria-labelledby') || e.textContent.trim())).map((e) => e.id || e.outerHTML);")
-                .dump(),
-            "[]")
-      << "what has no name for a screen reader";
+  EXPECT_EQ(faults_for_screen_readers(*browser), "[]");
   keep_screenshot(*browser, "scan-page-place-phone");
 }
 
