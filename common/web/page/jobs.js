@@ -49,6 +49,46 @@ async function get(path) {
   return body;
 }
 
+// JSON that never changes under its address, held: what is looked at, and what is next to it.
+const held = (() => {
+  const most = 400, answers = new Map();
+  function of(path) {
+    const there = answers.get(path);
+    if (there) return there;
+    if (answers.size >= most) answers.delete(answers.keys().next().value);
+    const answer = get(path);
+    answers.set(path, answer);
+    answer.catch(() => answers.delete(path));  // whoever asked is told; the next one asks again
+    return answer;
+  }
+  // While nothing else is to be done. What fails is asked for again by whoever looks at it.
+  function ahead(paths, pictures = []) {
+    const later = window.requestIdleCallback || setTimeout;
+    later(() => {
+      for (const path of paths) of(path).catch(() => {});
+      for (const path of pictures) new Image().src = path;
+    });
+  }
+  return { get: of, ahead };
+})();
+
+// three.js comes when somebody asks for 3-D: no page waits for it. `why`: what is told where it is not installed.
+let three = null;
+function loadThree(why) {
+  three ||= new Promise((done, fail) => {
+    const script = document.createElement("script");
+    script.src = "/three.js";
+    script.onload = done;
+    script.onerror = () => {
+      three = null;
+      script.remove();
+      fail(new Error(why));
+    };
+    document.head.append(script);
+  });
+  return three;
+}
+
 function element(name, text) {
   const e = document.createElement(name);
   e.textContent = text;

@@ -257,6 +257,8 @@ WebResponse SignIn::sign_out(const WebRequest& request) {
   }
   WebResponse response = describe({{}, must_sign_in() ? Access::Anybody : Access::Readers}, nullptr);
   response.cookie = set_cookie(request, "", 0);
+  // Pictures of parts that the browser kept.
+  response.headers.emplace_back("Clear-Site-Data", "\"cache\"");
   return response;
 }
 

@@ -76,7 +76,12 @@ std::optional<std::uint64_t> query_number(std::string_view target, std::string_v
 WebResponse web_asset(std::span<const WebAsset> assets, std::string_view target) {
   const std::string_view path = target.substr(0, target.find('?'));
   for (const WebAsset& asset : assets)
-    if (asset.path == path) return {200, std::string{asset.content_type}, std::string{asset.body}, path != "/"};
+    if (asset.path == path) {
+      WebResponse found{200, std::string{asset.content_type}, std::string{asset.body}, path != "/"};
+      found.is_immutable = path != "/" && target.size() > path.size() &&
+                           target.substr(path.size()) == "?v=" + std::string{asset.version};
+      return found;
+    }
   return web_problem(404, "not-found", "no such page; the API begins at /v1/jobs");
 }
 

@@ -281,7 +281,9 @@ class StreamSession final : public Session, public std::enable_shared_from_this<
     response_.version(11);
     shared_.add_common_headers(response_);
     response_.set(http::field::content_type, response.content_type);
-    response_.set(http::field::cache_control, response.cacheable ? "private, max-age=3600" : "no-store");
+    response_.set(http::field::cache_control, response.is_immutable ? "private, max-age=31536000, immutable"
+                                              : response.cacheable  ? "private, max-age=3600"
+                                                                    : "no-store");
     if (!response.location.empty()) response_.set(http::field::location, response.location);
     if (!response.cookie.empty()) response_.set(http::field::set_cookie, response.cookie);
     for (const std::string& challenge : response.challenges) response_.insert(http::field::www_authenticate, challenge);

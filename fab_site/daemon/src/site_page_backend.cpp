@@ -167,6 +167,11 @@ JobView SitePageBackend::view_of(const Job& job) {
                   : job.state == JobState::Planning ? share(c.layers_planned, c.print_layers)
                                                     : share(c.layers_printed, c.print_layers);
   view.created_unix_s = job.created_unix_ms / 1000;
+  if (view.layers > 0)
+    if (const auto folder = folder_.job(job.id))
+      view.planned_unix_ms = std::chrono::duration_cast<std::chrono::milliseconds>(
+                                 std::chrono::file_clock::to_sys(time_of_plan(*folder)).time_since_epoch())
+                                 .count();
   view.stage_seconds = job.stages;
   if (const Light* light = light_of(job)) {
     const bool is_ahead = job.state == JobState::AwaitingApproval || job.state == JobState::Ready ||

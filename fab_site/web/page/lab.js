@@ -41,8 +41,7 @@ function showPicture(image, source) {
   image.src = source;
 }
 
-// Of a plan: another one has other figures.
-const viewOf = (job) => (job?.layers ? `/v1/jobs/${job.id}/view.png?plan=${job.layers}-${job.resin_ml}` : "");
+const viewOf = (job) => (job?.layers ? `/v1/jobs/${job.id}/view.png?plan=${job.planned_unix_ms}` : "");
 
 function clock(seconds) {
   return seconds === null || seconds < 0 ? "" : duration(seconds).replace(" left", "");
@@ -84,7 +83,7 @@ function fillMachine(tile, { machine, job }) {
   view.alt = "The print", mask.alt = "The mask of its layer";
   showPicture(view, viewOf(job));
   const isPrinting = job && machine.layers && machine.layer < machine.layers && ["printing", "paused"].includes(machine.state);
-  showPicture(mask, isPrinting ? `/v1/jobs/${job.id}/layers/${machine.layer}/mask.png?plan=${job.layers}-${job.resin_ml}` : "");
+  showPicture(mask, isPrinting ? `/v1/jobs/${job.id}/layers/${machine.layer}/mask.png?plan=${job.planned_unix_ms}` : "");
   pictures.hidden = view.hidden && mask.hidden;
   const rows = [head, pictures];
   if (machine.job) {

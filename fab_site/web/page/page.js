@@ -29,12 +29,11 @@ site.chosen = (id) => {
 
 // What the plan says does not change with every layer, but it may have been planned again.
 site.showStage = async (job) => {
-  ++state.plan;
   state.layer = "";
   await site.showPlanned?.(job);
   if (job.id !== state.chosen) return;
   if (job.layers) showLayer();
-  byId("preview").src = `/v1/jobs/${job.id}/preview.png?plan=${state.plan}`;
+  byId("preview").src = `/v1/jobs/${job.id}/preview.png?plan=${planOf(job.id)}`;
   showPreflight(job.id);
   showDose(job.id);
   showAccuracy(job.id);
@@ -51,8 +50,10 @@ site.showStage = async (job) => {
   showIssues();
 };
 
-state.plan = 0;
 state.issues = [];
+
+// Pictures and layers of a plan never change under an address that names it.
+const planOf = (id) => state.jobs.find((job) => job.id === id)?.planned_unix_ms ?? 0;
 
 // ---- one layer ----------------------------------------------------------------------------------------------------
 
@@ -124,15 +125,18 @@ async function showLayer() {
   byId("layer-number").textContent = `${layer}`;
   byId("layer").setAttribute("aria-valuetext", `layer ${layer}`);
   state.layer = key;
-  const base = `/v1/jobs/${state.chosen}/layers/${layer}`;
-  byId("mask").src = `${base}/mask.png?plan=${state.plan}`;
+  const id = state.chosen, plan = planOf(id);
+  const shapeAt = (n) => `/v1/jobs/${id}/layers/${n}?plan=${plan}`, maskAt = (n) => `/v1/jobs/${id}/layers/${n}/mask.png?plan=${plan}`;
+  byId("mask").src = maskAt(layer);
   try {
-    const shape = await get(base);
+    const shape = await (plan ? held.get : get)(shapeAt(layer));
     if (state.layer !== key) return;  // the slider has moved on
     draw(shape);
     document.dispatchEvent(new CustomEvent("layer-drawn", { detail: shape }));
     state.drawn = key;
     state.drawnAt = performance.now();
+    const near = [layer + 1, layer - 1, layer + 2, layer - 2].filter((n) => n >= 0 && n <= Number(byId("layer").max));
+    if (plan) held.ahead(near.map(shapeAt), near.map(maskAt));
     byId("layer-number").textContent = `${layer}, z ${shape.z_mm.toFixed(2)} mm`;
     byId("certificate").textContent = shape.certificate ? `· ${shape.certificate}` : "";
   } catch (error) {
@@ -234,7 +238,7 @@ function preflightItem(each) {
 
 // Computed in the background once the job is planned: asked for again until it is there.
 async function showAccuracy(id) {
-  const box = byId("accuracy-box"), url = `/v1/jobs/${id}/accuracy.png?plan=${state.plan}`;
+  const box = byId("accuracy-box"), url = `/v1/jobs/${id}/accuracy.png?plan=${planOf(id)}`;
   const isThere = await fetch(url, { method: "HEAD" }).then((answer) => answer.ok, () => false);
   if (id !== state.chosen) return;
   clearTimeout(state.accuracyTimer);

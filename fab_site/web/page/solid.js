@@ -10,17 +10,6 @@
   let view = null;   // what is shown: of which job and plan, its pose, draw()
   let asked = null;  // the job whose solid is on its way
 
-  function loadLibrary() {
-    if (window.THREE) return Promise.resolve();
-    return new Promise((done, fail) => {
-      const script = document.createElement("script");
-      script.src = "/three.js";
-      script.onload = done;
-      script.onerror = () => fail(new Error("the 3-D view needs the package libjs-three on the fab machine"));
-      document.head.append(script);
-    });
-  }
-
   // Walls of a ring from z0 to z1, appended as triangles; flat shading needs no shared vertices.
   function addWalls(out, ring, z0, z1) {
     for (let i = 0; i < ring.length; i++) {
@@ -194,7 +183,7 @@
     if (!job?.layers || asked === job.id) return;
     asked = job.id;
     try {
-      await loadLibrary();
+      await loadThree("the 3-D view needs the package libjs-three on the fab machine");
       const solid = await build(job);
       if (!solid) return;
       show(job, solid);

@@ -40,6 +40,7 @@ json to_json(const JobView& job) {
              {"created_unix_s", job.created_unix_s}};
   value["seconds_left"] = job.seconds_left < 0 ? json{} : json(job.seconds_left);
   value["print_seconds"] = job.print_seconds > 0 ? json(job.print_seconds) : json{};
+  value["planned_unix_ms"] = job.planned_unix_ms > 0 ? json(job.planned_unix_ms) : json{};
   value["resin_ml"] = job.resin_ml > 0 ? json(job.resin_ml) : json{};
   return value;
 }
@@ -62,6 +63,15 @@ struct Call {
   [[nodiscard]] const std::string& path() const { return routed.arguments.path; }
   [[nodiscard]] const std::string& who() const { return routed.visitor.name; }
 };
+
+/// A picture or a layer of a plan. Who asks for those of the plan there is (?plan=planned_unix_ms) never gets others.
+WebResponse of_plan(const Call& call, WebResponse response) {
+  const auto asked = query_number(call.request.target, "plan");
+  if (response.status != 200 || !asked || *asked == 0) return response;
+  const auto job = call.backend.job(call.id());
+  response.is_immutable = job && static_cast<std::uint64_t>(job->planned_unix_ms) == *asked;
+  return response;
+}
 
 /// A machine as it stands, and as "now" what its print does this moment; null where there is none.
 json machine_list(PageBackend& backend) {
@@ -232,15 +242,15 @@ const std::vector<Row>& rows() {
       {{"GET", "/v1/jobs/{id}/exposures", "light of every layer, planned and measured"},
        [](const Call& c) { return web_json(c.backend.exposures(c.id())); }},
       {{"GET", "/v1/jobs/{id}/preview.png", "contact sheet of the plan"},
-       [](const Call& c) { return as_png(c.backend.preview_png(c.id())); }},
+       [](const Call& c) { return of_plan(c, as_png(c.backend.preview_png(c.id()))); }},
       {{"GET", "/v1/jobs/{id}/view.png", "the print as it stands on its platform"},
-       [](const Call& c) { return as_png(c.backend.view_png(c.id())); }},
+       [](const Call& c) { return of_plan(c, as_png(c.backend.view_png(c.id()))); }},
       {{"GET", "/v1/jobs/{id}/accuracy.png", "the predicted part and the error of its edges"},
        [](const Call& c) { return as_png(c.backend.accuracy_png(c.id())); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}", "contours of part and supports in one layer"},
-       [](const Call& c) { return web_json(c.backend.layer_json(c.id(), c.routed.arguments.layer)); }},
+       [](const Call& c) { return of_plan(c, web_json(c.backend.layer_json(c.id(), c.routed.arguments.layer))); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}/mask.png", "grey mask of one layer"},
-       [](const Call& c) { return as_png(c.backend.mask_png(c.id(), c.routed.arguments.layer)); }},
+       [](const Call& c) { return of_plan(c, as_png(c.backend.mask_png(c.id(), c.routed.arguments.layer))); }},
       {{"GET", "/v1/jobs/{id}/supports", "anchors of the plan, and the list of supports by hand it was made with"},
        [](const Call& c) { return web_json(c.backend.supports(c.id())); }},
       {{"POST", "/v1/jobs/{id}/supports", "plan a job that waits for approval again with a list of supports by hand",

@@ -46,17 +46,6 @@ const cloudView = (() => {
     varying vec3 colour;
     void main() { gl_FragColor = vec4(colour, 1.0); }`;
 
-  function loadLibrary() {
-    if (window.THREE) return Promise.resolve();
-    return new Promise((done, fail) => {
-      const script = document.createElement("script");
-      script.src = "/three.js";
-      script.onload = done;
-      script.onerror = () => fail(new Error("the 3-D view needs the package libjs-three on the scan site's machine; all else works without it"));
-      document.head.append(script);
-    });
-  }
-
   const paint = (name) => new THREE.Color(getComputedStyle(document.documentElement).getPropertyValue(name).trim());
 
   function setColours() {
@@ -72,7 +61,7 @@ const cloudView = (() => {
   }
 
   async function start() {
-    await loadLibrary();
+    await loadThree("the 3-D view needs the package libjs-three on the scan site's machine; all else works without it");
     if (gl) return;
     const renderer = new THREE.WebGLRenderer({ canvas, antialias: false, preserveDrawingBuffer: true });
     const scene = new THREE.Scene(), part = new THREE.Group();

@@ -4,8 +4,8 @@
 
 const cutLayers = (() => {
   const slider = byId("cut-layer"), canvas = byId("cut");
-  const self = { key: "", held: new Map(), drawnAt: 0, drawn: "" };
-  const mostHeld = 400;
+  const self = { key: "", drawnAt: 0, drawn: "" };
+  const addressOf = (id, n) => `/v1/jobs/${id}/layers/${n}`;
 
   function draw(layer) {
     const pen = canvas.getContext("2d"), style = getComputedStyle(document.documentElement);
@@ -43,26 +43,18 @@ const cutLayers = (() => {
     pen.fillText(`${bar} mm`, 20, canvas.height - 32);
   }
 
-  async function layerOf(id, n) {
-    const key = `${id}/${n}`;
-    if (self.held.has(key)) return self.held.get(key);
-    const layer = await get(`/v1/jobs/${id}/layers/${n}`);
-    if (self.held.size >= mostHeld) self.held.delete(self.held.keys().next().value);
-    self.held.set(key, layer);
-    return layer;
-  }
-
   async function show() {
     const id = state.chosen, n = Number(slider.value), key = `${id}/${n}`;
     byId("cut-layer-number").textContent = `${n + 1} of ${Number(slider.max) + 1}`;
     if (self.key === key) return;
     self.key = key;
     try {
-      const layer = await layerOf(id, n);
+      const layer = await held.get(addressOf(id, n));
       if (self.key !== key) return;  // the slider has moved on
       draw(layer);
       self.drawn = key;
       self.drawnAt = performance.now();
+      held.ahead([n + 1, n - 1, n + 2, n - 2].filter((m) => m >= 0 && m <= Number(slider.max)).map((m) => addressOf(id, m)));
       byId("cut-text").textContent = `layer ${n} at ${layer.z_mm.toFixed(3)} mm, ${layer.rings.length} ring${layer.rings.length === 1 ? "" : "s"}, ${layer.certified ? "certified" : "not certified"}`;
     } catch (error) {
       if (self.key === key) self.key = "";

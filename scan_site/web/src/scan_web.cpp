@@ -49,6 +49,13 @@ WebResponse show_events(const Call& call) {
   return as_text({{"events", list}});
 }
 
+/// What is cut of a job is never cut otherwise.
+WebResponse show_layer(const Call& call) {
+  WebResponse layer = web_json(call.backend.layer_json(call.id(), call.routed.arguments.layer));
+  layer.is_immutable = layer.status == 200;
+  return layer;
+}
+
 template <JobCommand command>
 WebResponse act(const Call& call) {
   if (const auto done = call.backend.act(call.id(), command, call.routed.visitor.name); !done)
@@ -124,8 +131,7 @@ const std::vector<Row>& rows() {
       {{"GET", "/v1/jobs/{id}/events", "the job's log"}, show_events},
       {{"GET", "/v1/jobs/{id}/report", "what cleaning and slicing found"},
        [](const Call& c) { return web_json(c.backend.report(c.id())); }},
-      {{"GET", "/v1/jobs/{id}/layers/{layer}", "contours of one layer that is cut, and what they rest on"},
-       [](const Call& c) { return web_json(c.backend.layer_json(c.id(), c.routed.arguments.layer)); }},
+      {{"GET", "/v1/jobs/{id}/layers/{layer}", "contours of one layer that is cut, and what they rest on"}, show_layer},
       {{"POST", "/v1/jobs/{id}/approve", "let a job that waits at the fab print", Access::Operators},
        act<JobCommand::Approve>},
       {{"POST", "/v1/jobs/{id}/pause", "have the fab stop before the next exposure", Access::Operators},

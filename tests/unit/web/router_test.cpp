@@ -6,6 +6,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <random>
+#include <regex>
 #include <set>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/test/recording_backend.hpp>
@@ -141,6 +142,52 @@ TEST(WebRouter, PicturesOfAPlanAreNotKeptForItMayBePlannedAgain) {
   for (const char* path :
        {"/v1/jobs/job-1/layers/2/mask.png", "/v1/jobs/job-1/preview.png", "/v1/jobs/job-1/accuracy.png"})
     EXPECT_FALSE(answer(ask("GET", path, ""), backend).cacheable) << path;
+}
+
+/// Its job was planned at the time that the test says.
+class PlannedBackend final : public RecordingBackend {
+ public:
+  [[nodiscard]] Result<JobView> job(std::string_view id) override {
+    auto view = RecordingBackend::job(id);
+    if (view) view->planned_unix_ms = planned_unix_ms;
+    return view;
+  }
+  std::int64_t planned_unix_ms = 1234567890123;
+};
+
+TEST(WebRouter, PicturesAreKeptByWhoAsksForThoseOfThePlanThereIs) {
+  PlannedBackend backend;
+  for (const std::string path : {"/v1/jobs/job-1/layers/2/mask.png", "/v1/jobs/job-1/layers/2",
+                                 "/v1/jobs/job-1/preview.png", "/v1/jobs/job-1/view.png"}) {
+    backend.planned_unix_ms = 1234567890123;
+    EXPECT_TRUE(answer(ask("GET", path + "?plan=1234567890123", ""), backend).is_immutable) << path;
+    EXPECT_FALSE(answer(ask("GET", path + "?plan=1234567890122", ""), backend).is_immutable) << path;
+    EXPECT_FALSE(answer(ask("GET", path, ""), backend).is_immutable) << path;
+    backend.planned_unix_ms = 0;
+    EXPECT_FALSE(answer(ask("GET", path + "?plan=0", ""), backend).is_immutable) << path << ": it is not planned";
+  }
+  backend.planned_unix_ms = 1234567890123;
+  EXPECT_FALSE(answer(ask("GET", "/v1/jobs/job-1/layers/3/mask.png?plan=1234567890123", ""), backend).is_immutable)
+      << "what is not there may come";
+  EXPECT_FALSE(answer(ask("GET", "/v1/jobs/job-1/accuracy.png?plan=1234567890123", ""), backend).is_immutable);
+}
+
+TEST(WebRouter, NamesEachFileOfItsPageByItsBytesSoThatItIsKeptUntilTheNextRelease) {
+  RecordingBackend backend;
+  const std::string page = answer(ask("GET", "/", ""), backend).body;
+  EXPECT_FALSE(answer(ask("GET", "/", ""), backend).is_immutable);
+  static const std::regex named{R"re((src|href)="(/[a-z]+\.(js|css|svg))(\?v=[0-9a-f]{16})?")re"};
+  std::size_t count = 0;
+  for (std::sregex_iterator each{page.begin(), page.end(), named}, end; each != end; ++each, ++count) {
+    const std::string path = (*each)[2], version = (*each)[4];
+    EXPECT_FALSE(version.empty()) << path;
+    const WebResponse kept = answer(ask("GET", path + version, ""), backend);
+    EXPECT_EQ(kept.status, 200U);
+    EXPECT_TRUE(kept.is_immutable) << path;
+    EXPECT_FALSE(answer(ask("GET", path, ""), backend).is_immutable) << path;
+    EXPECT_FALSE(answer(ask("GET", path + "?v=0123456789abcdef", ""), backend).is_immutable) << path;
+  }
+  EXPECT_GE(count, 8U);
 }
 
 TEST(WebRouter, WantsTheTokenForWhateverChangesState) {

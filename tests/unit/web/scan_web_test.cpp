@@ -129,6 +129,13 @@ TEST_F(ScanWebTest, MetricsTellLayersBytesAndTheLine) {
   EXPECT_THAT(text, HasSubstr("telefab_job_stage_seconds{job=\"job-1\",stage=\"send\"} 1.4"));
 }
 
+TEST_F(ScanWebTest, LetsBrowsersKeepALayerThatIsCutAndNothingElseOfAJob) {
+  EXPECT_TRUE(ask("GET", "/v1/jobs/job-1/layers/2").is_immutable);
+  for (const char* path : {"/v1/jobs", "/v1/jobs/job-1", "/v1/jobs/job-1/report", "/v1/uploads/scan-1"})
+    EXPECT_FALSE(ask("GET", path).is_immutable || ask("GET", path).cacheable) << path;
+  EXPECT_FALSE(ask("GET", "/v1/jobs/job-1/layers/500").is_immutable) << "what is not there may come";
+}
+
 TEST_F(ScanWebTest, ServesItsOwnPageWithoutOutsideRequests) {
   EXPECT_THAT(ask("GET", "/").body, HasSubstr("scan site"));
   for (const char* path :

@@ -36,11 +36,12 @@ struct WebResponse {
   unsigned status = 200;
   std::string content_type = "application/json";
   std::string body = {};
-  bool cacheable = false;                                         ///< true for what never changes under its address
+  bool cacheable = false;                                         ///< what seldom changes: kept for an hour
   std::string location = {};                                      ///< of what was made; empty: nothing was
   std::string cookie = {};                                        ///< Set-Cookie; empty: none
   std::vector<std::string> challenges = {};                       ///< WWW-Authenticate, one header each
   std::vector<std::pair<std::string, std::string>> headers = {};  ///< further ones, name and value
+  bool is_immutable = false;  ///< never changes under its address, query included: the browser asks for it once
 };
 
 /// {"error":{"code":...,"what":...}}
@@ -58,13 +59,15 @@ struct WebResponse {
 /// The number KEY=N of a target's query; nothing where it is missing, or is not a plain decimal number.
 [[nodiscard]] std::optional<std::uint64_t> query_number(std::string_view target, std::string_view key);
 
-/// A file of a page, compiled in, so that an installed daemon serves it from anywhere. "/" is the page itself.
+/// A file of a page, compiled in, so that an installed daemon serves it from anywhere. "/" is the page itself, which
+/// names the others as PATH?v=VERSION.
 struct WebAsset {
   std::string_view path;
   std::string_view content_type;
   std::string_view body;
+  std::string_view version;  ///< of the bytes
 };
-/// 404 where there is none of this path.
+/// 404 where there is none of this path. Immutable where its version is asked for: another release is another address.
 [[nodiscard]] WebResponse web_asset(std::span<const WebAsset> assets, std::string_view target);
 
 }  // namespace telefab

@@ -34,6 +34,7 @@ struct JobView {
   double print_seconds = 0;  ///< of the whole print as planned; 0: not planned yet
   double resin_ml = 0;       ///< that the print cures, supports included; 0: not planned yet
   std::int64_t created_unix_s = 0;
+  std::int64_t planned_unix_ms = 0;  ///< another time is another plan, with other pictures; 0: not planned yet
   std::vector<StageSeconds> stage_seconds;
   double planned_exposure_s = 0;   ///< light of the whole print; 0: not planned yet
   double measured_exposure_s = 0;  ///< light that the device reported; 0: not printed yet
