@@ -56,13 +56,19 @@ Result<KnownProfiles> known_profiles(const std::string& folder) {
   return KnownProfiles{std::move(*catalogue), place.empty() ? "built in" : place};
 }
 
-Result<MachineProfile> chosen_machine(const MachineChoice& choice, std::string_view otherwise) {
+Result<ComposedProfile> chosen_profile(const MachineChoice& choice, std::string_view otherwise) {
   const std::string_view name = choice.name.empty() ? otherwise : std::string_view{choice.name};
   if (name.empty()) return fail(ErrorCode::InvalidInput, "name the machine with --machine");
   const auto known = known_profiles(choice.folder);
   if (!known) return tl::unexpected{known.error()};
   auto composed = known->catalogue.compose({std::string{name}, choice.resin, choice.print});
   if (!composed) return fail_in("machine profiles, " + known->origin, composed.error());
+  return composed;
+}
+
+Result<MachineProfile> chosen_machine(const MachineChoice& choice, std::string_view otherwise) {
+  auto composed = chosen_profile(choice, otherwise);
+  if (!composed) return tl::unexpected{composed.error()};
   return std::move(composed->profile);
 }
 

@@ -38,6 +38,11 @@ std::string figure(const ComposedProfile& composed, std::string_view title, std:
   return fmt::format("{} {} {}{}", title, value.value, unit, value.is_assumed ? " (assumed)" : "");
 }
 
+/// "45 EUR a litre".
+std::string price_text(const ResinPrice& price) {
+  return fmt::format("{} {} a litre", price.per_litre, price.currency);
+}
+
 std::string line_of(const ComposedProfile& composed, const ProfilePart& part) {
   constexpr std::string_view kLine = "{:<28} {}: {}\n";
   const MachineProfile& p = composed.profile;
@@ -49,9 +54,10 @@ std::string line_of(const ComposedProfile& composed, const ProfilePart& part) {
                          part.description);
     case ProfileKind::Resin:
       return fmt::format(kLine, part.name,
-                         fmt::format("{}, {}, {}", figure(composed, "Ec", "resin.critical_dose_mj_per_cm2", "mJ/cm2"),
+                         fmt::format("{}, {}, {}{}", figure(composed, "Ec", "resin.critical_dose_mj_per_cm2", "mJ/cm2"),
                                      figure(composed, "Dp", "resin.penetration_mm", "mm"),
-                                     figure(composed, "green", "resin.green_strength_mpa", "MPa")),
+                                     figure(composed, "green", "resin.green_strength_mpa", "MPa"),
+                                     composed.price ? ", " + price_text(*composed.price) : ""),
                          part.description);
     case ProfileKind::Print:
       return fmt::format(kLine, part.name, figure(composed, "layer", "layers.thickness_mm", "mm"), part.description);
@@ -89,6 +95,8 @@ std::string line_of(const ComposedProfile& composed, const ProfilePart& part, st
                      line.substr(std::min<std::size_t>(line.size(), 29)));
 }
 
+Json price_json(const ResinPrice& price) { return {{"per_litre", price.per_litre}, {"currency", price.currency}}; }
+
 /// A TOML value as JSON; what JSON does not read, a table of several lines, stays a text.
 Json json_of(const std::string& value) {
   Json read = json_or_discarded(value);
@@ -111,6 +119,7 @@ Json json_of(const ComposedProfile& composed, const ProfilePart& part, std::stri
   if (part.kind != ProfileKind::Machine)
     for (const ComposedValue& value : composed.values)
       if (value.origin != ValueOrigin::Default) object[value.key] = json_of(value.value);
+  if (composed.price) object["price"] = price_json(*composed.price);
   object["assumed"] = p.assumed;
   object["origin"] = origin;
   return object;
@@ -149,6 +158,7 @@ std::string table_of(const ComposedProfile& composed) {
   for (const ComposedValue& value : composed.values) {
     table += fmt::format("{:<38} {:<{}} {}\n", value.key, value.value, widest, words_of(value));
   }
+  if (composed.price) table += fmt::format("{:<38} {}\n", "price of the resin", price_text(*composed.price));
   return table;
 }
 
@@ -159,6 +169,7 @@ Json values_json(const ComposedProfile& composed) {
                          {"origin", name_of(value.origin)},
                          {"file", value.file},
                          {"assumed", value.is_assumed}};
+  if (composed.price) values["price"] = price_json(*composed.price);
   return values;
 }
 

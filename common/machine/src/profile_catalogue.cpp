@@ -173,6 +173,12 @@ class Composition {
     return std::move(composed_);
   }
 
+  /// Of the youngest file that states one.
+  void take_price(const ProfilePart& resin) {
+    for (const ProfilePart* each : catalogue_.chain_of(resin))
+      if (each->price) composed_.price = each->price;
+  }
+
   ComposedProfile& composed() { return composed_; }
 
  private:
@@ -391,6 +397,7 @@ Result<ComposedProfile> ProfileCatalogue::compose(const ProfileChoice& choice) c
     making.composed().profile.resin.name = resin->name;
     making.take(*resin);
   }
+  if (resin) making.take_price(*resin);
   if (print) making.take(*print);
   if (auto whole = making.check_required(**machine); !whole) return tl::unexpected{whole.error()};
   if (auto exposed = making.expose(**machine, resin, print); !exposed) return tl::unexpected{exposed.error()};
@@ -405,6 +412,7 @@ Result<ComposedProfile> ProfileCatalogue::resin(std::string_view name) const {
   making.composed().profile.resin.name = (*part)->name;
   making.composed().resin = (*part)->name;
   making.take(**part);
+  making.take_price(**part);
   return std::move(making).finish();
 }
 

@@ -6,6 +6,7 @@
 #include <span>
 #include <telefab/machine/profile_part.hpp>
 
+#include "profile_headings.hpp"
 #include "profile_values.hpp"
 
 namespace telefab {
@@ -33,24 +34,50 @@ struct Heading {
   std::string ProfilePart::*field;
   std::array<bool, 3> of;  ///< by ProfileKind
   bool is_name;
+  std::string_view meaning;
 };
 constexpr std::array kHeadings{
-    Heading{"name", &ProfilePart::name, {true, true, true}, true},
-    Heading{"description", &ProfilePart::description, {true, true, true}, false},
-    Heading{"source", &ProfilePart::source, {true, true, true}, false},
-    Heading{"inherits", &ProfilePart::inherits, {true, true, true}, true},
-    Heading{"loaded_resin", &ProfilePart::loaded_resin, {true, false, false}, true},
-    Heading{"default_print", &ProfilePart::default_print, {true, false, false}, true},
-    Heading{"for_machine", &ProfilePart::for_machine, {false, false, true}, true},
-    Heading{"for_resin", &ProfilePart::for_resin, {false, false, true}, true},
+    Heading{"name", &ProfilePart::name, {true, true, true}, true, "what it is asked for by; required"},
+    Heading{"description", &ProfilePart::description, {true, true, true}, false, "one line for people"},
+    Heading{"source", &ProfilePart::source, {true, true, true}, false, "where its figures were published"},
+    Heading{"inherits",
+            &ProfilePart::inherits,
+            {true, true, true},
+            true,
+            "a file of its kind that says what this one does not"},
+    Heading{"loaded_resin",
+            &ProfilePart::loaded_resin,
+            {true, false, false},
+            true,
+            "the resin in its vat: it is printed with, and no other is taken"},
+    Heading{"default_print",
+            &ProfilePart::default_print,
+            {true, false, false},
+            true,
+            "the way to print of a job that chooses none"},
+    Heading{"for_machine",
+            &ProfilePart::for_machine,
+            {false, false, true},
+            true,
+            "its exposures are for that machine, or what inherits from it"},
+    Heading{"for_resin",
+            &ProfilePart::for_resin,
+            {false, false, true},
+            true,
+            "its exposures are for that resin, or what inherits from it"},
 };
 
 struct Flag {
   std::string_view key;
   bool ProfilePart::*field;
+  std::string_view meaning;
 };
-constexpr std::array kFlags{Flag{"is_base", &ProfilePart::is_base}, Flag{"is_instance", &ProfilePart::is_instance},
-                            Flag{"built_in", &ProfilePart::is_reference}};
+constexpr std::array kFlags{
+    Flag{"is_base", &ProfilePart::is_base, "there to be inherited from, and not offered"},
+    Flag{"is_instance", &ProfilePart::is_instance, "one machine of a fab, of the profile that it inherits from"},
+    Flag{"built_in", &ProfilePart::is_reference, "between sites: stands for the built-in file of its name"}};
+
+constexpr double kMostPrice = 1e6;
 
 class PartReader {
  public:
@@ -65,6 +92,8 @@ class PartReader {
       if (!part_.states(key))
         return refuse(part_.origin, root.source(),
                       fmt::format("assumed names {}, which this file does not state", key));
+    if (part_.price && (part_.price->per_litre == 0 || part_.price->currency.empty()))
+      return refuse(part_.origin, root.source(), "price_per_litre and currency go together: one of both is missing");
     return {};
   }
 
@@ -87,6 +116,8 @@ class PartReader {
       part_.*flag->field = *value;
       return {};
     }
+    if ((key == "price_per_litre" || key == "currency") && part_.kind == ProfileKind::Resin)
+      return read_price(key, node);
     if (key == "exposures" && part_.kind == ProfileKind::Resin) return read_exposures(node);
     if (is_section(key) && node.is_table()) return read_section(key, *node.as_table());
     return refuse(part_.origin, node.source(), fmt::format("unknown key \"{}\"", key));
@@ -98,6 +129,24 @@ class PartReader {
     if (heading.is_name && !is_profile_name(*text))
       return refuse(part_.origin, node.source(), fmt::format("{} must be 1 to 64 of a-z, 0-9 and -", heading.key));
     part_.*heading.field = std::move(*text);
+    return {};
+  }
+
+  Result<void> read_price(std::string_view key, const toml::node& node) {
+    if (!part_.price) part_.price.emplace();
+    if (key == "currency") {
+      auto text = read_text(key, node, part_.origin);
+      if (!text) return tl::unexpected{text.error()};
+      if (text->size() != 3 || !std::ranges::all_of(*text, [](char c) { return c >= 'A' && c <= 'Z'; }))
+        return refuse(part_.origin, node.source(), "currency must be three capital letters, as EUR or USD");
+      part_.price->currency = std::move(*text);
+      return {};
+    }
+    const auto value = node.value<double>();
+    if (!value || node.is_boolean() || !(*value > 0 && *value <= kMostPrice))
+      return refuse(part_.origin, node.source(),
+                    fmt::format("price_per_litre must be a number above 0, up to {}", kMostPrice));
+    part_.price->per_litre = *value;
     return {};
   }
 
@@ -156,6 +205,25 @@ class PartReader {
 
 }  // namespace
 
+std::vector<HeadingRow> profile_headings() {
+  std::vector<HeadingRow> rows;
+  for (const Heading& each : kHeadings)
+    rows.push_back({each.key, each.of, each.is_name ? "1 to 64 of a-z, 0-9 and -" : "text", each.meaning});
+  rows.push_back({"price_per_litre",
+                  {false, true, false},
+                  "a number above 0",
+                  "what a litre costs; pages and plans show what a print takes of it"});
+  rows.push_back({"currency", {false, true, false}, "three capital letters, as EUR", "of the price"});
+  rows.push_back(
+      {"assumed", {true, true, true}, "keys of this file", "those whose values nobody has published or measured"});
+  for (const Flag& each : kFlags) rows.push_back({each.key, {true, true, true}, "true | false", each.meaning});
+  rows.push_back({"[[exposures]]",
+                  {false, true, false},
+                  "machine, thickness_mm, exposure_s, bottom_exposure_s",
+                  "published for a machine, or what inherits from it, and a thickness"});
+  return rows;
+}
+
 std::string_view name_of(ProfileKind kind) { return kNames[static_cast<std::size_t>(kind)]; }
 std::string_view folder_name_of(ProfileKind kind) { return kFolders[static_cast<std::size_t>(kind)]; }
 
@@ -183,6 +251,9 @@ std::string to_toml(const ProfilePart& part) {
   if (part.is_base) text += "is_base = true\n";
   if (part.is_instance) text += "is_instance = true\n";
   if (!part.assumed.empty()) text += fmt::format("assumed = {}\n", list_text(part.assumed));
+  if (part.price)
+    text +=
+        fmt::format("price_per_litre = {}\ncurrency = {}\n", part.price->per_litre, quoted_text(part.price->currency));
   std::string_view section;
   for (const Key& key : profile_keys()) {
     if (!part.states(label_of(key))) continue;

@@ -14,6 +14,7 @@
 #include <telefab/fab/print/print_record.hpp>
 #include <telefab/fab/print/print_time.hpp>
 #include <telefab/geometry/contour_lines.hpp>
+#include <telefab/service/profile_choice.hpp>
 
 #include "intake.hpp"
 #include "job_supports.hpp"
@@ -111,6 +112,8 @@ const SitePageBackend::Light* SitePageBackend::light_of(const Job& job) {
   if (const auto preflight = preflight_in(*folder / "plan"))
     for (const PreflightItem& item : preflight->items)
       if (item.name == "resin" && item.unit == "ml") light.resin_ml = item.value.value_or(0);
+  if (const auto choice = profile_choice_of(job.instance.empty() ? job.machine : job.instance, job.parameters))
+    if (const auto printed = profiles_.compose(*choice)) light.price = printed->price;
   if (lights_.size() > kMostJobs) lights_.clear();
   return &lights_.insert_or_assign(job.id, std::move(light)).first->second;
 }
@@ -180,6 +183,10 @@ JobView SitePageBackend::view_of(const Job& job) {
     if (is_ahead) view.seconds_left = printed == 0 ? light->print_s : light->left_s[printed];
     view.print_seconds = light->print_s;
     view.resin_ml = light->resin_ml;
+    if (light->price) {
+      view.cost = light->price->of_ml(light->resin_ml);
+      view.currency = light->price->currency;
+    }
     view.planned_exposure_s = std::accumulate(light->planned_s.begin(), light->planned_s.end(), 0.0);
     for (const auto& seconds : light->measured.exposure_s) view.measured_exposure_s += seconds.value_or(0);
     view.retries = light->measured.retries;

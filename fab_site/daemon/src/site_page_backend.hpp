@@ -123,6 +123,7 @@ class SitePageBackend final : public PageBackend {
     Measured measured;              ///< as recorded; empty until printed
     double irradiance_mw_per_cm2 = 0;
     double resin_ml = 0;                      ///< that the print cures; 0: its preflight does not say
+    std::optional<ResinPrice> price;          ///< of the resin; none: its profile states none
     bool is_whole = false;                    ///< read when the job had ended
     std::filesystem::file_time_type planned;  ///< of the plan it was read from
   };

@@ -5,7 +5,7 @@
 site.showJob = (job) => {
   const where = job.instance ? `on ${job.instance}` : `for ${job.machine}`;
   byId("job-line").textContent = [`${job.state.replaceAll("-", " ")} ${where}`, job.owner && `by ${job.owner}`, `job ${job.id}`,
-    job.print_seconds && `${clock(job.print_seconds)} of print`, job.resin_ml && `${job.resin_ml.toFixed(1)} ml`].filter(Boolean).join(" · ");
+    job.print_seconds && `${clock(job.print_seconds)} of print`, job.resin_ml && `${job.resin_ml.toFixed(1)} ml`, job.cost && `${job.cost.amount.toFixed(2)} ${job.cost.currency} of resin`].filter(Boolean).join(" · ");
   byId("job-progress").value = job.progress;
   const count = job.layers ? `layer ${job.layers_printed} of ${job.layers}` : `${job.layers_received} layers received`;
   byId("job-count").textContent = [count, duration(job.seconds_left)].filter(Boolean).join(", ");

@@ -40,6 +40,7 @@ json to_json(const JobView& job) {
              {"created_unix_s", job.created_unix_s}};
   value["seconds_left"] = job.seconds_left < 0 ? json{} : json(job.seconds_left);
   value["print_seconds"] = job.print_seconds > 0 ? json(job.print_seconds) : json{};
+  value["cost"] = job.cost > 0 ? json{{"amount", job.cost}, {"currency", job.currency}} : json{};
   value["planned_unix_ms"] = job.planned_unix_ms > 0 ? json(job.planned_unix_ms) : json{};
   value["resin_ml"] = job.resin_ml > 0 ? json(job.resin_ml) : json{};
   return value;
@@ -356,6 +357,8 @@ tl::expected<Routed, WebResponse> route_of(const SenderRequest& asked, SignIn& s
 }
 
 }  // namespace
+
+std::string open_api_json() { return web_asset(page_assets(), "/openapi.json").body; }
 
 const std::vector<WebRoute>& web_routes() {
   static const std::vector<WebRoute> routes = routes_of(rows());

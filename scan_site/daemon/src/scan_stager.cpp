@@ -103,8 +103,10 @@ void ScanStager::look(const std::string& id, SliceRequest request, std::string a
   ask(id, &Scan::look, std::move(question));
 }
 
-void ScanStager::estimate(const std::string& id, SliceRequest request, std::string asked) {
+void ScanStager::estimate(const std::string& id, SliceRequest request, std::optional<ResinPrice> price,
+                          std::string asked) {
   Question question;
+  question.price = std::move(price);
   question.request = std::move(request);
   question.asked = std::move(asked);
   ask(id, &Scan::estimate, std::move(question));
@@ -203,8 +205,9 @@ Result<std::string> ScanStager::answer(const std::string& id, Kind kind, const Q
   if (kind == &Scan::look) return (*scan)->facts_json;
   if (kind == &Scan::estimate) {
     set_progress(id, kind, question.number, "estimating", 0);
-    const auto estimate = estimate_print(**scan, question.request, stop);
+    auto estimate = estimate_print(**scan, question.request, stop);
     if (!estimate) return tl::unexpected{estimate.error()};
+    estimate->price = question.price;
     return to_json(*estimate);
   }
   const auto ways =

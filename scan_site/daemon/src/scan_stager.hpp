@@ -8,6 +8,7 @@
 #include <mutex>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
+#include <telefab/machine/profile_part.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 #include <telefab/scan/staging/staged_scan.hpp>
 #include <telefab/service/work_queue.hpp>
@@ -29,7 +30,7 @@ class ScanStager {
   void read(const std::string& id);
   /// Prepare as the request says; `asked`: its parameters in one text, by which answers are found again.
   void look(const std::string& id, SliceRequest request, std::string asked);
-  void estimate(const std::string& id, SliceRequest request, std::string asked);
+  void estimate(const std::string& id, SliceRequest request, std::optional<ResinPrice> price, std::string asked);
   void orient(const std::string& id, SliceRequest request, StandFor goal, std::string asked);
   /// Joins it with others to one scan, which becomes an upload of its own; its id is the answer. Under `owner`.
   void join(const std::string& id, std::vector<std::string> with, std::string owner);
@@ -49,8 +50,9 @@ class ScanStager {
     std::uint64_t number = 0;  ///< of the question asked last
     SliceRequest request;
     StandFor goal = StandFor::Supports;
-    std::vector<std::string> with;  ///< of joining: the other views
-    std::string owner;              ///< likewise: of what comes out
+    std::optional<ResinPrice> price;  ///< of estimating
+    std::vector<std::string> with;    ///< of joining: the other views
+    std::string owner;                ///< likewise: of what comes out
     std::string asked;
     std::string stage;  ///< what is being done, for people
     double share = 0;

@@ -29,9 +29,11 @@ Json json_of(const Upload& upload) {
 }
 
 /// What a question is known by. The same words mean another print once the fab's profiles take the place of the site's.
-std::string asked_text(const StagingQuestion& question, const SliceRequest& request) {
+std::string asked_text(const StagingQuestion& question, const SliceRequest& request,
+                       const std::optional<ResinPrice>& price) {
   return json_text(Json{question.machine, question.goal, json_or_discarded(question.parameters),
-                        to_hex(digest_of_profile(request.machine)), request.machine.assumed.size()});
+                        to_hex(digest_of_profile(request.machine)), request.machine.assumed.size(),
+                        price ? fmt::format("{} {}", price->per_litre, price->currency) : ""});
 }
 
 Json part_json(const ProfilePart& part) { return {{"name", part.name}, {"description", part.description}}; }
@@ -119,20 +121,22 @@ Result<Upload> SiteStagingBackend::whole(std::string_view id) {
                           upload->received_bytes, upload->plan.size_bytes));
 }
 
-Result<SliceRequest> SiteStagingBackend::request_of(const StagingQuestion& question) const {
-  const auto machine = profile_of_job(*known_profiles(), question.machine, question.parameters);
-  if (!machine) return tl::unexpected{machine.error()};
-  auto parameters = job_parameters_from(question.parameters, *machine);
+Result<SiteStagingBackend::Asked> SiteStagingBackend::request_of(const StagingQuestion& question) const {
+  const auto choice = profile_choice_of(question.machine, question.parameters);
+  if (!choice) return tl::unexpected{choice.error()};
+  auto composed = known_profiles()->compose(*choice);
+  if (!composed) return tl::unexpected{composed.error()};
+  auto parameters = job_parameters_from(question.parameters, composed->profile);
   if (!parameters) return tl::unexpected{parameters.error()};
-  return std::move(parameters->slice);
+  return Asked{std::move(parameters->slice), std::move(composed->price)};
 }
 
 Result<std::string> SiteStagingBackend::look(std::string_view id, const StagingQuestion& question) {
   if (const auto there = whole(id); !there) return tl::unexpected{there.error()};
   auto request = request_of(question);
   if (!request) return tl::unexpected{request.error()};
-  const std::string asked = asked_text(question, *request);
-  stager_.look(std::string{id}, std::move(*request), asked);
+  const std::string asked = asked_text(question, request->slice, request->price);
+  stager_.look(std::string{id}, std::move(request->slice), asked);
   return view(id);
 }
 
@@ -140,8 +144,8 @@ Result<std::string> SiteStagingBackend::estimate(std::string_view id, const Stag
   if (const auto there = whole(id); !there) return tl::unexpected{there.error()};
   auto request = request_of(question);
   if (!request) return tl::unexpected{request.error()};
-  const std::string asked = asked_text(question, *request);
-  stager_.estimate(std::string{id}, std::move(*request), asked);
+  const std::string asked = asked_text(question, request->slice, request->price);
+  stager_.estimate(std::string{id}, std::move(request->slice), std::move(request->price), asked);
   return view(id);
 }
 
@@ -151,8 +155,8 @@ Result<std::string> SiteStagingBackend::orient(std::string_view id, const Stagin
   if (!request) return tl::unexpected{request.error()};
   const auto goal = stand_for_from(question.goal.empty() ? "supports" : question.goal);
   if (!goal) return fail_in("for", goal.error());
-  const std::string asked = asked_text(question, *request);
-  stager_.orient(std::string{id}, std::move(*request), *goal, asked);
+  const std::string asked = asked_text(question, request->slice, request->price);
+  stager_.orient(std::string{id}, std::move(request->slice), *goal, asked);
   return view(id);
 }
 

@@ -49,7 +49,11 @@ class SiteStagingBackend final : public StagingBackend {
 
  private:
   [[nodiscard]] std::shared_ptr<const ProfileCatalogue> known_profiles() const;
-  [[nodiscard]] Result<SliceRequest> request_of(const StagingQuestion& question) const;
+  struct Asked {
+    SliceRequest slice;
+    std::optional<ResinPrice> price;  ///< of the resin that it would be printed of
+  };
+  [[nodiscard]] Result<Asked> request_of(const StagingQuestion& question) const;
   /// NotFound, and Conflict unless all its bytes are there and are right.
   [[nodiscard]] Result<Upload> whole(std::string_view id);
   /// Others leave the disk's room to what is missing of the uploads.

@@ -124,6 +124,10 @@ std::string to_json(const PrintEstimate& estimate) {
                               {"layer_mm", estimate.layer_mm},
                               {"resin_ml", estimate.resin_ml},
                               {"seconds", estimate.print_time.count()}};
+  json["cost"] = nullptr;
+  if (const auto& price = estimate.price)
+    json["cost"] = {
+        {"amount", price->of_ml(estimate.resin_ml)}, {"currency", price->currency}, {"per_litre", price->per_litre}};
   json["items"] = nlohmann::ordered_json::array();
   for (const ForeseenItem& item : estimate.items)
     json["items"].push_back({{"name", item.name}, {"verdict", name_of(item.verdict)}, {"text", item.text}});

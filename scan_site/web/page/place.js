@@ -265,7 +265,11 @@ const place = (() => {
     const ml = self.view?.estimate.result?.resin_ml, price = Number(byId("price").value);
     const cell = byId("estimate").querySelector("[data-price]");
     if (!cell) return;
-    cell.textContent = ml !== undefined && price > 0 ? `${((ml / 1000) * price).toFixed(2)} for the resin` : "not known: no price of the resin is stated";
+    const cost = self.view?.estimate.result?.cost;
+    // A price that somebody types goes before that of the profile, and has no currency.
+    if (ml !== undefined && price > 0) cell.textContent = `${((ml / 1000) * price).toFixed(2)} for the resin`;
+    else if (cost) cell.textContent = `${cost.amount.toFixed(2)} ${cost.currency} for the resin, at ${cost.per_litre} ${cost.currency} a litre`;
+    else cell.textContent = "not known: no price of the resin is stated";
   }
 
   function showEstimate() {

@@ -66,6 +66,44 @@ ComposedValue value(const ComposedProfile& profile, std::string_view key) {
   return {};
 }
 
+constexpr std::string_view kPriced =
+    "name = \"grey\"\nprice_per_litre = 45\ncurrency = \"EUR\"\n"
+    "[resin]\ncritical_dose_mj_per_cm2 = 8.0\npenetration_mm = 0.2\n";
+
+TEST(ProfileCatalogue, TellsWhatTheResinCostsAndChangesNoDigestByIt) {
+  const ComposedProfile priced = composed({machine(), resin(kPriced)}, {"printer", "grey"});
+  ASSERT_TRUE(priced.price.has_value());
+  EXPECT_EQ(*priced.price, (ResinPrice{45, "EUR"}));
+  EXPECT_DOUBLE_EQ(priced.price->of_ml(200), 9);
+  std::string free_text{kPriced};
+  free_text.erase(free_text.find("price"), free_text.find("[resin]") - free_text.find("price"));
+  const ComposedProfile free = composed({machine(), resin(free_text)}, {"printer", "grey"});
+  EXPECT_FALSE(free.price.has_value());
+  EXPECT_EQ(digest_of_profile(priced.profile), digest_of_profile(free.profile));
+  // A file that inherits says its own, or has that of the other.
+  const ProfilePart child = resin("name = \"white\"\ninherits = \"grey\"\n");
+  EXPECT_EQ(composed({machine(), resin(kPriced), child}, {"printer", "white"}).price, priced.price);
+  const ProfilePart dear = resin("name = \"white\"\ninherits = \"grey\"\nprice_per_litre = 99.5\ncurrency = \"USD\"\n");
+  EXPECT_EQ(composed({machine(), resin(kPriced), dear}, {"printer", "white"}).price, (ResinPrice{99.5, "USD"}));
+  EXPECT_FALSE(composed({machine(), resin(kPriced)}, {"printer"}).price.has_value())
+      << "the machine's own resin is another one";
+  EXPECT_EQ(resin(to_toml(dear)).price, dear.price);
+}
+
+TEST(ProfileCatalogue, RefusesAPriceWithoutCurrencyAndWhatIsNone) {
+  const auto why = [](std::string_view stated, ProfileKind kind = ProfileKind::Resin) {
+    const auto read = profile_part_from_toml(kind, "name = \"grey\"\n" + std::string{stated}, "grey.toml");
+    return read ? std::string{} : read.error().what;
+  };
+  EXPECT_THAT(why("price_per_litre = 45"), HasSubstr("go together"));
+  EXPECT_THAT(why("currency = \"EUR\""), HasSubstr("go together"));
+  EXPECT_THAT(why("price_per_litre = 45\ncurrency = \"euro\""), AllOf(HasSubstr("line 3"), HasSubstr("three capital")));
+  for (const char* price : {"0", "-1", "nan", "inf", "\"45\"", "2e6", "true"})
+    EXPECT_THAT(why("currency = \"EUR\"\nprice_per_litre = " + std::string{price}), HasSubstr("number above 0"))
+        << price;
+  EXPECT_THAT(why("price_per_litre = 45\ncurrency = \"EUR\"", ProfileKind::Machine), HasSubstr("unknown key"));
+}
+
 TEST(ProfileCatalogue, ReadsAFileOfOneKindAsAWholeProfileWithTheSameDigest) {
   const std::string text =
       std::string{kPrinter}.replace(kPrinter.find("thickness_mm"), 0, "exposure_s = 3.5\nbottom_exposure_s = 20.0\n");

@@ -114,6 +114,14 @@ TEST(PrintEstimate, TellsVolumeSizeLayersAndTimeOfABall) {
   EXPECT_EQ(estimate->print_time, rough_print_time(request.machine, estimate->figures.layers, estimate->layer_mm));
 }
 
+TEST(PrintEstimate, TellsWhatTheResinCostsWhereItsPriceIsStated) {
+  PrintEstimate estimate;
+  estimate.resin_ml = 40;
+  EXPECT_TRUE(json::parse(to_json(estimate))["cost"].is_null());
+  estimate.price = ResinPrice{45, "EUR"};
+  EXPECT_EQ(json::parse(to_json(estimate))["cost"], json({{"amount", 1.8}, {"currency", "EUR"}, {"per_litre", 45}}));
+}
+
 TEST(PrintEstimate, IsOfTheTurnThatIsAskedFor) {
   SliceRequest request = request_for(20);
   std::string file;

@@ -32,6 +32,8 @@ struct KnownProfiles {
 /// so that a site offers what stands in one folder. Fails as load_profiles does.
 [[nodiscard]] Result<KnownProfiles> known_profiles(const std::string& folder);
 
+/// What was chosen, of the machine named `otherwise` where the choice names none. Fails as chosen_machine.
+[[nodiscard]] Result<ComposedProfile> chosen_profile(const MachineChoice& choice, std::string_view otherwise = {});
 /// The profile that was chosen, of the machine named `otherwise` where the choice names none. Fails as known_profiles
 /// and ProfileCatalogue::compose do, and with InvalidInput where neither names a machine.
 [[nodiscard]] Result<MachineProfile> chosen_machine(const MachineChoice& choice, std::string_view otherwise = {});

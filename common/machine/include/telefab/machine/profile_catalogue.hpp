@@ -2,6 +2,7 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -42,6 +43,7 @@ struct ComposedProfile {
   std::string resin;                  ///< name of the resin's file; empty: the machine states its own
   std::string print;                  ///< of the print's file; empty: as the machine states
   std::vector<ComposedValue> values;  ///< every key, in the order of the table
+  std::optional<ResinPrice> price;    ///< of the resin; none: no file states one
 };
 
 /// Machines, resins and ways to print, and what is composed of them. A value of the machine is overridden by one of the

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <telefab/base/result.hpp>
@@ -30,6 +31,15 @@ struct PublishedExposure {
   friend bool operator==(const PublishedExposure&, const PublishedExposure&) = default;
 };
 
+/// What a litre of a resin costs. It changes nothing of a print, so it is part of no digest.
+struct ResinPrice {
+  double per_litre = 0;  ///< (0, 1e6]; in the currency
+  std::string currency;  ///< three capital letters (ISO 4217): "EUR"
+  /// What so much of it costs, in the currency.
+  [[nodiscard]] double of_ml(double resin_ml) const { return per_litre * resin_ml / 1000; }
+  friend bool operator==(const ResinPrice&, const ResinPrice&) = default;
+};
+
 /// One file. What it does not say, the file that it inherits from may.
 struct ProfilePart {
   ProfileKind kind = ProfileKind::Machine;
@@ -47,6 +57,7 @@ struct ProfilePart {
   std::string for_machine;  ///< of a print: its exposures are for that machine or what inherits from it; empty: for all
   std::string for_resin;    ///< of a print: its exposures are for that resin or what inherits from it; empty: for all
   std::vector<PublishedExposure> exposures;  ///< of a resin
+  std::optional<ResinPrice> price;           ///< of a resin; none: not stated
   std::vector<std::string> assumed;          ///< keys stated here whose values nobody has published or measured
 
   MachineProfile values;                ///< of its fields only those that are in `lines`

@@ -33,6 +33,8 @@ struct JobView {
   double seconds_left = -1;  ///< of the print; below 0: not known
   double print_seconds = 0;  ///< of the whole print as planned; 0: not planned yet
   double resin_ml = 0;       ///< that the print cures, supports included; 0: not planned yet
+  double cost = 0;           ///< of that resin; 0: not planned yet, or its profile states no price
+  std::string currency;      ///< of the cost; empty where there is none
   std::int64_t created_unix_s = 0;
   std::int64_t planned_unix_ms = 0;  ///< another time is another plan, with other pictures; 0: not planned yet
   std::vector<StageSeconds> stage_seconds;

@@ -2,9 +2,11 @@
 #pragma once
 #include <chrono>
 #include <cstdint>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <string_view>
+#include <telefab/machine/profile_part.hpp>
 #include <telefab/scan/placing/standing.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 #include <telefab/scan/staging/staged_scan.hpp>
@@ -30,6 +32,7 @@ struct PrintEstimate {
   double layer_mm = 0;
   double resin_ml = 0;  ///< part and supports, cured
   std::chrono::duration<double> print_time{};
+  std::optional<ResinPrice> price;  ///< of the resin, where its profile states one; set by whoever knows the profile
   std::vector<ForeseenItem> items;
 };
 
