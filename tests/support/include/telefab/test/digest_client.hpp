@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <fmt/format.h>
-#include <openssl/evp.h>
 
+#include <span>
 #include <string>
 #include <string_view>
+#include <telefab/base/digest.hpp>
 
 namespace telefab::test {
 
@@ -15,12 +16,8 @@ struct DigestClient {
   std::string algorithm = "SHA-256";
 
   [[nodiscard]] std::string hash(std::string_view text) const {
-    unsigned char out[EVP_MAX_MD_SIZE];
-    unsigned int size = 0;
-    EVP_Digest(text.data(), text.size(), out, &size, algorithm == "MD5" ? EVP_md5() : EVP_sha256(), nullptr);
-    std::string hex;
-    for (unsigned int i = 0; i < size; ++i) hex += fmt::format("{:02x}", out[i]);
-    return hex;
+    const auto bytes = std::as_bytes(std::span{text});
+    return algorithm == "MD5" ? md5_hex(bytes) : to_hex(digest_of(bytes));
   }
 
   /// The Authorization header that answers a nonce.
