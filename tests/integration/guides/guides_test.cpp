@@ -15,7 +15,7 @@
 
 #include "guide.hpp"
 
-// What the pages for newcomers say is what the programs do.
+// What the pages for newcomers say is what the programs do: those that the packages install, beside their pages.
 
 namespace telefab::test {
 namespace {
@@ -28,7 +28,8 @@ std::string text_of(const fs::path& file) {
   return text.str();
 }
 
-fs::path docs() { return fs::path{std::getenv("TELEFAB_SOURCE")} / "deploy" / "docs"; }
+fs::path installed() { return std::getenv("TELEFAB_INSTALLED"); }
+fs::path docs() { return installed() / "share" / "doc" / "telefab"; }
 
 /// A port that nobody listens on now.
 std::uint16_t free_port() {
@@ -45,9 +46,12 @@ class Guides : public testing::Test {
  protected:
   /// Runs the commands of a page in an empty folder that holds a scan, behind those of `before`.
   void walk(const std::string& page, const std::string& before = {}) {
-    write_figure(folder() / "figure.ply");
-    std::string text = text_of(docs() / "getting-started" / page);
+    const std::string text = text_of(docs() / "getting-started" / page);
     ASSERT_FALSE(text.empty()) << page;
+    walk_text(text, before);
+  }
+  void walk_text(std::string text, const std::string& before) {
+    write_figure(folder() / "figure.ply");
     for (const char* usual : {"7410", "7420", "7470", "7480"})
       text = std::regex_replace(text, std::regex{fmt::format("127.0.0.1:{}", usual)},
                                 fmt::format("127.0.0.1:{}", free_port()));
@@ -56,7 +60,7 @@ class Guides : public testing::Test {
     const fs::path script = folder() / "walk.sh";
     std::ofstream{script} << fmt::format(
         "cd {0}\nexport HOME={0}/home PATH={1}:$PATH\nmkdir -p home\nunset TELEFAB_SITE TELEFAB_TLS\n{2}\n{3}",
-        folder().string(), std::getenv("TELEFAB_BIN"), before, script_of(text));
+        folder().string(), (installed() / "bin").string(), before, script_of(text));
     const Outcome walked = run({"/bin/bash", script.string()});
     EXPECT_EQ(walked.code, 0) << walked.output << walked.errors;
     output_ = walked.output;
@@ -72,6 +76,21 @@ class Guides : public testing::Test {
   ScratchFolder folder_;
   std::string output_;
 };
+
+TEST_F(Guides, OfTheReadmeLeadFromAScanToAPrintFileByHand) {
+  const std::string readme = text_of(docs() / "README.md");
+  const auto begin = readme.find("By hand, without daemons:"), end = readme.find("As two sites");
+  ASSERT_LT(begin, end);
+  // A part from elsewhere: contours of this one, as another program would write them.
+  const std::string import = "    telefab-fab import part.cli";
+  std::string text = readme.substr(begin, end - begin);
+  ASSERT_NE(text.find(import), std::string::npos);
+  text.insert(text.find(import), "    telefab-fab export statue-plan --format cli --out part.cli\n");
+  walk_text(text, "telefab-scan clean figure.ply --units m --out statue.ply");
+  for (const char* file : {"ways.png", "statue.png", "statue-plan/plan.json", "cured.png"}) is_there(file, 1000);
+  is_there("statue.sl1", 10000);
+  is_there("part.tfc", 500);
+}
 
 TEST_F(Guides, LeadFromAScanToAPrintFile) {
   walk("scan-to-file.md");
