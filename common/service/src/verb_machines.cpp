@@ -5,6 +5,7 @@
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/command_line/profile_listing.hpp>
+#include <telefab/machine/profile_reference.hpp>
 #include <telefab/service/shared_verbs.hpp>
 
 namespace telefab {
@@ -15,6 +16,7 @@ struct Options {
   ProfileListing listing;
   bool json = false;
   bool keys = false;
+  bool markdown = false;
 };
 
 VerbBody declare(VerbOptions& options, ProfileKind kind) {
@@ -22,11 +24,14 @@ VerbBody declare(VerbOptions& options, ProfileKind kind) {
   declare_machine_folder(options, o->folder);
   declare_profile_listing(options, kind, o->listing);
   options.flag("--json", o->json, "JSON on standard output");
-  if (kind == ProfileKind::Machine)
+  if (kind == ProfileKind::Machine) {
     options.flag("--keys", o->keys, "list every key a profile may have, with range and reason");
+    options.flag("--markdown", o->markdown, "with --keys: as the page of the documents, with units and defaults");
+  }
   return [o, kind](std::stop_token) -> Result<ExitCode> {
+    if (o->markdown && !o->keys) return fail(ErrorCode::InvalidInput, "--markdown goes with --keys");
     if (o->keys) {
-      write_output(describe_keys());
+      write_output(o->markdown ? profile_reference() : describe_keys());
       return ExitCode::Ok;
     }
     const auto known = known_profiles(o->folder);

@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 #include <cmath>
 #include <cstdlib>
+#include <fstream>
+#include <sstream>
 #include <telefab/machine/profile_catalogue.hpp>
 #include <telefab/machine/profile_digest.hpp>
+#include <telefab/machine/profile_reference.hpp>
 
 namespace telefab {
 namespace {
@@ -373,6 +376,29 @@ TEST(MachineProfile, SaysWhichRequiredKeyIsMissing) {
   const auto profile = machine_profile_from_toml("name = \"x\"\n", "x.toml");
   ASSERT_FALSE(profile);
   EXPECT_THAT(profile.error().what, HasSubstr("platform.width_mm is missing"));
+}
+
+TEST(ProfileReference, OfTheDocumentsIsWhatTheVerbMakes) {
+  std::ostringstream page;
+  page << std::ifstream{std::string{std::getenv("TELEFAB_SOURCE")} + "/deploy/docs/profile-reference.md"}.rdbuf();
+  EXPECT_EQ(page.str(), profile_reference())
+      << "telefab-fab machines --keys --markdown > deploy/docs/profile-reference.md";
+}
+
+TEST(ProfileReference, HasEveryKeyWithUnitRangeDefaultAndMeaning) {
+  const std::string page = profile_reference();
+  EXPECT_THAT(page, HasSubstr("| `width_mm` | mm | 0.1 to 2000 | required | along x, the mask's columns |"));
+  EXPECT_THAT(page, HasSubstr("| `irradiance_mw_per_cm2` | mW/cm² | 0.01 to 1000 | required |"));
+  EXPECT_THAT(page, HasSubstr("| `vat_ml` | ml | 0 to 1000000 | `0"));
+  EXPECT_THAT(page, HasSubstr("| `price_per_litre` | resin | a number above 0 |"));
+  std::istringstream keys{describe_keys()};
+  std::size_t count = 0;
+  for (std::string line; std::getline(keys, line); ++count) {
+    const std::string name =
+        line.substr(line.find('.') + 1, line.find_first_of(": (", line.find('.')) - line.find('.') - 1);
+    EXPECT_THAT(page, HasSubstr("| `" + name + "` |")) << line;
+  }
+  EXPECT_GT(count, 100U);
 }
 
 }  // namespace
