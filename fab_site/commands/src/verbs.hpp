@@ -4,6 +4,7 @@
 
 // One function a verb, each in its own verb_NAME.cpp; main.cpp holds the table.
 namespace telefab::fab {
+[[nodiscard]] VerbBody declare_api(VerbOptions& options);
 [[nodiscard]] VerbBody declare_calibrate(VerbOptions& options);
 [[nodiscard]] VerbBody declare_export(VerbOptions& options);
 [[nodiscard]] VerbBody declare_guard_screen(VerbOptions& options);

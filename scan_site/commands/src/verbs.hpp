@@ -4,6 +4,7 @@
 
 // One function a verb, each in its own verb_NAME.cpp; main.cpp holds the table.
 namespace telefab::scan {
+[[nodiscard]] VerbBody declare_api(VerbOptions& options);
 [[nodiscard]] VerbBody declare_inspect(VerbOptions& options);
 [[nodiscard]] VerbBody declare_clean(VerbOptions& options);
 [[nodiscard]] VerbBody declare_digitize(VerbOptions& options);

@@ -192,6 +192,8 @@ WebResponse described(WebResponse page) {
 
 }  // namespace
 
+std::string open_api_json() { return described(web_asset(page_assets(), "/openapi.json")).body; }
+
 const std::vector<WebRoute>& web_routes() {
   static const std::vector<WebRoute> routes = routes_of(rows());
   return routes;

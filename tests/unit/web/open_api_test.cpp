@@ -7,9 +7,11 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <sstream>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/scan/web/scan_web.hpp>
 #include <telefab/test/recording_backend.hpp>
+#include <telefab/web/api_page.hpp>
 
 namespace telefab {
 namespace {
@@ -52,6 +54,30 @@ TEST(OpenApi, ListsExactlyTheRoutesOfTheFab) { EXPECT_EQ(documented(api_of("fab_
 
 TEST(OpenApi, ListsExactlyTheRoutesOfTheScanSite) {
   EXPECT_EQ(documented(api_of("scan_site")), coded(scan::web_routes()));
+}
+
+std::string text_of_page(const std::string& name) {
+  std::ostringstream text;
+  text << std::ifstream{std::string{std::getenv("TELEFAB_SOURCE")} + "/deploy/docs/" + name}.rdbuf();
+  return text.str();
+}
+
+TEST(ApiPage, OfTheDocumentsIsWhatTheVerbMakes) {
+  for (const auto& [page, program, api] : {std::tuple{"api-fab.md", "telefab-fab", fab::open_api_json()},
+                                           {"api-scan.md", "telefab-scan", scan::open_api_json()}})
+    EXPECT_EQ(text_of_page(page), api_page(api).value()) << program << " api > deploy/docs/" << page;
+}
+
+TEST(ApiPage, HasEveryOperationWithItsParametersAnswersAndBodies) {
+  const std::string page = api_page(scan::open_api_json()).value();
+  for (const WebRoute& route : scan::web_routes())
+    EXPECT_THAT(page,
+                testing::HasSubstr(std::string{"### "} + std::string{route.method} + " " + std::string{route.path}));
+  EXPECT_THAT(page, testing::HasSubstr("- `from` in the query: integer\n"));
+  EXPECT_THAT(page, testing::HasSubstr("| 409 | it goes on at another byte |"));
+  EXPECT_THAT(page, testing::HasSubstr("| `reading` | [StagedTask](#stagedtask) |"));
+  EXPECT_THAT(page, testing::HasSubstr("| `height_mm` |")) << "what may be asked of slicing";
+  EXPECT_EQ(api_page("{}").error().code, ErrorCode::InvalidInput);
 }
 
 TEST(OpenApi, EveryOperationSaysWhatItAnswers) {

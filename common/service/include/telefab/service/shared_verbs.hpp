@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <string>
 #include <telefab/command_line/program.hpp>
 
 // Verbs that both sites' programs have.
@@ -16,6 +17,9 @@ namespace telefab {
 /// `resins`, `prints`: those beside it, and those that are built in.
 [[nodiscard]] VerbBody declare_resins(VerbOptions& options);
 [[nodiscard]] VerbBody declare_prints(VerbOptions& options);
+
+/// `api [--json]`: the description of the site's HTTP API, as a page or as OpenAPI; `openapi` gives the latter.
+[[nodiscard]] VerbBody declare_api(VerbOptions& options, std::string (*openapi)());
 
 /// `tokens ACTION [NAME] --data DIR`: the tokens that operators sign in with at the page.
 [[nodiscard]] VerbBody declare_tokens(VerbOptions& options);

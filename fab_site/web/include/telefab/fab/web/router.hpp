@@ -16,6 +16,9 @@ struct WebOptions {
 /// The API, row by row.
 [[nodiscard]] const std::vector<WebRoute>& web_routes();
 
+/// What the site answers at /openapi.json.
+[[nodiscard]] std::string open_api_json();
+
 /// Answers one request. Never throws, touches no socket. GET and HEAD never change state; whatever changes state is a
 /// POST, PUT or DELETE of an operator whom `sign_in` knows. Unknown paths are 404, known paths with another method 405.
 [[nodiscard]] WebResponse answer(const WebRequest& request, PageBackend& backend, SignIn& sign_in,

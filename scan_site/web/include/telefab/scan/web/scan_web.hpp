@@ -50,6 +50,9 @@ class PageBackend {
 /// The API, row by row.
 [[nodiscard]] const std::vector<WebRoute>& web_routes();
 
+/// What the site answers at /openapi.json.
+[[nodiscard]] std::string open_api_json();
+
 struct WebOptions {
   std::string version;
   std::string three_js = {};  ///< the text of three.min.js (Debian libjs-three) for the 3-D view; empty: no 3-D view
