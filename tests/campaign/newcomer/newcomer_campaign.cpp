@@ -6,8 +6,8 @@
 
 #include "../../integration/page/screenshot.hpp"
 
-// What somebody does who has installed Telefab and has a scan: drops it on the scan site's page, sends it, lets it print
-// at the fab's page, and sees it done.
+// What somebody does who has installed Telefab and has a scan: drops it on the scan site's page, sends it, lets it
+// print at the fab's page, and sees it done.
 //   campaign_newcomer SCAN_PAGE SCAN_TOKEN FAB_PAGE FAB_TOKEN SCAN PICTURES
 namespace {
 
@@ -64,12 +64,14 @@ void walk(const std::vector<std::string>& words) {
   way.until("planned", "return ['awaiting-approval', 'ready', 'printing', 'done'].includes(state.jobs[0].state);");
   const bool is_held = browser.run("return state.jobs[0].state === 'awaiting-approval';").get<bool>();
   browser.open(words[2]);
-  way.until("the fab's page", "return state.jobs.length === 1 && document.querySelector('#job-name').textContent !== '';");
+  way.until("the fab's page",
+            "return state.jobs.length === 1 && document.querySelector('#job-name').textContent !== '';");
   if (is_held) {
     browser.click("[data-action=approve]");
     way.sign_in(words[3]);
-    way.until("asked what is let through", "return document.querySelector('#approval').open || "
-                                           "document.querySelector('#answer').textContent.includes('accepted');");
+    way.until("asked what is let through",
+              "return document.querySelector('#approval').open || "
+              "document.querySelector('#answer').textContent.includes('accepted');");
     browser.run("for (const box of document.querySelectorAll('#approval input')) box.click();");
     if (browser.run("return document.querySelector('#approval').open;").get<bool>()) browser.click("#approval-go");
   }

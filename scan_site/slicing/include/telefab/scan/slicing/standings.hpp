@@ -29,8 +29,8 @@ struct StandingSearch {
 [[nodiscard]] Result<ChosenStanding> chosen_standing(const PointCloud& prepared, const SliceRequest& request,
                                                      StandFor goal, std::stop_token stop);
 
-/// Millimetres of the print in a unit of a prepared scan, mirrored and turned as the request says. What is no size at all
-/// gives 1.
+/// Millimetres of the print in a unit of a prepared scan, mirrored and turned as the request says. What is no size at
+/// all gives 1.
 [[nodiscard]] double print_scale(const PointCloud& prepared, const SliceRequest& request);
 
 /// One JSON object, fixed key order.
