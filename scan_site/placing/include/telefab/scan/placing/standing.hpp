@@ -36,8 +36,8 @@ struct StandingOptions {
   [[nodiscard]] Result<void> validate() const;
 };
 
-/// Millimetres of the print in a unit of the scan. `size`: of the turned scan in its own unit, drawn out along the axes of
-/// the platform (`axis_scale`); above 0.
+/// Millimetres of the print in a unit of the scan. `size`: of the turned scan in its own unit, drawn out along the axes
+/// of the platform (`axis_scale`); above 0.
 [[nodiscard]] double scale_for(const Vec3& size, const StandingOptions& options);
 
 /// Where a direction came from.
