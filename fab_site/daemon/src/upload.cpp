@@ -10,6 +10,7 @@
 #include <telefab/base/secret.hpp>
 #include <telefab/codec/tfc_file.hpp>
 #include <telefab/fab/formats/foreign_print.hpp>
+#include <telefab/transfer/second_name.hpp>
 
 #include "intake.hpp"
 #include "job_supports.hpp"
@@ -185,13 +186,11 @@ Offer offer_of(const NewJob& job, const MachineProfile& machine, const StackHead
           {}};
 }
 
-/// The same file once more under another name, where the file system has that; else a copy. Nothing writes to either.
-Result<void> share_file(const std::filesystem::path& from, const std::filesystem::path& to) {
-  std::error_code error;
-  std::filesystem::create_hard_link(from, to, error);
-  if (error) std::filesystem::copy_file(from, to, error);
-  if (error) return fail_system("write", to, error.value());
-  return {};
+/// The masks of one job for another; nothing writes to them any more.
+Result<void> share_masks(const std::filesystem::path& from, const std::filesystem::path& to) {
+  const auto is_shared = give_second_name(from / kReadyFile, to / kReadyFile);
+  if (!is_shared) return tl::unexpected{is_shared.error()};
+  return *is_shared ? Result<void>{} : copy_whole(from / kReadyFile, to / kReadyFile, {});
 }
 
 }  // namespace
@@ -252,7 +251,7 @@ Result<NewJob> write_again(const DataFolder& data, const Job& job, std::string_v
   offer.owner = who;
   offer.public_key.clear(), offer.signature.clear();
   Result<void> written;
-  if (has_ready_print(*from)) written = share_file(*from / kReadyFile, *folder / kReadyFile);
+  if (has_ready_print(*from)) written = share_masks(*from, *folder);
   if (const auto by_hand = hand_list_in(*from); written && !by_hand)
     written = tl::unexpected{by_hand.error()};
   else if (written && !by_hand->is_empty())
