@@ -11,7 +11,6 @@
 #include <charconv>
 #include <cmath>
 #include <telefab/geometry/limits.hpp>
-#include <telefab/scan/contour/specks.hpp>
 #include <telefab/scan/slicing/placed_surface.hpp>
 #include <telefab/scan/slicing/slice_scan.hpp>
 #include <telefab/scan/topology/height_topology.hpp>
@@ -19,9 +18,9 @@
 #include "closed_field.hpp"
 #include "completed_scan.hpp"
 #include "layer_cutter.hpp"
+#include "layer_tally.hpp"
 #include "openness.hpp"
 #include "side_check.hpp"
-#include "written_check.hpp"
 
 namespace telefab::scan {
 namespace {
@@ -67,9 +66,6 @@ constexpr double kDoubledSpacings = 1.5;
 
 /// Rounding this coarse (in spacings) leaves no contour to be trusted.
 constexpr double kCoarseRounding = 0.3;
-
-/// Thinner rings than this no mask shows, and the lattices of the wire, a sixteenth of a pixel wide, keep all others.
-constexpr double kThinnest_px = 0.125;
 
 /// What is wrong with the scan as a whole, so that no layer of it can be vouched for.
 std::optional<Doubt> doubt_of(const KernelChoice& kernel, const PreparedScan& scan, double rounding_mm) {
@@ -170,13 +166,6 @@ Result<void> count_hidden_heights(const CutSetting& setting, const StackHeader& 
   return {};
 }
 
-/// What was noticed while reading may be the reason, and is heard of nowhere else where nothing is sliced.
-tl::unexpected<Error> refusal(std::string_view name, Error why, const std::vector<std::string>& noticed) {
-  for (std::size_t i = 0; i < noticed.size(); ++i) why.what += (i == 0 ? " (noticed: " : "; ") + noticed[i];
-  if (!noticed.empty()) why.what += ")";
-  return fail_in(name, why);
-}
-
 bool positive(const std::optional<double>& value, double most) {
   return !value || (std::isfinite(*value) && *value > 0 && *value <= most);
 }
@@ -187,8 +176,7 @@ struct Block {
 };
 
 Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, std::array<std::uint32_t, 2> range,
-                        unsigned threads, const LayerSink& sink, const ProgressSink& progress, std::stop_token stop,
-                        WrittenCheck& check, SliceReport& report) {
+                        unsigned threads, LayerTally& tally, const ProgressSink& progress, std::stop_token stop) {
   std::stop_source halt;
   const std::stop_callback link{stop, [&] { halt.request_stop(); }};
   Result<void> outcome;
@@ -231,35 +219,9 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, st
       return;
     }
     for (CutLayer& cut : *block->cut) {
-      Layer& layer = cut.layer;
-      const LeftOut specks = leave_specks_out(layer, {report.specks.least_mm2, kThinnest_px * header.pixel_pitch_mm});
-      if (specks.rings > 0) report.specks.layers.push_back(layer.index);
-      report.specks.rings += specks.rings;
-      report.specks.largest_mm2 = std::max(report.specks.largest_mm2, specks.largest_mm2);
-      check.look_at(layer);
-      const LayerCertificate& certificate = layer.certificate;
-      ++report.layers_cut;
-      report.layer_evaluations.push_back(cut.evaluations);
-      report.contours += layer.contours.size();
-      for (const Contour& c : layer.contours) report.vertices += c.vertices().size();
-      const SurfaceShares shares = surface_shares(layer);
-      report.shares += shares;
-      if (certificate.is_certified()) {
-        ++report.certified;
-        if (certificate.verdict == LayerCertificate::Verdict::Completed) ++report.completed;
-        if (certificate.method == LayerCertificate::Method::Reeb) ++report.certified_by_march;
-      } else {
-        const double length = shares.length_mm();
-        report.flagged.push_back(
-            {layer.index, layer.z_mm, certificate, length > 0 ? shares.doubtful_mm / length : 1.0});
-      }
-      for (const ContourGap& gap : cut.gaps)
-        report.gaps.push_back({layer.index, layer.z_mm, gap.place, gap.size_mm, gap.bridged});
-      const std::uint32_t done = layer.index.count() + 1 - range[0];
-      auto valid = validate_layer(header, layer);
-      if (valid) valid = sink(header, std::move(layer));
-      if (!valid) {
-        outcome = tl::unexpected{valid.error()};
+      const std::uint32_t done = cut.layer.index.count() + 1 - range[0];
+      if (auto ok = tally.take(std::move(cut)); !ok) {
+        outcome = std::move(ok);
         halt.request_stop();
         return;
       }
@@ -326,7 +288,7 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   const CompletedScan& completed = **scan_closed;
   result.open = completed.openness();
   result.completion = completed.summary();
-  if (auto ok = completed.check(request); !ok) return refusal(name, ok.error(), result.warnings);
+  if (auto ok = completed.check(request); !ok) return refused(result, ok.error());
   for (std::string& warning : completed.warnings(request)) result.warnings.push_back(std::move(warning));
   if (const auto samples = completed.gap_samples(); !samples.empty()) *field = (*field)->completed_by(samples);
   clock.lap("gaps");
@@ -403,13 +365,11 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
   if (topology && method == TraceMethod::Auto)
     if (auto ok = count_hidden_heights(setting, header, *topology, stop); !ok) return tl::unexpected{ok.error()};
-  WrittenCheck check{placed->size_mm, kernel.spacing_mm};
-  if (auto ok = cut_layers(setting, header, range, threads, sink, progress, stop, check, result); !ok)
+  LayerTally tally{result, sink};
+  if (auto ok = cut_layers(setting, header, range, threads, tally, progress, stop); !ok)
     return tl::unexpected{ok.error()};
   clock.lap("contours");
-  auto verdict = check.verdict(header, result.layers_cut == header.layer_count);
-  if (!verdict) return refusal(name, verdict.error(), result.warnings);
-  for (std::string& sentence : *verdict) result.warnings.push_back(std::move(sentence));
+  if (auto ok = tally.finish(); !ok) return tl::unexpected{ok.error()};
   return result;
 }
 
