@@ -20,6 +20,7 @@
 #include "layer_cutter.hpp"
 #include "layer_tally.hpp"
 #include "openness.hpp"
+#include "recorded_slicing.hpp"
 #include "side_check.hpp"
 
 namespace telefab::scan {
@@ -175,13 +176,13 @@ struct Block {
   Result<std::vector<CutLayer>> cut;
 };
 
-Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, std::array<std::uint32_t, 2> range,
-                        unsigned threads, LayerTally& tally, const ProgressSink& progress, std::stop_token stop) {
+Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, const LayerRange& range, unsigned threads,
+                        CutRecorder* recorder, LayerTally& tally, const ProgressSink& progress, std::stop_token stop) {
   std::stop_source halt;
   const std::stop_callback link{stop, [&] { halt.request_stop(); }};
   Result<void> outcome;
-  std::uint32_t next = range[0];
-  const std::uint32_t end = range[1] + 1;
+  std::uint32_t next = range.first;
+  const std::uint32_t end = range.end;
   tbb::enumerable_thread_specific<std::unique_ptr<LayerCutter>> cutters;
   const auto source = [&](tbb::flow_control& flow) -> std::uint32_t {
     if (next >= end || halt.stop_requested()) {
@@ -219,13 +220,14 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, st
       return;
     }
     for (CutLayer& cut : *block->cut) {
-      const std::uint32_t done = cut.layer.index.count() + 1 - range[0];
+      const std::uint32_t done = cut.layer.index.count() + 1 - range.first;
+      if (recorder) recorder->layer(cut);
       if (auto ok = tally.take(std::move(cut)); !ok) {
         outcome = std::move(ok);
         halt.request_stop();
         return;
       }
-      telefab::report(progress, WorkStage::CuttingContours, static_cast<double>(done) / (end - range[0]));
+      telefab::report(progress, WorkStage::CuttingContours, static_cast<double>(done) / (end - range.first));
     }
   };
   tbb::parallel_pipeline(
@@ -238,7 +240,8 @@ Result<void> cut_layers(const CutSetting& setting, const StackHeader& header, st
 }
 
 Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name, const SliceRequest& request,
-                          unsigned threads, const LayerSink& sink, const ProgressSink& progress, std::stop_token stop) {
+                          unsigned threads, CutRecorder* recorder, const LayerSink& sink, const ProgressSink& progress,
+                          std::stop_token stop) {
   SliceReport result;
   StageClock clock{result.times};
   IntakeOptions intake = request.intake;
@@ -272,13 +275,8 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
     return fail(ErrorCode::TooLarge, fmt::format("{:.0f} layers of {} mm; at most {} are possible", count,
                                                  header.layer_thickness_mm, kMaxLayers));
   header.layer_count = static_cast<std::uint32_t>(count);
-  std::array<std::uint32_t, 2> range{0, header.layer_count - 1};
-  if (request.layers) {
-    range = *request.layers;
-    if (range[0] > range[1] || range[1] >= header.layer_count)
-      return fail(ErrorCode::InvalidInput,
-                  fmt::format("layers {}:{} are not in 0:{}", range[0], range[1], header.layer_count - 1));
-  }
+  const auto range = range_of(request, header.layer_count);
+  if (!range) return tl::unexpected{range.error()};
   result.kernel = (*field)->kernel();
   result.surface = std::string{name_of(request.mls.surface)};
   clock.lap("surface");
@@ -365,8 +363,9 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   result.method = kMethods[static_cast<std::size_t>(request.method) - 1].second;
   if (topology && method == TraceMethod::Auto)
     if (auto ok = count_hidden_heights(setting, header, *topology, stop); !ok) return tl::unexpected{ok.error()};
+  if (recorder) recorder->begin(result, *range);
   LayerTally tally{result, sink};
-  if (auto ok = cut_layers(setting, header, range, threads, tally, progress, stop); !ok)
+  if (auto ok = cut_layers(setting, header, *range, threads, recorder, tally, progress, stop); !ok)
     return tl::unexpected{ok.error()};
   clock.lap("contours");
   if (auto ok = tally.finish(); !ok) return tl::unexpected{ok.error()};
@@ -417,12 +416,16 @@ Result<void> SliceRequest::validate() const {
                 fmt::format("a gap of {} mm is not in (0, {}]", *most_gap_mm, kMaxCoordinateMm));
   if (!(speck_px2 >= 0 && speck_px2 <= 100))
     return fail(ErrorCode::InvalidInput, fmt::format("specks of {} pixels are not in [0, 100]", speck_px2));
+  if (share && !(share->index >= 1 && share->index <= share->count && share->count <= kMaxLayers))
+    return fail(ErrorCode::InvalidInput, fmt::format("share {}/{} is not one of 1/1 to {}/{}", share->index,
+                                                     share->count, kMaxLayers, kMaxLayers));
   if (threads > 1024) return fail(ErrorCode::InvalidInput, fmt::format("{} threads; at most 1024", threads));
   return mls.validate();
 }
 
-Result<SliceReport> slice_scan(std::span<const std::byte> scan, std::string_view name, const SliceRequest& request,
-                               const LayerSink& sink, const ProgressSink& progress, std::stop_token stop) {
+Result<SliceReport> slice_recorded(std::span<const std::byte> scan, std::string_view name, const SliceRequest& request,
+                                   CutRecorder* recorder, const LayerSink& sink, const ProgressSink& progress,
+                                   std::stop_token stop) {
   if (auto ok = request.validate(); !ok) return tl::unexpected{ok.error()};
   const unsigned threads =
       request.threads > 0 ? request.threads : static_cast<unsigned>(tbb::info::default_concurrency());
@@ -431,7 +434,12 @@ Result<SliceReport> slice_scan(std::span<const std::byte> scan, std::string_view
       tbb::global_control::max_allowed_parallelism,
       std::max<std::size_t>(threads, tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism))};
   tbb::task_arena arena{static_cast<int>(threads)};
-  return arena.execute([&] { return slice(scan, name, request, threads, sink, progress, stop); });
+  return arena.execute([&] { return slice(scan, name, request, threads, recorder, sink, progress, stop); });
+}
+
+Result<SliceReport> slice_scan(std::span<const std::byte> scan, std::string_view name, const SliceRequest& request,
+                               const LayerSink& sink, const ProgressSink& progress, std::stop_token stop) {
+  return slice_recorded(scan, name, request, nullptr, sink, progress, stop);
 }
 
 }  // namespace telefab::scan

@@ -71,6 +71,18 @@ struct ChosenStanding {
 /// where they are set.
 [[nodiscard]] std::string to_json(const PlacementOptions& placement);
 
+/// One of `count` shares of layers, as equal as they can be; 1 has the lowest. Where there are more shares than layers,
+/// some have none.
+struct LayerShare {
+  std::uint32_t index = 1;  ///< [1, count]
+  std::uint32_t count = 1;  ///< [1, kMaxLayers]
+  friend bool operator==(const LayerShare&, const LayerShare&) = default;
+};
+/// "I/N". Fails: InvalidInput.
+[[nodiscard]] Result<LayerShare> layer_share_from(std::string_view text);
+/// "FIRST:LAST", both counted from 0 and both cut (SliceRequest::layers). Fails: InvalidInput.
+[[nodiscard]] Result<std::array<std::uint32_t, 2>> layers_from(std::string_view text);
+
 /// Everything that decides the layers.
 struct SliceRequest {
   MachineProfile machine;
@@ -89,6 +101,7 @@ struct SliceRequest {
   double speck_px2 = 0.5;          ///< [0, 100]; rings of less area, in pixels, are left out (see leave_specks_out)
   unsigned threads = 0;            ///< 0: one a core
   std::optional<std::array<std::uint32_t, 2>> layers;  ///< first and last layer to be cut; none: all
+  std::optional<LayerShare> share;                     ///< of these layers only this share is cut; none: all of them
   [[nodiscard]] Result<void> validate() const;
   /// Along x, y and z of the build frame: what was asked for, and what makes good the shrinkage that the machine's
   /// resin states. Layers are cut of the scan made so much larger, so that they have the right place once they have
@@ -103,6 +116,18 @@ struct SliceRequest {
 [[nodiscard]] Result<void> base_as(std::string_view text, SliceRequest& request);
 /// "auto", "off", or a distance in millimetres (SliceRequest::complete, most_gap_mm). Fails: InvalidInput.
 [[nodiscard]] Result<void> complete_gaps_as(std::string_view text, SliceRequest& request);
+
+/// Layers from the first to the one before `end`.
+struct LayerRange {
+  std::uint32_t first = 0, end = 0;
+  [[nodiscard]] std::uint32_t count() const { return end - first; }
+  friend bool operator==(const LayerRange&, const LayerRange&) = default;
+};
+/// The layers of one share of them.
+[[nodiscard]] LayerRange share_of(const LayerRange& range, const LayerShare& share);
+
+/// What a request has to be cut of all layers there are. Fails: InvalidInput (there are no such layers).
+[[nodiscard]] Result<LayerRange> range_of(const SliceRequest& request, std::uint32_t layer_count);
 
 /// A layer that is not certified.
 struct FlaggedLayer {
