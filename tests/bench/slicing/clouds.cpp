@@ -14,15 +14,12 @@ using scan::Vec3;
 constexpr double kTurn = 2 * std::numbers::pi;
 
 /// Circles of the tube one spacing apart, samples on them one spacing apart, each moved by up to 0.2 spacings.
-scan::PointCloud torus(std::size_t points) {
+void torus(std::size_t points, const SampleSink& sink) {
   constexpr double kRing = 35;
   constexpr double kTube = 15;
   const double spacing = std::sqrt(kTurn * kTurn * kRing * kTube / static_cast<double>(points));
   std::mt19937_64 random{1};
   const auto jitter = [&] { return 0.2 * spacing * (static_cast<double>(random() >> 11U) * 0x1p-52 - 1); };
-  scan::PointCloud cloud;
-  cloud.points.reserve(points + points / 64);
-  cloud.normals.reserve(points + points / 64);
   const auto circles = static_cast<int>(std::lround(kTurn * kTube / spacing));
   for (int c = 0; c < circles; ++c) {
     const double around = kTurn * c / circles;
@@ -34,20 +31,15 @@ scan::PointCloud torus(std::size_t points) {
       const double u = phase + kTurn * i / count + jitter() / radius;
       const Vec3 normal{std::cos(v) * std::cos(u), std::sin(v), std::cos(v) * std::sin(u)};
       const Vec3 spine{kRing * std::cos(u), 0, kRing * std::sin(u)};
-      cloud.points.push_back((spine + kTube * normal).cast<float>());
-      cloud.normals.push_back(normal.cast<float>());
+      sink(spine + kTube * normal, normal);
     }
   }
-  return cloud;
 }
 
 /// Rays turned by the golden angle, about 100 mm across.
-scan::PointCloud bumpy(std::size_t points) {
+void bumpy(std::size_t points, const SampleSink& sink) {
   const auto shape = test::bumpy(47, 1);
   const auto cursor = shape->cursor();
-  scan::PointCloud cloud;
-  cloud.points.reserve(points);
-  cloud.normals.reserve(points);
   for (std::size_t i = 0; i < points; ++i) {
     const double u = 2 * (static_cast<double>(i) + 0.5) / static_cast<double>(points) - 1;
     const double a = 2.399963229728653 * static_cast<double>(i);
@@ -58,16 +50,24 @@ scan::PointCloud bumpy(std::size_t points) {
       p -= f.value_mm / f.gradient.dot(ray) * ray;
       f = cursor->at(p);
     }
-    cloud.points.push_back(p.cast<float>());
-    cloud.normals.push_back(f.gradient.normalized().cast<float>());
+    sink(p, f.gradient.normalized());
   }
-  return cloud;
 }
 
 }  // namespace
 
+void for_each_sample(CloudKind kind, std::size_t points, const SampleSink& sink) {
+  kind == CloudKind::Torus ? torus(points, sink) : bumpy(points, sink);
+}
+
 scan::PointCloud make_cloud(CloudKind kind, std::size_t points) {
-  scan::PointCloud cloud = kind == CloudKind::Torus ? torus(points) : bumpy(points);
+  scan::PointCloud cloud;
+  cloud.points.reserve(points + points / 64);
+  cloud.normals.reserve(points + points / 64);
+  for_each_sample(kind, points, [&](const Vec3& p, const Vec3& normal) {
+    cloud.points.push_back(p.cast<float>());
+    cloud.normals.push_back(normal.cast<float>());
+  });
   cloud.origin = {70, 50, 50};
   return cloud;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <cstddef>
+#include <functional>
 #include <telefab/scan/cloud/point_cloud.hpp>
 
 namespace telefab::bench {
@@ -10,7 +11,12 @@ enum class CloudKind {
   Bumpy = 1,  ///< the bumpy ball of the tests, unevenly sampled: a width a sample
 };
 
-/// About `points` samples with exact normals, placed in the build frame. The same every time: seeded.
+using SampleSink = std::function<void(const scan::Vec3& place_mm, const scan::Vec3& normal)>;
+/// About `points` samples with exact normals about the origin, one after another: as many as there is room for. The
+/// same every time: seeded.
+void for_each_sample(CloudKind kind, std::size_t points, const SampleSink& sink);
+
+/// All of them, placed in the build frame.
 [[nodiscard]] scan::PointCloud make_cloud(CloudKind kind, std::size_t points);
 
 }  // namespace telefab::bench
