@@ -9,6 +9,7 @@ namespace telefab::scan {
 [[nodiscard]] VerbBody declare_clean(VerbOptions& options);
 [[nodiscard]] VerbBody declare_digitize(VerbOptions& options);
 [[nodiscard]] VerbBody declare_measure(VerbOptions& options);
+[[nodiscard]] VerbBody declare_merge(VerbOptions& options);
 [[nodiscard]] VerbBody declare_orient(VerbOptions& options);
 [[nodiscard]] VerbBody declare_register(VerbOptions& options);
 [[nodiscard]] VerbBody declare_slice(VerbOptions& options);

@@ -90,8 +90,8 @@ Result<void> PartSequence::is_whole() const {
   std::string list;
   for (std::size_t i = 0; i < std::min(kNamed, missing.size()); ++i) list += (i == 0 ? "" : "; ") + missing[i];
   if (missing.size() > kNamed) list += fmt::format("; and {} more", missing.size() - kNamed);
-  return fail(ErrorCode::NotFound,
-              fmt::format("of {} layers are missing: {}; cut them, and merge again", layer_count_, list));
+  return fail(ErrorCode::InvalidInput,
+              fmt::format("some of the {} layers are missing: {}; cut them, and merge again", layer_count_, list));
 }
 
 Result<SliceReport> PartSequence::replay(const LayerSink& sink, const ProgressSink& progress,

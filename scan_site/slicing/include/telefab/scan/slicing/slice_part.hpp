@@ -55,7 +55,7 @@ class PartSequence {
   [[nodiscard]] const PartKey& key() const { return parts_.front().key; }
   [[nodiscard]] const CodecOptions& codec() const { return codec_; }
   [[nodiscard]] std::size_t size() const { return parts_.size(); }
-  /// Whether every layer of the stack is there. Fails: NotFound, which says what is missing.
+  /// Whether every layer of the stack is there. Fails: InvalidInput, which says what is missing.
   [[nodiscard]] Result<void> is_whole() const;
 
   /// The layers once more, as slice_scan gave them, and its report but for the times. Fails as it does where all
