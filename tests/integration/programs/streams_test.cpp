@@ -118,24 +118,27 @@ class Programs : public TwoSites {
 
   [[nodiscard]] std::vector<Command> commands_of_scan() const {
     const std::string m = machines(), data = at("scan2");
-    return {{{"digitize", "--shape", "sphere", "--height-mm", "4", "--step-deg", "120", "--pitch-mm", "0.3", "--out",
-              at("views")}},
-            {{"register", at("views"), "--step-deg", "120", "--out", at("joined.ply")}},
-            {{"clean", torus().string(), "--out", at("clean.ply")}},
-            {{"slice", torus().string(), "--machine", "toy", "--machines", m, "--height-mm", "4", "--out", stack()}},
-            {{"inspect", torus().string()}},
-            {{"orient", torus().string(), "--machine", "toy", "--machines", m, "--height-mm", "4", "--directions", "1",
-              "--best", "1", "--planner", "none"}},
-            {{"measure", torus().string(), torus().string()}},
-            {{"machines", "--machines", m}},
-            {{"resins", "--machines", m}},
-            {{"prints", "--machines", m}},
-            {{"logs", job_, "--data", at("scan")}},
-            {{"audit", "--data", at("scan")}},
-            {{"tokens", "list", "--data", at("scan")}},
-            {{"serve", "--listen", "127.0.0.1:0", "--fab", fab_site(), "--data", data, "--machines", m},
-             true,
-             fs::path{data} / "port"}};
+    return {
+        {{"digitize", "--shape", "sphere", "--height-mm", "4", "--step-deg", "120", "--pitch-mm", "0.3", "--out",
+          at("views")}},
+        {{"register", at("views"), "--step-deg", "120", "--out", at("joined.ply")}},
+        {{"clean", torus().string(), "--out", at("clean.ply")}},
+        {{"slice", torus().string(), "--machine", "toy", "--machines", m, "--height-mm", "4", "--out", stack()}},
+        {{"slice", torus().string(), "--machine", "toy", "--machines", m, "--height-mm", "4", "--parts", at("parts")}},
+        {{"merge", at("parts"), "--out", at("merged.tfc")}},
+        {{"inspect", torus().string()}},
+        {{"orient", torus().string(), "--machine", "toy", "--machines", m, "--height-mm", "4", "--directions", "1",
+          "--best", "1", "--planner", "none"}},
+        {{"measure", torus().string(), torus().string()}},
+        {{"machines", "--machines", m}},
+        {{"resins", "--machines", m}},
+        {{"prints", "--machines", m}},
+        {{"logs", job_, "--data", at("scan")}},
+        {{"audit", "--data", at("scan")}},
+        {{"tokens", "list", "--data", at("scan")}},
+        {{"serve", "--listen", "127.0.0.1:0", "--fab", fab_site(), "--data", data, "--machines", m},
+         true,
+         fs::path{data} / "port"}};
   }
   [[nodiscard]] std::vector<Command> commands_of_fab() const {
     const std::string m = machines(), data = at("fab2");
