@@ -173,6 +173,7 @@ std::optional<std::uint64_t> obj_corner(std::string_view corner, std::size_t ver
 Result<ScanFile> read_obj(std::span<const std::byte> bytes, const ReadOptions& options, const std::stop_token& stop) {
   TextCursor lines{as_text(bytes)};
   ScanBuilder builder{ScanFormat::Obj, options};
+  if (builder.keeps_faces()) builder.points_are_named();
   CommaWatch commas{builder};
   std::size_t normals = 0;
   bool normals_by_vertex = true;  // until a face says that vertex i has another normal than i

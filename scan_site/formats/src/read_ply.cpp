@@ -82,6 +82,8 @@ class GridFiller {
   RangeView view_;
 };
 
+bool names_corners(const PlyElement& element) { return element.name == "face" || element.name == "tristrips"; }
+
 /// The common walk over the elements; how one element is read is left to the encoding.
 class PlyBody {
  public:
@@ -94,6 +96,9 @@ class PlyBody {
   [[nodiscard]] Result<ScanFile> read() {
     bool has_vertices = false;
     std::optional<GridFiller> grid;
+    for (const PlyElement& element : header_.elements)
+      if (element.count > 0 && (element.name == "range_grid" || (names_corners(element) && builder_.keeps_faces())))
+        builder_.points_are_named();
     for (const PlyElement& element : header_.elements) {
       Result<void> done;
       const std::uint64_t each = std::max<std::uint64_t>(1, element.least_bytes(header_.encoding));
@@ -112,7 +117,7 @@ class PlyBody {
         grid.emplace(header_, element.count);
         done = read_grid(element, *grid);
       } else if (!element.properties.empty()) {
-        if (element.count > 0 && (element.name == "face" || element.name == "tristrips")) builder_.points_are_corners();
+        if (element.count > 0 && names_corners(element)) builder_.points_are_corners();
         done = skip(element);
       }
       if (!done) return fail_in("element " + element.name.substr(0, 40), done.error());

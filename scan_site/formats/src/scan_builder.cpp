@@ -11,6 +11,9 @@ namespace telefab::scan {
 namespace {
 
 constexpr double kMaxCoordinate = 1e12;
+constexpr std::size_t kAllOfThem = SIZE_MAX;
+/// So much more than what is kept is read before it is thinned, in parts of that.
+constexpr std::size_t kMorePart = 8;
 /// So many points at exactly 0 0 0 are no surface but rays that met nothing.
 constexpr std::size_t kZeroHeap = 10;
 /// Of fewer normals it cannot be said that they are all the same by a mistake,
@@ -29,7 +32,78 @@ double origin_of_axis(double low, double high, double extent) {
   return std::round((low + high) / 2 / grain) * grain;
 }
 
+tl::unexpected<Error> beyond_reach(std::uint64_t number, const Vec3& p) {
+  return fail(ErrorCode::InvalidInput,
+              fmt::format("point {} is ({}, {}, {}): coordinates must be finite and within +-{:g}; repair or clean "
+                          "the file first",
+                          number, p.x(), p.y(), p.z(), kMaxCoordinate));
+}
+
 }  // namespace
+
+ScanBuilder::ScanBuilder(ScanFormat format, const ReadOptions& options)
+    : format_{format}, options_{options}, full_at_{options.most_points ? 2 * *options.most_points : kAllOfThem} {}
+
+void ScanBuilder::points_are_named() { full_at_ = kAllOfThem; }
+
+void ScanBuilder::set_unseen_aside() {
+  PointLists all = lists();
+  std::size_t kept = thinning_->kept();
+  const std::uint64_t first = aside_.points - kept;
+  aside_.points = first + points_.size();
+  for (std::size_t i = kept; i < points_.size(); ++i) {
+    const Vec3& p = points_[i];
+    if (p.array().isNaN().any()) {
+      ++aside_.nans;
+    } else if (p.isZero(0)) {
+      if (aside_.zeros++ == 0 && !normals_.empty()) aside_.zero_normal = normals_[i];
+    } else if (p.cwiseAbs().maxCoeff() > kMaxCoordinate) {
+      if (!aside_.beyond) aside_.beyond = {first + i, p};
+    } else {
+      all.copy(i, kept++);
+    }
+  }
+  lists().resize(kept);
+}
+
+void ScanBuilder::thin() {
+  PointLists all = lists();
+  if (!all.are_level()) {  // what belongs to a point comes in another place of the file
+    full_at_ = kAllOfThem;
+    return;
+  }
+  if (!thinning_) {
+    thinning_.emplace(*options_.most_points);
+    coarse_ = coarse_steps_of(points_);
+  }
+  set_unseen_aside();
+  if (points_.size() > thinning_->kept()) thinning_->take_in(all);
+  full_at_ = thinning_->kept() + *options_.most_points / kMorePart + 1;
+  if (options_.let_go) options_.let_go();
+}
+
+Result<void> ScanBuilder::finish_thinning() {
+  set_unseen_aside();
+  if (aside_.beyond) return beyond_reach(aside_.beyond->first, aside_.beyond->second);
+  const bool zeros_are_unseen =
+      zeros_are_no_return_ || (!points_are_corners_ && aside_.zeros >= kZeroHeap && aside_.zeros < aside_.points);
+  if (aside_.zeros > 0 && !zeros_are_unseen) {
+    points_.push_back(Vec3::Zero());
+    if (!normals_.empty()) normals_.push_back(aside_.zero_normal);
+    if (!confidence_.empty()) confidence_.push_back(0);
+    if (!sheets_apart_.empty()) sheets_apart_.push_back(0);
+  }
+  note_unseen(aside_.nans, zeros_are_unseen ? aside_.zeros : 0, aside_.points);
+  PointLists all = lists();
+  if (points_.size() > thinning_->kept()) thinning_->take_in(all);
+  thinning_->finish(all);
+  // They name points by the numbers these had.
+  views_.clear();
+  note(ScanRemark::Thinned,
+       fmt::format("of the {} points of the file {} are taken, {:.3g} apart at least; each stands for those about it",
+                   aside_.points, points_.size(), thinning_->reach()));
+  return {};
+}
 
 Result<void> ScanBuilder::expect(std::uint64_t count, std::uint64_t bytes_left, std::uint64_t bytes_each) {
   if (bytes_each == 0) bytes_each = 1;
@@ -38,9 +112,9 @@ Result<void> ScanBuilder::expect(std::uint64_t count, std::uint64_t bytes_left, 
                 fmt::format("the header claims {} points of at least {} bytes but only {} bytes follow; the file is "
                             "truncated or its header is wrong",
                             count, bytes_each, bytes_left));
-  if (count + points_.size() > options_.max_points)
+  if (full_at_ == kAllOfThem && count + points_.size() > options_.max_points)
     return fail(ErrorCode::TooLarge, fmt::format("{} points; the limit is {}", count, options_.max_points));
-  points_.reserve(points_.size() + count);
+  points_.reserve(std::min(points_.size() + count, full_at_));
   return {};
 }
 
@@ -57,6 +131,14 @@ bool ScanBuilder::has_zero_heap() const {
   const auto zeros = static_cast<std::size_t>(
       std::count_if(points_.begin(), points_.end(), [](const Vec3& p) { return p.isZero(0); }));
   return zeros >= kZeroHeap && zeros < points_.size();
+}
+
+void ScanBuilder::note_unseen(std::size_t nans, std::size_t zeros, std::size_t all) {
+  empty_returns_ += nans + zeros;
+  if (nans > 0) note(ScanRemark::PointsLeftOut, fmt::format("{} of {} points are NaN and are left out", nans, all));
+  if (zeros > 0)
+    note(ScanRemark::PointsLeftOut,
+         fmt::format("{} of {} points are 0 0 0, the mark of no return, and are left out", zeros, all));
 }
 
 /// Closes the gaps that points which are NaN, or mark a cell without return, leave in every list.
@@ -81,12 +163,7 @@ void ScanBuilder::leave_out_unseen() {
     if (sheets) sheets_apart_[kept] = sheets_apart_[i];
     ++kept;
   }
-  const std::size_t all = points_.size(), nans = all - kept - zeros;
-  empty_returns_ += all - kept;
-  if (nans > 0) note(ScanRemark::PointsLeftOut, fmt::format("{} of {} points are NaN and are left out", nans, all));
-  if (zeros > 0)
-    note(ScanRemark::PointsLeftOut,
-         fmt::format("{} of {} points are 0 0 0, the mark of no return, and are left out", zeros, all));
+  note_unseen(points_.size() - kept - zeros, zeros, points_.size());
   points_.resize(kept);
   if (normals) normals_.resize(kept);
   if (confidence) confidence_.resize(kept);
@@ -128,6 +205,8 @@ std::vector<Eigen::Vector3f> ScanBuilder::unit_normals(std::span<const Eigen::Ve
 }
 
 Result<ScanFile> ScanBuilder::finish() && {
+  if (thinning_)
+    if (auto ok = finish_thinning(); !ok) return tl::unexpected{ok.error()};
   for (const auto& face : faces_)
     for (const std::uint32_t corner : face)
       if (corner >= points_.size())
@@ -145,11 +224,7 @@ Result<ScanFile> ScanBuilder::finish() && {
   Vec3 low = points_[0], high = points_[0];
   for (std::size_t i = 0; i < points_.size(); ++i) {
     const Vec3& p = points_[i];
-    if (!(p.cwiseAbs().maxCoeff() <= kMaxCoordinate))
-      return fail(ErrorCode::InvalidInput,
-                  fmt::format("point {} is ({}, {}, {}): coordinates must be finite and within +-{:g}; repair or clean "
-                              "the file first",
-                              i, p.x(), p.y(), p.z(), kMaxCoordinate));
+    if (!(p.cwiseAbs().maxCoeff() <= kMaxCoordinate)) return beyond_reach(i, p);
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
@@ -160,9 +235,10 @@ Result<ScanFile> ScanBuilder::finish() && {
   file.empty_returns = empty_returns_;
   file.views = std::move(views_);
   PointCloud& cloud = file.cloud;
-  if (auto coarse = coarse_steps_of(points_)) {
-    cloud.rounding = coarse->step;
-    note(ScanRemark::CoarseCoordinates, std::move(coarse->text));
+  if (!thinning_) coarse_ = coarse_steps_of(points_);
+  if (coarse_) {
+    cloud.rounding = coarse_->step;
+    note(ScanRemark::CoarseCoordinates, std::move(coarse_->text));
   }
   for (int axis = 0; axis < 3; ++axis)
     cloud.origin[axis] = origin_of_axis(low[axis], high[axis], (high - low).maxCoeff());

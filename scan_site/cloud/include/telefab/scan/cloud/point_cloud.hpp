@@ -16,7 +16,8 @@ enum class ScanRemark : std::uint8_t {
   GuessedColumns,     ///< which column is what was told by the numbers alone
   SeveralScans,       ///< the file holds more than one
   CoarseCoordinates,  ///< positions are rounded to steps that are coarse against the spacing of the points
-  EmptyFaces          ///< the file is a mesh whose faces carry no points
+  EmptyFaces,         ///< the file is a mesh whose faces carry no points
+  Thinned             ///< the file holds more points than are taken
 };
 struct ScanNote {
   ScanRemark remark;

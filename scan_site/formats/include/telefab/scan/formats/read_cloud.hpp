@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <span>
 #include <stop_token>
@@ -21,6 +22,12 @@ enum class ScanFormat { Ply, Pcd, Text, Off, Stl, Obj, Ptx, E57, Las };
 struct ReadOptions {
   std::size_t max_points = 400'000'000;  ///< >= 1; a file that claims more is refused (TooLarge)
   bool keep_faces = false;  ///< for the virtual digitizer, for points on faces and for judges: no mesh is ever sliced
+  /// >= 1; of a file with twice as many points or more, so many stay at most, as even as they come, and each stands for
+  /// those about it (decision 0411): memory is bounded by these, whatever max_points says. Files whose points are named
+  /// by faces that are kept, or by a grid of a PLY file, or whose normals come behind all points, are taken whole.
+  /// None: all files are.
+  std::optional<std::size_t> most_points;
+  std::function<void()> let_go;  ///< called now and then: what was read so far will not be looked at again soon
 };
 
 /// One range image: which cell of the scanner's grid saw which point of the cloud.

@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "thinning.hpp"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+namespace telefab::scan {
+namespace {
+
+constexpr std::uint32_t kNone = UINT32_MAX;
+/// Where too many are kept the reach grows by this: about half of them stay.
+constexpr double kGrowth = 1.4142135623730951;
+
+/// A first idea, from the box alone: too small rather than too large.
+double spacing_of(std::span<const Vec3> points) {
+  Vec3 low = points[0], high = points[0];
+  for (const Vec3& p : points) {
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
+  }
+  const Vec3 size = high - low;
+  const double area = 2 * (size.x() * size.y() + size.y() * size.z() + size.z() * size.x());
+  const double spacing = std::sqrt(area / static_cast<double>(points.size()));
+  // Doubles tell cells of such a size apart however far the points lie from zero.
+  return std::max(
+      {spacing, size.maxCoeff() * 1e-7, low.cwiseAbs().cwiseMax(high.cwiseAbs()).maxCoeff() * 1e-12, 1e-300});
+}
+
+Eigen::Vector3f normal_of(const PointLists& lists, std::size_t i) {
+  return lists.normals.empty() ? Eigen::Vector3f{Eigen::Vector3f::Zero()} : lists.normals[i];
+}
+
+/// Files may hold normals of any length.
+Eigen::Vector3f unit(const Eigen::Vector3f& n) {
+  const float length = n.norm();
+  return length > 1e-6F && std::isfinite(length) ? Eigen::Vector3f{n / length}
+                                                 : Eigen::Vector3f{Eigen::Vector3f::Zero()};
+}
+
+}  // namespace
+
+void PointLists::copy(std::size_t from, std::size_t to) {
+  if (from == to) return;
+  points[to] = points[from];
+  if (!normals.empty()) normals[to] = normals[from];
+  if (!confidence.empty()) confidence[to] = confidence[from];
+  if (!sheets_apart.empty()) sheets_apart[to] = sheets_apart[from];
+}
+
+void PointLists::resize(std::size_t count) {
+  points.resize(count);
+  if (!normals.empty()) normals.resize(count);
+  if (!confidence.empty()) confidence.resize(count);
+  if (!sheets_apart.empty()) sheets_apart.resize(count);
+}
+
+std::size_t Thinning::slot_of(const Cell& cell) const {
+  std::uint64_t h = static_cast<std::uint64_t>(static_cast<std::int64_t>(cell.x())) * 0x9E3779B97F4A7C15ULL;
+  h = (h ^ (h >> 29U) ^ static_cast<std::uint64_t>(static_cast<std::int64_t>(cell.y()))) * 0xBF58476D1CE4E5B9ULL;
+  h = (h ^ (h >> 32U) ^ static_cast<std::uint64_t>(static_cast<std::int64_t>(cell.z()))) * 0x94D049BB133111EBULL;
+  return (h ^ (h >> 31U)) & (first_.size() - 1);
+}
+
+std::uint32_t Thinning::near(const PointLists& lists, const Vec3& p, const Eigen::Vector3f& normal) const {
+  const double reach2 = reach_ * reach_;
+  const auto in = [&](const Cell& cell) {
+    // Other cells may share the slot: their points are farther than the reach, or as good.
+    for (std::uint32_t k = first_[slot_of(cell)]; k != kNone; k = next_[k])
+      if ((lists.points[k] - p).squaredNorm() < reach2 && normal_of(lists, k).dot(normal) >= 0) return k;
+    return kNone;
+  };
+  const Cell own = cell_of(p);
+  if (const std::uint32_t found = in(own); found != kNone) return found;
+  // Of the cells about it only those that the reach touches.
+  const Eigen::Array3d within = (p - from_).array() / reach_ - own;
+  for (int x = -1; x <= 1; ++x)
+    for (int y = -1; y <= 1; ++y)
+      for (int z = -1; z <= 1; ++z) {
+        const Eigen::Array3d step{static_cast<double>(x), static_cast<double>(y), static_cast<double>(z)};
+        const Eigen::Array3d away = (step < 0).select(within, (step > 0).select(1 - within, 0.0));
+        if ((x == 0 && y == 0 && z == 0) || away.matrix().squaredNorm() >= 1) continue;
+        if (const std::uint32_t found = in(own + step); found != kNone) return found;
+      }
+  return kNone;
+}
+
+void Thinning::stand_for(const PointLists& lists, std::uint32_t kept, std::size_t other, Mean& mean, const Mean& more) {
+  const float count = mean.count + more.count;
+  if (!lists.normals.empty()) {
+    const Vec3 place = lists.points[other] + (more.height * unit(lists.normals[other])).cast<double>();
+    // Square to the mean of both normals lies the chord of a round surface: its curvature moves nothing.
+    const Eigen::Vector3f axis = (unit(lists.normals[kept]) + unit(more.normal)) / 2;
+    const auto height = static_cast<float>((place - lists.points[kept]).dot(axis.cast<double>()));
+    mean.height += more.count / count * (height - mean.height);
+    mean.normal += more.normal;
+  }
+  mean.count = count;
+  if (!lists.confidence.empty()) lists.confidence[kept] = std::max(lists.confidence[kept], lists.confidence[other]);
+  if (!lists.sheets_apart.empty())
+    lists.sheets_apart[kept] = std::max(lists.sheets_apart[kept], lists.sheets_apart[other]);
+}
+
+void Thinning::keep(const PointLists& lists, std::uint32_t at) {
+  const std::size_t slot = slot_of(cell_of(lists.points[at]));
+  next_.push_back(first_[slot]);
+  first_[slot] = at;
+}
+
+void Thinning::begin_with(double reach, std::size_t room) {
+  reach_ = reach;
+  first_.assign(std::bit_ceil(2 * room), kNone);
+  next_.clear();
+  means_.clear();
+}
+
+/// Of the points from `first` on, each with what it stands for, some stay behind those that are kept.
+void Thinning::absorb(PointLists& lists, std::size_t first, std::vector<Mean> means) {
+  const std::size_t end = first + means.size();
+  // Most lie near one that is there already; that is asked in parallel.
+  std::vector<std::uint32_t> known(means.size(), kNone);
+  if (!means_.empty())
+    tbb::parallel_for(tbb::blocked_range<std::size_t>{first, end, 4096}, [&](const auto& range) {
+      for (std::size_t i = range.begin(); i < range.end(); ++i)
+        known[i - first] = near(lists, lists.points[i], normal_of(lists, i));
+    });
+  std::size_t kept = means_.size();
+  for (std::size_t i = first; i < end; ++i) {
+    std::uint32_t by = known[i - first];
+    if (by == kNone) by = near(lists, lists.points[i], normal_of(lists, i));
+    if (by != kNone) {
+      stand_for(lists, by, i, means_[by], means[i - first]);
+      continue;
+    }
+    lists.copy(i, kept);
+    means_.push_back(means[i - first]);
+    keep(lists, static_cast<std::uint32_t>(kept++));
+  }
+}
+
+void Thinning::take_in(PointLists& lists) {
+  const std::size_t before = kept();
+  std::vector<Mean> means(lists.points.size() - before);
+  if (!lists.normals.empty())
+    for (std::size_t i = 0; i < means.size(); ++i) means[i].normal = unit(lists.normals[before + i]);
+  if (reach_ == 0) {
+    from_ = lists.points[0];
+    begin_with(spacing_of(lists.points), lists.points.size());
+  }
+  absorb(lists, before, std::move(means));
+  while (kept() > most_) {
+    std::vector<Mean> all;
+    all.swap(means_);
+    begin_with(kGrowth * reach_, all.size());
+    absorb(lists, 0, std::move(all));
+  }
+  lists.resize(kept());
+}
+
+void Thinning::finish(PointLists& lists) const {
+  if (lists.normals.empty()) return;
+  for (std::size_t i = 0; i < kept(); ++i) {
+    lists.points[i] += (means_[i].height * unit(lists.normals[i])).cast<double>();
+    lists.normals[i] = means_[i].normal;
+  }
+}
+
+}  // namespace telefab::scan
