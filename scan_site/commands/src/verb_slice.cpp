@@ -3,7 +3,6 @@
 
 #include <filesystem>
 #include <memory>
-#include <telefab/base/file.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
 #include <telefab/command_line/slice_options.hpp>
@@ -12,13 +11,12 @@
 
 #include "cloud_files.hpp"
 #include "part_files.hpp"
+#include "scan_bytes.hpp"
 #include "slice_outputs.hpp"
 #include "verbs.hpp"
 
 namespace telefab::scan {
 namespace {
-
-constexpr std::uint64_t kMaxScanBytes = 64ULL << 30U;
 
 struct Options {
   std::string cloud;
@@ -26,6 +24,7 @@ struct Options {
   SliceOutputChoice outputs;
   SliceParameters asked;
   unsigned threads = 0;
+  std::uint64_t samples = *IntakeOptions{}.most_points;
   std::string layers, share, parts;
 };
 
@@ -36,6 +35,7 @@ Result<JobParameters> parameters_from(const Options& o) {
   auto parameters = job_parameters_of(o.asked, *machine, is_plain ? Contours::Plain : Contours::Coded);
   if (!parameters) return parameters;
   parameters->slice.threads = o.threads;
+  parameters->slice.intake.most_points = o.samples > 0 ? std::optional{o.samples} : std::nullopt;
   if (!o.outputs.stack.empty() && (!o.layers.empty() || !o.share.empty() || !o.parts.empty()))
     return fail(ErrorCode::InvalidInput,
                 "a .tfc file holds a whole stack: with --layers, --part and --parts leave out --out; telefab-scan "
@@ -74,10 +74,11 @@ Result<ExitCode> conclude(const Options& o, const Cut& cut, SliceOutputs& output
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
-  const auto parameters = parameters_from(o);
+  auto parameters = parameters_from(o);
   if (!parameters) return tl::unexpected{parameters.error()};
-  const auto scan = read_file(o.cloud, kMaxScanBytes);
+  const auto scan = ScanBytes::of(o.cloud);
   if (!scan) return tl::unexpected{scan.error()};
+  parameters->slice.intake.let_go = [&scan] { scan->let_go(); };
 
   SliceOutputs outputs{o.outputs, parameters->codec};
   const LayerSink sink = [&](const StackHeader& header, Layer&& layer) -> Result<void> {
@@ -90,17 +91,17 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const ProgressSink progress = progress_bar(shown);
   Result<Cut> cut = [&]() -> Result<Cut> {
     if (o.parts.empty()) {
-      auto report = slice_scan(*scan, name, parameters->slice, sink, progress, stop);
+      auto report = slice_scan(scan->bytes(), name, parameters->slice, sink, progress, stop);
       if (!report) return tl::unexpected{report.error()};
       return Cut{std::move(*report), std::nullopt};
     }
-    PartPlace place{.key = {digest_of_slicing(*scan, name, o.asked, parameters->slice.machine),
+    PartPlace place{.key = {digest_of_slicing(scan->digest(), name, o.asked, parameters->slice),
                             parameters->slice.layers, parameters->slice.share}};
     place.file = std::filesystem::path{o.parts} / file_name_of(place.key);
     auto found = replayed_if_there(place, sink, progress, stop);
     if (!found) return tl::unexpected{found.error()};
     if (*found) return Cut{std::move(**found), place};
-    auto made = cut_part(*scan, name, *parameters, place.key.slicing, sink, progress, stop);
+    auto made = cut_part(scan->bytes(), name, *parameters, place.key.slicing, sink, progress, stop);
     if (!made) return tl::unexpected{made.error()};
     if (auto ok = put_part(place, made->bytes); !ok) return tl::unexpected{ok.error()};
     return Cut{std::move(made->report), place};
@@ -119,6 +120,12 @@ VerbBody declare_slice(VerbOptions& options) {
   declare_slice_outputs(options, o->outputs);
   declare_slice_parameters(options, o->asked);
   options.add("--threads", o->threads, "worker threads; 0: one a core").shows_default();
+  options
+      .add("--samples", o->samples,
+           "of a scan with twice as many points or more take so many at most, as even as they come, each of which "
+           "stands "
+           "for those about it: memory and time follow this number. 0: all of any scan")
+      .shows_default();
   options.add("--layers", o->layers, "cut these layers only, FIRST:LAST, counted from 0").read_by(layers_from);
   options
       .add("--part", o->share,

@@ -12,8 +12,8 @@ namespace telefab::scan {
 namespace {
 
 constexpr std::uint32_t kNone = UINT32_MAX;
-/// Where too many are kept the reach grows by this: about half of them stay.
-constexpr double kGrowth = 1.4142135623730951;
+/// Where too many are kept the reach grows until about this share of what may be kept is: more come.
+constexpr double kShareKept = 0.75;
 
 /// A first idea, from the box alone: too small rather than too large.
 double spacing_of(std::span<const Vec3> points) {
@@ -154,7 +154,9 @@ void Thinning::take_in(PointLists& lists) {
   while (kept() > most_) {
     std::vector<Mean> all;
     all.swap(means_);
-    begin_with(kGrowth * reach_, all.size());
+    // As many stay as there is room for on a surface.
+    const double growth = std::sqrt(static_cast<double>(all.size()) / (kShareKept * static_cast<double>(most_)));
+    begin_with(growth * reach_, all.size());
     absorb(lists, 0, std::move(all));
   }
   lists.resize(kept());

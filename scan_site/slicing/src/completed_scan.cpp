@@ -32,17 +32,27 @@ constexpr float kPassageGaps = 1.5F;
 /// A sheet is at least so many spacings thick: its sides would else be seen as one.
 constexpr double kLeastSheetSpacings = 2.5;
 
+/// Slices of the scan that are taken one after the other: what the field says of a sample takes twice its own memory.
+constexpr int kSlices = 32;
+
 PointCloud cleaned_samples(const MlsField& field) {
-  SurfaceSamples all;
+  SurfaceSamples some;
   const Box3 box = field.bounds();
-  field.samples_between(box.min.z(), box.max.z(), all);
   PointCloud cloud;
   cloud.origin = (box.min + box.max) / 2;
-  cloud.points.reserve(all.points.size());
-  cloud.normals.reserve(all.points.size());
-  for (std::size_t i = 0; i < all.points.size(); ++i) {
-    cloud.points.push_back((all.points[i] - cloud.origin).cast<float>());
-    cloud.normals.push_back(all.normals[i].cast<float>());
+  cloud.points.reserve(field.sample_count());
+  cloud.normals.reserve(field.sample_count());
+  const double step = (box.max.z() - box.min.z()) / kSlices, margin = step / 1000;
+  for (int slice = 0; slice < kSlices; ++slice) {
+    const double low = slice == 0 ? box.min.z() - step : box.min.z() + slice * step;
+    const double high = slice + 1 == kSlices ? box.max.z() + step : box.min.z() + (slice + 1) * step;
+    field.samples_between(low - margin, high + margin, some);
+    for (std::size_t i = 0; i < some.points.size(); ++i) {
+      // The field rounds heights in its own way: whose turn it is, is told by what it gives.
+      if (some.points[i].z() <= low || some.points[i].z() > high) continue;
+      cloud.points.push_back((some.points[i] - cloud.origin).cast<float>());
+      cloud.normals.push_back(some.normals[i].cast<float>());
+    }
   }
   return cloud;
 }

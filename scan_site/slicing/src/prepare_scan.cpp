@@ -10,11 +10,13 @@
 namespace telefab::scan {
 namespace {
 
-Result<PointCloud> read_points(std::span<const std::byte> scan, std::string_view name, bool sample,
+Result<PointCloud> read_points(std::span<const std::byte> scan, std::string_view name, const IntakeOptions& options,
                                std::stop_token stop) {
-  auto file = read_scan_file(scan, name, {.keep_faces = true}, stop);
+  auto file = read_scan_file(scan, name,
+                             {.keep_faces = true, .most_points = options.most_points, .let_go = options.let_go}, stop);
+  if (options.let_go) options.let_go();
   if (!file) return tl::unexpected{file.error()};
-  if (!sample) return cloud_of(std::move(*file));
+  if (!options.sample_faces) return cloud_of(std::move(*file));
   auto sampled = sample_faces(*file, stop);
   if (!sampled) return fail_in(name, sampled.error());
   return sampled;
@@ -31,13 +33,14 @@ void StageClock::lap(std::string stage) {
 Result<PreparedScan> prepare_scan(std::span<const std::byte> scan, std::string_view name, const IntakeOptions& options,
                                   const ProgressSink& progress, StageClock& clock, std::stop_token stop) {
   report(progress, WorkStage::ReadingScan, 0);
-  auto cloud = read_points(scan, name, options.sample_faces, stop);
+  auto cloud = read_points(scan, name, options, stop);
   if (!cloud) return tl::unexpected{cloud.error()};
   PreparedScan prepared;
   prepared.points = cloud->size();
   for (const ScanNote& note : cloud->notes) {
     prepared.warnings.push_back(note.text);
     prepared.has_empty_faces |= note.remark == ScanRemark::EmptyFaces;
+    prepared.is_thinned |= note.remark == ScanRemark::Thinned;
   }
   clock.lap("reading");
 

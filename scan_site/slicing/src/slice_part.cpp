@@ -31,14 +31,14 @@ class PartRecorder final : public CutRecorder {
 
 }  // namespace
 
-Digest digest_of_slicing(std::span<const std::byte> scan, std::string_view name, const SliceParameters& asked,
-                         const MachineProfile& machine) {
+Digest digest_of_slicing(const Digest& scan, std::string_view name, const SliceParameters& asked,
+                         const SliceRequest& request) {
   Hasher hasher;
-  hasher.feed(fmt::format("telefab-scan {}\nform {}\nscan {}\nname {} {}\n", kVersion, kPartForm,
-                          to_hex(digest_of(scan)), name.size(), name));
+  hasher.feed(fmt::format("telefab-scan {}\nform {}\nscan {}\nname {} {}\npoints {}\n", kVersion, kPartForm,
+                          to_hex(scan), name.size(), name, request.intake.most_points.value_or(0)));
   hasher.feed(to_json(asked));
   hasher.feed("\n");
-  hasher.feed(to_toml(machine));
+  hasher.feed(to_toml(request.machine));
   return hasher.digest();
 }
 

@@ -65,6 +65,9 @@ constexpr double kMostUneven = 5;
 /// Contours this near to a sample of two sheets are made of them.
 constexpr double kDoubledSpacings = 1.5;
 
+/// Points farther apart than so many pixels show less than a print would.
+constexpr double kThinnedPixels = 0.5;
+
 /// Rounding this coarse (in spacings) leaves no contour to be trusted.
 constexpr double kCoarseRounding = 0.3;
 
@@ -356,6 +359,11 @@ Result<SliceReport> slice(std::span<const std::byte> scan, std::string_view name
   setting.doubled_reach_mm = kDoubledSpacings * kernel.spacing_mm;
   setting.undecided = undecided_places(completed, **field, topology ? &*topology : nullptr, header.layer_thickness_mm);
   if (const auto warning = warning_of(kernel)) result.warnings.push_back(*warning);
+  if (prepared.is_thinned && kernel.spacing_mm > kThinnedPixels * header.pixel_pitch_mm)
+    result.warnings.push_back(
+        fmt::format("the points that are taken of the file lie {:.2g} mm apart, and a pixel is {:.2g} mm wide: the "
+                    "file may show finer detail than is printed; take more of them (slice --samples)",
+                    kernel.spacing_mm, header.pixel_pitch_mm));
   if (const auto warning = warning_of(surface->doubled, prepared.sheets_are_guessed))
     result.warnings.push_back(*warning);
   for (const auto& other : others) setting.other_kernels.push_back(other.get());

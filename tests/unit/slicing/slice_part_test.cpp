@@ -43,7 +43,8 @@ Result<CutPart> cut(const std::string& scan, SliceRequest request, std::optional
   request.share = share;
   const LayerSink nobody = [](const StackHeader&, Layer&&) -> Result<void> { return {}; };
   const auto bytes = std::as_bytes(std::span{scan});
-  const Digest slicing = digest_of_slicing(bytes, kName, {.height_mm = request.placement.height_mm}, request.machine);
+  const Digest slicing =
+      digest_of_slicing(digest_of(bytes), kName, {.height_mm = request.placement.height_mm}, request);
   return cut_part(bytes, kName, {request, {}}, slicing, nobody, {}, stop);
 }
 
@@ -162,16 +163,18 @@ TEST(SliceParts, RefuseOthersOfAnotherScanParameterMachineOrProgram) {
   other.placement.height_mm = 20;
   parts[1] = {"another", parts_of(torus_text(), other, 2)[1].bytes};
   EXPECT_THAT(refusal_of(parts), testing::HasSubstr("1-of-2 and another are parts of different slicings"));
-  const auto bytes = std::as_bytes(std::span{torus_text()});
-  const MachineProfile one = machine();
-  const Digest plain = digest_of_slicing(bytes, kName, {}, one);
-  EXPECT_EQ(digest_of_slicing(bytes, kName, {}, one), plain);
-  EXPECT_NE(digest_of_slicing(bytes.first(bytes.size() - 1), kName, {}, one), plain);
-  EXPECT_NE(digest_of_slicing(bytes, "other.xyz", {}, one), plain);
-  EXPECT_NE(digest_of_slicing(bytes, kName, {.fit = true}, one), plain);
-  MachineProfile resin = machine();
-  resin.resin.shrink_x_percent = 1;
-  EXPECT_NE(digest_of_slicing(bytes, kName, {}, resin), plain);
+  const Digest scan = digest_of(std::as_bytes(std::span{torus_text()}));
+  const SliceRequest one = request_for();
+  const Digest plain = digest_of_slicing(scan, kName, {}, one);
+  EXPECT_EQ(digest_of_slicing(scan, kName, {}, request_for(8)), plain) << "threads change no byte";
+  EXPECT_NE(digest_of_slicing(Digest{}, kName, {}, one), plain);
+  EXPECT_NE(digest_of_slicing(scan, "other.xyz", {}, one), plain);
+  EXPECT_NE(digest_of_slicing(scan, kName, {.fit = true}, one), plain);
+  SliceRequest resin = one, fewer = one;
+  resin.machine.resin.shrink_x_percent = 1;
+  fewer.intake.most_points = 1000;
+  EXPECT_NE(digest_of_slicing(scan, kName, {}, resin), plain);
+  EXPECT_NE(digest_of_slicing(scan, kName, {}, fewer), plain);
 }
 
 TEST(SliceParts, RefuseThoseOfAnotherDivision) {

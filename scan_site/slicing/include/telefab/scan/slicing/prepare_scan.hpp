@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <cstddef>
+#include <functional>
 #include <optional>
 #include <span>
 #include <stop_token>
@@ -37,8 +38,10 @@ class StageClock {
 /// What of a file is the object.
 struct IntakeOptions {
   PickOptions pick;
-  bool sample_faces = false;  ///< points on the faces of a mesh file in place of its corners
-  bool about_origin = false;  ///< placed with its middle at x = y = 0, not on the platform's
+  bool sample_faces = false;                           ///< points on the faces of a mesh file in place of its corners
+  bool about_origin = false;                           ///< placed with its middle at x = y = 0, not on the platform's
+  std::optional<std::size_t> most_points = 8'000'000;  ///< as in ReadOptions; not of faces that are sampled
+  std::function<void()> let_go = {};  ///< called while the file's bytes are read, and behind: they may leave memory
 };
 
 /// A scan that is ready to be placed: what does not belong to the object is gone, normals point outward.
@@ -50,6 +53,7 @@ struct PreparedScan {
   bool sheets_are_guessed =
       false;                     ///< PointCloud::sheets_apart is known from the points alone, not by the scan's views
   bool has_empty_faces = false;  ///< a mesh whose faces carry no points, not sampled
+  bool is_thinned = false;       ///< the file holds more points than were taken
   std::vector<std::string> warnings;  ///< of reading, picking and orienting, for people
 };
 

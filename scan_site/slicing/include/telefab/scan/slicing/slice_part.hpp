@@ -14,10 +14,10 @@ struct PartKey {
   friend bool operator==(const PartKey&, const PartKey&) = default;
 };
 
-/// Of all that decides the bytes of a part beside its layers: the scan's bytes and name, what was asked for, the
-/// machine's profile, and the version of the program that cuts.
-[[nodiscard]] Digest digest_of_slicing(std::span<const std::byte> scan, std::string_view name,
-                                       const SliceParameters& asked, const MachineProfile& machine);
+/// Of all that decides the bytes of a part beside its layers: digest and name of the scan's file, what was asked for,
+/// the request's machine and how many points it takes, and the version of the program that cuts.
+[[nodiscard]] Digest digest_of_slicing(const Digest& scan, std::string_view name, const SliceParameters& asked,
+                                       const SliceRequest& request);
 /// What such names end with.
 inline constexpr std::string_view kPartEnding = ".tfpart";
 /// "3f9ac1d2e4b50718.2-of-8.tfpart": half of the half of the digest, and which layers.

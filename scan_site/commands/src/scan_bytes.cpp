@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "scan_bytes.hpp"
+
+#include <fcntl.h>
+#include <signal.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <telefab/base/exit_code.hpp>
+#include <telefab/base/file.hpp>
+#include <telefab/base/open_file.hpp>
+#include <utility>
+
+#include "cloud_files.hpp"
+
+namespace telefab::scan {
+namespace {
+
+/// Smaller files are read as ever.
+constexpr std::uint64_t kMappedFrom = 64ULL << 20U;
+/// So many bytes are digested before they may go.
+constexpr std::size_t kStride = std::size_t{64} << 20U;
+
+/// A page of a mapped file that is not there any more. No more can be done than to say so: memory cannot be taken here.
+void file_is_gone(int signal, siginfo_t* about, void*) {
+  if (about->si_code == BUS_ADRERR) {
+    constexpr char kSentence[] = "telefab-scan: the scan became shorter while it was read; try again\n";
+    (void)!::write(STDERR_FILENO, kSentence, sizeof kSentence - 1);
+    ::_exit(static_cast<int>(ExitCode::Storage));
+  }
+  ::signal(signal, SIG_DFL);
+  ::raise(signal);
+}
+
+void watch_for_shorter_files() {
+  struct sigaction action {};
+  action.sa_sigaction = file_is_gone;
+  action.sa_flags = SA_SIGINFO;
+  ::sigaction(SIGBUS, &action, nullptr);
+}
+
+}  // namespace
+
+Result<ScanBytes> ScanBytes::of(const std::filesystem::path& file) {
+  ScanBytes made;
+  struct stat status {};
+  const bool is_large = ::stat(file.c_str(), &status) == 0 && S_ISREG(status.st_mode) &&
+                        static_cast<std::uint64_t>(status.st_size) >= kMappedFrom;
+  if (!is_large) {
+    auto read = read_file(file, kMaxScanFileBytes);
+    if (!read) return tl::unexpected{read.error()};
+    made.read_ = std::move(*read);
+    made.bytes_ = made.read_;
+    return made;
+  }
+  const OpenFile open{::open(file.c_str(), O_RDONLY | O_CLOEXEC)};
+  if (open.get() < 0 || ::fstat(open.get(), &status) != 0) return fail_system("read", file, errno);
+  const auto size = static_cast<std::size_t>(status.st_size);
+  watch_for_shorter_files();
+  void* const at = ::mmap(nullptr, size, PROT_READ, MAP_SHARED, open.get(), 0);
+  if (at == MAP_FAILED) return fail_system("read", file, errno);
+  (void)::madvise(at, size, MADV_SEQUENTIAL);  // advice alone
+  made.is_mapped_ = true;
+  made.bytes_ = {static_cast<const std::byte*>(at), size};
+  return made;
+}
+
+ScanBytes::ScanBytes(ScanBytes&& other) noexcept
+    : read_{std::move(other.read_)},
+      bytes_{std::exchange(other.bytes_, {})},
+      is_mapped_{std::exchange(other.is_mapped_, false)} {}
+
+ScanBytes::~ScanBytes() {
+  if (is_mapped_) ::munmap(const_cast<std::byte*>(bytes_.data()), bytes_.size());
+}
+
+void ScanBytes::let_go() const {
+  if (is_mapped_) (void)::madvise(const_cast<std::byte*>(bytes_.data()), bytes_.size(), MADV_DONTNEED);
+}
+
+Digest ScanBytes::digest() const {
+  Hasher hasher;
+  for (std::size_t at = 0; at < bytes_.size(); at += kStride) {
+    hasher.feed(bytes_.subspan(at, std::min(kStride, bytes_.size() - at)));
+    let_go();
+  }
+  return hasher.digest();
+}
+
+}  // namespace telefab::scan
