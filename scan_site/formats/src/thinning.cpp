@@ -58,32 +58,37 @@ void PointLists::resize(std::size_t count) {
   if (!sheets_apart.empty()) sheets_apart.resize(count);
 }
 
-std::size_t Thinning::slot_of(const Cell& cell) const {
-  std::uint64_t h = static_cast<std::uint64_t>(static_cast<std::int64_t>(cell.x())) * 0x9E3779B97F4A7C15ULL;
-  h = (h ^ (h >> 29U) ^ static_cast<std::uint64_t>(static_cast<std::int64_t>(cell.y()))) * 0xBF58476D1CE4E5B9ULL;
-  h = (h ^ (h >> 32U) ^ static_cast<std::uint64_t>(static_cast<std::int64_t>(cell.z()))) * 0x94D049BB133111EBULL;
+std::size_t Thinning::slot_of(const Cell& cell) const { return slot_of(AxisKeys{cell, 0}, 0, 0, 0); }
+
+std::size_t Thinning::slot_of(const AxisKeys& keys, std::size_t x, std::size_t y, std::size_t z) const {
+  std::uint64_t h = keys.x[x] ^ keys.y[y] ^ keys.z[z];
+  h = (h ^ (h >> 32U)) * 0x94D049BB133111EBULL;
   return (h ^ (h >> 31U)) & (first_.size() - 1);
 }
 
 std::uint32_t Thinning::near(const PointLists& lists, const Vec3& p, const Eigen::Vector3f& normal) const {
   const double reach2 = reach_ * reach_;
-  const auto in = [&](const Cell& cell) {
+  const Vec3 at = (p - from_) / reach_;
+  const Cell own = at.array().floor();
+  const AxisKeys keys{own, 1};
+  const auto in = [&](std::size_t x, std::size_t y, std::size_t z) {
     // Other cells may share the slot: their points are farther than the reach, or as good.
-    for (std::uint32_t k = first_[slot_of(cell)]; k != kNone; k = next_[k])
+    for (std::uint32_t k = first_[slot_of(keys, x, y, z)]; k != kNone; k = next_[k])
       if ((lists.points[k] - p).squaredNorm() < reach2 && normal_of(lists, k).dot(normal) >= 0) return k;
     return kNone;
   };
-  const Cell own = cell_of(p);
-  if (const std::uint32_t found = in(own); found != kNone) return found;
+  if (const std::uint32_t found = in(1, 1, 1); found != kNone) return found;
   // Of the cells about it only those that the reach touches.
-  const Eigen::Array3d within = (p - from_).array() / reach_ - own;
-  for (int x = -1; x <= 1; ++x)
-    for (int y = -1; y <= 1; ++y)
-      for (int z = -1; z <= 1; ++z) {
-        const Eigen::Array3d step{static_cast<double>(x), static_cast<double>(y), static_cast<double>(z)};
-        const Eigen::Array3d away = (step < 0).select(within, (step > 0).select(1 - within, 0.0));
-        if ((x == 0 && y == 0 && z == 0) || away.matrix().squaredNorm() >= 1) continue;
-        if (const std::uint32_t found = in(own + step); found != kNone) return found;
+  std::array<std::array<double, 3>, 3> away2;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double within = at[axis] - own[axis];
+    away2[static_cast<std::size_t>(axis)] = {within * within, 0, (1 - within) * (1 - within)};
+  }
+  for (std::size_t x = 0; x < 3; ++x)
+    for (std::size_t y = 0; y < 3; ++y)
+      for (std::size_t z = 0; z < 3; ++z) {
+        if ((x == 1 && y == 1 && z == 1) || away2[0][x] + away2[1][y] + away2[2][z] >= 1) continue;
+        if (const std::uint32_t found = in(x, y, z); found != kNone) return found;
       }
   return kNone;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <telefab/scan/cloud/point_cloud.hpp>
 #include <vector>
@@ -52,7 +53,24 @@ class Thinning {
   /// Cells of one reach, from a point that stays the same.
   using Cell = Eigen::Array3d;
   [[nodiscard]] Cell cell_of(const Vec3& p) const { return ((p - from_) / reach_).array().floor(); }
+  /// What each coordinate of a cell adds to its slot, and those of the cells about it: -1, 0 and +1 of each.
+  struct AxisKeys {
+    AxisKeys(const Cell& cell, int first) {
+      const auto keys = [&](double coordinate, std::uint64_t factor) {
+        std::array<std::uint64_t, 3> made{};
+        for (int i = 0; i < 3; ++i)
+          made[static_cast<std::size_t>(i)] =
+              static_cast<std::uint64_t>(static_cast<std::int64_t>(coordinate) + i - first) * factor;
+        return made;
+      };
+      x = keys(cell.x(), 0x9E3779B97F4A7C15ULL);
+      y = keys(cell.y(), 0xBF58476D1CE4E5B9ULL);
+      z = keys(cell.z(), 0xD6E8FEB86659FD93ULL);
+    }
+    std::array<std::uint64_t, 3> x, y, z;
+  };
   [[nodiscard]] std::size_t slot_of(const Cell& cell) const;
+  [[nodiscard]] std::size_t slot_of(const AxisKeys& keys, std::size_t x, std::size_t y, std::size_t z) const;
   /// A kept point of the same side within reach; kNone where there is none.
   [[nodiscard]] std::uint32_t near(const PointLists& lists, const Vec3& p, const Eigen::Vector3f& normal) const;
   void keep(const PointLists& lists, std::uint32_t at);
