@@ -18,6 +18,8 @@
 namespace telefab::scan {
 namespace {
 
+constexpr int kMostSamples = 1'000'000'000;
+
 struct Options {
   std::string cloud;
   MachineChoice machine;
@@ -125,6 +127,7 @@ VerbBody declare_slice(VerbOptions& options) {
            "of a scan with twice as many points or more take so many at most, as even as they come, each of which "
            "stands "
            "for those about it: memory and time follow this number. 0: all of any scan")
+      .within(0, kMostSamples)
       .shows_default();
   options.add("--layers", o->layers, "cut these layers only, FIRST:LAST, counted from 0").read_by(layers_from);
   options

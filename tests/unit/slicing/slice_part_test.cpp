@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <random>
 
+#include "part_bytes.hpp"
 #include "sliced.hpp"
 
 // Layers that several workers cut, put together.
@@ -130,15 +131,24 @@ TEST(SliceParts, GiveAllOfThemWhereThereAreMorePartsThanLayers) {
 }
 
 TEST(SliceParts, SayHowTheScanStandsWhereThatWasChosen) {
-  SliceRequest request = request_for();
-  request.layer_mm = 1;
-  request.placement.stand_for = StandFor::Height;
-  const Outcome whole = slice(torus_text(), request);
-  ASSERT_TRUE(whole.report) << whole.report.error().what;
-  ASSERT_TRUE(whole.report->chosen);
-  const Outcome together = merged(parts_of(torus_text(), request, 1));
-  ASSERT_TRUE(together.report) << together.report.error().what;
-  EXPECT_EQ(json_of(together.report), json_of(whole.report));
+  SliceReport known;
+  known.header.machine = "bench";
+  known.header.layer_thickness_mm = 0.5;
+  known.header.pixel_pitch_mm = 0.1;
+  known.header.layer_count = 3;
+  known.header.bounds = {{0, 0}, {10, 10}};
+  const Turn turn = *turn_from_rotate("10,20,30");
+  known.chosen = ChosenStanding{
+      StandFor::Quality, {turn, StandingSource::FlatSide, {.part_mm3 = 2, .is_lifted = true, .layers = 7}, 0.25}, {}};
+  known.chosen->as_in_file = StandingFigures{.support_mm3 = 3, .anchors = 5, .stability = -0.5};
+  ArchiveWriter to;
+  write_head({.key = {}, .codec = {}, .range = {0, 0}, .known = known}, to);
+  const Bytes bytes = with_seal(std::move(to.bytes()));
+  const auto read = open_part(bytes);
+  ASSERT_TRUE(read) << read.error().what;
+  EXPECT_EQ(to_json(read->head.known), to_json(known));
+  ASSERT_TRUE(read->head.known.chosen);
+  EXPECT_EQ(rotate_text(read->head.known.chosen->standing.turn), rotate_text(turn));
 }
 
 TEST(SliceParts, AreTheSameBytesOnAnyNumberOfThreads) {
