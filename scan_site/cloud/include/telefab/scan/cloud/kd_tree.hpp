@@ -27,7 +27,7 @@ class KdTree {
 
   [[nodiscard]] std::size_t size() const;
   /// The point of this index, below size().
-  [[nodiscard]] const Eigen::Vector3f& point(std::uint32_t index) const;
+  [[nodiscard]] Eigen::Vector3f point(std::uint32_t index) const;
   /// Fills `found` with the nearest points, nearest first (a point of the tree finds itself), and returns how many:
   /// the smaller of found.size() and size().
   std::size_t nearest(const Eigen::Vector3f& query, std::span<Neighbour> found) const;
