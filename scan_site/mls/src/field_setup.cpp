@@ -36,14 +36,18 @@ constexpr double kNarrowest = 0.25;
 constexpr double kWidest = 16;
 /// Kernel width over spacing, at least, of samples in a gap: they lie on a grid, but one a cell.
 constexpr double kGapFactor = 1.2;
+/// Widths of one band differ by no more than this factor. In gaps lie so few samples that looking into a band costs
+/// more than passing over some of them.
+constexpr double kBandFactor = 2.2;
+constexpr double kGapBandFactor = 5;
 /// Kernel width over spacing while noise is measured and outliers are sought.
 constexpr double kTrialFactor = 2;
 
-/// Parts the samples into bands of a factor 2.2 in spacing, which becomes their width.
-std::vector<SampleGrid> bands_of(SampleGrid grid, std::vector<float> spacing) {
+/// Parts the samples into bands of a factor in spacing, which becomes their width.
+std::vector<SampleGrid> bands_of(SampleGrid grid, std::vector<float> spacing, double factor) {
   const auto [least, most] = std::minmax_element(spacing.begin(), spacing.end());
-  const auto band_of = [first = *least](float s) {
-    return static_cast<std::size_t>(std::max(0.0, std::log(s / first) / std::log(2.2)));
+  const auto band_of = [first = *least, factor](float s) {
+    return static_cast<std::size_t>(std::max(0.0, std::log(s / first) / std::log(factor)));
   };
   std::vector<SampleGrid> bands;
   if (band_of(*most) == 0) {
@@ -220,7 +224,7 @@ Result<FieldSetup> set_up_field(PointCloud placed, const MlsOptions& options, st
     for (float& s : *spacing)
       s = std::clamp(s, static_cast<float>(kNarrowest * even.spacing_mm),
                      static_cast<float>(kWidest * even.spacing_mm));
-    parts.bands = bands_of(std::move(grid), std::move(*spacing));
+    parts.bands = bands_of(std::move(grid), std::move(*spacing), kBandFactor);
   } else {
     grid.set_width(static_cast<float>(even.spacing_mm));
     parts.bands.push_back(std::move(grid));
@@ -263,7 +267,7 @@ FieldSetup completed_by(const FieldSetup& setup, std::span<const GapSample> othe
   SampleGrid grid{std::move(points), std::move(normals), widths, kCellSpacings * widest / factor};
   widths.resize(grid.size());
   for (std::uint32_t i = 0; i < grid.size(); ++i) widths[i] = grid.width(i);
-  std::vector<SampleGrid> bands = bands_of(std::move(grid), std::move(widths));
+  std::vector<SampleGrid> bands = bands_of(std::move(grid), std::move(widths), kGapBandFactor);
   parts.gap_bands = bands.size();
   for (SampleGrid& band : bands) parts.bands.push_back(std::move(band));
   parts.scale = ScaleTable{parts.bands, parts.origin, parts.scale.reference_mm()};

@@ -13,6 +13,9 @@ namespace {
 constexpr std::size_t kArrays = 7;
 /// Side of the gather lattice in reference widths: larger cells are gathered less often and evaluated longer.
 constexpr double kLatticeWidths = 2;
+/// A cell is halved where the narrowest width about it is less than this many references: earlier it costs more
+/// gathering than it saves.
+constexpr double kHalvedWidths = 0.66;
 /// Below this sum of weights the field is noise: farther than about two widths from every sample.
 constexpr double kLeastWeight = 0.02;
 const float kCutWidths = std::sqrt(kCut);
@@ -70,7 +73,8 @@ ScaleTable::ScaleTable(std::span<const SampleGrid> bands, const Vec3& origin, do
         if (n == 0) continue;
         const std::size_t here = (static_cast<std::size_t>(k) * count_.y() + j) * count_.x() + i;
         width_[here] = static_cast<float>(number[here] > 0 ? sum[here] / static_cast<float>(number[here]) : total / n);
-        level_[here] = static_cast<std::int8_t>(std::clamp(std::floor(std::log2(smallest / reference_mm)), -4.0, 2.0));
+        level_[here] = static_cast<std::int8_t>(
+            std::clamp(std::floor(std::log2(smallest / (2 * kHalvedWidths * reference_mm))) + 1, -4.0, 2.0));
       }
 }
 
