@@ -9,6 +9,7 @@
 #include <telefab/geometry/limits.hpp>
 #include <telefab/scan/contour/grid_tracer.hpp>
 #include <telefab/scan/contour/layer_checks.hpp>
+#include <tuple>
 
 #include "key_table.hpp"
 #include "rings.hpp"
@@ -18,6 +19,7 @@ namespace {
 
 constexpr std::uint32_t kNone = KeyTable::kNone;
 constexpr double kLeastAcross = 0.3;  // in-plane part of a normal; flatter samples do not say where the section passes
+constexpr double kSeedRowKernels = 2;  // seeds are tried in rows so wide
 /// Cells and nodes are numbered from the middle of this range, so that indices stay positive.
 constexpr std::int64_t kHalf = std::int64_t{1} << 30;
 
@@ -219,11 +221,19 @@ Result<LayerTrace> trace_by_grid(const ScalarField& field, FieldCursor& cursor, 
 
   PlaneCursor plane{cursor, z_mm};
   GridTracer tracer{plane, {box.min.x(), box.min.y()}, options.pitch_kernels * width, options};
+  std::vector<Vec2> seeds;
+  seeds.reserve(near.points.size());
   for (std::size_t i = 0; i < near.points.size(); ++i) {
     const Vec3& p = near.points[i];
-    const Vec2 start = first_order_crossing(p, near.normals[i], z_mm, 2 * width, kLeastAcross).value_or(p.head<2>());
-    tracer.seed({start.x(), start.y()});
+    seeds.push_back(first_order_crossing(p, near.normals[i], z_mm, 2 * width, kLeastAcross).value_or(p.head<2>()));
   }
+  // In rows of neighbours, which the cursor has gathered together; the order of the samples is that of their heights.
+  const double row_mm = kSeedRowKernels * width;
+  std::sort(seeds.begin(), seeds.end(), [&](const Vec2& a, const Vec2& b) {
+    const auto row = [&](const Vec2& p) { return std::floor(p.y() / row_mm); };
+    return std::tuple(row(a), a.x(), a.y()) < std::tuple(row(b), b.x(), b.y());
+  });
+  for (const Vec2& p : seeds) tracer.seed({p.x(), p.y()});
   if (auto ok = tracer.grow(stop); !ok) return tl::unexpected{ok.error()};
   auto rings = tracer.link(trace.gaps);
   for (const ContourGap& gap : trace.gaps) trace.faults.push_back(doubt_of(gap));
