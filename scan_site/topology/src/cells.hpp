@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <numeric>
+#include <span>
 #include <telefab/scan/mls/scalar_field.hpp>
+#include <vector>
 
 namespace telefab::scan::topology {
 
@@ -22,6 +26,21 @@ void around(const Cell& c, Visit&& visit) {
   for (int dz = -1; dz <= 1; ++dz)
     for (int dy = -1; dy <= 1; ++dy)
       for (int dx = -1; dx <= 1; ++dx) visit(key_of(c + Cell(dx, dy, dz)));
+}
+
+/// Indices of the points, those of one cell of two kernels after each other, and cells in columns: a cursor that asks
+/// in this order gathers little twice.
+inline std::vector<std::uint32_t> by_cell(const ScalarField& field, std::span<const Vec3> points) {
+  if (points.empty()) return {};
+  const double size_mm = 2 * field.kernel_width_mm(points[points.size() / 2]);
+  std::vector<std::uint64_t> keys;
+  keys.reserve(points.size());
+  for (const Vec3& p : points) keys.push_back(key_of(cell_of(p, size_mm)));
+  std::vector<std::uint32_t> order(points.size());
+  std::iota(order.begin(), order.end(), 0U);
+  std::sort(order.begin(), order.end(),
+            [&](std::uint32_t a, std::uint32_t b) { return keys[a] != keys[b] ? keys[a] < keys[b] : a < b; });
+  return order;
 }
 
 }  // namespace telefab::scan::topology

@@ -142,10 +142,12 @@ Result<std::vector<CriticalPoint>> find_critical_points(const ScalarField& field
     std::vector<Found> found;
   };
   tbb::enumerable_thread_specific<Searcher> searchers([&] { return Searcher{field.cursor(), {}}; });
+  const std::vector<std::uint32_t> order = by_cell(field, starts);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, starts.size(), 32), [&](const auto& range) {
     if (stop.stop_requested()) return;
     Searcher& searcher = searchers.local();
-    for (std::size_t i = range.begin(); i < range.end(); ++i) {
+    for (std::size_t k = range.begin(); k < range.end(); ++k) {
+      const std::size_t i = order[k];
       const double h = field.kernel_width_mm(starts[i]);
       if (const auto point = newton(*searcher.cursor, starts[i], h, width.first_step_kernels * h))
         searcher.found.push_back({i, *point});

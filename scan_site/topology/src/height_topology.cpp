@@ -230,10 +230,11 @@ Result<HeightTopology> analyse_height(const ScalarField& field, const SampleView
   const topology::SearchWidth narrow{.least_nz = options.min_start_nz};
   const topology::SearchWidth wide{
       .least_nz = 0.5 * options.min_start_nz, .cell_kernels = 0.3, .first_step_kernels = 4};
-  std::vector<Vec3> starts = topology::candidates(field, samples.points, samples.normals, narrow);
+  const std::vector<Vec3> starts = topology::candidates(field, samples.points, samples.normals, narrow);
   auto points = topology::find_critical_points(field, starts, narrow, stop);
   if (!points) return tl::unexpected{points.error()};
 
+  std::vector<topology::LevelPlace> level_ones = topology::level_places(field, starts);
   topology::NodeMemory memory;
   const auto build = [&](double run_kernels) -> Result<HeightTopology> {
     if (points->size() > options.max_critical_points)
@@ -241,7 +242,7 @@ Result<HeightTopology> analyse_height(const ScalarField& field, const SampleView
                                                    points->size(), options.max_critical_points));
     HeightTopology::Parts parts;
     parts.critical_points = *points;
-    parts.plateaus = topology::gather_plateaus(field, starts, parts.critical_points, options.near_critical_kernels);
+    parts.plateaus = topology::gather_plateaus(field, level_ones, parts.critical_points, options.near_critical_kernels);
     for (const Plateau& p : parts.plateaus) parts.near.push_back({p.low_mm, p.high_mm});
     for (const CriticalPoint& c : parts.critical_points) {
       const double h = field.kernel_width_mm(c.position_mm);
@@ -285,7 +286,8 @@ Result<HeightTopology> analyse_height(const ScalarField& field, const SampleView
   near_inconsistency.insert(near_inconsistency.end(), best->losses().begin(), best->losses().end());
   auto more = topology::find_critical_points(field, near_inconsistency, wide, stop);
   if (!more) return tl::unexpected{more.error()};
-  starts.insert(starts.end(), near_inconsistency.begin(), near_inconsistency.end());
+  const auto more_level_ones = topology::level_places(field, near_inconsistency);
+  level_ones.insert(level_ones.end(), more_level_ones.begin(), more_level_ones.end());
   points = topology::merged(field, std::move(*points), *more);
   memory = {};
   for (const double run : {kFineRun, kCoarseRun}) {

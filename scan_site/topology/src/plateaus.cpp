@@ -1,7 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "plateaus.hpp"
 
+#include <tbb/blocked_range.h>
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
+#include <memory>
+#include <optional>
 #include <unordered_map>
 
 #include "cells.hpp"
@@ -15,19 +21,13 @@ constexpr double kScatterKernels = 0.3;
 constexpr std::size_t kCrowd = 6;  // fewer can be told apart by the graph
 
 /// Places where the surface is level, near enough to each other to be joined: first the critical points, in order,
-/// then starts of the search whose own normal (by the field) is level.
+/// then others.
 class LevelPlaces {
  public:
-  LevelPlaces(const ScalarField& field, std::span<const Vec3> starts, std::span<const CriticalPoint> points,
-              double cell_mm)
+  LevelPlaces(std::span<const LevelPlace> level, std::span<const CriticalPoint> points, double cell_mm)
       : cell_mm_{cell_mm} {
-    for (const CriticalPoint& c : points) add(c.position_mm, c.normal_up);
-    const auto cursor = field.cursor();
-    for (const Vec3& start : starts) {
-      const FieldSample f = cursor->at(start);
-      if (f.in_reach && std::abs(f.gradient.z()) > kLevelNz * f.gradient.norm())
-        add(start - f.value_mm / f.gradient.squaredNorm() * f.gradient, f.gradient.z() > 0);
-    }
+    for (const CriticalPoint& c : points) add({c.position_mm, c.normal_up});
+    for (const LevelPlace& place : level) add(place);
   }
 
   /// Splits critical points into those connected by level places with low <= z <= high.
@@ -60,28 +60,43 @@ class LevelPlaces {
   }
 
  private:
-  struct Place {
-    Vec3 at;
-    bool up;
-  };
-  void add(const Vec3& at, bool up) {
-    cells_[key_of(cell_of(at, cell_mm_))].push_back(places_.size());
-    places_.push_back({at, up});
+  void add(const LevelPlace& place) {
+    cells_[key_of(cell_of(place.at, cell_mm_))].push_back(places_.size());
+    places_.push_back(place);
   }
   double cell_mm_;
-  std::vector<Place> places_;
+  std::vector<LevelPlace> places_;
   std::unordered_map<std::uint64_t, std::vector<std::size_t>> cells_;
 };
 
 }  // namespace
 
-std::vector<Plateau> gather_plateaus(const ScalarField& field, std::span<const Vec3> starts,
+std::vector<LevelPlace> level_places(const ScalarField& field, std::span<const Vec3> starts) {
+  const std::vector<std::uint32_t> order = by_cell(field, starts);
+  std::vector<std::optional<LevelPlace>> found(starts.size());
+  tbb::enumerable_thread_specific<std::unique_ptr<FieldCursor>> cursors([&] { return field.cursor(); });
+  tbb::parallel_for(tbb::blocked_range<std::size_t>{0, order.size(), 256}, [&](const auto& range) {
+    FieldCursor& cursor = *cursors.local();
+    for (std::size_t k = range.begin(); k < range.end(); ++k) {
+      const Vec3& start = starts[order[k]];
+      const FieldSample f = cursor.at(start);
+      if (f.in_reach && std::abs(f.gradient.z()) > kLevelNz * f.gradient.norm())
+        found[order[k]] = {start - f.value_mm / f.gradient.squaredNorm() * f.gradient, f.gradient.z() > 0};
+    }
+  });
+  std::vector<LevelPlace> places;
+  for (const auto& place : found)
+    if (place) places.push_back(*place);
+  return places;
+}
+
+std::vector<Plateau> gather_plateaus(const ScalarField& field, std::span<const LevelPlace> level,
                                      std::vector<CriticalPoint>& points, double gap_kernels) {
   if (points.empty()) return {};
   std::vector<double> kernels;
   for (const CriticalPoint& c : points) kernels.push_back(field.kernel_width_mm(c.position_mm));
   const double widest = *std::max_element(kernels.begin(), kernels.end());
-  const LevelPlaces places{field, starts, points, kCellKernels * widest};
+  const LevelPlaces places{level, points, kCellKernels * widest};
 
   // Chains of heights with small gaps, split by what level places connect at those heights, until nothing splits.
   std::vector<std::vector<std::size_t>> open(2);
