@@ -16,7 +16,7 @@ using contour::SegmentGrid;
 constexpr double kTurnLimit = 0.7;  // radians between two vertices
 constexpr double kFirstStepKernels = 0.05;
 constexpr double kShortestStepKernels = 1e-5;
-constexpr double kResidualShare = 0.02;      // of ds, of a vertex
+constexpr double kResidualShare = 0.1;       // of ds, of a vertex
 constexpr double kSameContourKernels = 0.1;  // a seed this near to a contour belongs to it
 constexpr double kCoverKernels = 0.5;        // a sample this near to a contour belongs to it
 constexpr double kLeastAcross = 0.31225;     // in-plane part of a normal of n_z 0.95; flatter samples say nothing
@@ -60,9 +60,10 @@ class MarchRules {
     const double leave = std::atan2(cross(here.tangent, chord), here.tangent.dot(chord));
     const double arrive = std::atan2(cross(chord, next->tangent), chord.dot(next->tangent));
     const double sagitta = length * (std::abs(leave) + std::abs(arrive)) / 8;
-    if (std::abs(leave) + std::abs(arrive) > kTurnLimit || sagitta > 1.05 * options_.chord_mm)
-      return {std::clamp(std::sqrt(0.8 * options_.chord_mm / std::max(sagitta, 1e-12)), 0.25, 0.7)};
-    return {0, false, leave + arrive};
+    const bool turns = std::abs(leave) + std::abs(arrive) > kTurnLimit;
+    if (turns || sagitta > 1.05 * options_.chord_mm)
+      return {std::clamp(std::sqrt(0.8 * options_.chord_mm / std::max(sagitta, 1e-12)), 0.25, 0.85), false, !turns};
+    return {0, false, false, leave + arrive};
   }
   [[nodiscard]] double closing_width(double length) const { return std::max(3 * options_.chord_mm, 0.2 * length); }
   void keep(const ArcPlace& place) {

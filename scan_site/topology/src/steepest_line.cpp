@@ -10,16 +10,19 @@ constexpr double kStepKernels = 0.25;
 constexpr double kShortestKernels = 2e-3;
 constexpr double kCatchKernels = 0.3;  // an extremum this near ends the line
 constexpr double kStuckKernels = 1.5;  // where the slope is gone, this near will do
+constexpr double kOnSurface = 1e-5;    // kernels off, of a point of a line
+constexpr double kTrial = 1e-3;        // of a place that is only asked for its slope
 constexpr std::size_t kMaxPoints = 100'000;
 
-/// Newton along the gradient onto the surface.
-std::optional<FieldSample> project_on_surface(FieldCursor& cursor, Vec3& p, double h) {
+/// Newton along the gradient onto the surface, to within so many kernels.
+std::optional<FieldSample> project_on_surface(FieldCursor& cursor, Vec3& p, double h,
+                                              double near_kernels = kOnSurface) {
   FieldSample f = cursor.at(p);
   for (int i = 0; i < 6; ++i) {
     if (!f.in_reach) return std::nullopt;
     const double steep = f.gradient.squaredNorm();
     if (!(steep > 1e-6)) return std::nullopt;
-    if (std::abs(f.value_mm) < 1e-5 * h) return f;
+    if (std::abs(f.value_mm) < near_kernels * h) return f;
     p -= f.value_mm / steep * f.gradient;
     f = cursor.at(p);
   }
@@ -70,7 +73,7 @@ SteepestLine follow_steepest(const ScalarField& field, FieldCursor& cursor, cons
       return line;
     }
     Vec3 q = p + sign * step * up;
-    auto g = project_on_surface(cursor, q, h);
+    auto g = project_on_surface(cursor, q, h, kTrial);
     if (g) {
       // Midpoint rule with the mean of both directions.
       const auto [up_ahead, slope_ahead] = uphill(*g);
