@@ -5,13 +5,13 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <telefab/base/key_table.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/geometry/limits.hpp>
 #include <telefab/scan/contour/grid_tracer.hpp>
 #include <telefab/scan/contour/layer_checks.hpp>
 #include <tuple>
 
-#include "key_table.hpp"
 #include "rings.hpp"
 
 namespace telefab::scan {

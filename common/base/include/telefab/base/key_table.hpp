@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
-namespace telefab::scan {
+namespace telefab {
 
 /// Number of each key, counted up from 0 in the order of first appearance. Open addressing; nothing is ever removed.
 class KeyTable {
@@ -38,4 +40,4 @@ class KeyTable {
   std::vector<std::uint64_t> keys_;
 };
 
-}  // namespace telefab::scan
+}  // namespace telefab
