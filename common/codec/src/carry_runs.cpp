@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "layer_coding.hpp"
 
@@ -27,11 +28,18 @@ class EdgeMap {
     for (const Contour& ring : rings) box.include(ring.bounds());
     low_ = box.min;
     cell_mm_ = std::max(box.width_mm(), box.depth_mm()) / kCells;
-    cells_.resize(static_cast<std::size_t>(kCells) * kCells);
     for (std::size_t r = 0; r < rings.size(); ++r) {
       const auto v = rings[r].vertices();
-      for (std::size_t i = 0; i < v.size(); ++i) add({v[i], v[(i + 1) % v.size()], r, i});
+      for (std::size_t i = 0; i < v.size(); ++i) edges_.push_back({v[i], v[(i + 1) % v.size()], r, i});
     }
+    // Edges of a cell behind each other, in the order of their numbers: counted, then put.
+    first_.assign(static_cast<std::size_t>(kCells) * kCells + 1, 0);
+    for (const Edge& edge : edges_) each_cell(edge, [&](std::size_t cell) { ++first_[cell + 1]; });
+    std::partial_sum(first_.begin(), first_.end(), first_.begin());
+    in_cells_.resize(first_.back());
+    std::vector<std::uint32_t> next{first_.begin(), first_.end() - 1};
+    for (std::uint32_t e = 0; e < edges_.size(); ++e)
+      each_cell(edges_[e], [&](std::size_t cell) { in_cells_[next[cell]++] = e; });
   }
   [[nodiscard]] const std::vector<Edge>& edges() const { return edges_; }
 
@@ -47,11 +55,14 @@ class EdgeMap {
         for (int x = middle[0] - reach; x <= middle[0] + reach; ++x) {
           if (std::max(std::abs(x - middle[0]), std::abs(y - middle[1])) != reach) continue;
           if (x < 0 || y < 0 || x >= kCells || y >= kCells) continue;
-          for (const std::uint32_t e : cells_[static_cast<std::size_t>(y) * kCells + static_cast<std::size_t>(x)])
+          const std::size_t cell = static_cast<std::size_t>(y) * kCells + static_cast<std::size_t>(x);
+          for (std::uint32_t k = first_[cell]; k < first_[cell + 1]; ++k) {
+            const std::uint32_t e = in_cells_[k];
             if (const double d2 = distance2(edges_[e], p); d2 < least || (d2 == least && e < best)) {
               least = d2;
               best = e;
             }
+          }
         }
     }
     return edges_[best];
@@ -64,14 +75,14 @@ class EdgeMap {
     };
     return {index(p.x_mm - low_.x_mm), index(p.y_mm - low_.y_mm)};
   }
-  void add(const Edge& edge) {
-    const auto number = static_cast<std::uint32_t>(edges_.size());
-    edges_.push_back(edge);
+  /// Those that its box touches.
+  template <class Each>
+  void each_cell(const Edge& edge, Each&& each) const {
     const auto a = cell_of({std::min(edge.a.x_mm, edge.b.x_mm), std::min(edge.a.y_mm, edge.b.y_mm)});
     const auto b = cell_of({std::max(edge.a.x_mm, edge.b.x_mm), std::max(edge.a.y_mm, edge.b.y_mm)});
     for (int y = a[1]; y <= b[1]; ++y)
       for (int x = a[0]; x <= b[0]; ++x)
-        cells_[static_cast<std::size_t>(y) * kCells + static_cast<std::size_t>(x)].push_back(number);
+        each(static_cast<std::size_t>(y) * kCells + static_cast<std::size_t>(x));
   }
   static double distance2(const Edge& e, Point2 p) {
     const double dx = e.b.x_mm - e.a.x_mm;
@@ -85,7 +96,8 @@ class EdgeMap {
   Point2 low_;
   double cell_mm_ = 1;
   std::vector<Edge> edges_;
-  std::vector<std::vector<std::uint32_t>> cells_;
+  std::vector<std::uint32_t> first_;     ///< place of a cell's edges; one more than there are cells
+  std::vector<std::uint32_t> in_cells_;  ///< edges
 };
 
 Point2 middle_of(const EdgeMap::Edge& e) { return {(e.a.x_mm + e.b.x_mm) / 2, (e.a.y_mm + e.b.y_mm) / 2}; }
