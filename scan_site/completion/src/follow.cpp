@@ -7,8 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <unordered_map>
-#include <unordered_set>
+#include <telefab/base/key_table.hpp>
 
 #include "gap_fields.hpp"
 
@@ -43,7 +42,6 @@ constexpr int kNewton = 3;
 struct Place {
   int level = 0;
   std::array<std::int32_t, 3> at{};
-  friend bool operator==(const Place&, const Place&) = default;
 };
 constexpr std::int32_t kMostCells = (1 << 19) - 1;
 
@@ -51,16 +49,32 @@ std::uint64_t key_of(const Place& p) {
   return static_cast<std::uint64_t>(p.level - kFinest) << 57U | static_cast<std::uint64_t>(p.at[2]) << 38U |
          static_cast<std::uint64_t>(p.at[1]) << 19U | static_cast<std::uint64_t>(p.at[0]);
 }
-/// Places near each other come near each other: by blocks of four, then inside of them.
-bool comes_before(const Place& a, const Place& b) {
-  if (a.level != b.level) return a.level < b.level;
-  for (const int axis : {2, 1, 0})
-    if (const auto i = static_cast<std::size_t>(axis); a.at[i] >> 2 != b.at[i] >> 2) return a.at[i] >> 2 < b.at[i] >> 2;
-  return key_of(a) < key_of(b);
+/// Places near each other get numbers near each other: by blocks of four, then inside of them.
+std::uint64_t rank_of(const Place& p) {
+  auto rank = static_cast<std::uint64_t>(p.level - kFinest);
+  for (const std::size_t axis : {2U, 1U, 0U}) rank = rank << 17U | static_cast<std::uint64_t>(p.at[axis] >> 2);
+  for (const std::size_t axis : {2U, 1U, 0U}) rank = rank << 2U | static_cast<std::uint64_t>(p.at[axis] & 3);
+  return rank;
 }
+Place place_of(std::uint64_t rank) {
+  Place p;
+  for (const std::size_t axis : {0U, 1U, 2U}) {
+    const std::uint64_t inside = rank >> 2 * axis & 3U, block = rank >> (6 + 17 * axis) & 0x1ffffU;
+    p.at[axis] = static_cast<std::int32_t>(block << 2U | inside);
+  }
+  p.level = static_cast<int>(rank >> 57U) + kFinest;
+  return p;
+}
+/// What lies beyond the numbers lies outside of every region, and is left out.
 void sort_unique(std::vector<Place>& places) {
-  std::sort(places.begin(), places.end(), comes_before);
-  places.erase(std::unique(places.begin(), places.end()), places.end());
+  std::vector<std::uint64_t> ranks;
+  ranks.reserve(places.size());
+  for (const Place& p : places)
+    if (*std::max_element(p.at.begin(), p.at.end()) <= kMostCells) ranks.push_back(rank_of(p));
+  std::sort(ranks.begin(), ranks.end());
+  ranks.erase(std::unique(ranks.begin(), ranks.end()), ranks.end());
+  places.clear();
+  for (const std::uint64_t rank : ranks) places.push_back(place_of(rank));
 }
 
 /// What is known at a corner of the cells.
@@ -126,7 +140,7 @@ class Follower {
   /// One wave: every cell of the frontier is looked at, and hands on to its neighbours. False: nothing is left.
   bool step() {
     sort_unique(frontier_);
-    std::erase_if(frontier_, [&](const Place& p) { return !seen_.insert(key_of(p)).second; });
+    std::erase_if(frontier_, [&](const Place& p) { return !seen_.number(key_of(p)).second; });
     if (frontier_.empty()) return false;
     std::vector<Place> cells = sized_cells();
     value_corners(cells);
@@ -220,13 +234,15 @@ class Follower {
     std::vector<Place> missing;
     for (const Place& cell : cells)
       for (unsigned c = 0; c < 8; ++c)
-        if (const Place corner = corner_of(cell, c); !corners_.contains(key_of(corner))) missing.push_back(corner);
+        if (const Place corner = corner_of(cell, c); corner_numbers_.known(key_of(corner)) == KeyTable::kNone)
+          missing.push_back(corner);
     sort_unique(missing);
     std::vector<Vector3f> places;
     places.reserve(missing.size());
     for (const Place& corner : missing) places.push_back(position(corner));
     const std::vector<Corner> found = smooth_ ? smooth_values(places) : common_values(places);
-    for (std::size_t i = 0; i < missing.size(); ++i) corners_.emplace(key_of(missing[i]), found[i]);
+    for (const Place& corner : missing) corner_numbers_.number(key_of(corner));
+    corners_.insert(corners_.end(), found.begin(), found.end());
   }
 
   [[nodiscard]] std::vector<Corner> smooth_values(std::span<const Vector3f> places) const {
@@ -256,7 +272,7 @@ class Follower {
 
   void look_at(const Place& cell) {
     std::array<Corner, 8> corner;
-    for (unsigned c = 0; c < 8; ++c) corner[c] = corners_.at(key_of(corner_of(cell, c)));
+    for (unsigned c = 0; c < 8; ++c) corner[c] = corners_[corner_numbers_.known(key_of(corner_of(cell, c)))];
     Vector3f sum = Vector3f::Zero();
     float count = 0, agreement = 0;
     for (unsigned c = 0; c < 8; ++c) {
@@ -357,8 +373,9 @@ class Follower {
   Completion& completion_;
   Vector3f low_, high_;
   std::vector<Place> frontier_;
-  std::unordered_set<std::uint64_t> seen_;
-  std::unordered_map<std::uint64_t, Corner> corners_;
+  KeyTable seen_;
+  KeyTable corner_numbers_;
+  std::vector<Corner> corners_;
   std::unique_ptr<KdTree> before_;          ///< samples that were there before
   std::vector<bool> runs_away_;             ///< gaps whose function does not close them
   std::vector<std::size_t> gap_of_sample_;  ///< of those found

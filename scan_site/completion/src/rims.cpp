@@ -60,6 +60,30 @@ Sector widest_sector(std::span<const Vector3f> offsets, const Vector3f& normal) 
   return widest;
 }
 
+/// Whether a sector may be as wide as a gap, among so few neighbours that others can only narrow it: none is where each
+/// has another within a quarter turn to its left.
+bool may_have_gap(std::span<const Vector3f> offsets, const Vector3f& normal) {
+  /// As sine and cosine: a sector nearer to a quarter turn than this is measured.
+  constexpr float kSlack = 1e-4F;
+  const Vector3f u = normal.unitOrthogonal();
+  const Vector3f v = normal.cross(u);
+  std::array<float, kAreaNeighbours> x{}, y{};
+  std::size_t count = 0;
+  for (const Vector3f& d : offsets) {
+    const float dx = d.dot(u), dy = d.dot(v), length = std::sqrt(dx * dx + dy * dy);
+    if (!(length > 0)) continue;
+    x[count] = dx / length;
+    y[count++] = dy / length;
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    bool has_next = false;
+    for (std::size_t j = 0; j < count; ++j)
+      has_next |= x[i] * x[j] + y[i] * y[j] > kSlack && x[i] * y[j] - y[i] * x[j] > kSlack;
+    if (!has_next) return true;
+  }
+  return count == 0;
+}
+
 /// Whether the surface turns over an edge there instead of ending: a sample of another face lies beside, not below.
 bool turns_over(const Vector3f& offset, const Vector3f& own, const Vector3f& other, const Vector3f& way,
                 float spacing) {
@@ -91,7 +115,8 @@ struct Island {
   }
   std::array<Neighbour, kAreaNeighbours + 1> found;
   std::size_t count;  ///< of them
-  float lean, area;   ///< as of Surroundings
+  float lean;         ///< how far they lie to one side: their mean offset over their reach
+  float area;         ///< as of Surroundings
 };
 
 template <class Each>
@@ -126,7 +151,7 @@ Result<Surroundings> look_around(const KdTree& near, std::span<const Vector3f> p
                                  std::span<const Vector3f> normals, std::stop_token stop) {
   Surroundings around;
   around.area.resize(points.size());
-  around.lean.resize(points.size());
+  around.may_be_rim.resize(points.size());
   around.spacing.resize(points.size());
   std::vector<std::array<std::uint32_t, kAreaNeighbours + 1>> neighbours(points.size());
   std::vector<float> third(points.size());  // distance of the third neighbour
@@ -134,8 +159,14 @@ Result<Surroundings> look_around(const KdTree& near, std::span<const Vector3f> p
     const Island island{near, points, normals, i};
     for (std::size_t k = 0; k < island.found.size(); ++k) neighbours[i][k] = island.found[k % island.count].index;
     third[i] = std::sqrt(island.found[std::min<std::size_t>(3, island.count - 1)].squared_distance);
-    around.lean[i] = island.lean;
     around.area[i] = island.area;
+    if (island.lean < kLeastLean) return;
+    std::array<Vector3f, kAreaNeighbours> offsets;
+    std::size_t used = 0;
+    for (const Neighbour& n : island.found)
+      if (used < offsets.size() && n.index != i && normals[n.index].dot(normals[i]) > 0)
+        offsets[used++] = points[n.index] - points[i];
+    around.may_be_rim[i] = may_have_gap({offsets.data(), used}, normals[i]) ? 1 : 0;
   });
   each_in_leaf_order(near, stop, [&](std::uint32_t i) {
     float sum = 0;
@@ -159,7 +190,7 @@ Result<std::vector<Rim>> find_rims(const KdTree& near, std::span<const Vector3f>
   std::vector<std::uint8_t> is_rim(points.size(), 0);
   std::vector<Vector3f> probes(points.size());
   each_in_leaf_order(near, stop, [&](std::uint32_t i) {
-    if (around.lean[i] < kLeastLean) return;
+    if (around.may_be_rim[i] == 0) return;
     std::array<Neighbour, kLookedAt> found;
     const std::size_t count = near.nearest(points[i], found);
     std::array<Vector3f, kRimNeighbours> offsets;

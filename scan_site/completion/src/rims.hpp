@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <Eigen/Core>
+#include <cstdint>
 #include <span>
 #include <stop_token>
 #include <telefab/base/result.hpp>
@@ -11,9 +12,9 @@ namespace telefab::scan {
 
 /// What the neighbours of every sample tell.
 struct Surroundings {
-  std::vector<float> area;     ///< each stands for
-  std::vector<float> spacing;  ///< sqrt of the mean area of the sample and its neighbours
-  std::vector<float> lean;     ///< how far its neighbours lie to one side: their mean offset over their reach
+  std::vector<float> area;               ///< each stands for
+  std::vector<float> spacing;            ///< sqrt of the mean area of the sample and its neighbours
+  std::vector<std::uint8_t> may_be_rim;  ///< 0: its nearest neighbours lie all around it
   /// Of at least one sample.
   [[nodiscard]] float median_spacing() const;
 };

@@ -18,7 +18,7 @@ namespace telefab::scan {
 namespace {
 
 constexpr std::uint32_t kNone = KeyTable::kNone;
-constexpr double kLeastAcross = 0.3;  // in-plane part of a normal; flatter samples do not say where the section passes
+constexpr double kLeastAcross = 0.3;   // in-plane part of a normal; flatter samples do not say where the section passes
 constexpr double kSeedRowKernels = 2;  // seeds are tried in rows so wide
 /// Cells and nodes are numbered from the middle of this range, so that indices stay positive.
 constexpr std::int64_t kHalf = std::int64_t{1} << 30;
