@@ -176,12 +176,13 @@ void WindingTree::Tree::build(std::uint32_t node, std::uint32_t first, std::uint
   (high - low).maxCoeff(&axis);
   const std::uint32_t middle = first + count / 2;
   // Which of equal samples goes where must not depend on the order they came in.
-  const auto rank = [axis](const TreeSample& s) {
-    const std::array<float, 3> p{s.x, s.y, s.z};
-    return std::array{p[static_cast<std::size_t>(axis)], s.x, s.y, s.z, s.nx, s.ny, s.nz, s.area};
-  };
+  const auto rank = [](const TreeSample& s) { return std::array{s.x, s.y, s.z, s.nx, s.ny, s.nz, s.area}; };
+  constexpr std::array kAlong{&TreeSample::x, &TreeSample::y, &TreeSample::z};
+  const auto along = kAlong[static_cast<std::size_t>(axis)];
   std::nth_element(samples.begin() + first, samples.begin() + middle, samples.begin() + last,
-                   [&](const TreeSample& a, const TreeSample& b) { return rank(a) < rank(b); });
+                   [&](const TreeSample& a, const TreeSample& b) {
+                     return a.*along != b.*along ? a.*along < b.*along : rank(a) < rank(b);
+                   });
   const std::uint32_t left = node + 1;
   const std::uint32_t right = left + nodes_of(count / 2);
   if (count > kSerial) {
