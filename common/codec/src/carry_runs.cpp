@@ -81,8 +81,7 @@ class EdgeMap {
     const auto a = cell_of({std::min(edge.a.x_mm, edge.b.x_mm), std::min(edge.a.y_mm, edge.b.y_mm)});
     const auto b = cell_of({std::max(edge.a.x_mm, edge.b.x_mm), std::max(edge.a.y_mm, edge.b.y_mm)});
     for (int y = a[1]; y <= b[1]; ++y)
-      for (int x = a[0]; x <= b[0]; ++x)
-        each(static_cast<std::size_t>(y) * kCells + static_cast<std::size_t>(x));
+      for (int x = a[0]; x <= b[0]; ++x) each(static_cast<std::size_t>(y) * kCells + static_cast<std::size_t>(x));
   }
   static double distance2(const Edge& e, Point2 p) {
     const double dx = e.b.x_mm - e.a.x_mm;

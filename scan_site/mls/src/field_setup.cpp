@@ -3,10 +3,12 @@
 
 #include <fmt/format.h>
 #include <tbb/blocked_range.h>
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 
 #include "sampling.hpp"
 
@@ -144,10 +146,11 @@ constexpr double kLeastAgreement = -0.3;
 /// Keeps the samples that their neighbours explain: enough weight of others, no opposed normals, near the surface.
 void drop_outliers(FieldParts& parts, double noise_mm) {
   std::vector<std::vector<std::uint8_t>> keep;
+  tbb::enumerable_thread_specific<std::unique_ptr<MlsCursor>> cursors([&] { return std::make_unique<MlsCursor>(parts); });
   for (const SampleGrid& band : parts.bands) {
     std::vector<std::uint8_t>& flags = keep.emplace_back(band.size());
     tbb::parallel_for(tbb::blocked_range<std::uint32_t>{0, band.size(), 2048}, [&](const auto& range) {
-      MlsCursor cursor{parts};
+      MlsCursor& cursor = *cursors.local();
       for (std::uint32_t i = range.begin(); i < range.end(); ++i) {
         const GridSample s = band.sample(i);
         const KernelOutput out = cursor.raw(parts.origin + s.place.cast<double>());
