@@ -53,7 +53,7 @@ class RingRules {
     // The chord halves the turn on an arc; where it does not, the step jumped to another branch.
     const double lean = length > 0 ? std::abs(std::atan2(cross(here.tangent, chord), here.tangent.dot(chord))) : 9;
     if (std::abs(turn) > kTurnLimit || lean > kTurnLimit || length < 0.3 * step) return {0.4, true};
-    return {0, false, false, turn};
+    return {0, false, turn};
   }
   [[nodiscard]] double closing_width(double length) const { return 0.3 * length; }
   void keep(const ArcPlace& place) { points.push_back(place.point); }

@@ -82,5 +82,47 @@ TEST(FollowArc, ComesOnceAroundAndStopsWhereItIsNotLetOn) {
   EXPECT_EQ(few.count, 20U);
 }
 
+TEST(Between, LiesOnTheArcOfBothTangents) {
+  const auto on_circle = [](double angle) {
+    return ArcPlace{{std::cos(angle), std::sin(angle)}, {-std::sin(angle), std::cos(angle)}, 0};
+  };
+  const ArcPlace a = on_circle(0.2), b = on_circle(0.7);
+  EXPECT_EQ(scan::between(a, b, 0), a.point);
+  EXPECT_EQ(scan::between(a, b, 1), b.point);
+  for (const double share : {0.2, 0.5, 0.9}) EXPECT_NEAR(scan::between(a, b, share).norm(), 1, 3e-4) << share;
+}
+
+/// Steps of 1 mm are tried and those above 0.65 mm refused.
+struct ShortRules : PlainRules {
+  std::size_t projections = 0;
+  double guesses_off_mm = 0;  ///< of places before a refused one, the most
+  bool refused = false;
+  [[nodiscard]] std::optional<ArcPlace> project(const scan::Vec2& guess, double, double most_move_mm) {
+    ++projections;
+    if (refused) guesses_off_mm = std::max(guesses_off_mm, std::abs(guess.norm() - 16));
+    return PlainRules::project(guess, 1, most_move_mm);
+  }
+  [[nodiscard]] ArcStep judge(const ArcPlace& here, const std::optional<ArcPlace>& next, const scan::Vec2& chord,
+                              double length, double step) {
+    refused = length > 0.65;
+    if (refused) return {0.4, false, 0, true};
+    return PlainRules::judge(here, next, chord, length, step);
+  }
+};
+
+TEST(FollowArc, GoesOnToTheRefusedPlaceWithoutLookingForItAgain) {
+  const Shape ball = sphere(20, 1);
+  const auto cursor = ball->cursor();
+  PlaneCursor plane{*cursor, 12};
+  const auto start = plane.project_in_plane({16, 0}, 3, kTolerance_mm);
+  ASSERT_TRUE(start);
+  ShortRules rules{{.first_step_mm = 1, .plane = plane}};
+  EXPECT_TRUE(follow_arc(ArcPlace::of(*start), 1, rules).closed);
+  // One refused, one before it, and then the refused one itself: two questions for two places.
+  EXPECT_NEAR(static_cast<double>(rules.count), 2 * 3.14159 * 16 / 0.5, 3);
+  EXPECT_LE(rules.projections, rules.count + 3);
+  EXPECT_LT(rules.guesses_off_mm, 1e-4);
+}
+
 }  // namespace
 }  // namespace telefab::test

@@ -30,8 +30,8 @@ struct ArcEnd {
 struct ArcStep {
   double retry = 0;           ///< > 0: refused, to be tried again at this share of its length
   bool forgets_bend = false;  ///< of a refused one: nothing is known of the turn any more
-  bool too_far = false;       ///< of a refused one: its place lies farther on the same arc
   double turn = 0;            ///< of an accepted one, in radians to the left
+  bool too_far = false;       ///< of a refused one: its place lies farther on the same arc
 };
 
 /// A place between two of an arc, at a share of the chord: the cubic with both tangents.
