@@ -146,7 +146,8 @@ constexpr double kLeastAgreement = -0.3;
 /// Keeps the samples that their neighbours explain: enough weight of others, no opposed normals, near the surface.
 void drop_outliers(FieldParts& parts, double noise_mm) {
   std::vector<std::vector<std::uint8_t>> keep;
-  tbb::enumerable_thread_specific<std::unique_ptr<MlsCursor>> cursors([&] { return std::make_unique<MlsCursor>(parts); });
+  tbb::enumerable_thread_specific<std::unique_ptr<MlsCursor>> cursors(
+      [&] { return std::make_unique<MlsCursor>(parts); });
   for (const SampleGrid& band : parts.bands) {
     std::vector<std::uint8_t>& flags = keep.emplace_back(band.size());
     tbb::parallel_for(tbb::blocked_range<std::uint32_t>{0, band.size(), 2048}, [&](const auto& range) {

@@ -94,7 +94,7 @@ void MlsCursor::Gathered::Free::operator()(float* p) const { std::free(p); }
 
 void MlsCursor::Gathered::reserve(std::size_t wanted) {
   if (wanted <= capacity) return;
-  const std::size_t grown = (std::max(wanted, capacity + capacity / 2) + 15) / 16 * 16;
+  const std::size_t grown = (std::max(wanted, capacity + capacity / 4) + 15) / 16 * 16;
   std::unique_ptr<float[], Free> bigger{static_cast<float*>(std::aligned_alloc(64, kArrays * grown * sizeof(float)))};
   if (!bigger) throw std::bad_alloc{};
   for (std::size_t a = 0; a < kArrays && capacity > 0; ++a)
@@ -140,22 +140,28 @@ void MlsCursor::gather(Gathered& to) {
       runs_.push_back({first, last});
       most += last - first;
     });
-    to.reserve(count + most + kLanes);
+    gathering_.reserve(count + most + kLanes);
     GatherInput in = band.arrays();
     in.x = centre.x();
     in.y = centre.y();
     in.z = centre.z();
     in.margin = margin;
     in.scale = static_cast<float>(1 / reference);
-    count = parts_.kernels.gather(in, runs_.data(), runs_.size(), {to.floats.get(), to.capacity}, count);
+    count =
+        parts_.kernels.gather(in, runs_.data(), runs_.size(), {gathering_.floats.get(), gathering_.capacity}, count);
   }
-  to.reserve(count + kLanes);
-  float* const out = to.floats.get();
+  gathering_.reserve(count + kLanes);
+  float* const found = gathering_.floats.get();
+  const std::size_t stride = gathering_.capacity;
   for (; count % kLanes != 0; ++count) {
-    for (std::size_t a = 0; a < 3; ++a) out[a * to.capacity + count] = 1e4F;
-    for (std::size_t a = 3; a < 6; ++a) out[a * to.capacity + count] = 0;
-    out[6 * to.capacity + count] = 1;
+    for (std::size_t a = 0; a < 3; ++a) found[a * stride + count] = 1e4F;
+    for (std::size_t a = 3; a < 6; ++a) found[a * stride + count] = 0;
+    found[6 * stride + count] = 1;
   }
+  // Half of what may come does not: what is remembered takes no more room than it needs.
+  to.count = 0;
+  to.reserve(count);
+  for (std::size_t a = 0; a < kArrays; ++a) std::copy_n(found + a * stride, count, to.floats.get() + a * to.capacity);
   to.count = count;
 }
 

@@ -73,7 +73,8 @@ class MlsCursor final : public FieldCursor {
 
   const FieldParts& parts_;
   std::vector<Gathered> slots_;
-  Gathered work_;  ///< theta
+  Gathered work_;       ///< theta
+  Gathered gathering_;  ///< before it is known how many they are
   std::vector<SampleRun> runs_;
 };
 
