@@ -62,7 +62,7 @@ class MarchRules {
     const double sagitta = length * (std::abs(leave) + std::abs(arrive)) / 8;
     const bool turns = std::abs(leave) + std::abs(arrive) > kTurnLimit;
     if (turns || sagitta > 1.05 * options_.chord_mm)
-      return {std::clamp(std::sqrt(0.8 * options_.chord_mm / std::max(sagitta, 1e-12)), 0.25, 0.85), false, 0, !turns};
+      return {std::clamp(std::sqrt(0.8 * options_.chord_mm / std::max(sagitta, 1e-12)), 0.25, 0.7), false, 0, !turns};
     return {0, false, leave + arrive};
   }
   [[nodiscard]] double closing_width(double length) const { return std::max(3 * options_.chord_mm, 0.2 * length); }

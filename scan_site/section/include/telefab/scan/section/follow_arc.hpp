@@ -34,9 +34,10 @@ struct ArcStep {
   bool too_far = false;       ///< of a refused one: its place lies farther on the same arc
 };
 
-/// A place between two of an arc, at a share of the chord: the cubic with both tangents.
+/// A place between two of an arc, at a share of the chord: the cubic with both tangents, as long as a circle wants
+/// them.
 [[nodiscard]] inline Vec2 between(const ArcPlace& a, const ArcPlace& b, double share) {
-  const double length = (b.point - a.point).norm(), rest = 1 - share;
+  const double length = (b.point - a.point).norm() * (1 + (1 - a.tangent.dot(b.tangent)) / 8), rest = 1 - share;
   return rest * rest * (1 + 2 * share) * a.point + share * share * (1 + 2 * rest) * b.point +
          length * share * rest * (rest * a.tangent - share * b.tangent);
 }
