@@ -203,7 +203,10 @@ TEST_F(SignInTest, ASessionEndsAfterTwelveHoursAndAtTheSignOut) {
   EXPECT_EQ(status(sign_in, from_page("POST", first), Access::Operators), 401U);
   const std::string second = signed_in(sign_in, ada);
   EXPECT_EQ(status(sign_in, from_page("GET", second), Access::Readers), 200U);
-  EXPECT_THAT(sign_in.sign_out(from_page("POST", second)).cookie, HasSubstr("telefab-7480=; Max-Age=0"));
+  const WebResponse out = sign_in.sign_out(from_page("POST", second));
+  EXPECT_THAT(out.cookie, HasSubstr("telefab-7480=; Max-Age=0"));
+  EXPECT_THAT(out.headers, testing::Contains(std::pair<std::string, std::string>{"Clear-Site-Data", "\"cache\""}))
+      << "pictures of parts that the browser kept";
   EXPECT_EQ(status(sign_in, from_page("GET", second), Access::Readers), 401U);
   EXPECT_EQ(noted.back(), "ada: signed out at the page");
 }
