@@ -47,8 +47,8 @@ std::string kind_of(const Json& schema) {
     return "object of " + keys;
   }
   if (schema.contains("minimum") || schema.contains("maximum"))
-    kind += fmt::format(", {} to {}", schema.contains("minimum") ? schema["minimum"].dump() : "any",
-                        schema.contains("maximum") ? schema["maximum"].dump() : "any");
+    kind += fmt::format(", {} to {}", schema.contains("minimum") ? json_text(schema["minimum"]) : "any",
+                        schema.contains("maximum") ? json_text(schema["maximum"]) : "any");
   return kind;
 }
 

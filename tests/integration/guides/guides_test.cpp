@@ -88,7 +88,7 @@ TEST_F(Guides, OfTheReadmeLeadFromAScanToAPrintFileByHand) {
   text.insert(text.find(import), "    telefab-fab export statue-plan --format cli --out part.cli\n");
   walk_text(text, "telefab-scan clean figure.ply --units m --out statue.ply");
   for (const char* file : {"ways.png", "statue.png", "statue-plan/plan.json", "cured.png"}) is_there(file, 1000);
-  is_there("statue.sl1", 10000);
+  is_there("statue.goo", 10000);
   is_there("part.tfc", 500);
 }
 
