@@ -72,11 +72,10 @@ void ScanBuilder::thin() {
     full_at_ = kAllOfThem;
     return;
   }
-  if (!thinning_) {
-    thinning_.emplace(*options_.most_points);
-    coarse_ = coarse_steps_of(points_);
-  }
+  const bool is_first = !thinning_;
+  if (is_first) thinning_.emplace(*options_.most_points);
   set_unseen_aside();
+  if (is_first) coarse_ = coarse_steps_of(points_);
   if (points_.size() > thinning_->kept()) thinning_->take_in(all);
   full_at_ = thinning_->kept() + *options_.most_points / kMorePart + 1;
   if (options_.let_go) options_.let_go();

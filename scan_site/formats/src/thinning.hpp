@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <telefab/scan/cloud/point_cloud.hpp>
@@ -58,15 +59,17 @@ class Thinning {
     AxisKeys(const Cell& cell, int first) {
       const auto keys = [&](double coordinate, std::uint64_t factor) {
         std::array<std::uint64_t, 3> made{};
+        // A point may lie farther from the others than whole numbers reach.
+        const auto whole = static_cast<std::int64_t>(std::clamp(coordinate, -kFarCell, kFarCell));
         for (int i = 0; i < 3; ++i)
-          made[static_cast<std::size_t>(i)] =
-              static_cast<std::uint64_t>(static_cast<std::int64_t>(coordinate) + i - first) * factor;
+          made[static_cast<std::size_t>(i)] = static_cast<std::uint64_t>(whole + i - first) * factor;
         return made;
       };
       x = keys(cell.x(), 0x9E3779B97F4A7C15ULL);
       y = keys(cell.y(), 0xBF58476D1CE4E5B9ULL);
       z = keys(cell.z(), 0xD6E8FEB86659FD93ULL);
     }
+    static constexpr double kFarCell = 1e18;
     std::array<std::uint64_t, 3> x, y, z;
   };
   [[nodiscard]] std::size_t slot_of(const Cell& cell) const;
