@@ -2,6 +2,7 @@
 #include "scan_bytes.hpp"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <signal.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -12,7 +13,6 @@
 #include <cstring>
 #include <telefab/base/exit_code.hpp>
 #include <telefab/base/file.hpp>
-#include <telefab/base/open_file.hpp>
 #include <utility>
 
 #include "cloud_files.hpp"
@@ -57,14 +57,15 @@ Result<ScanBytes> ScanBytes::of(const std::filesystem::path& file) {
     made.bytes_ = made.read_;
     return made;
   }
-  const OpenFile open{::open(file.c_str(), O_RDONLY | O_CLOEXEC)};
-  if (open.get() < 0 || ::fstat(open.get(), &status) != 0) return fail_system("read", file, errno);
-  const auto size = static_cast<std::size_t>(status.st_size);
+  made.file_ = file;
+  made.mapped_ = OpenFile{::open(file.c_str(), O_RDONLY | O_CLOEXEC)};
+  if (made.mapped_.get() < 0 || ::fstat(made.mapped_.get(), &made.when_mapped_) != 0)
+    return fail_system("read", file, errno);
+  const auto size = static_cast<std::size_t>(made.when_mapped_.st_size);
   watch_for_shorter_files();
-  void* const at = ::mmap(nullptr, size, PROT_READ, MAP_SHARED, open.get(), 0);
+  void* const at = ::mmap(nullptr, size, PROT_READ, MAP_SHARED, made.mapped_.get(), 0);
   if (at == MAP_FAILED) return fail_system("read", file, errno);
   (void)::madvise(at, size, MADV_SEQUENTIAL);  // advice alone
-  made.is_mapped_ = true;
   made.bytes_ = {static_cast<const std::byte*>(at), size};
   return made;
 }
@@ -72,14 +73,25 @@ Result<ScanBytes> ScanBytes::of(const std::filesystem::path& file) {
 ScanBytes::ScanBytes(ScanBytes&& other) noexcept
     : read_{std::move(other.read_)},
       bytes_{std::exchange(other.bytes_, {})},
-      is_mapped_{std::exchange(other.is_mapped_, false)} {}
+      mapped_{std::move(other.mapped_)},
+      when_mapped_{other.when_mapped_},
+      file_{std::move(other.file_)} {}
 
 ScanBytes::~ScanBytes() {
-  if (is_mapped_) ::munmap(const_cast<std::byte*>(bytes_.data()), bytes_.size());
+  if (mapped_.get() >= 0 && !bytes_.empty()) ::munmap(const_cast<std::byte*>(bytes_.data()), bytes_.size());
 }
 
 void ScanBytes::let_go() const {
-  if (is_mapped_) (void)::madvise(const_cast<std::byte*>(bytes_.data()), bytes_.size(), MADV_DONTNEED);
+  if (mapped_.get() >= 0) (void)::madvise(const_cast<std::byte*>(bytes_.data()), bytes_.size(), MADV_DONTNEED);
+}
+
+Result<void> ScanBytes::is_unchanged() const {
+  if (mapped_.get() < 0) return {};
+  struct stat now {};
+  if (::fstat(mapped_.get(), &now) != 0) return fail_system("read", file_, errno);
+  const auto same = [](const timespec& a, const timespec& b) { return a.tv_sec == b.tv_sec && a.tv_nsec == b.tv_nsec; };
+  if (now.st_size == when_mapped_.st_size && same(now.st_mtim, when_mapped_.st_mtim)) return {};
+  return fail(ErrorCode::Conflict, fmt::format("{} was written to while it was read; try again", file_.string()));
 }
 
 Digest ScanBytes::digest() const {

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <sys/stat.h>
+
 #include <cstddef>
 #include <filesystem>
 #include <span>
 #include <telefab/base/digest.hpp>
+#include <telefab/base/open_file.hpp>
 #include <telefab/base/result.hpp>
 #include <vector>
 
@@ -23,6 +26,8 @@ class ScanBytes {
   [[nodiscard]] std::span<const std::byte> bytes() const { return bytes_; }
   /// What was looked at may leave memory; it comes again where it is looked at again.
   void let_go() const;
+  /// Whether all that was looked at were bytes of one file: a mapped one may be written to meanwhile. Fails: Conflict.
+  [[nodiscard]] Result<void> is_unchanged() const;
   /// SHA-256 of them, with little of them in memory at once.
   [[nodiscard]] Digest digest() const;
 
@@ -30,7 +35,9 @@ class ScanBytes {
   ScanBytes() = default;
   std::vector<std::byte> read_;
   std::span<const std::byte> bytes_;
-  bool is_mapped_ = false;
+  OpenFile mapped_;  ///< none: they were read
+  struct stat when_mapped_ {};
+  std::filesystem::path file_;
 };
 
 }  // namespace telefab::scan

@@ -95,6 +95,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     if (o.parts.empty()) {
       auto report = slice_scan(scan->bytes(), name, parameters->slice, sink, progress, stop);
       if (!report) return tl::unexpected{report.error()};
+      if (auto ok = scan->is_unchanged(); !ok) return tl::unexpected{ok.error()};
       return Cut{std::move(*report), std::nullopt};
     }
     PartPlace place{.key = {digest_of_slicing(scan->digest(), name, o.asked, parameters->slice),
@@ -105,6 +106,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
     if (*found) return Cut{std::move(**found), place};
     auto made = cut_part(scan->bytes(), name, *parameters, place.key.slicing, sink, progress, stop);
     if (!made) return tl::unexpected{made.error()};
+    if (auto ok = scan->is_unchanged(); !ok) return tl::unexpected{ok.error()};
     if (auto ok = put_part(place, made->bytes); !ok) return tl::unexpected{ok.error()};
     return Cut{std::move(made->report), place};
   }();
@@ -123,10 +125,10 @@ VerbBody declare_slice(VerbOptions& options) {
   declare_slice_parameters(options, o->asked);
   options.add("--threads", o->threads, "worker threads; 0: one a core").shows_default();
   options
-      .add("--samples", o->samples,
-           "of a scan with twice as many points or more take so many at most, as even as they come, each of which "
-           "stands "
-           "for those about it: memory and time follow this number. 0: all of any scan")
+      .add(
+          "--samples", o->samples,
+          "take so many points at most of a scan that has twice as many or more, as even as they come; each stands for "
+          "those about it, and memory and time follow this number. 0: all of any scan")
       .within(0, kMostSamples)
       .shows_default();
   options.add("--layers", o->layers, "cut these layers only, FIRST:LAST, counted from 0").read_by(layers_from);

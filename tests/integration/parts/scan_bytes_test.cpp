@@ -2,7 +2,7 @@
 #include "scan_bytes.hpp"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
+#include <chrono>
 
 #include <telefab/base/exit_code.hpp>
 #include <telefab/test/scratch_folder.hpp>
@@ -44,6 +44,18 @@ TEST(ScanBytes, EndTheProgramWithASentenceWhereALargeFileBecomesShorter) {
         std::exit(static_cast<int>(scan->bytes()[kLarge - 1]));
       },
       testing::ExitedWithCode(static_cast<int>(ExitCode::Storage)), "the scan became shorter while it was read");
+}
+
+TEST(ScanBytes, AreNotTrustedOfALargeFileThatWasWrittenToMeanwhile) {
+  const test::ScratchFolder folder;
+  const auto file = file_of(folder, kLarge);
+  const auto scan = ScanBytes::of(file);
+  ASSERT_TRUE(scan) << scan.error().what;
+  EXPECT_TRUE(scan->is_unchanged());
+  std::filesystem::last_write_time(file, std::filesystem::last_write_time(file) + std::chrono::seconds{1});
+  const auto changed = scan->is_unchanged();
+  ASSERT_FALSE(changed);
+  EXPECT_EQ(changed.error().code, ErrorCode::Conflict);
 }
 
 TEST(ScanBytes, AreRefusedOfWhatIsNoFile) {
