@@ -16,7 +16,7 @@ using contour::SegmentGrid;
 constexpr double kTurnLimit = 0.7;  // radians between two vertices
 constexpr double kFirstStepKernels = 0.05;
 constexpr double kShortestStepKernels = 1e-5;
-constexpr double kResidualShare = 0.1;       // of ds, of a vertex
+constexpr double kResidualShare = 0.02;      // of ds, of a vertex
 constexpr double kSameContourKernels = 0.1;  // a seed this near to a contour belongs to it
 constexpr double kCoverKernels = 0.5;        // a sample this near to a contour belongs to it
 constexpr double kLeastAcross = 0.31225;     // in-plane part of a normal of n_z 0.95; flatter samples say nothing
