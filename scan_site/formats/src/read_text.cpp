@@ -107,6 +107,7 @@ class TextReader {
     }
     const std::vector<TextLine> sample = sample_of(lines, count_.value_or(UINT64_MAX));
     if (auto known = learn(prologue, sample); !known) return tl::unexpected{known.error()};
+    if (count_ && columns_ == 3) builder_.points_are_named();  // normals may stand behind all of them (PWN)
     if (auto taken = take_lines(lines); !taken) return tl::unexpected{taken.error()};
     return finish();
   }

@@ -61,6 +61,8 @@ void ScanBuilder::set_unseen_aside() {
       if (!aside_.beyond) aside_.beyond = {first + i, p};
     } else {
       all.copy(i, kept++);
+      // Of no side: one that is compared with nothing would never be stood for.
+      if (!normals_.empty() && !normals_[kept - 1].allFinite()) normals_[kept - 1].setZero();
     }
   }
   lists().resize(kept);
@@ -75,13 +77,17 @@ void ScanBuilder::thin() {
   const bool is_first = !thinning_;
   if (is_first) thinning_.emplace(*options_.most_points);
   set_unseen_aside();
-  if (is_first) coarse_ = coarse_steps_of(points_);
+  if (is_first && !points_.empty()) coarse_ = coarse_steps_of(points_);
   if (points_.size() > thinning_->kept()) thinning_->take_in(all);
   full_at_ = thinning_->kept() + *options_.most_points / kMorePart + 1;
   if (options_.let_go) options_.let_go();
 }
 
 Result<void> ScanBuilder::finish_thinning() {
+  // As finish() does with lists that do not belong to the points.
+  if (normals_.size() != points_.size()) normals_.clear();
+  if (confidence_.size() != points_.size()) confidence_.clear();
+  if (sheets_apart_.size() != points_.size()) sheets_apart_.clear();
   set_unseen_aside();
   if (aside_.beyond) return beyond_reach(aside_.beyond->first, aside_.beyond->second);
   const bool zeros_are_unseen =

@@ -31,8 +31,8 @@ struct PointLists {
 /// all of them, and where points lie on the surface stays as even. Same stream, same points, on any number of threads.
 class Thinning {
  public:
-  /// At most so many stay.
-  explicit Thinning(std::size_t most) : most_{most} {}
+  /// At most so many stay, or a few: four normals may oppose each other, and such points never stand for one another.
+  explicit Thinning(std::size_t most) : most_{std::max<std::size_t>(most, 8)} {}
 
   /// Of the lists the first kept() are those of the last call; behind them stand others, of which some stay. All points
   /// are finite.
@@ -53,7 +53,10 @@ class Thinning {
   };
   /// Cells of one reach, from a point that stays the same.
   using Cell = Eigen::Array3d;
-  [[nodiscard]] Cell cell_of(const Vec3& p) const { return ((p - from_) / reach_).array().floor(); }
+  [[nodiscard]] Cell cell_of(const Vec3& p) const {
+    constexpr double kFarthest = 1e18;  // what an integer holds; strays beyond it share cells, and are told apart there
+    return ((p - from_) / reach_).array().floor().cwiseMax(-kFarthest).cwiseMin(kFarthest);
+  }
   /// What each coordinate of a cell adds to its slot, and those of the cells about it: -1, 0 and +1 of each.
   struct AxisKeys {
     AxisKeys(const Cell& cell, int first) {

@@ -198,5 +198,55 @@ TEST(Thinning, TakesTheCornersOfFacesThatAreKeptAsTheyAre) {
   EXPECT_LE(bare->cloud.size(), 50U);
 }
 
+TEST(Thinning, IsNotMisledByAStrayFarAway) {
+  for (const float far : {1e3F, 1e7F}) {
+    PointCloud cloud = ball(100'000, 0);
+    cloud.points.insert(cloud.points.begin() + 5, {far, -far, far});
+    cloud.normals.insert(cloud.normals.begin() + 5, Vector3f::UnitX());
+    const auto file = read(cloud, 5000);
+    ASSERT_TRUE(file) << file.error().what;
+    EXPECT_GT(file->cloud.size(), 2000U) << far;
+    EXPECT_LE(file->cloud.size(), 5000U) << far;
+  }
+}
+
+TEST(Thinning, LeavesNormalsToTheirPointsWhereTheyStandBehindAllOfThem) {
+  const PointCloud cloud = ball(20'000, 0);
+  std::string text = fmt::format("{}\n", cloud.size());
+  for (const Vector3f& p : cloud.points) text += fmt::format("{} {} {}\n", p.x(), p.y(), p.z());
+  for (const Vector3f& n : cloud.normals) text += fmt::format("{} {} {}\n", n.x(), n.y(), n.z());
+  const auto file = read(std::as_bytes(std::span{text}), "x.pwn", 2000);
+  ASSERT_TRUE(file) << file.error().what;
+  ASSERT_EQ(file->cloud.normals.size(), file->cloud.size());
+  for (std::size_t i = 0; i < file->cloud.size(); ++i) {
+    const Vec3 at = file->cloud.points[i].cast<double>() + file->cloud.origin;
+    ASSERT_GT(file->cloud.normals[i].cast<double>().dot(at.normalized()), 0.99) << i;
+  }
+}
+
+TEST(Thinning, ComesToAnEndWhereNormalsAreNoNumbersOrFewPointsAreWanted) {
+  PointCloud cloud = ball(20'000, 0);
+  for (const std::size_t most : {1, 3, 2000}) {
+    const auto few = read(cloud, most);
+    ASSERT_TRUE(few) << few.error().what;
+    EXPECT_LE(few->cloud.size(), std::max<std::size_t>(most, 8));
+  }
+  for (Vector3f& n : cloud.normals) n = Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
+  const std::string text = text_of(cloud);
+  const auto file = read(std::as_bytes(std::span{text}), "x.xyz", 2000);
+  if (file) {
+    EXPECT_LE(file->cloud.size(), 2000U);
+  }
+}
+
+TEST(Thinning, TakesAFirstPointThatIsNoNumberForNoRounding) {
+  PointCloud cloud = ball(20'000, 0);
+  const std::string text = "nan nan nan 0 0 1\n" + text_of(cloud);
+  const auto file = read(std::as_bytes(std::span{text}), "x.xyz", 2000);
+  ASSERT_TRUE(file) << file.error().what;
+  ASSERT_TRUE(is_thinned(*file));
+  for (const ScanNote& note : file->cloud.notes) EXPECT_NE(note.remark, ScanRemark::CoarseCoordinates) << note.text;
+}
+
 }  // namespace
 }  // namespace telefab::scan
