@@ -42,7 +42,7 @@ void add_left_out(ShownPoints& shown, const PointCloud& all, const PointCloud& k
 }  // namespace
 
 Result<RawScan> raw_scan(std::span<const std::byte> file, std::string_view name, std::stop_token stop) {
-  auto read = read_scan_file(file, name, {}, stop);
+  auto read = read_scan_file(file, name, {.most_points = IntakeOptions{}.most_points}, stop);  // as it will be sliced
   if (!read) return tl::unexpected{read.error()};
   const PointCloud& cloud = read->cloud;
   const Box3 box = box_of(cloud);
