@@ -59,7 +59,7 @@ const std::vector<Library> kLibraries{
     {"libgmock-dev", "GTest", "GTest::gmock"},
     {"libbenchmark-dev", "benchmark", "benchmark::benchmark_main"},
     {"libpcl-dev", "pcl_features", "telefab_pcl_features"},
-    {"libnanoflann-dev", "", "nanoflann.hpp"},
+    {"libnanoflann-dev", "nanoflann", "nanoflann::nanoflann"},
     {"libumockdev-dev", "umockdev", "PkgConfig::umockdev"},
 };
 /// Packages of programs, fonts and pages, which nothing links.
@@ -83,7 +83,7 @@ const Names kPrograms{"build-essential",
 /// Found, and part of the compiler's own system.
 const Names kOfTheSystem{"Threads", "PkgConfig"};
 /// Used where they happen to be installed, to be compared with.
-const Names kOptional{"agg", "nanoflann", "pcl_surface", "pcl_search", "pcl_kdtree", "pcl_octree", "pcl_common"};
+const Names kOptional{"agg", "pcl_surface", "pcl_search", "pcl_kdtree", "pcl_octree", "pcl_common"};
 
 fs::path source() { return std::getenv("TELEFAB_SOURCE"); }
 
