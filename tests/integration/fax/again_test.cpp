@@ -52,6 +52,9 @@ TEST_F(Again, WaitsForApprovalWithTheSameMasksAndIsItsOperatorsOwn) {
             text_of(folder() / "fab" / "jobs" / first / "plan" / "part.tfc"))
       << "the layers as they came";
   EXPECT_EQ(again["owner"], "web");
+  const std::string layer = http_ask(page_port(), "GET", "/v1/jobs/" + first + "/layers/5", "", "");
+  for (const json& side : json::parse(layer.substr(layer.find("\r\n\r\n")))["bounds"])
+    EXPECT_TRUE(side.is_number()) << "a part without supports has a place on the page too";
   // It needs nothing of the first any more.
   // Its accuracy is perhaps still computed.
   std::string forgotten = post("/v1/jobs/" + first + "/forget");
