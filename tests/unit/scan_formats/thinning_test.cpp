@@ -239,6 +239,19 @@ TEST(Thinning, ComesToAnEndWhereNormalsAreNoNumbersOrFewPointsAreWanted) {
   }
 }
 
+TEST(Thinning, EndsWhereNormalsPointAnywhere) {
+  std::mt19937 rng{9};
+  std::normal_distribution<float> any;
+  PointCloud all = ball(30'000, 0);
+  for (Vector3f& n : all.normals) n = Vector3f{any(rng), any(rng), any(rng)}.normalized();
+  for (std::size_t i = 0; i < all.size(); i += 3) all.normals[i].setConstant(std::numeric_limits<float>::quiet_NaN());
+  for (const std::size_t most : {1U, 100U, 5000U}) {
+    const auto file = read(all, most);
+    ASSERT_TRUE(file) << file.error().what;
+    EXPECT_LE(file->cloud.size(), std::max<std::size_t>(8, most));
+  }
+}
+
 TEST(Thinning, TakesAFirstPointThatIsNoNumberForNoRounding) {
   PointCloud cloud = ball(20'000, 0);
   const std::string text = "nan nan nan 0 0 1\n" + text_of(cloud);
