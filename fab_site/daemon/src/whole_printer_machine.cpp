@@ -172,9 +172,9 @@ class WholePrint {
     if (!made) return tl::unexpected{made.error()};
     if (!policy.starts && !is_asked()) return fail(ErrorCode::Conflict, "the printer was not asked to start it");
     const auto network = make_printer_network();
-    const auto printer = sought_printer(*network, clock, choice_of(task_.profile));
     const WholePrintSink events = sink_of(sink, beats);
     while (true) {
+      const auto printer = sought_printer(*network, clock, choice_of(task_.profile));
       auto ran = WholePrintRunner{*printer, journal_, clock, &orders_}.run(made->job, policy, control, events, stop);
       if (ran) return ran;
       const Error why = lost(ran.error());

@@ -54,8 +54,8 @@ class SoughtPrinter final : public WholePrinter {
       found_ = std::move(*found);
     }
     auto answer = question(*found_);
-    // It may have another address by now.
-    if (!answer && answer.error().code == ErrorCode::Unreachable) found_.reset();
+    // It may have another address by now. One whose name is not known might turn out to be another printer.
+    if (!answer && answer.error().code == ErrorCode::Unreachable && !choice_.id.empty()) found_.reset();
     return answer;
   }
 

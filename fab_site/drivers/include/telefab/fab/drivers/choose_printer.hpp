@@ -20,8 +20,9 @@ struct PrinterChoice {
 [[nodiscard]] Result<std::unique_ptr<WholePrinter>> chosen_printer(PrinterNetwork& network, Clock& clock,
                                                                    const PrinterChoice& choice);
 
-/// A printer that is looked for whenever it is asked something and is not known, or where it was it does not answer any
-/// more. While it is not found its calls fail: Unreachable, InvalidInput (address). Network and clock must outlive it.
+/// A printer that is looked for when it is asked something and is not known, and where one whose id is stated does not
+/// answer any more where it was; it is never another one than before. While it is not found its calls fail:
+/// Unreachable, InvalidInput (address). Network and clock must outlive it.
 [[nodiscard]] std::unique_ptr<WholePrinter> sought_printer(PrinterNetwork& network, Clock& clock, PrinterChoice choice);
 
 }  // namespace telefab::fab
