@@ -312,7 +312,7 @@ Result<const SitePageBackend::LayerImages*> SitePageBackend::layer_images_of(std
   });
   if (!read) return fail_in(path->string(), read.error());
   Bounds2 box = bounds_of(images.part.layers());
-  if (const Bounds2 of_supports = bounds_of(images.supports); !of_supports.is_nothing()) box.include(of_supports);
+  box.include(bounds_of(images.supports));
   if (!box.is_nothing()) images.bounds = box;
   layer_images_ = std::move(images);
   return &*layer_images_;

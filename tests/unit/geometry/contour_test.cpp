@@ -6,6 +6,18 @@
 
 namespace telefab {
 
+TEST(Bounds2, StaysAsItIsWhereTheOtherHoldsNothing) {
+  const Bounds2 box{{1, 2}, {3, 4}};
+  Bounds2 grown = box;
+  grown.include(Bounds2::nothing());
+  EXPECT_EQ(grown, box);
+  Bounds2 from_nothing = Bounds2::nothing();
+  from_nothing.include(Bounds2::nothing());
+  EXPECT_TRUE(from_nothing.is_nothing());
+  from_nothing.include(box);
+  EXPECT_EQ(from_nothing, box);
+}
+
 TEST(Contour, RefusesTwoVertices) {
   EXPECT_EQ(Contour::from_vertices({{0, 0}, {1, 0}}).error().code, ErrorCode::InvalidInput);
 }

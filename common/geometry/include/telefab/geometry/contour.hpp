@@ -37,9 +37,10 @@ struct Bounds2 {
     min = {std::min(min.x_mm, p.x_mm), std::min(min.y_mm, p.y_mm)};
     max = {std::max(max.x_mm, p.x_mm), std::max(max.y_mm, p.y_mm)};
   }
+  /// What the other holds; a box that holds nothing changes nothing.
   void include(const Bounds2& other) {
-    include(other.min);
-    include(other.max);
+    min = {std::min(min.x_mm, other.min.x_mm), std::min(min.y_mm, other.min.y_mm)};
+    max = {std::max(max.x_mm, other.max.x_mm), std::max(max.y_mm, other.max.y_mm)};
   }
   friend bool operator==(const Bounds2&, const Bounds2&) = default;
 };

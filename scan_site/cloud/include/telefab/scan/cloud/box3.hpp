@@ -27,9 +27,10 @@ struct Box3 {
     min = min.cwiseMin(p);
     max = max.cwiseMax(p);
   }
+  /// What the other holds; a box that holds nothing changes nothing.
   void include(const Box3& other) {
-    include(other.min);
-    include(other.max);
+    min = min.cwiseMin(other.min);
+    max = max.cwiseMax(other.max);
   }
 };
 
