@@ -9,6 +9,33 @@
 namespace telefab::fab {
 namespace {
 
+/// Where the printer of a choice is. Fails as chosen_printer.
+Result<SdcpOptions> options_of(PrinterNetwork& network, const PrinterChoice& choice) {
+  SdcpOptions options;
+  options.id = choice.id;
+  options.question_port = choice.question_port;
+  options.connect_timeout = choice.wait;
+  if (!choice.address.empty()) {
+    auto address = printer_address_from_text(choice.address, kSdcpPort);
+    if (!address) return tl::unexpected{address.error()};
+    options.address = std::move(*address);
+    return options;
+  }
+  auto found = find_sdcp_printers(network, "", choice.wait, choice.question_port);
+  if (!found) return tl::unexpected{found.error()};
+  if (!choice.id.empty()) std::erase_if(*found, [&](const FoundPrinter& p) { return p.id != choice.id; });
+  if (found->empty()) return fail(ErrorCode::NotFound, "no printer answers in this network; give its address");
+  if (found->size() > 1) {
+    std::string list;
+    for (const FoundPrinter& p : *found) list += fmt::format("{}{} ({})", list.empty() ? "" : ", ", p.host, p.model);
+    return fail(ErrorCode::NotFound,
+                fmt::format("{} printers answer: {}; give the address of one", found->size(), list));
+  }
+  options.address.host = found->front().host;
+  options.id = found->front().id;
+  return options;
+}
+
 class SoughtPrinter final : public WholePrinter {
  public:
   SoughtPrinter(PrinterNetwork& network, Clock& clock, PrinterChoice choice)
@@ -47,11 +74,12 @@ class SoughtPrinter final : public WholePrinter {
   template <class Question>
   auto ask(const Question& question) -> decltype(question(std::declval<WholePrinter&>())) {
     if (!found_) {
-      auto found = chosen_printer(network_, clock_, choice_);
-      if (!found)
-        return fail(found.error().code == ErrorCode::NotFound ? ErrorCode::Unreachable : found.error().code,
-                    found.error().what);
-      found_ = std::move(*found);
+      auto options = options_of(network_, choice_);
+      if (!options)
+        return fail(options.error().code == ErrorCode::NotFound ? ErrorCode::Unreachable : options.error().code,
+                    options.error().what);
+      choice_.id = options->id;  // from now on it is this one
+      found_ = make_sdcp_printer(network_, clock_, std::move(*options));
     }
     auto answer = question(*found_);
     // It may have another address by now. One whose name is not known might turn out to be another printer.
@@ -73,29 +101,9 @@ std::unique_ptr<WholePrinter> sought_printer(PrinterNetwork& network, Clock& clo
 
 Result<std::unique_ptr<WholePrinter>> chosen_printer(PrinterNetwork& network, Clock& clock,
                                                      const PrinterChoice& choice) {
-  SdcpOptions options;
-  options.id = choice.id;
-  options.question_port = choice.question_port;
-  options.connect_timeout = choice.wait;
-  if (!choice.address.empty()) {
-    auto address = printer_address_from_text(choice.address, kSdcpPort);
-    if (!address) return tl::unexpected{address.error()};
-    options.address = std::move(*address);
-    return make_sdcp_printer(network, clock, std::move(options));
-  }
-  auto found = find_sdcp_printers(network, "", choice.wait, choice.question_port);
-  if (!found) return tl::unexpected{found.error()};
-  if (!choice.id.empty()) std::erase_if(*found, [&](const FoundPrinter& p) { return p.id != choice.id; });
-  if (found->empty()) return fail(ErrorCode::NotFound, "no printer answers in this network; give its address");
-  if (found->size() > 1) {
-    std::string list;
-    for (const FoundPrinter& p : *found) list += fmt::format("{}{} ({})", list.empty() ? "" : ", ", p.host, p.model);
-    return fail(ErrorCode::NotFound,
-                fmt::format("{} printers answer: {}; give the address of one", found->size(), list));
-  }
-  options.address.host = found->front().host;
-  options.id = found->front().id;
-  return make_sdcp_printer(network, clock, std::move(options));
+  auto options = options_of(network, choice);
+  if (!options) return tl::unexpected{options.error()};
+  return make_sdcp_printer(network, clock, std::move(*options));
 }
 
 }  // namespace telefab::fab

@@ -126,6 +126,7 @@ class Run {
     if (!policy_.starts && journal_.stage() == PrinterStage::Uploaded)
       return report(WholePrintOutcome::Sent, PrinterProblem::None, "the printer has the file; nothing was started");
     emit({.phase = WholePrintPhase::Checking});
+    const std::uint64_t losses = losses_;
     const auto facts = asked([&] { return printer_.facts(); }, policy_.contact);
     if (!facts) return tl::unexpected{facts.error()};
     if (auto misfit = misfit_of(job_, *facts);
@@ -135,6 +136,7 @@ class Run {
       return report(WholePrintOutcome::Refused, misfit.problem, std::move(misfit.message));
     const auto status = asked([&] { return printer_.status(); }, policy_.contact);
     if (!status) return tl::unexpected{status.error()};
+    if (losses != losses_) return std::optional<WholePrintReport>{};  // facts and status may be of two printers
     task_ = status->task;
     // Asked before, and taken for not started: where our file is the printer's task now, it started late.
     const PrinterJournalEntry* asked_before = journal_.last(PrinterStep::Starting);
@@ -153,10 +155,15 @@ class Run {
     return start(status->task.id, *facts);
   }
 
-  /// Whoever was asked to start must be the one that is watched: an address may have gone to another printer.
+  /// Whoever was asked to start must be the one that is watched: an address may have gone to another printer, also
+  /// while nothing answered there.
   Result<void> same_printer() {
+    if (is_known_) return {};
     const PrinterJournalEntry* asked_one = journal_.last(PrinterStep::Starting);
-    if (is_known_ || asked_one == nullptr || asked_one->printer.empty()) return {};
+    if (asked_one == nullptr || asked_one->printer.empty()) {
+      is_known_ = true;  // as far as anybody can
+      return {};
+    }
     const std::string id = asked_one->printer;
     const auto facts = asked([&] { return printer_.facts(); });
     if (!facts) return tl::unexpected{facts.error()};
@@ -252,6 +259,7 @@ class Run {
       return std::optional<WholePrintReport>{};
     }
     if (!answer && (answer.error().code == ErrorCode::DeviceTimeout || answer.error().code == ErrorCode::DeviceLost)) {
+      lose();
       emit({.phase = WholePrintPhase::Lost, .message = answer.error().what});
       return std::optional<WholePrintReport>{};
     }
@@ -267,14 +275,22 @@ class Run {
     return report(WholePrintOutcome::Refused, *answer, std::string{advice_on(*answer)});
   }
 
+  /// What the printer of this print is at; never another's, whatever answers in between.
+  Result<WholePrinterStatus> status_of_same() {
+    while (true) {
+      if (auto ok = same_printer(); !ok) return tl::unexpected{ok.error()};
+      auto status = asked([&] { return printer_.status(); });
+      if (!status || is_known_) return status;
+    }
+  }
+
   /// The printer was asked, by this run or one before. Its task says whether it does it.
   Step await_start() {
-    if (auto ok = same_printer(); !ok) return tl::unexpected{ok.error()};
     const std::string before = journal_.last(PrinterStep::Starting)->task;
     const Nanoseconds begun = clock_.now();
     bool was_still = true;  // idle behind the same task all the time
     while (true) {
-      const auto status = asked([&] { return printer_.status(); });
+      const auto status = status_of_same();
       if (!status) return tl::unexpected{status.error()};
       task_ = status->task;
       const bool is_ours = status->task.file == job_.file.name;
@@ -308,7 +324,6 @@ class Run {
   }
 
   Step watch() {
-    if (auto ok = same_printer(); !ok) return tl::unexpected{ok.error()};
     // Where an operator says that it was started, the task is whichever has the file.
     std::optional<std::string> own;
     for (const PrinterJournalEntry& entry : journal_.entries()) {
@@ -316,7 +331,7 @@ class Run {
       if (entry.step == PrinterStep::DecidedTreatAsStarted) own.reset();
     }
     while (true) {
-      const auto status = asked([&] { return printer_.status(); });
+      const auto status = status_of_same();
       if (!status) return tl::unexpected{status.error()};
       const PrinterTask& task = status->task;
       const bool is_ours = own && !own->empty() ? task.id == *own : task.file == job_.file.name;
@@ -399,12 +414,13 @@ class Run {
   /// The standing word goes to the printer. One that the line lost stays to be passed on with the next question; a word
   /// that the printer refuses is over: DeviceRefused.
   Result<void> pass_on() {
-    if (!unpassed_) return {};
+    if (!unpassed_ || !is_known_) return {};
     const PrinterStep word = *unpassed_;
     const auto answer = word == PrinterStep::PauseAsked ? printer_.pause()
                         : word == PrinterStep::Resumed  ? printer_.resume()
                                                         : printer_.stop();
     if (!answer && is_of_the_line(answer.error().code)) {
+      lose();
       emit({.phase = WholePrintPhase::Lost, .message = answer.error().what});
       return {};
     }
@@ -431,6 +447,12 @@ class Run {
            code == ErrorCode::DeviceRefused || code == ErrorCode::ProtocolBroken;
   }
 
+  /// No answer: whoever answers next may be another printer.
+  void lose() {
+    ++losses_;
+    is_known_ = false;
+  }
+
   /// Asks until there is an answer, the patience is over or somebody wants to stop.
   template <class Ask>
   auto asked(const Ask& ask) -> decltype(ask()) {
@@ -443,6 +465,7 @@ class Run {
       auto answer = ask();
       is_lost_ = !answer && is_of_the_line(answer.error().code);
       if (!is_lost_) return answer;
+      lose();
       emit({.phase = WholePrintPhase::Lost, .message = answer.error().what});
       if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
       if (is_given_up_) return answer;
@@ -478,6 +501,7 @@ class Run {
   std::optional<PrinterStep> unpassed_;
   bool is_recalled_ = false;
   bool is_lost_ = false;      ///< the last question had no answer
+  std::uint64_t losses_ = 0;  ///< questions without an answer
   bool is_given_up_ = false;  ///< a second cancel came meanwhile
   bool is_known_ = false;     ///< the printer that answers is the one that was asked to start
 };

@@ -74,6 +74,93 @@ TEST(WholePrintWords, AreKeptWhileAPrinterThatIsKnownByItsNameAloneIsOutOfReach)
   EXPECT_THAT(bench.journal, HasSubstr("pause-asked"));
 }
 
+/// A network in which the address of a printer goes to another one.
+class MovedNetwork final : public PrinterNetwork {
+ public:
+  MovedNetwork(PrinterNetwork& first, PrinterNetwork& second) : at_{&first}, second_{second} {}
+  /// Connections to the first break.
+  void move() { at_ = &second_; }
+
+  Result<std::vector<Datagram>> ask(std::string_view host, std::uint16_t port, std::string_view text,
+                                    Nanoseconds wait) override {
+    return at_->ask(host, port, text, wait);
+  }
+  Result<std::unique_ptr<MessageSocket>> connect(const PrinterAddress& where, std::string_view path,
+                                                 Nanoseconds timeout) override {
+    auto socket = at_->connect(where, path, timeout);
+    if (!socket) return socket;
+    return std::make_unique<Socket>(*this, *at_, std::move(*socket));
+  }
+  Result<HttpReply> post(const PrinterAddress& where, std::string_view path, std::string_view type, std::string body,
+                         Nanoseconds timeout) override {
+    return at_->post(where, path, type, std::move(body), timeout);
+  }
+
+ private:
+  class Socket final : public MessageSocket {
+   public:
+    Socket(MovedNetwork& owner, PrinterNetwork& to, std::unique_ptr<MessageSocket> inner)
+        : owner_{owner}, to_{to}, inner_{std::move(inner)} {}
+    Result<void> send(std::string_view text, Nanoseconds timeout) override {
+      if (owner_.at_ != &to_) return fail(ErrorCode::DeviceLost, "the connection broke");
+      return inner_->send(text, timeout);
+    }
+    Result<std::optional<std::string>> receive(Nanoseconds timeout) override {
+      if (owner_.at_ != &to_) return fail(ErrorCode::DeviceLost, "the connection broke");
+      return inner_->receive(timeout);
+    }
+
+   private:
+    MovedNetwork& owner_;
+    PrinterNetwork& to_;
+    std::unique_ptr<MessageSocket> inner_;
+  };
+  PrinterNetwork* at_;
+  PrinterNetwork& second_;
+};
+
+TEST(WholePrintWords, NeverReachAnotherPrinterThatGotTheAddressWhileTheirPrintWasWatched) {
+  WholePrintBench bench;
+  SdcpModelOptions second = bench.printer;
+  second.id = "00000000000000ff";
+  SdcpModel another{second, bench.clock};
+  const auto its_network = model_network(another, bench.clock);
+  SdcpOptions there;
+  there.address.host = "127.0.0.1";
+  const auto its_driver = make_sdcp_printer(*its_network, bench.clock, there);
+  std::string its_journal;
+  auto theirs = PrinterJournal::open(memory_journal_file(its_journal)).value();
+  const std::string long_print = test::goo_bytes(second, 5000);
+  std::stop_source has_begun;
+  PrintControl nobody;
+  const auto left = WholePrintRunner{*its_driver, theirs, bench.clock}.run(
+      test::job_of("theirs.goo", long_print, second, 5000), {}, nobody,
+      [&](const WholePrintEvent& event) {
+        if (event.phase == WholePrintPhase::Printing) has_begun.request_stop();
+      },
+      has_begun.get_token());
+  ASSERT_TRUE(left && left->outcome == WholePrintOutcome::Interrupted);
+
+  MovedNetwork network{*bench.network, *its_network};
+  PrintControl control;
+  bool has_moved = false;
+  const auto report = bench.run_of(
+      bench.job, bench.journal, network,
+      [&](const WholePrintEvent& event) {
+        if (event.task.layer != 1 || std::exchange(has_moved, true)) return;
+        network.move();
+        control.cancel("ada");
+      },
+      &control);
+  ASSERT_TRUE(has_moved);
+  ASSERT_FALSE(report) << "what another printer says is nothing about this print";
+  EXPECT_EQ(report.error().code, ErrorCode::NotTrusted);
+  EXPECT_THAT(report.error().what, testing::AllOf(HasSubstr(second.id), HasSubstr(bench.printer.id)));
+  EXPECT_TRUE(its_driver->status()->activity.prints) << "the word was not for it";
+  EXPECT_THAT(bench.journal, testing::AllOf(HasSubstr("cancel-asked"), testing::Not(HasSubstr("finished"))));
+  EXPECT_EQ(bench.run()->outcome, WholePrintOutcome::Stopped) << "it is passed on where its print is";
+}
+
 TEST(WholePrintWords, OfASecondCancelGiveUpAPrinterThatIsKnownByItsNameAloneAndNotFound) {
   WholePrintBench bench;
   auto journal = PrinterJournal::open(memory_journal_file(bench.journal)).value();
