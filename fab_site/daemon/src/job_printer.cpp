@@ -133,12 +133,10 @@ bool JobPrinter::is_recorded_as_printing(const std::string& job) {
 Result<PrintReport> JobPrinter::attempt(const std::string& job, PrintControl& control, const std::stop_token& stop) {
   const auto found = site_.find(job);
   if (!found) return tl::unexpected{found.error()};
-  const auto profile = profile_of_(found->job);
-  if (!profile) return tl::unexpected{profile.error()};
-  PrintTask task{found->folder, *profile, name_, {}};
+  PrintTask task{found->folder, profile_of_(found->job), name_, {}};
   {
     const std::lock_guard lock{mutex_};
-    speed_up_ = profile->devices.speed_up;
+    speed_up_ = task.profile ? task.profile->devices.speed_up : 1;
     task.may_start = may_start_;
   }
   task.policy.maybe_exposed = at_start_.maybe_exposed;

@@ -65,7 +65,9 @@ Result<void> go_dark(const MachineProfile& machine) {
 Result<PrintRecord> print_from(const PrintTask& task, PrintControl& control, const PrintSink& sink,
                                std::atomic<std::uint64_t>& beats, std::stop_token stop) {
   const auto& folder = task.folder;
-  const MachineProfile& machine = task.profile;
+  // It can be put back, and a part may hang there: no reason to give the print up.
+  if (!task.profile) return fail(ErrorCode::Conflict, task.profile.error().what);
+  const MachineProfile& machine = *task.profile;
   const auto job = PlannedJob::open(folder / "plan");
   if (!job) return tl::unexpected{job.error()};
   if (const auto fits = (*job)->plan().fits(machine); !fits) return tl::unexpected{fits.error()};

@@ -20,9 +20,9 @@ enum class MayStart : std::uint8_t { Yes, No };
 
 /// What is to be printed, and how.
 struct PrintTask {
-  std::filesystem::path folder;  ///< of the job: plan/ in it, its journal and its report
-  MachineProfile profile;        ///< the job's, on the devices of the machine
-  std::string instance;          ///< name of the machine, for the record
+  std::filesystem::path folder;    ///< of the job: plan/ in it, its journal and its report
+  Result<MachineProfile> profile;  ///< the job's, on the devices of the machine; or why there is none any more
+  std::string instance;            ///< name of the machine, for the record
   PrintPolicy policy;
   MayStart may_start = MayStart::Yes;
   LayerIndex seen;  ///< layers that the job store has seen printed
@@ -87,7 +87,7 @@ class PrintingMachine {
   /// Prints what was planned into the folder, or goes on where its journal ends; both records are kept in its report.
   /// Opens the devices, and has let go of them when it returns; those whose light is the fab's are dark then. `beats`
   /// rises while it goes on, and never rests for longest_silence(). Fails: device faults, StorageFailed, Conflict
-  /// (held, another plan, a part that began by another light), NotTrusted.
+  /// (held, another plan or profile, none, a part that began by another light), NotTrusted.
   [[nodiscard]] virtual Result<PrintReport> print(const PrintTask& task, PrintControl& control,
                                                   const StandingSink& sink, std::atomic<std::uint64_t>& beats,
                                                   std::stop_token stop) = 0;

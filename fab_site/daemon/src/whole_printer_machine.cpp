@@ -39,6 +39,9 @@ bool is_watched_on(ErrorCode code) {
   return code == ErrorCode::DeviceLost || code == ErrorCode::ProtocolBroken || code == ErrorCode::DeviceRefused;
 }
 
+/// Whether a print has no file for its printer because of the profile as it is now.
+bool is_misfit(ErrorCode code) { return code == ErrorCode::InvalidInput || code == ErrorCode::Conflict; }
+
 /// The print that a printer was asked for, to watch it: what the printer knows it by.
 WholePrintJob watched_job(const PrinterJournalEntry& planned) {
   WholePrintJob job;
@@ -51,14 +54,16 @@ WholePrintJob watched_job(const PrinterJournalEntry& planned) {
 /// One print of one plan folder.
 class WholePrint {
  public:
-  WholePrint(const PrintTask& task, std::unique_ptr<PlannedJob> planned, PrintJournal orders, PrinterJournal journal)
+  WholePrint(const PrintTask& task, PrinterChoice printer, std::unique_ptr<PlannedJob> planned, PrintJournal orders,
+             PrinterJournal journal)
       : task_{task},
+        printer_{std::move(printer)},
         planned_{std::move(planned)},
         orders_{std::move(orders)},
         journal_{std::move(journal)},
         made_{is_to_begin_again() ? LayerIndex{0} : std::min(task.seen, layers())} {}
 
-  static Result<std::unique_ptr<WholePrint>> open(const PrintTask& task) {
+  static Result<std::unique_ptr<WholePrint>> open(const PrintTask& task, PrinterChoice printer) {
     auto planned = PlannedJob::open(task.folder / "plan");
     if (!planned) return tl::unexpected{planned.error()};
     auto order_file = open_journal_file(task.folder / "journal");
@@ -69,7 +74,8 @@ class WholePrint {
     if (!file) return tl::unexpected{file.error()};
     auto journal = PrinterJournal::open(std::move(*file));
     if (!journal) return tl::unexpected{journal.error()};
-    return std::make_unique<WholePrint>(task, std::move(*planned), std::move(*orders), std::move(*journal));
+    return std::make_unique<WholePrint>(task, std::move(printer), std::move(*planned), std::move(*orders),
+                                        std::move(*journal));
   }
 
   /// Nothing may begin that these forbid.
@@ -136,11 +142,12 @@ class WholePrint {
   /// A word that is to hold the print ends the work on its file.
   Result<WholePrintFile> file_made(FileThere there, PrintControl& control, Clock& clock,
                                    std::atomic<std::uint64_t>& beats, const std::stop_token& stop) {
+    if (!task_.profile) return tl::unexpected{task_.profile.error()};
     std::stop_source held;
     const std::stop_callback with_site{stop, [&] { held.request_stop(); }};
     Result<void> kept;
     auto made = whole_print_file(
-        planned_->plan(), *planned_, task_.profile, file(), there,
+        planned_->plan(), *planned_, *task_.profile, file(), there,
         [&](const Progress&) {
           ++beats;
           if (is_asked() || !kept) return;  // the runner passes words on
@@ -161,10 +168,10 @@ class WholePrint {
     if (!made && is_held()) return held();
     WholePrintPolicy policy;
     policy.starts = task_.may_start == MayStart::Yes;
-    const bool fits = made ? written == nullptr || !is_asked() || made->job.file.md5 == written->md5
-                           : made.error().code != ErrorCode::InvalidInput;
+    const bool fits =
+        made ? written == nullptr || !is_asked() || made->job.file.md5 == written->md5 : !is_misfit(made.error().code);
     if (!fits) {
-      // The profile became another; it can be put right, and what is at its printer is watched whatever it is.
+      // The profile became another or went; it can be put right, and what is at its printer is watched whatever it is.
       if (!is_asked() || written == nullptr) return fail(ErrorCode::Conflict, made.error().what);
       made = WholePrintFile{watched_job(*written), 0};
       policy.starts = false;
@@ -174,7 +181,7 @@ class WholePrint {
     const auto network = make_printer_network();
     const WholePrintSink events = sink_of(sink, beats);
     while (true) {
-      const auto printer = sought_printer(*network, clock, choice_of(task_.profile));
+      const auto printer = sought_printer(*network, clock, printer_);
       auto ran = WholePrintRunner{*printer, journal_, clock, &orders_}.run(made->job, policy, control, events, stop);
       if (ran) return ran;
       const Error why = lost(ran.error());
@@ -307,6 +314,7 @@ class WholePrint {
   }
 
   const PrintTask& task_;
+  PrinterChoice printer_;
   std::unique_ptr<PlannedJob> planned_;
   PrintJournal orders_;
   PrinterJournal journal_;
@@ -320,7 +328,7 @@ Nanoseconds WholePrinterMachine::longest_silence() const { return kLongestAnswer
 
 Result<PrintReport> WholePrinterMachine::print(const PrintTask& task, PrintControl& control, const StandingSink& sink,
                                                std::atomic<std::uint64_t>& beats, std::stop_token stop) {
-  const auto print = WholePrint::open(task);
+  const auto print = WholePrint::open(task, choice_of(profile_));
   if (!print) return tl::unexpected{print.error()};
   if (auto may = (*print)->check(); !may) return tl::unexpected{may.error()};
   return (*print)->run(control, sink, beats, stop);

@@ -12,10 +12,15 @@ namespace telefab::test {
 /// A fab with a printer that owns its light: scan site, fab and a strict simulated printer as real programs.
 class WholePrinters : public SeveralMachines {
  protected:
-  void SetUp() override {
+  /// `critical_dose`: in mJ/cm2, of its resin.
+  void write_profile(const std::string& critical_dose, double speed_up = 2000) const {
     std::ofstream{folder() / "machines" / "toy.toml"}
-        << kToyProfile << "[resin]\ncritical_dose_mj_per_cm2 = 4.0\npenetration_mm = 0.3\n"
-        << "[motion]\nlift_mm = 2.0\n[devices]\nspeed_up = 2000.0\n[file]\nkind = \"goo\"\nmodel = \"ELEGOO Toy\"\n";
+        << kToyProfile << "[resin]\ncritical_dose_mj_per_cm2 = " << critical_dose << "\npenetration_mm = 0.3\n"
+        << "[motion]\nlift_mm = 2.0\n[devices]\nspeed_up = " << speed_up
+        << ".0\n[file]\nkind = \"goo\"\nmodel = \"ELEGOO Toy\"\n";
+  }
+  void SetUp() override {
+    write_profile("4.0");
     look_every = std::chrono::milliseconds{60};
   }
   [[nodiscard]] static std::string bin(const std::string& program) {

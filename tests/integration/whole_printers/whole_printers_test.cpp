@@ -190,7 +190,7 @@ TEST_F(WholePrinters, OutOfReachAreSaidToBeAndTheirPrintIsWatchedAgain) {
 }
 
 TEST_F(WholePrinters, StopAtACancelThoughTheirMachineHasAnotherResinByNow) {
-  start_printer("1");
+  start_printer("3");
   write_whole_list();
   start_sites();
   const std::string job = submit_for("toy", "4");
@@ -205,8 +205,69 @@ TEST_F(WholePrinters, StopAtACancelThoughTheirMachineHasAnotherResinByNow) {
   expect_once();
 }
 
+TEST_F(WholePrinters, StopAtACancelThoughTheirProfileWasEditedMeanwhile) {
+  start_printer("3");
+  write_whole_list();
+  start_sites();
+  const std::string job = submit_for("toy", "4");
+  ASSERT_TRUE(await([&] { return prints_layers(job); })) << says();
+  kill_fab();
+  write_profile("5.0");  // each layer needs more light: the file would be another one
+  start_fab(with_list());
+  await_state(job, "printing");
+  ASSERT_EQ(at_fab({"cancel", job, "--who", "ana"}).code, 0) << says();
+  await_state(job, "cancelled");
+  EXPECT_EQ(record_of(job)["end"], "stopped");
+  expect_once();
+}
+
+TEST_F(WholePrinters, AreWatchedToTheirEndThoughWhatTheirJobChoseIsNotThereAnyMore) {
+  const fs::path chosen = folder() / "prints" / "mine.toml";
+  fs::create_directories(chosen.parent_path());
+  std::ofstream{chosen} << "name = \"mine\"\n[motion]\nlift_mm = 3.0\n";
+  start_printer("0.5");
+  write_whole_list();
+  start_sites();
+  const std::string job = submit_for("toy", "4", {"--print", "mine"});
+  ASSERT_TRUE(await([&] { return prints_layers(job); })) << says();
+  kill_fab();
+  fs::remove(chosen);
+  start_fab(with_list());
+  await_state(job, "printing");
+  await_state(job, "done");
+  EXPECT_EQ(record_of(job)["end"], "done");
+  EXPECT_EQ(state_of("saturn"), "occupied");
+  expect_once();
+}
+
+TEST_F(WholePrinters, OfAProfileThatIsNotThereAnyMoreHoldAJobThatWasNotBegun) {
+  const fs::path chosen = folder() / "prints" / "mine.toml";
+  fs::create_directories(chosen.parent_path());
+  const std::string text = "name = \"mine\"\n[motion]\nlift_mm = 3.0\n";
+  std::ofstream{chosen} << text;
+  start_printer();
+  write_whole_list();
+  start_sites({"--start", "on-approval"});
+  const std::string job = submit_for("toy", "1", {"--print", "mine"});
+  await_state(job, "awaiting-approval");
+  kill_fab();
+  fs::remove(chosen);
+  start_fab(with_list({"--start", "on-approval"}));
+  (void)at_fab({"approve", job});
+  ASSERT_TRUE(await([&] { return message_of(job).find("mine") != std::string::npos; })) << says();
+  EXPECT_NE(job_state(job), "failed");
+  kill_fab();
+  std::ofstream{chosen} << text;
+  start_fab(with_list({"--start", "on-approval"}));
+  if (job_state(job) == "paused") (void)at_fab({"resume", job});
+  if (job_state(job) == "awaiting-approval") (void)at_fab({"approve", job});
+  await_state(job, "done");
+  expect_once();
+}
+
 TEST_F(WholePrinters, LeaveAPrintToTheLightThatBeganIt) {
-  write_list({"saturn"});  // light of the fab's own
+  write_profile("4.0", 50);  // slow enough to be killed amid the print
+  write_list({"saturn"});    // light of the fab's own
   start_fab(with_list({"--start", "on-approval"}));
   start_scan();
   ASSERT_TRUE(await([&] { return telefab({"machines"}).output.find("any of") != std::string::npos; })) << says();
@@ -233,6 +294,7 @@ TEST_F(WholePrinters, LeaveAPrintToTheLightThatBeganIt) {
   EXPECT_EQ(asked.code, 2) << "no start of it is in question: " << asked.output;
   EXPECT_EQ(journal_of(begun), "");
   kill_fab();
+  write_profile("4.0");
   write_list({"saturn"});
   start_fab(with_list({"--start", "on-approval"}));
   if (job_state(begun) == "paused") resume_looked_at();

@@ -34,8 +34,11 @@ class SeveralMachines : public TwoSites {
     start_scan();
     ASSERT_TRUE(await([&] { return telefab({"machines"}).output.find("any of") != std::string::npos; })) << says();
   }
-  [[nodiscard]] std::string submit_for(const std::string& machine, const std::string& height_mm = "4") const {
-    const Outcome outcome = telefab({"submit", torus().string(), "--machine", machine, "--height-mm", height_mm});
+  [[nodiscard]] std::string submit_for(const std::string& machine, const std::string& height_mm = "4",
+                                       const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> words{"submit", torus().string(), "--machine", machine, "--height-mm", height_mm};
+    words.insert(words.end(), more.begin(), more.end());
+    const Outcome outcome = telefab(words);
     EXPECT_EQ(outcome.code, 0) << outcome.errors;
     return outcome.output.substr(0, outcome.output.find('\n'));
   }
