@@ -21,11 +21,16 @@ Result<ProfileChoice> profile_choice_of(std::string_view machine, std::string_vi
   return choice;
 }
 
-Result<MachineProfile> profile_of_job(const ProfileCatalogue& catalogue, std::string_view machine,
-                                      std::string_view parameters) {
+Result<ComposedProfile> composed_of_job(const ProfileCatalogue& catalogue, std::string_view machine,
+                                        std::string_view parameters) {
   const auto choice = profile_choice_of(machine, parameters);
   if (!choice) return tl::unexpected{choice.error()};
-  auto composed = catalogue.compose(*choice);
+  return catalogue.compose(*choice);
+}
+
+Result<MachineProfile> profile_of_job(const ProfileCatalogue& catalogue, std::string_view machine,
+                                      std::string_view parameters) {
+  auto composed = composed_of_job(catalogue, machine, parameters);
   if (!composed) return tl::unexpected{composed.error()};
   return std::move(composed->profile);
 }

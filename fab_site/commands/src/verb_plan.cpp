@@ -2,9 +2,7 @@
 #include <fmt/format.h>
 
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <telefab/base/file.hpp>
-#include <telefab/base/json_text.hpp>
 #include <telefab/codec/tfc_file.hpp>
 #include <telefab/command_line/machine_choice.hpp>
 #include <telefab/command_line/output.hpp>
@@ -60,30 +58,19 @@ Result<PlanOptions> plan_options(const Options& o) {
   return options;
 }
 
-double resin_ml(const PlanSummary& s) { return s.cured_mm3 / 1000; }
-
-void print_summary(const PlanSummary& s, const Preflight& preflight, const std::optional<ResinPrice>& price,
-                   const std::string& folder, bool replaced) {
+void print_summary(const PlanSummary& s, const Preflight& preflight, const std::string& folder, bool replaced) {
   write_output(fmt::format("{} layers on {} ({} of the part, {} below it), {} anchors\n", s.plan.layers.size(),
                            s.plan.machine, s.part_layers, s.elevation_layers, s.anchors.size()));
   write_output(fmt::format("part {:.1f} mm3, supports {:.1f} mm3; {:.0f} min of print, of that {:.0f} min of light\n",
                            s.figures.part_mm3, s.figures.support_mm3, s.print_s / 60, s.exposure_s / 60));
-  if (price)
-    write_output(fmt::format("resin {:.1f} ml for {:.2f} {}, at {} a litre\n", resin_ml(s), price->of_ml(resin_ml(s)),
-                             price->currency, price->per_litre));
+  if (s.price)
+    write_output(fmt::format("resin {:.1f} ml for {:.2f} {}, at {} a litre\n", s.resin_ml(),
+                             s.price->of_ml(s.resin_ml()), s.price->currency, s.price->per_litre));
   write_output(fmt::format("supports {:.2f} s, masks {:.2f} s, loads {:.2f} s; written to {}{}\n", s.support_seconds,
                            s.mask_seconds, s.carry_seconds, folder,
                            replaced ? ", in place of the plan that lay there" : ""));
   write_output(
       fmt::format("before printing:{}\n{}", preflight.holds() ? " the job would be held" : "", to_text(preflight)));
-}
-
-/// The report of the plan, and what its resin costs where that is known.
-std::string json_of(const PlanSummary& s, const std::optional<ResinPrice>& price) {
-  if (!price) return to_json(s);
-  auto report = parsed_json(to_json(s));
-  report["cost"] = {{"amount", price->of_ml(resin_ml(s))}, {"currency", price->currency}, {"resin_ml", resin_ml(s)}};
-  return json_text(report, 1) + "\n";
 }
 
 Result<ExitCode> run(const Options& o, std::stop_token stop) {
@@ -99,6 +86,7 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   const auto chosen = chosen_profile(o.machine, *stack ? (*stack)->header().machine : std::string{});
   if (!chosen) return tl::unexpected{chosen.error()};
   const MachineProfile* const machine = &chosen->profile;
+  options->price = chosen->price;
   auto given =
       *stack ? Result<Given>{Given{std::move(**stack), bytes, nullptr}} : given_print(o, bytes, *machine, stop);
   if (!given) return tl::unexpected{given.error()};
@@ -116,9 +104,9 @@ Result<ExitCode> run(const Options& o, std::stop_token stop) {
   if (!summary) return tl::unexpected{summary.error()};
   const Preflight preflight = preflight_of(given->stack, *machine, *summary);
   if (o.json)
-    write_output(json_of(*summary, chosen->price));
+    write_output(to_json(*summary));
   else
-    print_summary(*summary, preflight, chosen->price, o.out, replaced);
+    print_summary(*summary, preflight, o.out, replaced);
   return preflight.holds() ? ExitCode::NotCertified : ExitCode::Ok;
 }
 

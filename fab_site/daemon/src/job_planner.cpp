@@ -135,8 +135,9 @@ void JobPlanner::wait(const std::string& job, const Error& why) {
 Result<PlanOutcome> JobPlanner::attempt(const std::string& job, std::stop_token stop) {
   const auto found = site_.find(job);
   if (!found) return tl::unexpected{found.error()};
-  const auto machine = profile_of_job(site_.profiles(), found->job.machine, found->job.parameters);
-  if (!machine) return tl::unexpected{machine.error()};
+  const auto composed = composed_of_job(site_.profiles(), found->job.machine, found->job.parameters);
+  if (!composed) return tl::unexpected{composed.error()};
+  const MachineProfile* const machine = &composed->profile;
   if (has_ready_print(found->folder))
     if (auto traced = trace_masks(found->folder, found->job, *machine, stop); !traced)
       return tl::unexpected{traced.error()};
@@ -157,6 +158,7 @@ Result<PlanOutcome> JobPlanner::attempt(const std::string& job, std::stop_token 
     });
   PlanOptions options = options_;
   options.job = job;
+  options.price = composed->price;
   auto hand = hand_list_in(found->folder);
   if (!hand) return tl::unexpected{hand.error()};
   options.supports.hand = std::move(*hand);

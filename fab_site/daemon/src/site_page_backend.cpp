@@ -112,8 +112,9 @@ const SitePageBackend::Light* SitePageBackend::light_of(const Job& job) {
   if (const auto preflight = preflight_in(*folder / "plan"))
     for (const PreflightItem& item : preflight->items)
       if (item.name == "resin" && item.unit == "ml") light.resin_ml = item.value.value_or(0);
-  if (const auto choice = profile_choice_of(job.instance.empty() ? job.machine : job.instance, job.parameters))
-    if (const auto printed = profiles_.compose(*choice)) light.price = printed->price;
+  if (const auto printed =
+          composed_of_job(profiles_, job.instance.empty() ? job.machine : job.instance, job.parameters))
+    light.price = printed->price;
   if (lights_.size() > kMostJobs) lights_.clear();
   return &lights_.insert_or_assign(job.id, std::move(light)).first->second;
 }

@@ -295,6 +295,7 @@ PlanSummary summary_of(const LayerStack& stack, const SupportPlan& supports, con
   summary.anchors.assign(supports.anchors().begin(), supports.anchors().end());
   summary.supports_json = to_json(supports);
   summary.registration_rms_mm = options.registration_rms_mm;
+  summary.price = options.price;
   summary.contour_limits = options.contour_limits;
   if (options.ready) summary.origin = options.ready->origin;
   summary.masks = options.masks;

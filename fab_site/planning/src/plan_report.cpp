@@ -11,6 +11,12 @@ std::string to_json(const PlanSummary& s) {
   if (s.calibration)
     calibration = {{"cure_depth_95_mm", {s.calibration->least_depth_mm, s.calibration->most_depth_mm}},
                    {"dose_95_share", s.calibration->dose_share}};
+  ordered_json cost;  // null where the resin has no price
+  if (s.price)
+    cost = {{"amount", s.price->of_ml(s.resin_ml())},
+            {"currency", s.price->currency},
+            {"per_litre", s.price->per_litre},
+            {"resin_ml", s.resin_ml()}};
   const ordered_json value{
       {"job", s.plan.job},
       {"machine", s.plan.machine},
@@ -26,6 +32,7 @@ std::string to_json(const PlanSummary& s) {
       {"part_mm3", s.figures.part_mm3},
       {"support_mm3", s.figures.support_mm3},
       {"cured_mm3", s.cured_mm3},
+      {"cost", cost},
       {"exposure_s", s.exposure_s},
       {"print_s", s.print_s},
       {"white_dose_mj_per_cm2", s.white_dose_mj_per_cm2},

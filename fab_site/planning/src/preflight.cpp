@@ -291,7 +291,7 @@ Preflight preflight_of(const LayerStack& stack, const MachineProfile& machine, c
   items.push_back(findings_of("hollows", Verdict::Warning, {Kind::SuctionCup, Kind::ResinTrap}, summary.check,
                               "no hollow holds a vacuum or liquid resin"));
   items.push_back(carry_of(machine, summary));
-  const double resin_ml = summary.cured_mm3 / 1000;
+  const double resin_ml = summary.resin_ml();
   items.push_back(against("resin", resin_ml, "ml", machine.resin.vat_ml,
                           fmt::format("{:.1f} ml of resin, supports included", resin_ml), "resin.vat_ml"));
   if (!machine.assumed.empty()) items.push_back(profile_of(machine));

@@ -56,6 +56,24 @@ TEST_F(Fax, ChoosesHowAScanStandsWhereItIsAskedTo) {
   EXPECT_NEAR(report["size_mm"][2].get<double>(), 4, 1e-6);
 }
 
+TEST_F(Fax, ReportsWhatTheResinOfAPrintCosts) {
+  std::filesystem::create_directories(folder() / "resins");
+  std::ofstream{folder() / "resins" / "dear.toml"} << "name = \"dear\"\nprice_per_litre = 50\ncurrency = \"EUR\"\n"
+                                                      "[resin]\ncritical_dose_mj_per_cm2 = 4.0\npenetration_mm = 0.3\n";
+  start_both();
+  const Outcome done = telefab(
+      {"submit", torus().string(), "--machine", "toy", "--resin", "dear", "--height-mm", "4", "--watch", "--json"});
+  ASSERT_EQ(done.code, 0) << done.errors;
+  const auto out = folder() / "out";
+  ASSERT_EQ(telefab({"report", json::parse(done.output)["id"], "--out", out.string()}).code, 0);
+  const json cost = json::parse(text_of(out / "report.json"))["cost"];
+  ASSERT_TRUE(cost.is_object()) << cost;
+  EXPECT_EQ(cost["currency"], "EUR");
+  EXPECT_EQ(cost["per_litre"], 50);
+  EXPECT_GT(cost["resin_ml"], 0);
+  EXPECT_DOUBLE_EQ(cost["amount"].get<double>(), cost["resin_ml"].get<double>() * 50 / 1000);
+}
+
 TEST_F(Fax, PlansTheContoursAsTheyWereCodedAndKeepsThemSo) {
   start_both();
   const std::string job = submit_torus();

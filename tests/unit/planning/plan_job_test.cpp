@@ -308,6 +308,15 @@ TEST(PlanJob, ReportsWhatTheSolverReachedAndWhatTimeLeftUndone) {
   EXPECT_EQ(report(hurried)["deadline_reached"], false);  // the test's clock stands still
 }
 
+TEST(PlanJob, ReportsWhatItsResinCostsWhereThatHasAPrice) {
+  PlanOptions options = without_supports();
+  EXPECT_TRUE(nlohmann::json::parse(to_json(*plan(test::table(6, 3), options).summary))["cost"].is_null());
+  options.price = ResinPrice{50, "EUR"};
+  const auto report = nlohmann::json::parse(to_json(*plan(test::table(6, 3), options).summary));
+  EXPECT_EQ(report["cost"]["currency"], "EUR");
+  EXPECT_DOUBLE_EQ(report["cost"]["amount"].get<double>(), report["cured_mm3"].get<double>() / 1000 * 50 / 1000);
+}
+
 TEST(PlanJob, TakesExposuresFromACureDepthWhereOneIsAsked) {
   PlanOptions options = without_supports();
   options.cure_depth_layers = 3;

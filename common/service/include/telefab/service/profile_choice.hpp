@@ -11,7 +11,10 @@ namespace telefab {
 /// keys may stand, or nothing. InvalidInput: no object, or one of both is not a text.
 [[nodiscard]] Result<ProfileChoice> profile_choice_of(std::string_view machine, std::string_view parameters);
 
-/// The profile of such a job. Fails as profile_choice_of and ProfileCatalogue::compose.
+/// What such a job is printed with. Fails as profile_choice_of and ProfileCatalogue::compose.
+[[nodiscard]] Result<ComposedProfile> composed_of_job(const ProfileCatalogue& catalogue, std::string_view machine,
+                                                      std::string_view parameters);
+/// The profile of it alone.
 [[nodiscard]] Result<MachineProfile> profile_of_job(const ProfileCatalogue& catalogue, std::string_view machine,
                                                     std::string_view parameters);
 

@@ -17,6 +17,7 @@
 #include <telefab/fab/verify/support_check.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/image/png.hpp>
+#include <telefab/machine/profile_part.hpp>
 
 namespace telefab::fab {
 
@@ -41,7 +42,8 @@ struct PlanOptions {
   /// How deep one normal exposure cures, (0, 20] layers; its time then follows from resin and irradiance, and that of
   /// bottom layers in proportion. 0: the profile's times hold.
   double cure_depth_layers = 0;
-  double registration_rms_mm = 0;  ///< of the views the scan was put together from, as printed; 0: not stated
+  double registration_rms_mm = 0;   ///< of the views the scan was put together from, as printed; 0: not stated
+  std::optional<ResinPrice> price;  ///< of the resin, for the report alone; none: not stated
   ContourLimits contour_limits;
   SupportOptions supports;
   std::shared_ptr<const PartRegions> regions;  ///< of the very layers, where they were analysed as they came
@@ -76,6 +78,7 @@ struct PlanSummary {
   std::uint32_t elevation_layers = 0;
   std::string supports_json;  ///< to_json(SupportPlan)
   double cured_mm3 = 0;       ///< of what the masks cure, supports included
+  [[nodiscard]] double resin_ml() const { return cured_mm3 / 1000; }
   PeelLoad peel;
   double exposure_s = 0;  ///< of all layers
   double print_s = 0;     ///< from homing to the raised part; uploads are taken to hide
@@ -88,6 +91,7 @@ struct PlanSummary {
   double cure_depth_mm = 0;                    ///< of it; negative where it cures nothing
   std::optional<CalibrationBand> calibration;  ///< of it; none where the profile states no intervals
   double registration_rms_mm = 0;              ///< as the options said it
+  std::optional<ResinPrice> price;             ///< the same
   std::size_t specks = 0;      ///< specks smaller than a pin's tip that would have floated and got no light
   std::uint32_t repairs = 0;   ///< times the print was planned again because of what its masks showed
   double support_seconds = 0;  ///< of all times together, like the next two
