@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <telefab/store/job_store.hpp>
+
 #include <fmt/format.h>
-#include <sqlite3.h>
 
 #include <atomic>
-#include <cerrno>
 #include <iterator>
 #include <mutex>
-#include <telefab/base/damaged_file.hpp>
-#include <telefab/base/file.hpp>
-#include <telefab/store/job_store.hpp>
+
+#include "job_store_backups.hpp"
+#include "sqlite_file.hpp"
 
 namespace telefab {
 namespace {
@@ -57,105 +57,23 @@ constexpr const char* kColumns =
     "layers_planned, "
     "layers_printed, scan_bytes, wire_bytes, created_unix_ms, changed_unix_ms, instance";
 
-struct CloseDatabase {
-  void operator()(sqlite3* database) const { sqlite3_close_v2(database); }
-};
-struct FinalizeStatement {
-  void operator()(sqlite3_stmt* statement) const { sqlite3_finalize(statement); }
-};
-
-/// 1 is the newest; 0 is one that is being made.
-std::filesystem::path backup_of(const std::filesystem::path& store, int number) {
-  return fmt::format("{}.backup-{}", store.string(), number);
-}
-
-/// A file that is read, and is not what was written.
-ErrorCode code_of(int sqlite_code) {
-  return (sqlite_code & 0xff) == SQLITE_CORRUPT || (sqlite_code & 0xff) == SQLITE_NOTADB ? ErrorCode::NotTrusted
-                                                                                         : ErrorCode::StorageFailed;
-}
-
-/// One prepared statement; binds in order, steps, reads columns in order.
-class Statement {
- public:
-  Statement(sqlite3* database, const std::string& text) : database_{database} {
-    sqlite3_stmt* raw = nullptr;
-    code_ = sqlite3_prepare_v2(database, text.c_str(), -1, &raw, nullptr);
-    statement_.reset(raw);
-  }
-  Statement& bind(std::string_view text) {
-    // A null pointer would bind NULL, not the empty text.
-    if (code_ == SQLITE_OK)
-      code_ = sqlite3_bind_text64(statement_.get(), ++bound_, text.data() ? text.data() : "", text.size(),
-                                  SQLITE_TRANSIENT, SQLITE_UTF8);
-    return *this;
-  }
-  Statement& bind(std::int64_t number) {
-    if (code_ == SQLITE_OK) code_ = sqlite3_bind_int64(statement_.get(), ++bound_, number);
-    return *this;
-  }
-  Statement& bind(double number) {
-    if (code_ == SQLITE_OK) code_ = sqlite3_bind_double(statement_.get(), ++bound_, number);
-    return *this;
-  }
-  /// True for a row, false for the end; an Error with SQLite's reason otherwise.
-  [[nodiscard]] Result<bool> step() {
-    if (code_ == SQLITE_OK) code_ = sqlite3_step(statement_.get());
-    const int code = std::exchange(code_, SQLITE_OK);
-    read_ = 0;
-    if (code == SQLITE_ROW) return true;
-    if (code == SQLITE_DONE) return false;
-    const char* const path = sqlite3_db_filename(database_, "main");
-    // SQLite calls a full disk an I/O error where it has no room for its own side files; what the system said last it
-    // keeps over answers that have nothing to do with it.
-    const int kind = code & 0xff;
-    const bool is_of_system = kind == SQLITE_IOERR || kind == SQLITE_CANTOPEN;
-    if (kind == SQLITE_FULL || (is_of_system && sqlite3_system_errno(database_) == ENOSPC))
-      return fail_system("write", path, ENOSPC);
-    return fail(code_of(code), fmt::format("job store {}: {}", path, sqlite3_errmsg(database_)));
-  }
-  [[nodiscard]] std::string text() {
-    const auto* bytes = sqlite3_column_text(statement_.get(), read_);
-    const int size = sqlite3_column_bytes(statement_.get(), read_++);
-    return bytes ? std::string{reinterpret_cast<const char*>(bytes), static_cast<std::size_t>(size)} : std::string{};
-  }
-  [[nodiscard]] std::int64_t number() { return sqlite3_column_int64(statement_.get(), read_++); }
-  [[nodiscard]] double real() { return sqlite3_column_double(statement_.get(), read_++); }
-
- private:
-  sqlite3* database_;
-  std::unique_ptr<sqlite3_stmt, FinalizeStatement> statement_;
-  int code_ = SQLITE_OK;
-  int bound_ = 0;
-  int read_ = 0;
-};
-
 }  // namespace
 
 struct JobStore::Impl {
-  std::filesystem::path path;
+  SqliteFile file;
   const Clock& clock;
-  std::unique_ptr<sqlite3, CloseDatabase> database;
   mutable std::recursive_mutex mutex;
   std::atomic<std::uint64_t> revision{1};
   std::optional<Error> trouble;
 
-  Impl(std::filesystem::path where, const Clock& ticking) : path{std::move(where)}, clock{ticking} {}
+  Impl(SqliteFile opened, const Clock& ticking) : file{std::move(opened)}, clock{ticking} {}
 
   [[nodiscard]] std::int64_t now_unix_ms() const {
     return std::chrono::duration_cast<std::chrono::milliseconds>(clock.wall()).count();
   }
 
-  [[nodiscard]] Statement prepare(const std::string& text) const { return Statement{database.get(), text}; }
-
-  [[nodiscard]] Result<void> run(const std::string& text) const {
-    char* reason = nullptr;
-    const int code = sqlite3_exec(database.get(), text.c_str(), nullptr, nullptr, &reason);
-    if (code == SQLITE_OK) return {};
-    auto error = fail(code_of(code), fmt::format("job store {}: {}", path.string(), reason ? reason : "unknown"));
-    sqlite3_free(reason);
-    return error;
-  }
+  [[nodiscard]] Statement prepare(const std::string& text) const { return file.prepare(text); }
+  [[nodiscard]] Result<void> execute(Statement statement) const { return file.execute(std::move(statement)); }
 
   /// Runs `work` in one transaction: all of it is on disk, or none.
   template <class Work>
@@ -165,24 +83,19 @@ struct JobStore::Impl {
       if (error.code == ErrorCode::StorageFailed || error.code == ErrorCode::NotTrusted) trouble = error;
       return tl::unexpected{error};
     };
-    if (auto begun = run("BEGIN IMMEDIATE"); !begun) return remember(begun.error());
+    if (auto begun = file.run("BEGIN IMMEDIATE"); !begun) return remember(begun.error());
     auto outcome = work();
     if (!outcome) {
-      (void)run("ROLLBACK");  // the first error is the one to tell
+      (void)file.run("ROLLBACK");  // the first error is the one to tell
       return remember(outcome.error());
     }
-    if (auto done = run("COMMIT"); !done) {
-      (void)run("ROLLBACK");
+    if (auto done = file.run("COMMIT"); !done) {
+      (void)file.run("ROLLBACK");
       return remember(done.error());
     }
     trouble.reset();
     ++revision;
     return outcome;
-  }
-
-  [[nodiscard]] Result<void> execute(Statement statement) const {
-    if (auto stepped = statement.step(); !stepped) return tl::unexpected{stepped.error()};
-    return {};
   }
 
   [[nodiscard]] Result<std::vector<StageSeconds>> stages_of(std::string_view id) const {
@@ -194,7 +107,7 @@ struct JobStore::Impl {
       if (!row) return tl::unexpected{row.error()};
       if (!*row) return stages;
       const auto stage = job_stage_from_name(query.text());
-      if (!stage) return fail_in(fmt::format("job store {}, job {}", path.string(), id), stage.error());
+      if (!stage) return fail_in(fmt::format("job store {}, job {}", file.path().string(), id), stage.error());
       stages.push_back({*stage, query.real()});
     }
   }
@@ -242,49 +155,13 @@ struct JobStore::Impl {
     return std::move(jobs->front());
   }
 
-  /// The first column of the first row, which is a number; 0: there is none.
-  [[nodiscard]] Result<std::int64_t> number_of(const std::string& question) const {
-    Statement query = prepare(question);
-    auto row = query.step();
-    if (!row) return tl::unexpected{row.error()};
-    return *row ? query.number() : 0;
-  }
-
-  /// A copy under another name, whole or not at all.
-  [[nodiscard]] Result<void> copy_to(const std::filesystem::path& copy) const {
-    const auto temporary = make_temporary_beside(copy);
-    if (!temporary) return tl::unexpected{temporary.error()};
-    Statement vacuum = prepare("VACUUM INTO ?");  // into an empty file it may
-    if (auto done = execute(std::move(vacuum.bind(temporary->string()))); !done) {
-      std::error_code ignored;  // the reason is the error that is told
-      std::filesystem::remove(*temporary, ignored);
-      return done;
-    }
-    if (auto placed = put_in_place(*temporary, copy); !placed) return placed;
-    std::error_code error;  // who may read the store may read its copy, and nobody else
-    std::filesystem::permissions(copy, std::filesystem::status(path, error).permissions(), error);
-    if (error)
-      return fail(ErrorCode::StorageFailed,
-                  fmt::format("cannot set the permissions of {}: {}", copy.string(), error.message()));
-    return {};
-  }
-
-  [[nodiscard]] Result<void> check() const {
-    Statement query = prepare("PRAGMA quick_check(1)");
-    auto row = query.step();
-    if (!row) return tl::unexpected{row.error()};
-    const std::string found = *row ? query.text() : "it says nothing";
-    if (found == "ok") return {};
-    return fail(ErrorCode::NotTrusted, fmt::format("job store {} is damaged: {}", path.string(), found));
-  }
-
   /// Step by step up to this version; the file as it was stays beside.
   [[nodiscard]] Result<void> migrate(std::int64_t from) {
-    if (auto kept = copy_to(fmt::format("{}.schema-{}", path.string(), from)); !kept) return kept;
+    if (auto kept = file.copy_to(fmt::format("{}.schema-{}", file.path().string(), from)); !kept) return kept;
     return together([&]() -> Result<void> {
       for (std::int64_t version = from; version < kSchemaVersion; ++version)
-        if (auto done = run(kMigrations[version - 1]); !done) return done;
-      return run(fmt::format("PRAGMA user_version = {};", kSchemaVersion));
+        if (auto done = file.run(kMigrations[version - 1]); !done) return done;
+      return file.run(fmt::format("PRAGMA user_version = {};", kSchemaVersion));
     });
   }
 
@@ -301,26 +178,17 @@ JobStore::JobStore(std::unique_ptr<Impl> impl) : impl_{std::move(impl)} {}
 JobStore::~JobStore() = default;
 
 Result<std::unique_ptr<JobStore>> JobStore::open(const std::filesystem::path& path, const Clock& clock) {
-  auto impl = std::make_unique<Impl>(path, clock);
-  sqlite3* raw = nullptr;
-  const int code =
-      sqlite3_open_v2(path.c_str(), &raw, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_FULLMUTEX, nullptr);
-  impl->database.reset(raw);
-  if (code != SQLITE_OK)
-    return fail(ErrorCode::StorageFailed,
-                fmt::format("cannot open job store {}: {}", path.string(), sqlite3_errstr(code)));
-  sqlite3_busy_timeout(raw, 5000);
-
-  for (const char* setting : {"PRAGMA journal_mode = WAL", "PRAGMA synchronous = FULL"})
-    if (auto done = impl->run(setting); !done) return tl::unexpected{done.error()};
-  const auto application = impl->number_of("PRAGMA application_id");
+  auto file = SqliteFile::open(path, "job store");
+  if (!file) return tl::unexpected{file.error()};
+  auto impl = std::make_unique<Impl>(std::move(*file), clock);
+  const auto application = impl->file.number_of("PRAGMA application_id");
   if (!application) return tl::unexpected{application.error()};
-  const auto version = impl->number_of("PRAGMA user_version");
+  const auto version = impl->file.number_of("PRAGMA user_version");
   if (!version) return tl::unexpected{version.error()};
   if (*application == 0 && *version == 0) {
     auto made = impl->together([&]() -> Result<void> {
-      return impl->run(fmt::format("{} PRAGMA application_id = {}; PRAGMA user_version = {};", kSchema, kApplicationId,
-                                   kSchemaVersion));
+      return impl->file.run(fmt::format("{} PRAGMA application_id = {}; PRAGMA user_version = {};", kSchema,
+                                        kApplicationId, kSchemaVersion));
     });
     if (!made) return tl::unexpected{made.error()};
   } else if (*application != kApplicationId || *version < 1) {
@@ -332,7 +200,7 @@ Result<std::unique_ptr<JobStore>> JobStore::open(const std::filesystem::path& pa
                             "{}); start that version, or name another data folder",
                             path.string(), *version, kSchemaVersion));
   } else {
-    if (auto checked = impl->check(); !checked) return tl::unexpected{checked.error()};
+    if (auto checked = impl->file.check(); !checked) return tl::unexpected{checked.error()};
     if (*version < kSchemaVersion)
       if (auto migrated = impl->migrate(*version); !migrated) return tl::unexpected{migrated.error()};
   }
@@ -533,10 +401,10 @@ Result<std::optional<JobState>> JobStore::forgotten(std::string_view id) const {
 
 Result<void> JobStore::back_up() {
   const std::lock_guard lock{impl_->mutex};
-  const auto backup = [&](int number) { return backup_of(impl_->path, number); };
+  const auto backup = [&](int number) { return backup_of(impl_->file.path(), number); };
   // The new one first: where it cannot be written, the old ones stay as they are.
   const std::filesystem::path made = backup(0);
-  if (auto copied = impl_->copy_to(made); !copied) return copied;
+  if (auto copied = impl_->file.copy_to(made); !copied) return copied;
   std::error_code error;  // one that is not there is not moved
   for (int number = kStoreBackups; number > 1; --number)
     std::filesystem::rename(backup(number - 1), backup(number), error);
@@ -553,59 +421,5 @@ Result<void> JobStore::health() const {
 }
 
 std::uint64_t JobStore::revision() const { return impl_->revision; }
-
-namespace {
-
-/// Gives the damaged file and what belongs to it other names; the first of them.
-Result<std::filesystem::path> set_aside(const std::filesystem::path& path) {
-  auto aside = name_for_damaged(path);
-  if (!aside) return aside;
-  std::error_code error;
-  for (const char* part : {"-wal", "-shm"})
-    if (!error && std::filesystem::exists(path.string() + part, error))
-      std::filesystem::rename(path.string() + part, aside->string() + part, error);
-  if (!error) std::filesystem::rename(path, *aside, error);
-  if (!error) return aside;
-  return fail(ErrorCode::StorageFailed,
-              fmt::format("{} is damaged and cannot be set aside: {}", path.string(), error.message()));
-}
-
-}  // namespace
-
-Result<RestoredStore> open_or_restore(const std::filesystem::path& path, const Clock& clock) {
-  std::error_code error;
-  const auto backup = [&](int number) { return backup_of(path, number); };
-  std::string notice;
-  // A start that ended while it restored leaves no file, and backups.
-  if (!std::filesystem::exists(path, error) && std::filesystem::exists(backup(1), error)) {
-    notice = fmt::format("job store {} is missing", path.string());
-  } else {
-    auto store = JobStore::open(path, clock);
-    if (store) return RestoredStore{std::move(*store), {}};
-    if (store.error().code != ErrorCode::NotTrusted) return tl::unexpected{store.error()};
-    const auto aside = set_aside(path);
-    if (!aside) return tl::unexpected{aside.error()};
-    notice = fmt::format("{}; it is kept as {}", store.error().what, aside->string());
-  }
-  for (int number = 1; number <= kStoreBackups; ++number) {
-    if (!std::filesystem::exists(backup(number), error)) continue;
-    const auto copy = make_temporary_beside(path);
-    if (!copy) return tl::unexpected{copy.error()};
-    std::filesystem::copy_file(backup(number), *copy, std::filesystem::copy_options::overwrite_existing, error);
-    if (error)
-      return fail(ErrorCode::StorageFailed,
-                  fmt::format("cannot copy {}: {}", backup(number).string(), error.message()));
-    if (auto placed = put_in_place(*copy, path); !placed) return tl::unexpected{placed.error()};
-    auto store = JobStore::open(path, clock);
-    if (store)
-      return RestoredStore{std::move(*store), fmt::format("{}; {} took its place, and changes since then are lost",
-                                                          notice, backup(number).string())};
-    if (store.error().code != ErrorCode::NotTrusted) return tl::unexpected{store.error()};
-    for (const char* part : {"", "-wal", "-shm"}) std::filesystem::remove(path.string() + part, error);
-  }
-  auto store = JobStore::open(path, clock);
-  if (!store) return tl::unexpected{store.error()};
-  return RestoredStore{std::move(*store), notice + "; there is no sound backup, and the list begins empty"};
-}
 
 }  // namespace telefab
