@@ -151,9 +151,9 @@ class ClientSession final : public MessageSession {
 
   void answer(const AskJobs& question) {
     if (question.job.empty()) {
-      auto jobs = service().store().list(question.most);
-      if (!jobs) return send_fault(question.request, jobs.error());
-      return send(Jobs{question.request, std::move(*jobs)});
+      auto page = service().store().list({.most = question.most});
+      if (!page) return send_fault(question.request, page.error());
+      return send(Jobs{question.request, std::move(page->jobs)});
     }
     auto job = service().store().find(question.job);
     if (!job) return send_fault(question.request, job.error(), question.job);

@@ -2,10 +2,12 @@
 #include <telefab/store/job_store.hpp>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <atomic>
 #include <iterator>
 #include <mutex>
+#include <sstream>
 
 #include "job_store_backups.hpp"
 #include "sqlite_file.hpp"
@@ -13,7 +15,7 @@
 namespace telefab {
 namespace {
 
-constexpr int kSchemaVersion = 4;
+constexpr int kSchemaVersion = 5;
 constexpr int kApplicationId = 0x54464142;  // "TFAB"
 
 constexpr const char* kSchema = R"sql(
@@ -41,6 +43,8 @@ CREATE TABLE job_stage (job_id TEXT NOT NULL, place BIGINT NOT NULL, stage TEXT 
 CREATE TABLE job_event (number BIGINT PRIMARY KEY, job_id TEXT NOT NULL, unix_ms BIGINT NOT NULL, text TEXT NOT NULL);
 CREATE INDEX job_event_of_job ON job_event (job_id, number);
 CREATE TABLE job_forgotten (id TEXT PRIMARY KEY, state INTEGER NOT NULL, unix_ms BIGINT NOT NULL);
+CREATE INDEX job_by_place ON job (place);
+CREATE INDEX job_by_state ON job (state, place);
 )sql";
 
 /// From each version to the next, the first from 1.
@@ -49,6 +53,8 @@ constexpr const char* kMigrations[] = {
     "UPDATE job SET state = 11 WHERE state = 5 AND message <> '';",
     "CREATE TABLE IF NOT EXISTS job_forgotten (id TEXT PRIMARY KEY, state INTEGER NOT NULL, unix_ms BIGINT NOT NULL);",
     "ALTER TABLE job ADD COLUMN instance TEXT NOT NULL DEFAULT '';",
+    "CREATE INDEX IF NOT EXISTS job_by_place ON job (place); CREATE INDEX IF NOT EXISTS job_by_state ON job (state, "
+    "place);",
 };
 static_assert(std::size(kMigrations) == kSchemaVersion - 1, "each version says how it comes out of the one before");
 
@@ -56,6 +62,45 @@ constexpr const char* kColumns =
     "id, name, machine, parameters, owner, state, message, layers, layers_sliced, layers_sent, print_layers, "
     "layers_planned, "
     "layers_printed, scan_bytes, wire_bytes, created_unix_ms, changed_unix_ms, instance";
+
+/// Numbers of states for IN (...).
+std::string list_of_states(const std::vector<JobState>& states) {
+  std::string list;
+  for (const JobState state : states)
+    list += fmt::format("{}{}", list.empty() ? "" : ", ", static_cast<std::int64_t>(state));
+  return list;
+}
+
+/// In small letters, as SQLite's lower() makes them.
+std::vector<std::string> words_of(std::string_view text) {
+  std::vector<std::string> words;
+  std::istringstream stream{std::string{text}};
+  for (std::string word; stream >> word;) {
+    for (char& c : word)
+      if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+    words.push_back(std::move(word));
+  }
+  return words;
+}
+
+/// That a word occurs in what people know a job by; its ? is pattern_of the word.
+std::string condition_of(const std::string& word) {
+  std::vector<JobState> states;
+  for (const JobState state : kJobStates)
+    if (name_of(state).find(word) != std::string_view::npos) states.push_back(state);
+  const std::string of_state = states.empty() ? "" : fmt::format(" OR state IN ({})", list_of_states(states));
+  return "(lower(name || ' ' || owner || ' ' || id || ' ' || machine || ' ' || instance) LIKE ? ESCAPE '!'" + of_state +
+         ")";
+}
+
+std::string pattern_of(const std::string& word) {
+  std::string pattern = "%";
+  for (const char c : word) {
+    if (c == '%' || c == '_' || c == '!') pattern += '!';
+    pattern += c;
+  }
+  return pattern + "%";
+}
 
 }  // namespace
 
@@ -247,10 +292,43 @@ Result<Job> JobStore::find(std::string_view id) const {
   return impl_->find(id);
 }
 
-Result<std::vector<Job>> JobStore::list(std::size_t most) const {
+Result<JobPage> JobStore::list(const JobQuery& asked) const {
+  std::vector<std::string> conditions;
+  if (asked.before > 0) conditions.emplace_back("place < ?");
+  if (!asked.states.empty()) conditions.push_back(fmt::format("state IN ({})", list_of_states(asked.states)));
+  const std::vector<std::string> words = words_of(asked.words);
+  for (const std::string& word : words) conditions.push_back(condition_of(word));
   const std::lock_guard lock{impl_->mutex};
-  Statement query = impl_->prepare(fmt::format("SELECT {} FROM job ORDER BY place DESC LIMIT ?", kColumns));
-  query.bind(static_cast<std::int64_t>(most));
+  // One more than asked for: whether there are more.
+  Statement query = impl_->prepare(fmt::format("SELECT {} FROM job {} {} ORDER BY place DESC LIMIT ?", kColumns,
+                                               conditions.empty() ? "" : "WHERE", fmt::join(conditions, " AND ")));
+  if (asked.before > 0) query.bind(static_cast<std::int64_t>(asked.before));
+  for (const std::string& word : words) query.bind(pattern_of(word));
+  query.bind(std::int64_t{asked.most} + 1);
+  auto found = impl_->select(std::move(query));
+  if (!found) return tl::unexpected{found.error()};
+  JobPage page;
+  page.jobs = std::move(*found);
+  if (page.jobs.size() <= asked.most) return page;
+  page.jobs.resize(asked.most);
+  if (page.jobs.empty()) return page;
+  Statement last = impl_->prepare("SELECT place FROM job WHERE id = ?");
+  const auto row = last.bind(page.jobs.back().id).step();
+  if (!row) return tl::unexpected{row.error()};
+  page.next = static_cast<std::uint64_t>(last.number());
+  return page;
+}
+
+Result<std::vector<Job>> JobStore::current(std::size_t most) const {
+  std::vector<JobState> live;
+  for (const JobState state : kJobStates)
+    if (!is_final(state)) live.push_back(state);
+  const std::lock_guard lock{impl_->mutex};
+  Statement query = impl_->prepare(
+      fmt::format("SELECT {} FROM job WHERE state IN ({}) OR place >= COALESCE((SELECT place FROM job ORDER BY place "
+                  "DESC LIMIT 1 OFFSET ?), 0) ORDER BY place DESC",
+                  kColumns, list_of_states(live)));
+  query.bind(static_cast<std::int64_t>(most == 0 ? 0 : most - 1));
   return impl_->select(std::move(query));
 }
 

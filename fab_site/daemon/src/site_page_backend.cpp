@@ -196,7 +196,7 @@ JobView SitePageBackend::view_of(const Job& job) {
 }
 
 Result<std::vector<JobView>> SitePageBackend::jobs() {
-  const auto jobs = store_.list(kMostJobs);
+  const auto jobs = store_.current(kMostJobs);
   if (!jobs) return tl::unexpected{jobs.error()};
   std::vector<JobView> views;
   for (const Job& job : *jobs) views.push_back(view_of(job));

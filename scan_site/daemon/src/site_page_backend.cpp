@@ -12,7 +12,7 @@ constexpr std::uint64_t kMaxReportBytes = 64U << 20U;
 
 }  // namespace
 
-Result<std::vector<Job>> SitePageBackend::jobs() { return store_.list(kMostJobs); }
+Result<std::vector<Job>> SitePageBackend::jobs() { return store_.current(kMostJobs); }
 
 Result<std::vector<JobEvent>> SitePageBackend::events(std::string_view id) {
   if (const auto job = store_.find(id); !job) return tl::unexpected{job.error()};

@@ -106,10 +106,73 @@ TEST_F(JobStoreTest, ListsTheNewestFirstEvenWithinOneMillisecond) {
   const std::string first = store->create({.name = "1", .machine = "m"}).value().id;
   const std::string second = store->create({.name = "2", .machine = "m"}).value().id;
   EXPECT_NE(first, second);
-  const auto jobs = store->list(10);
-  ASSERT_THAT(*jobs, SizeIs(2));
-  EXPECT_EQ((*jobs)[0].id, second);
-  EXPECT_THAT(*store->list(1), SizeIs(1));
+  const auto page = store->list({.most = 10});
+  ASSERT_THAT(page->jobs, SizeIs(2));
+  EXPECT_EQ(page->jobs[0].id, second);
+  EXPECT_EQ(page->next, 0U);
+  EXPECT_THAT(store->list({.most = 1})->jobs, SizeIs(1));
+}
+
+TEST_F(JobStoreTest, ListsEveryJobOnceInPagesThoughJobsComeAndAreForgottenMeanwhile) {
+  auto store = open();
+  std::vector<std::string> ids;
+  for (int i = 0; i < 25; ++i) ids.push_back(store->create({.name = std::to_string(i), .machine = "m"})->id);
+  std::vector<std::string> seen;
+  JobQuery query{.most = 10};
+  do {
+    const auto page = store->list(query).value();
+    EXPECT_THAT(page.jobs, SizeIs(testing::Le(10U)));
+    for (const Job& job : page.jobs) seen.push_back(job.id);
+    query.before = page.next;
+    ASSERT_TRUE(store->create({.name = "later", .machine = "m"}));
+    ASSERT_TRUE(store->move(page.jobs.back().id, JobState::Cancelled, ""));
+    ASSERT_TRUE(store->forget(page.jobs.back().id)) << "the last of a page, of all jobs";
+  } while (query.before > 0);
+  std::reverse(seen.begin(), seen.end());
+  EXPECT_EQ(seen, ids);
+}
+
+TEST_F(JobStoreTest, FindsJobsByWhatPeopleKnowThemBy) {
+  auto store = open();
+  const std::string cup = store->create({.name = "Cup 50%.ply", .machine = "machine-a", .owner = "ana"})->id;
+  const std::string vase = store->create({.name = "gro\u00df_vase.ply", .machine = "machine-b", .owner = "eve"})->id;
+  ASSERT_TRUE(store->set_instance(vase, "hall-2"));
+  ASSERT_TRUE(store->move(vase, JobState::Planning, ""));
+  ASSERT_TRUE(store->move(vase, JobState::AwaitingApproval, ""));
+  const auto found = [&](std::string words, std::vector<JobState> states = {}) {
+    const JobPage page = store->list({.words = std::move(words), .states = std::move(states)}).value();
+    std::vector<std::string> ids;
+    for (const Job& job : page.jobs) ids.push_back(job.id);
+    return ids;
+  };
+  EXPECT_THAT(found(""), ElementsAre(vase, cup));
+  EXPECT_THAT(found("CUP"), ElementsAre(cup));
+  EXPECT_THAT(found("50%"), ElementsAre(cup));
+  EXPECT_THAT(found("%"), ElementsAre(cup)) << "a character like any other";
+  EXPECT_THAT(found("_"), ElementsAre(vase));
+  EXPECT_THAT(found("gro\u00df"), ElementsAre(vase));
+  EXPECT_THAT(found("eve"), ElementsAre(vase));
+  EXPECT_THAT(found("hall-2"), ElementsAre(vase));
+  EXPECT_THAT(found("machine-a"), ElementsAre(cup));
+  EXPECT_THAT(found(cup), ElementsAre(cup));
+  EXPECT_THAT(found("Awaiting"), ElementsAre(vase));
+  EXPECT_THAT(found("ply eve"), ElementsAre(vase)) << "every word";
+  EXPECT_THAT(found("cup eve"), testing::IsEmpty());
+  EXPECT_THAT(found("' OR '1'='1"), testing::IsEmpty());
+  EXPECT_THAT(found("ply", {JobState::Queued, JobState::Done}), ElementsAre(cup));
+}
+
+TEST_F(JobStoreTest, CountsJobsThatAreNotAtTheirEndAmongTheCurrentHoweverManyCameAfter) {
+  auto store = open();
+  const std::string old = store->create({.name = "old", .machine = "m"})->id;
+  for (int i = 0; i < 20; ++i) {
+    const std::string id = store->create({.name = "ended", .machine = "m"})->id;
+    ASSERT_TRUE(store->move(id, JobState::Cancelled, ""));
+  }
+  const auto current = store->current(5).value();
+  ASSERT_THAT(current, SizeIs(6));
+  EXPECT_EQ(current.back().id, old);
+  EXPECT_THAT(store->current(100).value(), SizeIs(21));
 }
 
 TEST_F(JobStoreTest, TreatsTextAsTextAndNeverAsAStatement) {
@@ -198,7 +261,7 @@ TEST_F(JobStoreTest, KeepsTheMachineOfAJobAndTellsItsChangesAsEvents) {
 TEST_F(JobStoreTest, RaisesItsRevisionWithEveryChangeOnly) {
   auto store = open();
   const auto before = store->revision();
-  (void)store->list(5);
+  (void)store->list({});
   EXPECT_EQ(store->revision(), before);
   (void)store->create({.name = "a", .machine = "m"});
   EXPECT_GT(store->revision(), before);
@@ -303,7 +366,7 @@ TEST_F(JobStoreBackup, TakesThePlaceOfADamagedStoreAndSaysSo) {
   EXPECT_EQ(JobStore::open(path(), clock).error().code, ErrorCode::NotTrusted);
   const auto restored = open_or_restore(path(), clock);
   ASSERT_TRUE(restored) << restored.error().what;
-  EXPECT_THAT(restored->store->list(10).value(), SizeIs(2)) << "what came after the backup is lost";
+  EXPECT_THAT(restored->store->list({.most = 10})->jobs, SizeIs(2)) << "what came after the backup is lost";
   EXPECT_THAT(restored->notice, HasSubstr("jobs.db.damaged-1"));
   EXPECT_THAT(restored->notice, HasSubstr("jobs.db.backup-1 took its place"));
   EXPECT_TRUE(std::filesystem::exists(beside(".damaged-1")));
@@ -319,7 +382,7 @@ TEST_F(JobStoreBackup, AnOlderOneServesWhereTheNewestIsDamagedToo) {
   const auto restored = open_or_restore(path(), clock);
   ASSERT_TRUE(restored) << restored.error().what;
   EXPECT_THAT(restored->notice, HasSubstr("backup-2 took its place"));
-  EXPECT_THAT(restored->store->list(10).value(), SizeIs(1));
+  EXPECT_THAT(restored->store->list({.most = 10})->jobs, SizeIs(1));
 }
 
 TEST_F(JobStoreBackup, WithoutOneTheListBeginsEmptyAndTheDamagedFileStays) {
@@ -337,7 +400,7 @@ TEST_F(JobStoreBackup, ServesWhereTheStoreIsMissing) {
   const auto restored = open_or_restore(path(), clock);
   ASSERT_TRUE(restored);
   EXPECT_THAT(restored->notice, HasSubstr("is missing"));
-  EXPECT_THAT(restored->store->list(10).value(), SizeIs(2));
+  EXPECT_THAT(restored->store->list({.most = 10})->jobs, SizeIs(2));
 }
 
 TEST_F(JobStoreBackup, IsReadByNobodyWhoMayNotReadTheStore) {

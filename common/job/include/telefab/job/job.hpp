@@ -100,6 +100,21 @@ struct Job {
 /// JSON object of a job on one line, keys in fixed order: what `telefab --json` prints and hooks are told.
 [[nodiscard]] std::string to_json(const Job& job);
 
+/// Which jobs of a site are listed, newest first.
+struct JobQuery {
+  std::uint32_t most = 200;
+  /// Only jobs in whose name, owner, id, machine or state each of these words occurs, separated by blanks; capital and
+  /// small letters of ASCII are one. Empty: all.
+  std::string words = {};
+  std::vector<JobState> states = {};  ///< one of these; empty: any
+  std::uint64_t before = 0;           ///< JobPage::next of the page before; 0: from the newest
+  friend bool operator==(const JobQuery&, const JobQuery&) = default;
+};
+struct JobPage {
+  std::vector<Job> jobs;
+  std::uint64_t next = 0;  ///< where the next page goes on, whatever jobs come or are forgotten meanwhile; 0: no more
+};
+
 struct JobEvent {
   std::uint64_t number = 0;  ///< rises by one an event over all jobs
   std::int64_t unix_ms = 0;

@@ -34,8 +34,9 @@ class JobStore {
   /// Conflict where the given id is taken already.
   [[nodiscard]] Result<Job> create(const NewJob& job);
   [[nodiscard]] Result<Job> find(std::string_view id) const;
-  /// Newest first, at most `most`.
-  [[nodiscard]] Result<std::vector<Job>> list(std::size_t most) const;
+  [[nodiscard]] Result<JobPage> list(const JobQuery& query) const;
+  /// Every job that is not final, and the newest `most` of all; newest first.
+  [[nodiscard]] Result<std::vector<Job>> current(std::size_t most) const;
   /// Jobs that are not final, oldest first: what to resume after a restart.
   [[nodiscard]] Result<std::vector<Job>> unfinished() const;
 
