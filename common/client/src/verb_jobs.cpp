@@ -14,8 +14,6 @@ namespace {
 struct JobOptions {
   CommonOptions common;
   std::string job;
-  std::uint32_t most = 100;
-  bool names = false;
   bool plain = false;
   double patience_min = 10;
 };
@@ -30,24 +28,56 @@ std::shared_ptr<JobOptions> declare_one(VerbOptions& options) {
 }  // namespace
 
 VerbBody declare_jobs(VerbOptions& options) {
-  auto o = std::make_shared<JobOptions>();
+  struct Options {
+    CommonOptions common;
+    std::uint32_t most = 100;
+    std::string search;
+    std::vector<std::string> states;
+    bool all = false;
+    bool names = false;
+  };
+  auto o = std::make_shared<Options>();
   declare_common(options, o->common);
-  options.add("--most", o->most, "how many at most").within(1U, 1000U).shows_default();
+  options.add("--search", o->search,
+              "only jobs in whose name, owner, id, machine or state each of these words occurs: --search \"vase ana\"");
+  std::vector<std::string> states;
+  for (const JobState state : kJobStates) states.emplace_back(name_of(state));
+  options.add("--state", o->states, "only jobs in one of these states: --state done,failed")
+      .one_of(std::move(states))
+      .separated_by(',');
+  options.add("--most", o->most, "how many at most, the newest first").within(1U, 1000U).shows_default();
+  options.flag("--all", o->all, "all of them, however many");
   options.flag("--names", o->names, "ids alone, one a line");
   return [o](std::stop_token stop) -> Result<ExitCode> {
+    AskJobs question;
+    question.most = o->all ? static_cast<std::uint32_t>(kMaxJobsListed) : o->most;
+    question.words = o->search;
+    for (const std::string& name : o->states) {
+      const auto state = job_state_from_name(name);
+      if (!state) return tl::unexpected{state.error()};
+      question.states.push_back(*state);
+    }
     auto client = connect(o->common, std::move(stop));
     if (!client) return tl::unexpected{client.error()};
-    auto jobs = (*client)->ask<Jobs>(AskJobs{(*client)->next_request(), {}, o->most, false});
-    if (!jobs) return tl::unexpected{jobs.error()};
-    if (o->names) {
-      for (const Job& job : jobs->jobs) write_output(fmt::format("{}\n", job.id));
-    } else if (o->common.json) {
-      std::string list;
-      for (const Job& job : jobs->jobs) list += (list.empty() ? "" : ",\n ") + to_json(job);
-      write_output(fmt::format("[{}]\n", list));
-    } else {
-      for (const Job& job : jobs->jobs) write_output(fmt::format("{}\n", to_line(job)));
-    }
+    std::string list;
+    do {
+      question.request = (*client)->next_request();
+      const auto page = (*client)->ask<Jobs>(question);
+      if (!page) return tl::unexpected{page.error()};
+      if (!page->is_searched && (o->all || !question.words.empty() || !question.states.empty()))
+        return fail(ErrorCode::Conflict,
+                    "this site is of an older version, which lists its newest jobs alone; leave out --search, --state "
+                    "and --all");
+      for (const Job& job : page->jobs)
+        if (o->common.json)
+          list += (list.empty() ? "" : ",\n ") + to_json(job);
+        else
+          write_output(fmt::format("{}\n", o->names ? job.id : to_line(job)));
+      question.before = page->next;
+    } while (o->all && question.before > 0);
+    if (o->common.json) write_output(fmt::format("[{}]\n", list));
+    if (question.before > 0 && !o->names && !o->common.json)
+      write_note("there are more: --all lists them, --search finds some\n");
     return ExitCode::Ok;
   };
 }

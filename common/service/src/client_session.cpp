@@ -151,9 +151,9 @@ class ClientSession final : public MessageSession {
 
   void answer(const AskJobs& question) {
     if (question.job.empty()) {
-      auto page = service().store().list({.most = question.most});
+      auto page = service().store().list({question.most, question.words, question.states, question.before});
       if (!page) return send_fault(question.request, page.error());
-      return send(Jobs{question.request, std::move(page->jobs)});
+      return send(Jobs{question.request, std::move(page->jobs), page->next, true});
     }
     auto job = service().store().find(question.job);
     if (!job) return send_fault(question.request, job.error(), question.job);

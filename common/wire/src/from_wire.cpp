@@ -10,6 +10,8 @@
 namespace telefab::wire {
 namespace {
 
+constexpr std::uint64_t kMostPlace = std::uint64_t{1} << 62U;
+
 /// Remembers the first fault; later ones are its consequences.
 void expect(Reading& reading, bool holds, std::string_view field, std::string_view claim) {
   if (!holds && !reading.fault) reading.fault = fmt::format("message-field: {} {}", field, claim);
@@ -192,12 +194,27 @@ void read(Reading& reading, const v1::AskJobs& proto, AskJobs& value) {
   value.most = proto.most();
   expect(reading, !proto.watch() || !proto.job().empty(), "watch", "needs one job");
   value.watch = proto.watch();
+  value.words = name(reading, proto.words(), "words");
+  expect(reading, static_cast<std::size_t>(proto.state_size()) <= kJobStates.size(), "state", "names too many states");
+  if (reading.fault) return;
+  for (const std::uint32_t number : proto.state()) {
+    expect(reading,
+           std::find(kJobStates.begin(), kJobStates.end(), static_cast<JobState>(number)) != kJobStates.end() &&
+               number < 256,
+           "state", "is none of this version");
+    value.states.push_back(static_cast<JobState>(number));
+  }
+  expect(reading, proto.before() <= kMostPlace, "before", "is not a place in a list");
+  value.before = proto.before();
 }
 void read(Reading& reading, const v1::Jobs& proto, Jobs& value) {
   value.request = request(proto.request());
   expect(reading, static_cast<std::size_t>(proto.job_size()) <= kMaxJobsListed, "job", "lists too many jobs");
   if (reading.fault) return;
   for (const v1::Job& job : proto.job()) value.jobs.push_back(read_job(reading, job));
+  expect(reading, proto.next() <= kMostPlace, "next", "is not a place in a list");
+  value.next = proto.next();
+  value.is_searched = proto.is_searched();
 }
 void read(Reading& reading, const v1::Command& proto, Command& value) {
   value.request = request(proto.request());

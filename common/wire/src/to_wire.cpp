@@ -121,10 +121,15 @@ void write(const AskJobs& value, v1::AskJobs& proto) {
   proto.set_job(value.job);
   proto.set_most(value.most);
   proto.set_watch(value.watch);
+  proto.set_words(value.words);
+  for (const JobState state : value.states) proto.add_state(static_cast<std::uint32_t>(state));
+  proto.set_before(value.before);
 }
 void write(const Jobs& value, v1::Jobs& proto) {
   proto.set_request(number_of(value.request));
   for (const Job& job : value.jobs) write_job(job, *proto.add_job());
+  proto.set_next(value.next);
+  proto.set_is_searched(value.is_searched);
 }
 void write(const Command& value, v1::Command& proto) {
   proto.set_request(number_of(value.request));

@@ -83,10 +83,15 @@ struct AskJobs {
   std::string job;  ///< empty: all
   std::uint32_t most = 100;
   bool watch = false;
+  std::string words = {};  ///< this and what follows: as in JobQuery, where all are asked for
+  std::vector<JobState> states = {};
+  std::uint64_t before = 0;
 };
 struct Jobs {
   RequestId request{};
   std::vector<Job> jobs;
+  std::uint64_t next = 0;    ///< as in JobPage
+  bool is_searched = false;  ///< words, states and before were followed: older sites do not
 };
 struct Command {
   RequestId request{};
