@@ -8,7 +8,8 @@ const state = { jobs: [], chosen: null, visitor: { name: null, may: "nothing", m
 
 // Of the page itself: showJob(job) for every change, showStage(job) once a state, chosen(id) when another job is chosen;
 // and where there is one: news(data) for every event, begun() once somebody may see the page, showJobs() instead of the
-// plain list, approval(held) to ask whether what holds a job is let through (names, or null).
+// plain list, approval(held) to ask whether what holds a job is let through (names, or null), lists(job): whether a job
+// belongs in the list that is searched.
 const site = {};
 
 const hasEnded = (s) => ["done", "failed", "cancelled"].includes(s);
@@ -95,11 +96,66 @@ function element(name, text) {
   return e;
 }
 
+// ---- jobs of any age ----------------------------------------------------------------------------------------------
+
+// The stream has what goes on and the newest. What is older is asked for, page by page, with the words of the search.
+// next: where the site goes on; null: there is no more.
+const past = { words: "", jobs: new Map(), next: null, failed: "" };
+const createdAt = (job) => job.created_unix_s ?? job.created_unix_ms / 1000;
+const jobOf = (id) => state.jobs.find((job) => job.id === id) || past.jobs.get(id);
+const chosenJob = () => jobOf(state.chosen);
+const searchWords = () => byId("search").value.trim().toLowerCase();
+
+async function askPast(before) {
+  const words = searchWords();
+  const question = new URLSearchParams({ most: "100" });
+  if (words) question.set("search", words);
+  if (site.pastStates) question.set("state", site.pastStates);
+  if (before) question.set("before", before);
+  try {
+    const page = await get(`/v1/jobs?${question}`);
+    if (words !== searchWords()) return;  // other words are asked for by now
+    if (!before) past.jobs.clear();
+    for (const job of page.jobs) past.jobs.set(job.id, job);
+    Object.assign(past, { words, next: page.next, failed: "" });
+  } catch (error) {
+    past.failed = error.message;
+  }
+  showJobs();
+}
+
+// The jobs of the searched list that fit the words, newest first: of the stream at once, of the past once they came.
+function foundJobs() {
+  const words = searchWords(), each = words.split(/\s+/).filter(Boolean);
+  const fits = (job) => {
+    const text = `${job.name} ${job.owner} ${job.id} ${job.machine} ${job.instance} ${job.state}`.toLowerCase();
+    return each.every((word) => text.includes(word));
+  };
+  const lists = site.lists || (() => true);
+  const live = state.jobs.filter((job) => lists(job) && fits(job)), known = new Set(state.jobs.map((job) => job.id));
+  const old = past.words === words ? [...past.jobs.values()].filter((job) => !known.has(job.id)) : [];
+  return [...live, ...old].sort((a, b) => createdAt(b) - createdAt(a));
+}
+
+function showPast(found) {
+  byId("older").hidden = !past.next || past.words !== searchWords();
+  byId("none-found").hidden = found > 0 || !searchWords();
+  byId("past-answer").textContent = past.failed;
+}
+
+let searchSoon = 0;
+byId("search").oninput = () => {
+  showJobs();
+  clearTimeout(searchSoon);
+  searchSoon = setTimeout(askPast, 250);
+};
+byId("older").onclick = () => askPast(past.next);
+
 function showJobs() {
   if (site.showJobs) return site.showJobs();
-  const list = byId("jobs");
+  const list = byId("jobs"), found = foundJobs();
   const focused = document.activeElement && document.activeElement.dataset.job;
-  list.replaceChildren(...state.jobs.map((job) => {
+  list.replaceChildren(...found.map((job) => {
     const button = element("button", job.name || job.id);
     button.dataset.job = job.id;
     button.setAttribute("aria-current", String(job.id === state.chosen));
@@ -114,6 +170,7 @@ function showJobs() {
   }));
   if (focused) list.querySelector(`[data-job="${focused}"]`)?.focus();
   byId("no-jobs").hidden = state.jobs.length > 0;
+  showPast(found.length);
 }
 
 // What may be said when the job is resumed; "": nothing beside it.
@@ -124,7 +181,7 @@ function answersTo(job) {
 }
 
 function showJob() {
-  const job = state.jobs.find((j) => j.id === state.chosen);
+  const job = chosenJob();
   byId("job").hidden = !job;
   if (!job) return;
   byId("job-name").textContent = job.name || job.id;
@@ -143,7 +200,7 @@ function showJob() {
 }
 
 async function showDetails() {
-  const job = state.jobs.find((j) => j.id === state.chosen);
+  const job = chosenJob();
   if (!job) return;
   // Events come with changes of state, not with layers.
   const told = `${job.id}/${job.state}/${job.message}`;
@@ -195,7 +252,7 @@ async function act(action, as, machine) {
   if (action === "forget" && !confirm("Forget this job? Its files leave this site; the record of a print stays.")) return;
   const said = action === "approve" ? await approval() : as ? { as } : {};
   if (!said) return;
-  const cleared = machine || state.jobs.find((j) => j.id === state.chosen)?.platform;
+  const cleared = machine || chosenJob()?.platform;
   const answer = await fetch(action === "cleared" ? `/v1/machines/${cleared}/cleared` : `/v1/jobs/${state.chosen}/${action}`, {
     method: "POST",
     body: Object.keys(said).length ? JSON.stringify(said) : undefined,
@@ -206,6 +263,7 @@ async function act(action, as, machine) {
   }
   const body = await answer.json();
   byId("answer").textContent = answer.ok ? `${action}${as ? ` as ${as}` : ""}: accepted` : body.error.what;
+  if (answer.ok && action === "forget") past.jobs.delete(state.chosen);
   if (answer.ok && action === "again") {
     state.jobs = [body, ...state.jobs];
     choose(body.id);
@@ -256,16 +314,19 @@ function follow() {
     setTimeout(begin, 2000);
   };
   state.stream.onmessage = (event) => {
-    const news = JSON.parse(event.data);
+    const news = JSON.parse(event.data), before = state.jobs, now = new Set(news.jobs.map((job) => job.id));
     state.jobs = news.jobs;
+    // Forgotten, or too old by now for the stream: the site knows which.
+    if (before.some((job) => !now.has(job.id))) askPast();
     if (site.news) site.news(news);
     // What was chosen may have been forgotten, here or by somebody else.
-    if (!state.jobs.some((job) => job.id === state.chosen)) state.chosen = null;
+    if (!chosenJob()) state.chosen = null;
     if (!state.chosen && state.jobs.length) return choose(firstJob().id);
     showJobs();
     showJob();
     showDetails();
   };
+  askPast();
   if (site.begun) site.begun();
 }
 

@@ -8,6 +8,30 @@
 #include "lower_case.hpp"
 
 namespace telefab {
+namespace {
+
+int hex_digit(char c) {
+  return c >= '0' && c <= '9'   ? c - '0'
+         : c >= 'a' && c <= 'f' ? c - 'a' + 10
+         : c >= 'A' && c <= 'F' ? c - 'A' + 10
+                                : -1;
+}
+
+/// As it stands behind KEY= in the query.
+std::optional<std::string_view> query_value(std::string_view target, std::string_view key) {
+  const auto begin = target.find('?');
+  if (begin == std::string_view::npos) return std::nullopt;
+  std::string_view rest = target.substr(begin + 1);
+  while (!rest.empty()) {
+    const std::string_view pair = rest.substr(0, rest.find('&'));
+    rest.remove_prefix(std::min(pair.size() + 1, rest.size()));
+    if (pair.size() > key.size() && pair.starts_with(key) && pair[key.size()] == '=')
+      return pair.substr(key.size() + 1);
+  }
+  return std::nullopt;
+}
+
+}  // namespace
 
 WebResponse web_problem(unsigned status, std::string_view code, std::string_view what) {
   const nlohmann::ordered_json value{{"error", {{"code", code}, {"what", what}}}};
@@ -56,21 +80,37 @@ std::string host_name_of(std::string_view host) {
   return name;
 }
 
-std::optional<std::uint64_t> query_number(std::string_view target, std::string_view key) {
-  const auto begin = target.find('?');
-  if (begin == std::string_view::npos) return std::nullopt;
-  std::string_view rest = target.substr(begin + 1);
-  while (!rest.empty()) {
-    const std::string_view pair = rest.substr(0, rest.find('&'));
-    rest.remove_prefix(std::min(pair.size() + 1, rest.size()));
-    if (pair.size() <= key.size() || !pair.starts_with(key) || pair[key.size()] != '=') continue;
-    const std::string_view digits = pair.substr(key.size() + 1);
-    std::uint64_t number = 0;
-    const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), number);
-    if (digits.empty() || error != std::errc{} || end != digits.data() + digits.size()) return std::nullopt;
-    return number;
+std::optional<std::string> without_escapes(std::string_view text) {
+  std::string out;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if (text[i] != '%') {
+      out += text[i];
+      continue;
+    }
+    const int high = i + 2 < text.size() ? hex_digit(text[i + 1]) : -1;
+    const int low = high < 0 ? -1 : hex_digit(text[i + 2]);
+    if (low < 0) return std::nullopt;
+    out += static_cast<char>(high * 16 + low);
+    i += 2;
   }
-  return std::nullopt;
+  return out;
+}
+
+std::optional<std::string> query_text(std::string_view target, std::string_view key) {
+  const auto value = query_value(target, key);
+  if (!value) return std::nullopt;
+  std::string with_blanks{*value};
+  std::replace(with_blanks.begin(), with_blanks.end(), '+', ' ');
+  return without_escapes(with_blanks).value_or(with_blanks);
+}
+
+std::optional<std::uint64_t> query_number(std::string_view target, std::string_view key) {
+  const auto digits = query_value(target, key);
+  if (!digits) return std::nullopt;
+  std::uint64_t number = 0;
+  const auto [end, error] = std::from_chars(digits->data(), digits->data() + digits->size(), number);
+  if (digits->empty() || error != std::errc{} || end != digits->data() + digits->size()) return std::nullopt;
+  return number;
 }
 
 WebResponse web_asset(std::span<const WebAsset> assets, std::string_view target) {

@@ -203,6 +203,15 @@ Result<std::vector<JobView>> SitePageBackend::jobs() {
   return views;
 }
 
+Result<JobViewPage> SitePageBackend::find(const JobQuery& query) {
+  const auto found = store_.list(query);
+  if (!found) return tl::unexpected{found.error()};
+  JobViewPage page;
+  page.next = found->next;
+  for (const Job& job : found->jobs) page.jobs.push_back(view_of(job));
+  return page;
+}
+
 Result<JobView> SitePageBackend::job(std::string_view id) {
   const auto job = store_.find(id);
   if (!job) return tl::unexpected{job.error()};

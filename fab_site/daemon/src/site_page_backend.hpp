@@ -61,6 +61,7 @@ class SitePageBackend final : public PageBackend {
         asker_{std::move(asker)} {}
 
   Result<std::vector<JobView>> jobs() override;
+  Result<JobViewPage> find(const JobQuery& query) override;
   Result<JobView> job(std::string_view id) override;
   Result<std::vector<JobEventView>> events(std::string_view id) override;
   Result<std::string> report(std::string_view id) override;

@@ -121,7 +121,7 @@ function fillMachine(tile, { machine, job }) {
 site.news = ({ machines = [] }) => {
   const shown = shownMachines(machines);
   byId("machines-box").hidden = shown.length === 0;
-  keepList(byId("machines"), shown.map((machine) => ({ machine, job: state.jobs.find((each) => each.id === machine.job) })),
+  keepList(byId("machines"), shown.map((machine) => ({ machine, job: jobOf(machine.job) })),
     ({ machine }) => machine.name, fillMachine);
 };
 
@@ -134,13 +134,8 @@ function queued() {
     .sort((a, b) => stages.indexOf(a.state) - stages.indexOf(b.state) || a.created_unix_s - b.created_unix_s);
 }
 
-function ended(words) {
-  const asked = words.toLowerCase().split(/\s+/).filter(Boolean);
-  return state.jobs.filter((job) => hasEnded(job.state)).filter((job) => {
-    const text = `${job.name} ${job.id} ${job.owner} ${job.machine} ${job.instance} ${job.state} ${clockTime(job.created_unix_s)}`.toLowerCase();
-    return asked.every((word) => text.includes(word));
-  });
-}
+site.pastStates = "done,failed,cancelled";
+site.lists = (job) => hasEnded(job.state);
 
 function timesOf(job) {
   if (["printing", "paused"].includes(job.state)) return duration(job.seconds_left);
@@ -169,15 +164,14 @@ function fillJob(item, { job, isChosen }) {
 
 site.showJobs = () => {
   const rows = (jobs) => jobs.map((job) => ({ job, isChosen: job.id === state.chosen }));
-  const waiting = queued(), old = ended(byId("search").value);
+  const waiting = queued(), old = foundJobs();
   keepList(byId("queue"), rows(waiting), ({ job }) => job.id, fillJob);
   keepList(byId("history"), rows(old), ({ job }) => job.id, fillJob);
   byId("no-jobs").hidden = state.jobs.length > 0;
   byId("no-queue").hidden = waiting.length > 0 || state.jobs.length === 0;
-  byId("history-box").hidden = !state.jobs.some((job) => hasEnded(job.state));
-  byId("no-history").hidden = old.length > 0;
+  byId("history-box").hidden = !old.length && !searchWords();
+  showPast(old.length);
 };
-byId("search").oninput = () => site.showJobs();
 
 // ---- approval -----------------------------------------------------------------------------------------------------
 

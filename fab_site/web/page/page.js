@@ -53,7 +53,7 @@ site.showStage = async (job) => {
 state.issues = [];
 
 // Pictures and layers of a plan never change under an address that names it.
-const planOf = (id) => state.jobs.find((job) => job.id === id)?.planned_unix_ms ?? 0;
+const planOf = (id) => jobOf(id)?.planned_unix_ms ?? 0;
 
 // ---- one layer ----------------------------------------------------------------------------------------------------
 

@@ -167,7 +167,7 @@
 
   // The picture, until somebody wants more; a job that is planned again is another solid.
   function showFlat() {
-    const job = state.jobs.find((j) => j.id === state.chosen);
+    const job = chosenJob();
     if (view && job && view.plan === viewOf(job)) return;
     if (asked && asked === job?.id) return;  // it is on its way
     canvas.hidden = true;
@@ -179,7 +179,7 @@
   }
 
   turn.onclick = async () => {
-    const job = state.jobs.find((j) => j.id === state.chosen);
+    const job = chosenJob();
     if (!job?.layers || asked === job.id) return;
     asked = job.id;
     try {

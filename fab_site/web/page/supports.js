@@ -11,10 +11,9 @@ const tips = { light: ["--tip-light", 5], medium: ["--tip-medium", 7], heavy: ["
 const isEditing = () => byId("supports-box").open && pins.of !== null && pins.job === state.chosen && Boolean(site.view);
 const shownLayer = () => Number(byId("layer").value);
 const partLayer = () => shownLayer() - pins.of.elevation_layers;
-const jobNow = () => state.jobs.find((job) => job.id === state.chosen);
 // What is changed while a plan is made would be lost with it.
-const mayChange = () => isEditing() && jobNow()?.state !== "planning";
-const mayPlan = () => jobNow()?.state === "awaiting-approval";
+const mayChange = () => isEditing() && chosenJob()?.state !== "planning";
+const mayPlan = () => chosenJob()?.state === "awaiting-approval";
 const near = (a, b) => Math.hypot(a.x_mm - b.x_mm, a.y_mm - b.y_mm);
 const at = (p) => `(${p.x_mm.toFixed(2)}, ${p.y_mm.toFixed(2)}) mm`;
 // What holds the first material at or above it: a quarter of a layer below the middle of the layer meant.
@@ -215,7 +214,7 @@ function keptFree(p) {
   if (!(radius_mm > 0)) return null;
   const t = pins.of.thickness_mm, isAll = byId("keep-height").value === "all";
   return { x_mm: p.x_mm, y_mm: p.y_mm, radius_mm,
-           from_z_mm: isAll ? 0 : partLayer() * t, to_z_mm: (isAll ? jobNow().layers : partLayer() + 1) * t };
+           from_z_mm: isAll ? 0 : partLayer() * t, to_z_mm: (isAll ? chosenJob().layers : partLayer() + 1) * t };
 }
 
 // ---- pointer and keys ----------------------------------------------------------------------------------------------

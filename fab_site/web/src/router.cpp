@@ -5,6 +5,7 @@
 #include <telefab/base/json_text.hpp>
 #include <telefab/fab/web/router.hpp>
 #include <telefab/web/gauges.hpp>
+#include <telefab/web/job_question.hpp>
 
 #include "metrics.hpp"
 #include "octoprint.hpp"
@@ -97,8 +98,17 @@ Result<json> job_list(PageBackend& backend) {
   return list;
 }
 
-WebResponse list_jobs(PageBackend& backend) {
-  const auto jobs = job_list(backend);
+WebResponse list_jobs(const Call& call) {
+  const auto question = job_question_of(call.request.target);
+  if (!question) return web_problem(question.error());
+  if (*question) {
+    const auto page = call.backend.find(**question);
+    if (!page) return web_problem(page.error());
+    json list = json::array();
+    for (const JobView& job : page->jobs) list.push_back(to_json(job));
+    return {200, "application/json", json_text({{"jobs", list}, {"next", page->next > 0 ? json(page->next) : json{}}})};
+  }
+  const auto jobs = job_list(call.backend);
   if (!jobs) return web_problem(jobs.error());
   return {200, "application/json", json_text({{"jobs", *jobs}})};
 }
@@ -233,7 +243,8 @@ const std::vector<Row>& rows() {
        [](const Call& c) -> WebResponse {
          return {200, "application/json", json_text({{"machines", machine_list(c.backend)}})};
        }},
-      {{"GET", "/v1/jobs", "all jobs, newest first"}, [](const Call& c) { return list_jobs(c.backend); }},
+      {{"GET", "/v1/jobs", "jobs, newest first: those under way and the newest, or those that are asked for"},
+       list_jobs},
       {{"GET", "/v1/jobs/{id}", "one job"}, show_job},
       {{"GET", "/v1/jobs/{id}/events", "the job's log"}, show_events},
       {{"GET", "/v1/jobs/{id}/report", "report of plan and print"},

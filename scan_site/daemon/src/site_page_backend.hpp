@@ -25,6 +25,7 @@ class SitePageBackend final : public PageBackend {
         post_{std::move(post)} {}
 
   Result<std::vector<Job>> jobs() override;
+  Result<JobPage> find(const JobQuery& query) override { return store_.list(query); }
   Result<Job> job(std::string_view id) override { return store_.find(id); }
   Result<std::vector<JobEvent>> events(std::string_view id) override;
   Result<std::string> report(std::string_view id) override;

@@ -66,7 +66,7 @@ const cutLayers = (() => {
     byId("cut-follow").checked = false;
     show();
   };
-  byId("cut-follow").onchange = () => self.update(state.jobs.find((j) => j.id === state.chosen));
+  byId("cut-follow").onchange = () => self.update(chosenJob());
   self.update = (job) => {
     if (!job) return;
     const cut = job.layers_sliced;

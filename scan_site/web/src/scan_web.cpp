@@ -5,6 +5,7 @@
 #include <telefab/job/slice_parameters.hpp>
 #include <telefab/scan/web/scan_web.hpp>
 #include <telefab/web/gauges.hpp>
+#include <telefab/web/job_question.hpp>
 
 #include "staging_routes.hpp"
 
@@ -23,16 +24,28 @@ ordered_json link_json(const LinkView& link) {
 }
 
 /// What the job's JSON holds is made in one place, for hooks, client and page.
-std::string list_of(const std::vector<Job>& jobs, const LinkView& link) {
+std::string list_of(const std::vector<Job>& jobs) {
   std::string list;
   for (const Job& job : jobs) list += (list.empty() ? "" : ",") + to_json(job);
-  return R"({"jobs":[)" + list + R"(],"link":)" + json_text(link_json(link)) + "}";
+  return R"("jobs":[)" + list + "]";
 }
 
-WebResponse list_jobs(PageBackend& backend) {
+std::string link_of(PageBackend& backend) { return R"(,"link":)" + json_text(link_json(backend.link())); }
+
+WebResponse current_jobs(PageBackend& backend) {
   const auto jobs = backend.jobs();
   if (!jobs) return web_problem(jobs.error());
-  return {200, "application/json", list_of(*jobs, backend.link())};
+  return {200, "application/json", "{" + list_of(*jobs) + link_of(backend) + "}"};
+}
+
+WebResponse list_jobs(const Call& call) {
+  const auto question = job_question_of(call.request.target);
+  if (!question) return web_problem(question.error());
+  if (!*question) return current_jobs(call.backend);
+  const auto page = call.backend.find(**question);
+  if (!page) return web_problem(page.error());
+  const std::string next = page->next > 0 ? std::to_string(page->next) : "null";
+  return {200, "application/json", "{" + list_of(page->jobs) + link_of(call.backend) + R"(,"next":)" + next + "}"};
 }
 
 WebResponse show_job(const Call& call) {
@@ -125,8 +138,8 @@ const std::vector<Row>& rows() {
        [](const Call&) -> WebResponse {
          return {200, "application/json", slice_parameter_list_json()};
        }},
-      {{"GET", "/v1/jobs", "all jobs, newest first, and the line to the fab"},
-       [](const Call& c) { return list_jobs(c.backend); }},
+      {{"GET", "/v1/jobs", "jobs, newest first: those under way and the newest, or those that are asked for"},
+       list_jobs},
       {{"GET", "/v1/jobs/{id}", "one job"}, show_job},
       {{"GET", "/v1/jobs/{id}/events", "the job's log"}, show_events},
       {{"GET", "/v1/jobs/{id}/report", "what cleaning and slicing found"},
@@ -175,7 +188,7 @@ const std::vector<Row>& rows() {
       // The server keeps a GET open; this is what a HEAD is told.
       {{"GET", "/v1/stream", "server-sent events: jobs and line whenever they change"},
        [](const Call& c) -> WebResponse {
-         return {200, "text/event-stream", "data: " + list_jobs(c.backend).body + "\n\n"};
+         return {200, "text/event-stream", "data: " + current_jobs(c.backend).body + "\n\n"};
        }},
   };
   return table;
@@ -223,6 +236,6 @@ std::uint64_t ScanWeb::most_body(const WebRequest& head) {
   return routed ? web_routes()[routed->row].most_body : 0;
 }
 
-std::string ScanWeb::event_data() { return list_jobs(backend_).body; }
+std::string ScanWeb::event_data() { return current_jobs(backend_).body; }
 
 }  // namespace telefab::scan

@@ -34,6 +34,17 @@ TEST_F(Fax, PrintsASubmittedScanAndBringsTheReportsBack) {
   EXPECT_LT(job["wire_bytes"], job["scan_bytes"]);
   for (const char* stage : {"slice", "send", "plan", "print"}) EXPECT_TRUE(job["seconds"].contains(stage)) << stage;
 
+  const std::string id = job["id"];
+  for (const std::vector<std::string>& words :
+       std::vector<std::vector<std::string>>{{"--search", "TORUS done"}, {"--state", "failed,done"}, {"--all"}})
+    for (const std::string& site : {scan_site(), fab_site()}) {
+      std::vector<std::string> asked{"jobs", "--names", "--site", site};
+      asked.insert(asked.end(), words.begin(), words.end());
+      EXPECT_EQ(telefab(asked).output, id + "\n") << words[0];
+    }
+  EXPECT_EQ(telefab({"jobs", "--names", "--state", "failed"}).output, "");
+  EXPECT_EQ(telefab({"jobs", "--names", "--search", "torus nobody"}).output, "");
+
   const auto out = folder() / "out";
   const Outcome report = telefab({"report", job["id"], "--out", out.string()});
   ASSERT_EQ(report.code, 0) << report.errors;

@@ -29,6 +29,18 @@ class LivingBackend final : public RecordingBackend {
     failed.message = "layer 12 has an unsupported island at (12.1, 40.2) mm";
     return is_forgotten_ ? std::vector<JobView>{failed} : std::vector<JobView>{failed, job_};
   }
+  /// Two pages: the second has a job that the list of the newest does not.
+  [[nodiscard]] Result<JobViewPage> find(const JobQuery& query) override {
+    const std::lock_guard lock{mutex_};
+    EXPECT_EQ(query.states, (std::vector{JobState::Done, JobState::Failed, JobState::Cancelled}));
+    JobView ancient = job_;
+    ancient.id = "job-0";
+    ancient.name = "ancient.ply";
+    ancient.state = JobState::Done;
+    if (query.words == "ancient") return JobViewPage{{ancient}, 0};
+    if (!query.words.empty()) return JobViewPage{};
+    return query.before == 0 ? JobViewPage{{}, 7} : JobViewPage{{ancient}, 0};
+  }
   [[nodiscard]] Result<JobView> job(std::string_view) override {
     const std::lock_guard lock{mutex_};
     return job_;
@@ -212,9 +224,29 @@ TEST_F(PageTest, FindsWhatWasMadeByItsOwner) {
   ASSERT_TRUE(browser->becomes_true("return document.querySelectorAll('#history li').length === 1;"));
   browser->type("#search", "nobody");
   EXPECT_TRUE(browser->becomes_true("return document.querySelectorAll('#history li').length === 0;"));
-  EXPECT_TRUE(says("#no-history", "fits"));
+  EXPECT_TRUE(says("#none-found", "fits"));
   browser->run("const s = document.querySelector('#search'); s.value = 'GRACE failed'; s.oninput();");
   EXPECT_TRUE(browser->becomes_true("return document.querySelectorAll('#history li').length === 1;"));
+}
+
+TEST_F(PageTest, ShowsJobsOfAnyAgePageByPageAndByTheirWords) {
+  const auto history = [&](const std::string& names) {
+    return browser->becomes_true(
+        "return [...document.querySelectorAll('#history b')].map((b) => b.textContent).join() === '" + names + "';");
+  };
+  ASSERT_TRUE(history("lion.ply"));
+  ASSERT_TRUE(browser->becomes_true("return !document.querySelector('#older').hidden;"));
+  browser->click("#older");
+  EXPECT_TRUE(history("lion.ply,ancient.ply"));
+  EXPECT_TRUE(browser->becomes_true("return document.querySelector('#older').hidden;")) << "there is no more";
+  browser->click("[data-job=job-0]");
+  EXPECT_TRUE(says("#job-name", "ancient.ply"));
+  backend.leave_exposure_unknown();  // the stream tells of the newest, and of this one nothing
+  EXPECT_TRUE(browser->becomes_true("return document.querySelector('#queue small').textContent.includes('paused');"));
+  EXPECT_TRUE(says("#job-name", "ancient.ply")) << "it stays the one that is looked at";
+  browser->type("#search", "Ancient");
+  EXPECT_TRUE(history("ancient.ply"));
+  keep_screenshot("history");
 }
 
 TEST_F(PageTest, PrintsAgainWhatWasMadeBefore) {

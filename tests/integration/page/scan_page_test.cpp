@@ -42,6 +42,16 @@ TEST_F(ScanPageTest, ShowsStagesFiguresFlagsAndTheLine) {
   test::keep_screenshot(*browser, "scan-page");
 }
 
+TEST_F(ScanPageTest, SearchesAmongJobsOfAnyAge) {
+  ASSERT_TRUE(browser->becomes_true("return !document.querySelector('#older').hidden;"));
+  browser->type("#search", "nobody");
+  EXPECT_TRUE(browser->becomes_true("return document.querySelectorAll('#jobs li').length === 0;"));
+  EXPECT_TRUE(browser->becomes_true("return !document.querySelector('#none-found').hidden;"));
+  EXPECT_TRUE(says("#job-name", "statue")) << "what is looked at stays";
+  browser->run("const s = document.querySelector('#search'); s.value = 'STATUE'; s.oninput();");
+  EXPECT_TRUE(browser->becomes_true("return document.querySelectorAll('#jobs li').length === 1;"));
+}
+
 TEST_F(ScanPageTest, CancelsWithTheOperatorsToken) {
   browser->click("[data-action=cancel]");
   ASSERT_TRUE(browser->becomes_true("return !document.querySelector('#token-form').hidden;"));

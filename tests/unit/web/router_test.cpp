@@ -55,6 +55,24 @@ TEST(WebRouter, AnswersEveryRouteOfItsTable) {
   }
 }
 
+TEST(WebRouter, ListsTheJobsThatAreAskedForPageByPage) {
+  RecordingBackend backend;
+  const auto list = [&](const std::string& query) { return answer(ask("GET", "/v1/jobs" + query, ""), backend); };
+  EXPECT_FALSE(json::parse(list("").body).contains("next"));
+  EXPECT_TRUE(backend.asked_for.empty()) << "nothing is asked for: what goes on, and the newest";
+  const json first = json::parse(list("?search=gro%C3%9Fe+vase&state=done,awaiting-approval&most=50").body);
+  EXPECT_EQ(first["jobs"].size(), 1U);
+  EXPECT_EQ(first["next"], 7);
+  EXPECT_EQ(backend.asked_for.back(),
+            (JobQuery{50, "gro\u00dfe vase", {JobState::Done, JobState::AwaitingApproval}, 0}));
+  EXPECT_TRUE(json::parse(list("?before=7").body)["next"].is_null());
+  EXPECT_EQ(backend.asked_for.back(), (JobQuery{.before = 7}));
+  for (const char* bad : {"?state=lost", "?state=", "?most=0", "?most=1001", "?most=x", "?before=0", "?before=-1",
+                          "?before=99999999999999999999", "?search=%1b[2J"})
+    EXPECT_EQ(list(bad).status, 400U) << bad;
+  EXPECT_EQ(list("?search=" + std::string(300, 'a')).status, 400U);
+}
+
 TEST(WebRouter, MakesANewJobOfTheLayersOfAnotherForAnOperatorAlone) {
   RecordingBackend backend;
   EXPECT_EQ(answer(ask("POST", "/v1/jobs/job-1/again", ""), backend).status, 401);

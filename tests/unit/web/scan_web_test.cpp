@@ -110,6 +110,11 @@ TEST_F(ScanWebTest, ForgetsAJobWithTheTokenAndAnswersItsName) {
 }
 
 TEST_F(ScanWebTest, TellsHowFarEachStageIsAndWhetherTheFabIsReached) {
+  const json page = json::parse(ask("GET", "/v1/jobs?search=vase").body);
+  EXPECT_EQ(page["next"], 7);
+  EXPECT_EQ(page["jobs"].size(), 1U);
+  EXPECT_TRUE(page.contains("link"));
+  EXPECT_EQ(ask("GET", "/v1/jobs?most=many").status, 400U);
   const json list = json::parse(ask("GET", "/v1/jobs").body);
   EXPECT_EQ(list["jobs"][0]["name"], "a \"statue\" <b>.ply");
   EXPECT_EQ(list["jobs"][0]["layers_sent"], 500);

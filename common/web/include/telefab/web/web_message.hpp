@@ -56,6 +56,12 @@ struct WebResponse {
 /// The name that a Host header asks for: in lower case, without the port.
 [[nodiscard]] std::string host_name_of(std::string_view host);
 
+/// RFC 3986, 2.1; nothing where a percent sign is followed by something else than two digits.
+[[nodiscard]] std::optional<std::string> without_escapes(std::string_view text);
+
+/// The text KEY=TEXT of a target's query, as a form writes it ('+' is a blank); wrong escapes stand as they are.
+/// Nothing where it is missing.
+[[nodiscard]] std::optional<std::string> query_text(std::string_view target, std::string_view key);
 /// The number KEY=N of a target's query; nothing where it is missing, or is not a plain decimal number.
 [[nodiscard]] std::optional<std::uint64_t> query_number(std::string_view target, std::string_view key);
 

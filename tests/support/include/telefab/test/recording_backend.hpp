@@ -11,6 +11,10 @@ namespace telefab::fab {
 class RecordingBackend : public PageBackend {
  public:
   [[nodiscard]] Result<std::vector<JobView>> jobs() override { return std::vector<JobView>{view()}; }
+  [[nodiscard]] Result<JobViewPage> find(const JobQuery& query) override {
+    asked_for.push_back(query);
+    return JobViewPage{{view()}, query.before == 0 ? 7U : 0U};
+  }
   [[nodiscard]] Result<JobView> job(std::string_view id) override {
     if (id != "job-1") return fail(ErrorCode::NotFound, "no job " + std::string{id});
     return view();
@@ -116,6 +120,7 @@ class RecordingBackend : public PageBackend {
     bool start;
   };
   std::vector<std::pair<std::string, JobCommand>> actions;
+  std::vector<JobQuery> asked_for;
   std::vector<std::pair<std::string, std::string>> hand_lists;  ///< job, JSON
   std::vector<std::string> names;                               ///< who gave each of them
   std::vector<std::pair<std::string, std::string>> approvals;   ///< job, although

@@ -8,6 +8,10 @@ namespace telefab::scan {
 class RecordingScanBackend : public PageBackend {
  public:
   Result<std::vector<Job>> jobs() override { return std::vector<Job>{view()}; }
+  Result<JobPage> find(const JobQuery& query) override {
+    asked_for.push_back(query);
+    return JobPage{{view()}, query.before == 0 ? 7U : 0U};
+  }
   Result<Job> job(std::string_view id) override {
     if (id != "job-1") return fail(ErrorCode::NotFound, "no job " + std::string{id});
     return view();
@@ -37,6 +41,7 @@ class RecordingScanBackend : public PageBackend {
   Result<void> healthy() override { return {}; }
   std::uint64_t revision() override { return 1; }
 
+  std::vector<JobQuery> asked_for;
   std::vector<std::pair<std::string, JobCommand>> commands;
 
  private:

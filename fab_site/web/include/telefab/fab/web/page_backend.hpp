@@ -43,6 +43,12 @@ struct JobView {
   std::uint32_t retries = 0;       ///< device commands that had to be repeated
 };
 
+/// As JobPage.
+struct JobViewPage {
+  std::vector<JobView> jobs;
+  std::uint64_t next = 0;
+};
+
 /// One line of a job's log.
 struct JobEventView {
   std::int64_t unix_ms = 0;
@@ -65,8 +71,10 @@ class PageBackend {
   PageBackend(const PageBackend&) = delete;
   PageBackend& operator=(const PageBackend&) = delete;
 
-  /// Newest first.
+  /// What is not at its end, and the newest of what is; newest first.
   [[nodiscard]] virtual Result<std::vector<JobView>> jobs() = 0;
+  /// Jobs of any age.
+  [[nodiscard]] virtual Result<JobViewPage> find(const JobQuery& query) = 0;
   [[nodiscard]] virtual Result<JobView> job(std::string_view id) = 0;
   [[nodiscard]] virtual Result<std::vector<JobEventView>> events(std::string_view id) = 0;
   /// The JSON report of the plan and, once printed, of the print. NotFound until there is one.

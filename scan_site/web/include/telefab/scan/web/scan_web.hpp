@@ -23,8 +23,10 @@ class PageBackend {
   PageBackend(const PageBackend&) = delete;
   PageBackend& operator=(const PageBackend&) = delete;
 
-  /// Newest first.
+  /// What is not at its end, and the newest of what is; newest first.
   [[nodiscard]] virtual Result<std::vector<Job>> jobs() = 0;
+  /// Jobs of any age.
+  [[nodiscard]] virtual Result<JobPage> find(const JobQuery& query) = 0;
   [[nodiscard]] virtual Result<Job> job(std::string_view id) = 0;
   [[nodiscard]] virtual Result<std::vector<JobEvent>> events(std::string_view id) = 0;
   /// JSON of what slicing found (report/slice.json); NotFound until all layers are cut.
