@@ -51,9 +51,16 @@ const CarryPlace* CarryReport::worst() const {
 }
 
 std::string to_json(const CarryReport& r) {
-  const Json value{{"layers", r.layers},        {"base_mm2", r.base_mm2},    {"afloat_mm2", r.afloat_mm2},
-                   {"cut", json_of(r.cut)},     {"lever", json_of(r.lever)}, {"bending", json_of(r.bending)},
-                   {"small", json_of(r.small)}, {"weak", json_of(r.weak)},   {"weak_small", json_of(r.weak_small)}};
+  const Json value{{"layers", r.layers},
+                   {"base_mm2", r.base_mm2},
+                   {"afloat_mm2", r.afloat_mm2},
+                   {"cut", json_of(r.cut)},
+                   {"lever", json_of(r.lever)},
+                   {"bending", json_of(r.bending)},
+                   {"small", json_of(r.small)},
+                   {"weak", json_of(r.weak)},
+                   {"weak_small", json_of(r.weak_small)},
+                   {"without_weak", json_of(r.without_weak)}};
   return json_text(value);
 }
 

@@ -161,6 +161,45 @@ std::vector<char> beam_moments(const LoadPath& path) {
   return is_one;
 }
 
+/// What was found of a print, and, by moment, what of it hangs on nothing then, in kPullUnits of a pixel.
+struct Judged {
+  std::vector<Found> found;
+  std::vector<std::int64_t> afloat;
+};
+
+/// Judges the moments from `from` on. Fails: Cancelled.
+Result<Judged> judge(const LoadPath& path, const CarryOptions& options, std::uint32_t from,
+                     const std::stop_token& stop) {
+  const auto has_beams = beam_moments(path);
+  LoadCore core{path};
+  Worst worst;
+  Judged judged;
+  for (std::uint32_t first = 0; first < path.layers(); first += kBatch) {
+    if (stop.stop_requested()) return cancelled("judging loads");
+    const std::uint32_t count = std::min(kBatch, path.layers() - first);
+    std::vector<Moment> moments;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      moments.push_back(core.add());
+      judged.afloat.push_back(moments.back().afloat);
+    }
+    std::vector<Judge> judges(count, Judge{path, options, worst});
+    tbb::parallel_for(std::uint32_t{0}, count, [&](std::uint32_t i) {
+      if (first + i < from) return;
+      judges[i].cuts(moments[i]);
+      if (has_beams[first + i]) judges[i].beams(first + i);
+      judges[i].ways_through = {};
+    });
+    for (Judge& each : judges) {
+      judged.found.insert(judged.found.end(), each.found.begin(), each.found.end());
+      if (each.worst.cut.value() > worst.cut.value()) worst.cut = each.worst.cut;
+      for (std::size_t c = 0; c < worst.large.size(); ++c)
+        worst.large[c] = std::max(worst.large[c], each.worst.large[c]);
+      worst.small = std::max(worst.small, each.worst.small);
+    }
+  }
+  return judged;
+}
+
 /// The worst of each section, worst first.
 std::vector<CarryPlace> worst_of_each(const std::vector<Found>& found, const CarryOptions& options, bool large) {
   std::map<std::uint32_t, CarryPlace> by_section;
@@ -173,6 +212,48 @@ std::vector<CarryPlace> worst_of_each(const std::vector<Found>& found, const Car
   for (const auto& [section, place] : by_section) places.push_back(place);
   std::stable_sort(places.begin(), places.end(), [](const auto& a, const auto& b) { return a.demand > b.demand; });
   return places;
+}
+
+void keep_worst(std::optional<CarryPlace>& kept, const CarryPlace& place) {
+  if (!kept || place.demand > kept->demand) kept = place;
+}
+
+/// Takes weak sections off until the rest carries, and says what that bears at most; nothing where that is no way: one
+/// of them is not small, something would float, or ever more tears. They are taken off from the first moment on at
+/// which one of them is too weak, so that what they held before that is held.
+Result<std::optional<CarryPlace>> without_weak(const LoadPath& path, const CarryOptions& options, const Judged& whole,
+                                               const std::stop_token& stop) {
+  constexpr std::size_t kMostTorn = 16;
+  std::vector<std::uint32_t> torn;
+  std::uint32_t from = path.layers();
+  const auto is_weak = [&](const Found& f) {
+    return f.place.demand > options.limit && f.place.held_mm2 >= options.least_held_mm2;
+  };
+  const auto tear = [&](const Found& f, std::uint32_t section) {
+    from = std::min(from, f.place.moment.count());
+    if (std::find(torn.begin(), torn.end(), section) == torn.end()) torn.push_back(section);
+    return f.place.section_mm2 <= options.most_torn_mm2 && torn.size() <= kMostTorn;
+  };
+  for (const Found& f : whole.found)
+    if (is_weak(f) && !tear(f, f.section)) return std::optional<CarryPlace>{};
+  while (!torn.empty()) {
+    std::vector<std::uint32_t> kept;
+    const LoadPath left = path.without(torn, kept);
+    const auto judged = judge(left, options, from, stop);
+    if (!judged) return tl::unexpected{judged.error()};
+    for (std::uint32_t k = from; k < path.layers(); ++k)
+      if (judged->afloat[k] > whole.afloat[k]) return std::optional<CarryPlace>{};
+    std::optional<CarryPlace> worst;
+    bool is_any_weak = false;
+    for (const Found& f : judged->found) {
+      if (f.place.held_mm2 >= options.least_held_mm2) keep_worst(worst, f.place);
+      if (!is_weak(f)) continue;
+      is_any_weak = true;
+      if (!tear(f, kept[f.section])) return std::optional<CarryPlace>{};
+    }
+    if (!is_any_weak) return worst;
+  }
+  return std::optional<CarryPlace>{};
 }
 
 }  // namespace
@@ -204,43 +285,15 @@ Result<CarryReport> CarryWatch::finish(const std::stop_token& stop) {
   const CarryOptions& options = state_->options;
   LoadPath& path = state_->path;
   path.close();
-  const std::uint32_t layers = path.layers();
-  const auto has_beams = beam_moments(path);
   CarryReport report;
-  report.layers = layers;
-  for (std::uint32_t p = 0; p < path.first_piece(1) && layers > 0; ++p)
+  report.layers = path.layers();
+  for (std::uint32_t p = 0; p < path.first_piece(1) && path.layers() > 0; ++p)
     report.base_mm2 += static_cast<double>(path.pieces()[p].pixels) * path.pixel_mm2();
-
-  LoadCore core{path};
-  Worst worst;
-  std::vector<Found> found;
-  for (std::uint32_t first = 0; first < layers; first += kBatch) {
-    if (stop.stop_requested()) return cancelled("judging loads");
-    const std::uint32_t count = std::min(kBatch, layers - first);
-    std::vector<Moment> moments;
-    for (std::uint32_t i = 0; i < count; ++i) {
-      moments.push_back(core.add());
-      report.afloat_mm2 = std::max(report.afloat_mm2, path.pull_mm2(moments.back().afloat));
-    }
-    std::vector<Judge> judges(count, Judge{path, options, worst});
-    tbb::parallel_for(std::uint32_t{0}, count, [&](std::uint32_t i) {
-      judges[i].cuts(moments[i]);
-      if (has_beams[first + i]) judges[i].beams(first + i);
-      judges[i].ways_through = {};
-    });
-    for (Judge& judge : judges) {
-      found.insert(found.end(), judge.found.begin(), judge.found.end());
-      if (judge.worst.cut.value() > worst.cut.value()) worst.cut = judge.worst.cut;
-      for (std::size_t c = 0; c < worst.large.size(); ++c)
-        worst.large[c] = std::max(worst.large[c], judge.worst.large[c]);
-      worst.small = std::max(worst.small, judge.worst.small);
-    }
-  }
-
-  const auto keep_worst = [](std::optional<CarryPlace>& kept, const CarryPlace& place) {
-    if (!kept || place.demand > kept->demand) kept = place;
-  };
-  for (const Found& f : found) {
+  const auto judged = judge(path, options, 0, stop);
+  if (!judged) return tl::unexpected{judged.error()};
+  for (const std::int64_t afloat : judged->afloat)
+    report.afloat_mm2 = std::max(report.afloat_mm2, path.pull_mm2(afloat));
+  for (const Found& f : judged->found) {
     if (f.place.held_mm2 < options.least_held_mm2)
       keep_worst(report.small, f.place);
     else
@@ -249,8 +302,11 @@ Result<CarryReport> CarryWatch::finish(const std::stop_token& stop) {
                                                  : report.bending,
                  f.place);
   }
-  report.weak = worst_of_each(found, options, true);
-  report.weak_small = worst_of_each(found, options, false);
+  report.weak = worst_of_each(judged->found, options, true);
+  report.weak_small = worst_of_each(judged->found, options, false);
+  const auto rest = without_weak(path, options, *judged, stop);
+  if (!rest) return tl::unexpected{rest.error()};
+  report.without_weak = *rest;
   state_ = std::make_unique<State>(State{options, LoadPath{options}});
   return report;
 }

@@ -223,6 +223,23 @@ std::uint32_t LoadPath::first_section(std::uint32_t layer) const {
   return layer < first_section_.size() ? first_section_[layer] : static_cast<std::uint32_t>(sections_.size());
 }
 
+LoadPath LoadPath::without(std::span<const std::uint32_t> torn, std::vector<std::uint32_t>& kept) const {
+  LoadPath rest{options_};
+  rest.pieces_ = pieces_;
+  rest.first_piece_ = first_piece_;
+  kept.clear();
+  for (std::uint32_t k = 0; k < layers(); ++k) {
+    rest.first_section_.push_back(static_cast<std::uint32_t>(rest.sections_.size()));
+    for (std::uint32_t s = first_section(k); s < first_section(k + 1); ++s) {
+      if (std::find(torn.begin(), torn.end(), s) != torn.end()) continue;
+      rest.sections_.push_back(sections_[s]);
+      kept.push_back(s);
+    }
+  }
+  rest.close();
+  return rest;
+}
+
 void LoadPath::close() {
   stands_.assign(pieces_.size(), 0);
   steps_.assign(pieces_.size(), {});

@@ -45,6 +45,9 @@ class LoadPath {
   void add(const LayerRuns& solid, const LayerRuns& firm, const LayerLight* light, double pull_share);
   /// Once all layers are in; finds the ways down.
   void close();
+  /// The same print, closed, without some sections, given by their numbers in any order. `kept`: the number here of
+  /// each section there.
+  [[nodiscard]] LoadPath without(std::span<const std::uint32_t> torn, std::vector<std::uint32_t>& kept) const;
 
   [[nodiscard]] std::uint32_t layers() const { return static_cast<std::uint32_t>(first_piece_.size()); }
   [[nodiscard]] PixelSize size() const { return below_.size(); }

@@ -43,12 +43,19 @@ PreflightItem carry_of(const MachineProfile& machine, const PlanSummary& summary
   };
   const CarryPlace* worst = carry.worst();
   if (worst) show(*worst);
-  if (worst && worst->demand > most) {
+  if (worst && worst->demand > most && carry.without_weak) {
+    item.verdict = Verdict::Warning;
+    item.text += fmt::format(
+        "; {}; {} too weak and may tear: the print is made all the same, and what is left bears {:.2f} MPa at most",
+        limit, carry.weak.size() == 1 ? "this place is" : fmt::format("{} places are", carry.weak.size()),
+        carry.without_weak->demand * machine.pull_of_film_kpa() / kKilo);
+  } else if (worst && worst->demand > most) {
     item.verdict = Verdict::Held;
     item.text += fmt::format(
-        "; {}; {} places are too weak and may tear, and more or wider pins were not found to help. Turn or hollow the "
-        "part, or give anchors there by hand{}",
-        limit, carry.weak.size(),
+        "; {}; {} too weak and may tear, and more or wider pins were not found to help. Turn or hollow the part, or "
+        "give "
+        "anchors there by hand{}",
+        limit, carry.weak.size() == 1 ? "this place is" : fmt::format("{} places are", carry.weak.size()),
         machine.states_what_carries() ? ""
                                       : "; pull and strength are assumed: state motion.pull_kpa and "
                                         "resin.green_strength_mpa where they are known");

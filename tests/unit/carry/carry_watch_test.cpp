@@ -218,6 +218,57 @@ TEST(CarryWatch, ListsEverySectionAboveTheLimitAndNoneBelow) {
   EXPECT_FALSE(at(13, 3)) << "16 mm2 on 4";
 }
 
+/// A column of 10 x 10 mm under a slab that reaches 4 mm beyond it, and a tip of 0.5 mm under its end. Tip and column
+/// as one beam: 140 mm2 pulled 2 mm beside the middle, and the tip is farthest out.
+std::vector<Block> slab_on_column_and_tip() {
+  return {{2, 4, 12, 14, 0, 10}, {2, 4, 16, 14, 10, 12}, {15.4, 8.7, 15.9, 9.2, 0, 10}};
+}
+
+TEST(CarryWatch, ATipThatTearsBesideWhatCarriesAloneLosesNoPrint) {
+  CarryOptions options;
+  options.limit = 3.9;
+  const CarryReport report = judged(slab_on_column_and_tip(), options);
+  ASSERT_FALSE(report.weak.empty());
+  for (const CarryPlace& place : report.weak) EXPECT_NEAR(place.place.x_mm, 15.65, 0.01);
+  ASSERT_TRUE(report.without_weak);
+  // The column alone: 1.4 in the mean, and 280 mm3 on a square of 10 mm.
+  EXPECT_NEAR(report.without_weak->demand, 1.4 * (1 + 2 * 6 / 10.0), 1e-6);
+  options.limit = 3;
+  EXPECT_FALSE(judged(slab_on_column_and_tip(), options).without_weak) << "the column is too weak as well, and no tip";
+  options.limit = 5;
+  const CarryReport strong = judged(slab_on_column_and_tip(), options);
+  EXPECT_TRUE(strong.weak.empty());
+  EXPECT_FALSE(strong.without_weak) << "nothing tears";
+}
+
+TEST(CarryWatch, ASectionThatOneWouldSeeMayNotTear) {
+  CarryOptions options;
+  options.limit = 3.9;
+  options.most_torn_mm2 = 0.2;
+  EXPECT_FALSE(judged(slab_on_column_and_tip(), options).without_weak) << "0.25 mm2";
+}
+
+TEST(CarryWatch, ATipThatAloneHeldAPieceUntilItMetTheRestMayTearAfterwardsOnly) {
+  CarryOptions options;
+  options.limit = 3.9;
+  auto blocks = slab_on_column_and_tip();
+  blocks.back().behind = 6;
+  blocks.push_back({15.2, 8.5, 16, 9.4, 6, 12});  // an island until the slab meets it
+  EXPECT_TRUE(judged(blocks, options).without_weak);
+  blocks.push_back({14, 4, 16, 14, 6, 12});  // 20 mm2 on the tip, too much from the first layer on
+  EXPECT_FALSE(judged(blocks, options).without_weak) << "it would float";
+}
+
+TEST(CarryWatch, TipsThatTearOneAfterTheOtherLoseThePrint) {
+  auto blocks = four_tips(4);
+  blocks.push_back({6, 6, 18, 14, 4, 8});
+  CarryOptions options;
+  options.limit = 36;
+  const CarryReport report = judged(blocks, options);
+  EXPECT_EQ(report.weak.size(), 2U) << "the near ones";
+  EXPECT_FALSE(report.without_weak);
+}
+
 TEST(CarryWatch, APushSidewaysBendsByTheHeightAboveTheSection) {
   // A tower of 4 x 4 mm, 10 mm high: the lowest section is bent by the share of the pull times 9.5 mm.
   CarryOptions options;

@@ -110,6 +110,21 @@ TEST_F(PreflightTest, HoldsAJobThatDoesNotCarryThePullAndNamesPlaceStressAndLimi
   EXPECT_EQ(item("carry").verdict, Verdict::Passed);
 }
 
+TEST_F(PreflightTest, WarnsOfWhatMayTearWithoutTheLossOfThePrint) {
+  machine.motion.pull_kpa = 20;
+  machine.resin.green_strength_mpa = 10;
+  summary.carry.bending = {CarryPlace::Check::Bending, LayerIndex{9}, LayerIndex{4}, {1.5, 2.5}, 0.25, 40, {3, 4}, 163};
+  summary.carry.weak = {*summary.carry.bending};
+  summary.carry.without_weak = *summary.carry.bending;
+  summary.carry.without_weak->demand = 120.5;
+  const PreflightItem carry = item("carry");
+  EXPECT_EQ(carry.verdict, Verdict::Warning);
+  EXPECT_EQ(carry.place, (Point2{1.5, 2.5}));
+  EXPECT_THAT(carry.text, HasSubstr("this place is too weak and may tear"));
+  EXPECT_THAT(carry.text, HasSubstr("what is left bears 2.41 MPa at most"));
+  EXPECT_FALSE(preflight_of(stack, machine, summary).holds());
+}
+
 TEST_F(PreflightTest, SaysWhereThePullOrTheStrengthThatHoldAJobAreAssumed) {
   summary.carry.lever = {CarryPlace::Check::Lever, LayerIndex{9}, LayerIndex{4}, {1.5, 2.5}, 0.25, 40, {3, 4}, 125.5};
   summary.carry.weak = {*summary.carry.lever};

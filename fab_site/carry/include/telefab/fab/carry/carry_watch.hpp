@@ -23,6 +23,7 @@ struct CarryOptions {
   double doubled_at_mm = 0;   ///< >= 0; area over perimeter of a piece that is pulled twice as hard; 0: by area alone
   double limit = std::numeric_limits<double>::infinity();  ///< > 0; places with a larger demand are listed
   double least_held_mm2 = 10;                              ///< >= 0; what holds less is judged apart
+  double most_torn_mm2 = 1;  ///< >= 0; a section up to that may tear where the rest of the print carries without it
 };
 
 /// A section of the print and what it bears at the moment at which that is most.
@@ -49,6 +50,9 @@ struct CarryReport {
   std::optional<CarryPlace> small;                ///< the worst by any check, of what holds less
   std::vector<CarryPlace> weak;                   ///< above the limit, the worst of each section; worst first
   std::vector<CarryPlace> weak_small;             ///< the same of what holds less
+  /// The worst that the rest bears once all of `weak` has torn off, where that loses no more than those places: each is
+  /// small, nothing floats without them, and what is left carries. None: the print is lost with them, or nobody knows.
+  std::optional<CarryPlace> without_weak;
   double afloat_mm2 = 0;  ///< most area pulled at one moment that nothing joins to the platform: not judged
   double base_mm2 = 0;    ///< of the first layer
   std::uint32_t layers = 0;
@@ -57,7 +61,7 @@ struct CarryReport {
 };
 
 /// {"layers":500,"base_mm2":..,"afloat_mm2":..,"cut":{..},"lever":{..},"bending":{..},"small":{..},"weak":[..],
-/// "weak_small":[..]}; at most 200 places a list, all are counted.
+/// "weak_small":[..],"without_weak":{..}}; at most 200 places a list, all are counted.
 [[nodiscard]] std::string to_json(const CarryReport& report);
 
 /// Of the solid pixels those that count for strength: lit at half of white or more in that layer's mask, or with none
