@@ -80,14 +80,29 @@ Result<std::unique_ptr<WebServer>> open_page(const ServeOptions& options, const 
   return server;
 }
 
-Result<Job> command_and_wait(const CommandPost& post, const Command& command) {
+namespace {
+
+/// What `ask` is answered in time; it hands on whom to tell.
+template <class Value, class Ask>
+Result<Value> answer_in_time(const Ask& ask, const char* late) {
   // Shared, for an answer that comes after this call gave up.
-  const auto answered = std::make_shared<std::promise<Result<Job>>>();
+  const auto answered = std::make_shared<std::promise<Result<Value>>>();
   auto answer = answered->get_future();
-  post(command, [answered](Result<Job> job) { answered->set_value(std::move(job)); });
-  if (answer.wait_for(kCommandTimeout) != std::future_status::ready)
-    return fail(ErrorCode::Unreachable, "the daemon is busy; look at the job before you try again");
+  ask([answered](Result<Value> value) { answered->set_value(std::move(value)); });
+  if (answer.wait_for(kCommandTimeout) != std::future_status::ready) return fail(ErrorCode::Unreachable, late);
   return answer.get();
+}
+
+}  // namespace
+
+Result<Job> command_and_wait(const CommandPost& post, const Command& command) {
+  return answer_in_time<Job>([&](auto done) { post(command, std::move(done)); },
+                             "the daemon is busy; look at the job before you try again");
+}
+
+Result<std::filesystem::path> file_and_wait(const FilePost& post, const std::string& job, const std::string& name) {
+  return answer_in_time<std::filesystem::path>([&](auto done) { post(job, name, std::move(done)); },
+                                               "the fab does not answer in time; try again");
 }
 
 Result<void> carry_out(const CommandPost& post, const Command& command) {

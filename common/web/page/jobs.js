@@ -8,8 +8,7 @@ const state = { jobs: [], chosen: null, visitor: { name: null, may: "nothing", m
 
 // Of the page itself: showJob(job) for every change, showStage(job) once a state, chosen(id) when another job is chosen;
 // and where there is one: news(data) for every event, begun() once somebody may see the page, showJobs() instead of the
-// plain list, approval(held) to ask whether what holds a job is let through (names, or null), lists(job): whether a job
-// belongs in the list that is searched.
+// plain list, lists(job): whether a job belongs in the list that is searched.
 const site = {};
 
 const hasEnded = (s) => ["done", "failed", "cancelled"].includes(s);
@@ -228,18 +227,38 @@ function choose(id) {
   showDetails();
 }
 
+// Every item that holds the job is let through by name, or nothing is.
+const askApproval = (held) => new Promise((answered) => {
+  const dialog = byId("approval"), go = byId("approval-go"), why = byId("approval-why");
+  byId("approval-items").replaceChildren(...held.map((item, i) => {
+    const row = document.createElement("li"), box = document.createElement("input"), label = document.createElement("label");
+    box.type = "checkbox";
+    box.id = `approval-${i}`;
+    box.value = item.name;
+    label.htmlFor = box.id;
+    label.append(element("b", item.name), ` ${item.text}`);
+    row.append(box, label);
+    return row;
+  }));
+  const boxes = [...dialog.querySelectorAll("input[type=checkbox]")];
+  const look = () => {
+    go.disabled = !boxes.every((box) => box.checked);
+    why.textContent = go.disabled ? "It is approved once each of them is ticked." : "";
+  };
+  boxes.forEach((box) => (box.onchange = look));
+  look();
+  dialog.returnValue = "";
+  dialog.onclose = () => answered(dialog.returnValue === "go" ? [...new Set(held.map((item) => item.name))] : null);
+  dialog.showModal();
+});
+
 // What holds a job is named by whoever lets it through, so it is shown first. Null: the operator would rather not.
 async function approval() {
   const { items } = await get(`/v1/jobs/${state.chosen}/preflight`).catch(() => ({ items: [] }));
   const held = items.filter((item) => item.verdict === "held");
   if (!held.length) return {};
-  if (site.approval) {
-    const names = await site.approval(held);
-    return names && { although: names };
-  }
-  const why = held.map((item) => `${item.name}: ${item.text}`).join("\n");
-  return confirm(`This job is held:\n${why}\nLet it print all the same? Your approval names this in the record.`)
-    ? { although: [...new Set(held.map((item) => item.name))] } : null;
+  const names = await askApproval(held);
+  return names && { although: names };
 }
 
 // `machine`: of an action about a machine; else that of the chosen job.

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The lab around the job that is looked at: what each machine does now, what waits, what was made, and the question
-// whether a held job is printed all the same.
+// The lab around the job that is looked at: what each machine does now, what waits, what was made.
 "use strict";
 
 // Children of `list`, one for each item by its key; those that are there already stay, so that focus and pictures do.
@@ -172,30 +171,3 @@ site.showJobs = () => {
   byId("history-box").hidden = !old.length && !searchWords();
   showPast(old.length);
 };
-
-// ---- approval -----------------------------------------------------------------------------------------------------
-
-// Every item that holds the job is let through by name, or nothing is.
-site.approval = (held) => new Promise((answered) => {
-  const dialog = byId("approval"), go = byId("approval-go"), why = byId("approval-why");
-  byId("approval-items").replaceChildren(...held.map((item, i) => {
-    const row = document.createElement("li"), box = document.createElement("input"), label = document.createElement("label");
-    box.type = "checkbox";
-    box.id = `approval-${i}`;
-    box.value = item.name;
-    label.htmlFor = box.id;
-    label.append(element("b", item.name), ` ${item.text}`);
-    row.append(box, label);
-    return row;
-  }));
-  const boxes = [...dialog.querySelectorAll("input[type=checkbox]")];
-  const look = () => {
-    go.disabled = !boxes.every((box) => box.checked);
-    why.textContent = go.disabled ? "It is approved once each of them is ticked." : "";
-  };
-  boxes.forEach((box) => (box.onchange = look));
-  look();
-  dialog.returnValue = "";
-  dialog.onclose = () => answered(dialog.returnValue === "go" ? [...new Set(held.map((item) => item.name))] : null);
-  dialog.showModal();
-});

@@ -6,6 +6,7 @@
 #include <telefab/fab/web/router.hpp>
 #include <telefab/web/gauges.hpp>
 #include <telefab/web/job_question.hpp>
+#include <telefab/web/operator_words.hpp>
 
 #include "metrics.hpp"
 #include "octoprint.hpp"
@@ -158,23 +159,10 @@ WebResponse clear_platform(const Call& call) {
   return {200, "application/json", call.backend.devices_json()};
 }
 
-/// An empty body approves what nothing holds; {"although":["islands"]} also names what holds it.
 WebResponse approve(const Call& call) {
-  std::string although;
-  if (!call.request.body.empty()) {
-    const json body = json_or_discarded(call.request.body);
-    const auto names = body.is_object() ? body.find("although") : body.end();
-    const bool is_right =
-        body.is_object() && (body.empty() || (body.size() == 1 && names != body.end() && names->is_array()));
-    if (!is_right) return web_problem(400, "invalid-input", R"(the body is empty or {"although":["NAME"]})");
-    if (!body.empty())
-      for (const json& name : *names) {
-        if (!name.is_string())
-          return web_problem(400, "invalid-input", R"(the body is empty or {"although":["NAME"]})");
-        although += (although.empty() ? "" : ",") + name.get<std::string>();
-      }
-  }
-  if (const auto done = call.backend.approve(call.id(), although, call.who()); !done) return web_problem(done.error());
+  const auto although = although_of(call.request.body);
+  if (!although) return web_problem(although.error());
+  if (const auto done = call.backend.approve(call.id(), *although, call.who()); !done) return web_problem(done.error());
   return show_job(call);
 }
 
@@ -184,19 +172,11 @@ WebResponse plan_again(const Call& call) {
   return show_job(call);
 }
 
-/// An empty body resumes; {"as":"..."} also says whether a layer was exposed, or what came of a start.
 WebResponse resume(const Call& call) {
-  if (call.request.body.empty()) return act<JobCommand::Resume>(call);
-  const json body = json_or_discarded(call.request.body);
-  if (body.is_object() && body.empty()) return act<JobCommand::Resume>(call);
-  if (body.is_object() && body.size() == 1 && body.contains("as")) {
-    if (body["as"] == "treat-as-exposed") return act<JobCommand::TreatAsExposed>(call);
-    if (body["as"] == "expose-again") return act<JobCommand::ExposeAgain>(call);
-    if (body["as"] == "treat-as-started") return act<JobCommand::TreatAsStarted>(call);
-    if (body["as"] == "start-again") return act<JobCommand::StartAgain>(call);
-  }
-  return web_problem(400, "invalid-input",
-                     R"(the body is empty or {"as":"treat-as-exposed|expose-again|treat-as-started|start-again"})");
+  const auto word = resumption_of(call.request.body);
+  if (!word) return web_problem(word.error());
+  if (const auto done = call.backend.act(call.id(), *word, call.who()); !done) return web_problem(done.error());
+  return show_job(call);
 }
 
 /// Of the page: a file chosen there.

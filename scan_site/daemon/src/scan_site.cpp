@@ -80,8 +80,11 @@ ScanSite::~ScanSite() {
 }
 
 WebSite& ScanSite::open_page(SignIn& sign_in, CommandPost post) {
-  page_backend_ =
-      std::make_unique<SitePageBackend>(store(), site().room(), site().folder(), spools_, fab_, std::move(post));
+  page_backend_ = std::make_unique<SitePageBackend>(
+      store(), site().room(), site().folder(), spools_, fab_, std::move(post),
+      [this](const std::string& job, const std::string& name, auto done) {
+        site().loop().post([this, job, name, done = std::move(done)]() mutable { file(job, name, std::move(done)); });
+      });
   staging_backend_ = std::make_unique<SiteStagingBackend>(
       *uploads_, site().room(), site().folder().incoming(),
       [this](const Submit& asked, const std::filesystem::path& file, const std::string& who,

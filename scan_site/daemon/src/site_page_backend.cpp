@@ -62,4 +62,21 @@ Result<void> SitePageBackend::act(std::string_view id, JobCommand command, std::
   return carry_out(post_, asked);
 }
 
+Result<void> SitePageBackend::approve(std::string_view id, std::string_view although, std::string_view who) {
+  Command asked;
+  asked.job = id;
+  asked.command = JobCommand::Approve;
+  asked.who = who;
+  asked.although = although;
+  return carry_out(post_, asked);
+}
+
+Result<std::string> SitePageBackend::preflight(std::string_view id) {
+  const auto path = file_and_wait(files_, std::string{id}, "preflight.json");
+  if (!path) return tl::unexpected{path.error()};
+  const auto bytes = read_file(*path, kMaxReportBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  return std::string{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+}
+
 }  // namespace telefab::scan

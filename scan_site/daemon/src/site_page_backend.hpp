@@ -16,13 +16,14 @@ class SitePageBackend final : public PageBackend {
  public:
   /// Store, room and folder must outlive the backend.
   SitePageBackend(JobStore& store, const DiskRoom& room, const DataFolder& folder, SpoolRegistry& spools,
-                  std::string fab, CommandPost post)
+                  std::string fab, CommandPost post, FilePost files)
       : store_{store},
         room_{room},
         folder_{folder},
         layers_{spools},
         link_{std::move(fab), false, "not tried yet"},
-        post_{std::move(post)} {}
+        post_{std::move(post)},
+        files_{std::move(files)} {}
 
   Result<std::vector<Job>> jobs() override;
   Result<JobPage> find(const JobQuery& query) override { return store_.list(query); }
@@ -32,6 +33,8 @@ class SitePageBackend final : public PageBackend {
   Result<std::string> layer_json(std::string_view id, std::uint32_t layer) override;
   LinkView link() override;
   Result<void> act(std::string_view id, JobCommand command, std::string_view who) override;
+  Result<void> approve(std::string_view id, std::string_view although, std::string_view who) override;
+  Result<std::string> preflight(std::string_view id) override;
   Result<void> healthy() override {
     if (auto good = store_.health(); !good) return good;
     return room_.health();
@@ -50,6 +53,7 @@ class SitePageBackend final : public PageBackend {
   LinkView link_;                    ///< guarded by mutex_
   std::uint64_t link_revision_ = 0;  ///< guarded by mutex_
   CommandPost post_;
+  FilePost files_;
 };
 
 }  // namespace telefab::scan

@@ -6,6 +6,7 @@
 #include <telefab/scan/web/scan_web.hpp>
 #include <telefab/web/gauges.hpp>
 #include <telefab/web/job_question.hpp>
+#include <telefab/web/operator_words.hpp>
 
 #include "staging_routes.hpp"
 
@@ -76,6 +77,22 @@ WebResponse act(const Call& call) {
   return show_job(call);
 }
 
+WebResponse approve(const Call& call) {
+  const auto although = although_of(call.request.body);
+  if (!although) return web_problem(although.error());
+  if (const auto done = call.backend.approve(call.id(), *although, call.routed.visitor.name); !done)
+    return web_problem(done.error());
+  return show_job(call);
+}
+
+WebResponse resume(const Call& call) {
+  const auto word = resumption_of(call.request.body);
+  if (!word) return web_problem(word.error());
+  if (const auto done = call.backend.act(call.id(), *word, call.routed.visitor.name); !done)
+    return web_problem(done.error());
+  return show_job(call);
+}
+
 /// There is no job to show afterwards.
 WebResponse forget(const Call& call) {
   if (const auto done = call.backend.act(call.id(), JobCommand::Forget, call.routed.visitor.name); !done)
@@ -142,15 +159,15 @@ const std::vector<Row>& rows() {
        list_jobs},
       {{"GET", "/v1/jobs/{id}", "one job"}, show_job},
       {{"GET", "/v1/jobs/{id}/events", "the job's log"}, show_events},
+      {{"GET", "/v1/jobs/{id}/preflight", "what the fab asked before the light went on, with verdicts"},
+       [](const Call& c) { return web_json(c.backend.preflight(c.id())); }},
       {{"GET", "/v1/jobs/{id}/report", "what cleaning and slicing found"},
        [](const Call& c) { return web_json(c.backend.report(c.id())); }},
       {{"GET", "/v1/jobs/{id}/layers/{layer}", "contours of one layer that is cut, and what they rest on"}, show_layer},
-      {{"POST", "/v1/jobs/{id}/approve", "let a job that waits at the fab print", Access::Operators},
-       act<JobCommand::Approve>},
+      {{"POST", "/v1/jobs/{id}/approve", "let a job that waits at the fab print", Access::Operators}, approve},
       {{"POST", "/v1/jobs/{id}/pause", "have the fab stop before the next exposure", Access::Operators},
        act<JobCommand::Pause>},
-      {{"POST", "/v1/jobs/{id}/resume", "have the fab go on with the next layer", Access::Operators},
-       act<JobCommand::Resume>},
+      {{"POST", "/v1/jobs/{id}/resume", "have the fab go on with the next layer", Access::Operators}, resume},
       {{"POST", "/v1/jobs/{id}/cancel", "end the job here and at the fab", Access::Operators}, act<JobCommand::Cancel>},
       {{"POST", "/v1/jobs/{id}/forget",
         "take a job that has ended off this site, with its files; the fab keeps its own", Access::Operators},

@@ -52,6 +52,22 @@ TEST_F(ScanPageTest, SearchesAmongJobsOfAnyAge) {
   EXPECT_TRUE(browser->becomes_true("return document.querySelectorAll('#jobs li').length === 1;"));
 }
 
+TEST_F(ScanPageTest, AsksForEachReasonThatHoldsAJobAtTheFabBeforeItIsApproved) {
+  backend.preflight_json =
+      R"({"verdict":"held","items":[{"name":"carry","verdict":"held","text":"0.3 mm2 bear 3 MPa"},{"name":"time","verdict":"passed","text":"2 h"}]})";
+  browser->run("state.jobs[0].state = 'awaiting-approval'; showJob();");
+  browser->click("[data-action=approve]");
+  browser->type("#token", "secret\n");
+  ASSERT_TRUE(browser->becomes_true("return document.querySelector('#approval').open;"));
+  EXPECT_TRUE(says("#approval-items", "0.3 mm2 bear 3 MPa"));
+  EXPECT_TRUE(browser->becomes_true("return document.querySelector('#approval-go').disabled;"));
+  test::keep_screenshot(*browser, "scan-page-approval");
+  browser->click("#approval-0");
+  browser->click("#approval-go");
+  ASSERT_TRUE(says("#answer", "approve: accepted"));
+  EXPECT_EQ(backend.although, "carry");
+}
+
 TEST_F(ScanPageTest, CancelsWithTheOperatorsToken) {
   browser->click("[data-action=cancel]");
   ASSERT_TRUE(browser->becomes_true("return !document.querySelector('#token-form').hidden;"));

@@ -31,6 +31,14 @@ namespace telefab {
 /// Hands a command to the daemon's loop; the answer comes on the loop's thread.
 using CommandPost = std::function<void(const Command&, std::function<void(Result<Job>)>)>;
 
+/// Has the daemon's loop fetch a file of a job's reports; the answer, where it lies, comes on the loop's thread.
+using FilePost = std::function<void(const std::string& job, const std::string& name,
+                                    std::function<void(Result<std::filesystem::path>)>)>;
+
+/// From the page's thread, and waits for the answer: Unreachable after five seconds.
+[[nodiscard]] Result<std::filesystem::path> file_and_wait(const FilePost& post, const std::string& job,
+                                                          const std::string& name);
+
 /// Gives a command from the page's thread and waits for its answer: Unreachable after five seconds, though the command
 /// may still be carried out.
 [[nodiscard]] Result<Job> command_and_wait(const CommandPost& post, const Command& command);

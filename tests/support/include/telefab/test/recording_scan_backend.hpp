@@ -38,9 +38,17 @@ class RecordingScanBackend : public PageBackend {
     if (command == JobCommand::Approve) return fail(ErrorCode::Conflict, "there is nothing to approve");
     return {};
   }
+  Result<void> approve(std::string_view id, std::string_view names, std::string_view) override {
+    commands.emplace_back(std::string{id}, JobCommand::Approve);
+    although = names;
+    return {};
+  }
+  Result<std::string> preflight(std::string_view) override { return preflight_json; }
   Result<void> healthy() override { return {}; }
   std::uint64_t revision() override { return 1; }
 
+  std::string although;
+  std::string preflight_json = R"({"verdict":"passed","items":[]})";
   std::vector<JobQuery> asked_for;
   std::vector<std::pair<std::string, JobCommand>> commands;
 

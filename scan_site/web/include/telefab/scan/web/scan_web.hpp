@@ -40,6 +40,11 @@ class PageBackend {
   /// Conflict where the state does not allow it, Unreachable where the fab is needed and away. `who` goes into the
   /// audit log.
   [[nodiscard]] virtual Result<void> act(std::string_view id, JobCommand command, std::string_view who) = 0;
+  /// Lets a job that waits at the fab print; `although`: names of what holds it and is let through, separated by
+  /// commas. Fails as act().
+  [[nodiscard]] virtual Result<void> approve(std::string_view id, std::string_view although, std::string_view who) = 0;
+  /// JSON of what the fab asked before the light went on; NotFound until planned, Unreachable: the fab is away.
+  [[nodiscard]] virtual Result<std::string> preflight(std::string_view id) = 0;
   /// Why changes of jobs cannot be kept now; nothing is wrong where they can.
   [[nodiscard]] virtual Result<void> healthy() = 0;
   /// Grows with every change of any job or of the line.
