@@ -167,8 +167,11 @@ struct Judged {
   std::vector<std::int64_t> afloat;
 };
 
+/// How far a print is judged: to its end, or until something is found too weak.
+enum class Until : std::uint8_t { End, FirstWeak };
+
 /// Judges the moments from `from` on. Fails: Cancelled.
-Result<Judged> judge(const LoadPath& path, const CarryOptions& options, std::uint32_t from,
+Result<Judged> judge(const LoadPath& path, const CarryOptions& options, std::uint32_t from, Until until,
                      const std::stop_token& stop) {
   const auto has_beams = beam_moments(path);
   LoadCore core{path};
@@ -196,6 +199,7 @@ Result<Judged> judge(const LoadPath& path, const CarryOptions& options, std::uin
         worst.large[c] = std::max(worst.large[c], each.worst.large[c]);
       worst.small = std::max(worst.small, each.worst.small);
     }
+    if (until == Until::FirstWeak && *std::max_element(worst.large.begin(), worst.large.end()) > options.limit) break;
   }
   return judged;
 }
@@ -218,42 +222,45 @@ void keep_worst(std::optional<CarryPlace>& kept, const CarryPlace& place) {
   if (!kept || place.demand > kept->demand) kept = place;
 }
 
-/// Takes weak sections off until the rest carries, and says what that bears at most; nothing where that is no way: one
-/// of them is not small, something would float, or ever more tears. They are taken off from the first moment on at
-/// which one of them is too weak, so that what they held before that is held.
+/// Follows the print in time: at each moment at which something is too weak it tears, and what is left is judged from
+/// there on. What that bears at most; nothing where the print is lost: what tears is not small, or ever more, or
+/// something floats.
 Result<std::optional<CarryPlace>> without_weak(const LoadPath& path, const CarryOptions& options, const Judged& whole,
                                                const std::stop_token& stop) {
   constexpr std::size_t kMostTorn = 16;
+  const auto is_large = [&](const Found& f) { return f.place.held_mm2 >= options.least_held_mm2; };
+  const auto is_weak = [&](const Found& f) { return is_large(f) && f.place.demand > options.limit; };
   std::vector<std::uint32_t> torn;
-  std::uint32_t from = path.layers();
-  const auto is_weak = [&](const Found& f) {
-    return f.place.demand > options.limit && f.place.held_mm2 >= options.least_held_mm2;
-  };
-  const auto tear = [&](const Found& f, std::uint32_t section) {
-    from = std::min(from, f.place.moment.count());
-    if (std::find(torn.begin(), torn.end(), section) == torn.end()) torn.push_back(section);
-    return f.place.section_mm2 <= options.most_torn_mm2 && torn.size() <= kMostTorn;
-  };
-  for (const Found& f : whole.found)
-    if (is_weak(f) && !tear(f, f.section)) return std::optional<CarryPlace>{};
-  while (!torn.empty()) {
-    std::vector<std::uint32_t> kept;
-    const LoadPath left = path.without(torn, kept);
-    const auto judged = judge(left, options, from, stop);
-    if (!judged) return tl::unexpected{judged.error()};
-    for (std::uint32_t k = from; k < path.layers(); ++k)
-      if (judged->afloat[k] > whole.afloat[k]) return std::optional<CarryPlace>{};
-    std::optional<CarryPlace> worst;
-    bool is_any_weak = false;
-    for (const Found& f : judged->found) {
-      if (f.place.held_mm2 >= options.least_held_mm2) keep_worst(worst, f.place);
-      if (!is_weak(f)) continue;
-      is_any_weak = true;
-      if (!tear(f, kept[f.section])) return std::optional<CarryPlace>{};
+  std::optional<CarryPlace> worst;
+  /// What tears first of what was found, `kept` being the numbers of its sections: its moment; none: nothing does.
+  const auto tear = [&](const std::vector<Found>& found, const std::vector<std::uint32_t>* kept) {
+    std::optional<std::uint32_t> moment;
+    for (const Found& f : found)
+      if (is_weak(f)) moment = std::min(moment.value_or(path.layers()), f.place.moment.count());
+    for (const Found& f : found) {
+      if (is_large(f) && !is_weak(f) && f.place.moment.count() < moment.value_or(path.layers()))
+        keep_worst(worst, f.place);
+      if (!is_weak(f) || f.place.moment.count() != *moment) continue;
+      const std::uint32_t section = kept ? (*kept)[f.section] : f.section;
+      if (std::find(torn.begin(), torn.end(), section) == torn.end()) torn.push_back(section);
     }
-    if (!is_any_weak) return worst;
+    return moment;
+  };
+  auto from = tear(whole.found, nullptr);
+  if (!from) return std::optional<CarryPlace>{};
+  while (from) {
+    const bool is_small = std::all_of(torn.begin(), torn.end(), [&](std::uint32_t s) {
+      return path.sections()[s].area_mm2 <= options.most_torn_mm2;
+    });
+    if (!is_small || torn.size() > kMostTorn) return std::optional<CarryPlace>{};
+    std::vector<std::uint32_t> kept;
+    const auto judged = judge(path.without(torn, kept), options, *from, Until::FirstWeak, stop);
+    if (!judged) return tl::unexpected{judged.error()};
+    for (std::size_t k = *from; k < judged->afloat.size(); ++k)
+      if (judged->afloat[k] > whole.afloat[k]) return std::optional<CarryPlace>{};
+    from = tear(judged->found, &kept);
   }
-  return std::optional<CarryPlace>{};
+  return worst;
 }
 
 }  // namespace
@@ -289,7 +296,7 @@ Result<CarryReport> CarryWatch::finish(const std::stop_token& stop) {
   report.layers = path.layers();
   for (std::uint32_t p = 0; p < path.first_piece(1) && path.layers() > 0; ++p)
     report.base_mm2 += static_cast<double>(path.pieces()[p].pixels) * path.pixel_mm2();
-  const auto judged = judge(path, options, 0, stop);
+  const auto judged = judge(path, options, 0, Until::End, stop);
   if (!judged) return tl::unexpected{judged.error()};
   for (const std::int64_t afloat : judged->afloat)
     report.afloat_mm2 = std::max(report.afloat_mm2, path.pull_mm2(afloat));
