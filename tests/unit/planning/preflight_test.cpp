@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -261,6 +262,31 @@ TEST_F(PreflightTest, HoldsAJobWhoseLayersLackContours) {
   EXPECT_EQ(certificates.layer, LayerIndex{2 + summary.elevation_layers});
   EXPECT_THAT(certificates.text, HasSubstr("1 of"));
   EXPECT_THAT(certificates.text, HasSubstr("--complete"));
+}
+
+TEST_F(PreflightTest, WarnsOfAPartThatEndsALittleWithinItsScanAndHoldsOneThatLacksMore) {
+  const auto with_empty_ends = [&](std::uint32_t below, std::uint32_t above) {
+    StackHeader header = stack.header();
+    header.layer_count = 200;
+    std::vector<Layer> layers(header.layer_count);
+    for (std::uint32_t i = 0; i < header.layer_count; ++i) {
+      layers[i].index = LayerIndex{i};
+      layers[i].z_mm = cut_height_mm(LayerIndex{i}, header.layer_thickness_mm);
+      layers[i].certificate.verdict = LayerCertificate::Verdict::Measured;
+      if (i >= below && i < header.layer_count - above)
+        layers[i].contours = {test::rectangle(5, 5, 10, 10)};
+      else
+        layers[i].certificate.flag({.reason = DoubtReason::ContourMissing, .place = Point2{3, 4}});
+    }
+    stack = LayerStack::from_layers(header, std::move(layers)).value();
+    return item("certificates");
+  };
+  const PreflightItem tip = with_empty_ends(1, 3);
+  EXPECT_EQ(tip.verdict, Verdict::Warning);
+  EXPECT_THAT(tip.text, HasSubstr(fmt::format("the part ends {:.2f} mm within the outermost samples",
+                                              4 * stack.header().layer_thickness_mm)));
+  EXPECT_EQ(with_empty_ends(1, 4).verdict, Verdict::Held) << "2.5 % of its height";
+  EXPECT_EQ(with_empty_ends(6, 0).verdict, Verdict::Held);
 }
 
 TEST_F(PreflightTest, HoldsAJobWithAnEmptyLayerInsideThePart) {
