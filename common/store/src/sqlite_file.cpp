@@ -56,6 +56,8 @@ Result<bool> Statement::step() {
   const bool is_of_system = kind == SQLITE_IOERR || kind == SQLITE_CANTOPEN;
   if (kind == SQLITE_FULL || (is_of_system && sqlite3_system_errno(database_) == ENOSPC))
     return fail_system("write", path, ENOSPC);
+  if (kind == SQLITE_CONSTRAINT)
+    return fail(ErrorCode::Conflict, fmt::format("{} {}: {}", what_, path, sqlite3_errmsg(database_)));
   return fail(code_of(code), fmt::format("{} {}: {}", what_, path, sqlite3_errmsg(database_)));
 }
 

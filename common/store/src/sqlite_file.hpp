@@ -19,8 +19,9 @@ class Statement {
   Statement& bind(std::string_view text);
   Statement& bind(std::int64_t number);
   Statement& bind(double number);
-  /// True for a row, false for the end; StorageFailed, or NotTrusted where the file is damaged, otherwise.
+  /// True for a row, false for the end. Fails: StorageFailed, NotTrusted (the file is damaged), Conflict (a key).
   [[nodiscard]] Result<bool> step();
+  [[nodiscard]] int columns() const { return sqlite3_column_count(statement_.get()); }
   [[nodiscard]] std::string text();
   [[nodiscard]] std::int64_t number() { return sqlite3_column_int64(statement_.get(), read_++); }
   [[nodiscard]] double real() { return sqlite3_column_double(statement_.get(), read_++); }

@@ -11,11 +11,11 @@ namespace telefab {
 Result<std::string> although_of(std::string_view body) {
   if (body.empty()) return std::string{};
   const auto wrong = [] { return fail(ErrorCode::InvalidInput, R"(the body is empty or {"although":["NAME"]})"); };
-  const auto said = json_or_discarded(body);
-  if (!said.is_object()) return wrong();
-  if (said.empty()) return std::string{};
-  const auto names = said.find("although");
-  if (said.size() != 1 || names == said.end() || !names->is_array()) return wrong();
+  const auto stated = json_or_discarded(body);
+  if (!stated.is_object()) return wrong();
+  if (stated.empty()) return std::string{};
+  const auto names = stated.find("although");
+  if (stated.size() != 1 || names == stated.end() || !names->is_array()) return wrong();
   std::string although;
   for (const auto& name : *names) {
     if (!name.is_string()) return wrong();
@@ -26,14 +26,14 @@ Result<std::string> although_of(std::string_view body) {
 
 Result<JobCommand> resumption_of(std::string_view body) {
   if (body.empty()) return JobCommand::Resume;
-  const auto said = json_or_discarded(body);
-  if (said.is_object() && said.empty()) return JobCommand::Resume;
+  const auto stated = json_or_discarded(body);
+  if (stated.is_object() && stated.empty()) return JobCommand::Resume;
   constexpr std::array kWords{
       std::pair{"treat-as-exposed", JobCommand::TreatAsExposed}, std::pair{"expose-again", JobCommand::ExposeAgain},
       std::pair{"treat-as-started", JobCommand::TreatAsStarted}, std::pair{"start-again", JobCommand::StartAgain}};
-  if (said.is_object() && said.size() == 1 && said.contains("as"))
+  if (stated.is_object() && stated.size() == 1 && stated.contains("as"))
     for (const auto& [name, word] : kWords)
-      if (said["as"] == name) return word;
+      if (stated["as"] == name) return word;
   return fail(ErrorCode::InvalidInput,
               R"(the body is empty or {"as":"treat-as-exposed|expose-again|treat-as-started|start-again"})");
 }
