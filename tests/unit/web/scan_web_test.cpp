@@ -102,16 +102,16 @@ TEST_F(ScanWebTest, PassesACancelOnWithTheToken) {
 }
 
 TEST_F(ScanWebTest, ApprovesAHeldJobByTheNamesInTheBodyAndPassesWordsAboutALayerOn) {
-  const auto say = [&](const char* path, const char* body) { return ask("POST", path, "Bearer secret", body).status; };
-  EXPECT_EQ(say("/v1/jobs/job-1/approve", R"({"although":["carry","islands"]})"), 200U);
+  const auto post = [&](const char* path, const char* body) { return ask("POST", path, "Bearer secret", body).status; };
+  EXPECT_EQ(post("/v1/jobs/job-1/approve", R"({"although":["carry","islands"]})"), 200U);
   EXPECT_EQ(backend.although, "carry,islands");
-  EXPECT_EQ(say("/v1/jobs/job-1/approve", ""), 200U);
+  EXPECT_EQ(post("/v1/jobs/job-1/approve", ""), 200U);
   EXPECT_EQ(backend.although, "");
-  EXPECT_EQ(say("/v1/jobs/job-1/resume", R"({"as":"expose-again"})"), 200U);
+  EXPECT_EQ(post("/v1/jobs/job-1/resume", R"({"as":"expose-again"})"), 200U);
   ASSERT_EQ(backend.commands.size(), 3U);
   EXPECT_EQ(backend.commands[2].second, JobCommand::ExposeAgain);
-  EXPECT_EQ(say("/v1/jobs/job-1/approve", R"({"although":"carry"})"), 400U);
-  EXPECT_EQ(say("/v1/jobs/job-1/resume", R"({"as":"before"})"), 400U);
+  EXPECT_EQ(post("/v1/jobs/job-1/approve", R"({"although":"carry"})"), 400U);
+  EXPECT_EQ(post("/v1/jobs/job-1/resume", R"({"as":"before"})"), 400U);
   EXPECT_EQ(backend.commands.size(), 3U);
   EXPECT_EQ(json::parse(ask("GET", "/v1/jobs/job-1/preflight").body)["verdict"], "passed");
 }
