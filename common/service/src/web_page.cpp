@@ -1,16 +1,37 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <fcntl.h>
 #include <fmt/format.h>
 
+#include <cerrno>
 #include <future>
 #include <telefab/base/file.hpp>
+#include <telefab/base/open_file.hpp>
 #include <telefab/base/secret.hpp>
+#include <telefab/command_line/output.hpp>
+#include <telefab/command_line/program.hpp>
 #include <telefab/service/log.hpp>
 #include <telefab/service/web_page.hpp>
+#include <telefab/web/page_link.hpp>
 
 namespace telefab {
 namespace {
 
 constexpr auto kCommandTimeout = std::chrono::seconds{5};
+constexpr std::uint64_t kLongestAddress = 1024;
+
+std::filesystem::path address_in(const std::filesystem::path& data) { return data / "web-address"; }
+
+bool is_shown_beyond_by(const ServeOptions& options, const net::Endpoint& address) {
+  return !net::is_loopback(address) || !options.web_hosts.empty();
+}
+
+/// For whoever began the daemon at a terminal, which is nobody else's.
+void print_link(const DataFolder& folder, const std::string& address, const Clock& clock) {
+  const auto key = make_page_key(page_key_in(folder.path()), clock.wall());
+  if (!key) return log_warning(key.error().what);
+  write_note(fmt::format("open it signed in, once and within {} minutes (the verb page-link prints another): {}\n",
+                         kPageLinkLasts.count(), page_link(address, *key)));
+}
 
 }  // namespace
 
@@ -35,6 +56,32 @@ Result<std::string> web_token(const DataFolder& folder) {
 
 std::filesystem::path operator_tokens_in(const std::filesystem::path& data) { return data / "operator-tokens"; }
 
+std::filesystem::path page_key_in(const std::filesystem::path& data) { return data / "page-link"; }
+
+Result<std::string> linked_page_of(const std::filesystem::path& data) {
+  const OpenFile lock{::open((data / "lock").c_str(), O_RDONLY | O_CLOEXEC)};
+  if (lock.get() < 0 && errno == EACCES)
+    return fail(ErrorCode::NotPermitted,
+                fmt::format("{} is the daemon's own: only its user and root have a link made (sudo)", data.string()));
+  if (lock.get() < 0 && errno != ENOENT) return fail_system("read", data / "lock", errno);
+  if (lock.get() < 0 || take_lock(lock) != EWOULDBLOCK)
+    return fail(ErrorCode::Conflict, fmt::format("no daemon works in {}: start it with the verb serve and --web, or "
+                                                 "name its folder with --data",
+                                                 data.string()));
+  const auto address = read_file(address_in(data), kLongestAddress);
+  const auto tokens = read_operator_tokens(operator_tokens_in(data));
+  const bool is_by_name = tokens || tokens.error().code != ErrorCode::NotFound;
+  if (is_by_name || (!address && address.error().code == ErrorCode::NotFound))
+    return fail(ErrorCode::Conflict,
+                fmt::format("the daemon in {} shows no page that a link signs in at: it was started without --web, or "
+                            "everybody signs in there by name; then `tokens add NAME --data {}` makes a token",
+                            data.string(), data.string()));
+  if (!address) return tl::unexpected{address.error()};
+  std::string text{reinterpret_cast<const char*>(address->data()), address->size()};
+  while (text.ends_with('\n')) text.pop_back();
+  return text;
+}
+
 Result<SignIn> sign_in_of(const ServeOptions& options, const DataFolder& folder, const Clock& clock,
                           SignInEvents events) {
   const auto address = net::endpoint_from_text(options.web);
@@ -42,7 +89,7 @@ Result<SignIn> sign_in_of(const ServeOptions& options, const DataFolder& folder,
   auto shared = web_token(folder);
   if (!shared) return tl::unexpected{shared.error()};
   const auto tokens = operator_tokens_in(folder.path());
-  const bool is_shown_beyond = !net::is_loopback(*address) || !options.web_hosts.empty();
+  const bool is_shown_beyond = is_shown_beyond_by(options, *address);
   const auto named = read_operator_tokens(tokens);
   if (!named && named.error().code != ErrorCode::NotFound) return tl::unexpected{named.error()};
   if (!named && is_shown_beyond && options.tls_folder.empty())
@@ -50,7 +97,7 @@ Result<SignIn> sign_in_of(const ServeOptions& options, const DataFolder& folder,
         fmt::format("--web {}: the page is shown beyond this machine, and nobody can sign in: make each operator "
                     "a token with the verb `tokens add NAME --data {}`",
                     options.web, folder.path().string()));
-  return SignIn{{tokens, std::move(*shared), is_shown_beyond}, clock, std::move(events)};
+  return SignIn{{tokens, std::move(*shared), is_shown_beyond, page_key_in(folder.path())}, clock, std::move(events)};
 }
 
 Result<std::unique_ptr<WebServer>> open_page(const ServeOptions& options, const DataFolder& folder, WebSite& site,
@@ -72,11 +119,19 @@ Result<std::unique_ptr<WebServer>> open_page(const ServeOptions& options, const 
   }
   auto server = WebServer::listen(address, site, product, clock);
   if (!server) return server;
-  log_line(
-      fmt::format("the page is at {}://{}:{}/", address.trust ? "https" : "http", endpoint->host, (*server)->port()));
+  const std::string at =
+      fmt::format("{}://{}", address.trust ? "https" : "http", net::to_text({endpoint->host, (*server)->port()}));
+  log_line(fmt::format("the page is at {}/", at));
   const std::string port = fmt::format("{}\n", (*server)->port());
   if (auto written = write_file_atomically(folder.path() / "web-port", std::string_view{port}); !written)
     return tl::unexpected{written.error()};
+  std::error_code ignored;  // of a page that was shown otherwise; where there is none all is well
+  std::filesystem::remove(address_in(folder.path()), ignored);
+  if (is_shown_beyond_by(options, *endpoint)) return server;
+  if (auto written = write_file_atomically(address_in(folder.path()), at + "\n"); !written)
+    return tl::unexpected{written.error()};
+  if (on_terminal() && !std::filesystem::exists(operator_tokens_in(folder.path()), ignored))
+    print_link(folder, at, clock);
   return server;
 }
 

@@ -186,7 +186,14 @@ function showJob() {
   byId("job-name").textContent = job.name || job.id;
   byId("job-message").hidden = !job.message;
   byId("job-message").textContent = job.message;
-  for (const button of document.querySelectorAll("[data-action]")) {
+  // A link that is opened where the page is open already.
+window.addEventListener("hashchange", async () => {
+  const refused = await followLink();
+  if (refused) return askToSignIn(refused);
+  await findVisitor();
+  byId("token-form").hidden = true;
+});
+for (const button of document.querySelectorAll("[data-action]")) {
     button.disabled = !allowed[button.dataset.action](job.state);
     // A question has two answers, which stand in the place of the plain button.
     button.title = button.disabled ? whyNot[button.dataset.action] || "" : "";
@@ -349,13 +356,26 @@ function follow() {
   if (site.begun) site.begun();
 }
 
+// A link that signs in holds its key behind "#": used once, and out of the browser's history at once. What it was
+// refused with; else nothing.
+async function followLink() {
+  const key = new URLSearchParams(location.hash.slice(1)).get("sign-in");
+  if (!key) return "";
+  const answer = await fetch("/v1/sign-in", { method: "POST", body: JSON.stringify({ link: key }) });
+  history.replaceState(null, "", location.pathname + location.search);
+  return answer.ok ? "" : (await answer.json()).error.what;
+}
+
 async function begin() {
+  let refused = "";
   try {
+    refused = await followLink();
     await findVisitor();
   } catch {
     return setTimeout(begin, 2000);
   }
+  if (refused && state.visitor.may !== "operator") askToSignIn(refused);
   if (!state.visitor.must_sign_in || state.visitor.may !== "nothing") return follow();
   byId("link").textContent = "not signed in";
-  askToSignIn("");
+  askToSignIn(refused);
 }

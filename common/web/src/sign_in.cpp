@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <cctype>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <telefab/base/json_text.hpp>
+#include <telefab/web/page_link.hpp>
 #include <telefab/web/sign_in.hpp>
 
 #include "lower_case.hpp"
@@ -113,12 +115,31 @@ bool SignIn::must_sign_in() {
 
 std::optional<SignIn::Session> SignIn::by_token(std::string_view token) {
   const bool is_required = must_sign_in();
-  const Nanoseconds ends = clock_.now() + kSessionLasts;
   if (const OperatorToken* owner = owner_of(tokens_, token))
-    return Session{{owner->name, owner->may}, owner->digest, ends};
+    return Session{{owner->name, owner->may}, owner->digest, clock_.now() + kSessionLasts};
   if (!is_required && !options_.shared_token.empty() && are_equal(token, options_.shared_token))
-    return Session{{std::string{kSharedName}, Access::Operators}, {}, ends};
+    return shared_session();
   return std::nullopt;
+}
+
+SignIn::Session SignIn::shared_session() const {
+  return {{std::string{kSharedName}, Access::Operators}, {}, clock_.now() + kSessionLasts};
+}
+
+tl::expected<SignIn::Session, WebResponse> SignIn::by_link(const std::string& key, const std::string& address) {
+  if (must_sign_in())
+    return tl::unexpected{web_problem(
+        401, "not-permitted", "links open nothing here: operators sign in with tokens of their own (tokens add NAME)")};
+  if (options_.page_key.empty()) return tl::unexpected{web_problem(401, "not-permitted", "links open nothing here")};
+  const auto taken = take_page_key(options_.page_key, key, clock_.wall());
+  if (taken) return shared_session();
+  if (taken.error().code == ErrorCode::StorageFailed || taken.error().code == ErrorCode::NotPermitted)
+    return tl::unexpected{web_problem(taken.error())};
+  events_.refused(address, {ErrorCode::NotTrusted, "the page: a link that opens nothing: " + taken.error().what});
+  return tl::unexpected{web_problem(401, "not-permitted",
+                                    fmt::format("this link opens nothing any more: each opens once, within {} minutes; "
+                                                "the daemon's verb `page-link` prints another",
+                                                kPageLinkLasts.count()))};
 }
 
 std::optional<Visitor> SignIn::by_cookie(const WebRequest& request) {
@@ -202,8 +223,9 @@ tl::expected<Visitor, SignIn::Refusal> SignIn::admit(const WebRequest& request, 
                          ? "sign in first: on the page with a token of your own (the daemon's verb "
                            "`tokens add NAME` makes one), by Authorization: Bearer TOKEN or X-Api-Key: TOKEN, "
                            "or over TLS with a client certificate"
-                         : "this needs the operator's token: Authorization: Bearer TOKEN, or X-Api-Key: "
-                           "TOKEN (file web-token in the daemon's data folder)");
+                         : "sign in first: the daemon's verb `page-link` prints a link that does; a program shows "
+                           "the operator's token: Authorization: Bearer TOKEN, or X-Api-Key: TOKEN (file web-token "
+                           "in the daemon's data folder)");
 }
 
 WebResponse SignIn::describe(const Visitor& visitor, const char* by) {
@@ -227,22 +249,32 @@ WebResponse SignIn::session(const WebRequest& request) {
 WebResponse SignIn::sign_in(const WebRequest& request) {
   if (!request.origin.empty() && !is_from_here(request)) return web_problem(403, "not-permitted", kForeign);
   const auto body = json_or_discarded(request.body);
-  const auto token = body.is_object() ? body.find("token") : body.end();
-  if (!body.is_object() || token == body.end() || !token->is_string())
-    return web_problem(400, "invalid-input", R"(the body is {"token":"..."})");
-  auto session = by_token(token->get_ref<const std::string&>());
-  if (!session) {
-    events_.refused(request.address, {ErrorCode::NotTrusted, "the page: a sign-in with a token that is nobody's"});
-    return web_problem(401, "not-permitted", "this token is nobody's here, or no longer");
+  const auto text_of = [&](const char* name) {
+    const auto found = body.is_object() ? body.find(name) : body.end();
+    return body.is_object() && found != body.end() && found->is_string() ? std::optional{found->get<std::string>()}
+                                                                         : std::nullopt;
+  };
+  const auto token = text_of("token"), link = text_of("link");
+  if (token.has_value() == link.has_value())
+    return web_problem(400, "invalid-input", R"(the body is {"token":"..."} or {"link":"..."})");
+  if (link) {
+    auto session = by_link(*link, request.address);
+    return session ? begin(request, std::move(*session), "signed in at the page by a link") : session.error();
   }
+  if (auto session = by_token(*token)) return begin(request, std::move(*session), "signed in at the page");
+  events_.refused(request.address, {ErrorCode::NotTrusted, "the page: a sign-in with a token that is nobody's"});
+  return web_problem(401, "not-permitted", "this token is nobody's here, or no longer");
+}
+
+WebResponse SignIn::begin(const WebRequest& request, Session session, std::string_view what) {
   const auto cookie = random_token();
   if (!cookie) return web_problem(cookie.error());
   std::erase_if(sessions_, [&](const auto& each) { return each.second.ends <= clock_.now(); });
   if (sessions_.size() >= kMostSessions)
     sessions_.erase(std::ranges::min_element(sessions_, {}, [](const auto& each) { return each.second.ends; }));
-  const Visitor visitor = session->visitor;
-  sessions_.insert_or_assign(key_of(*cookie), std::move(*session));
-  events_.noted(visitor.name, "signed in at the page");
+  const Visitor visitor = session.visitor;
+  sessions_.insert_or_assign(key_of(*cookie), std::move(session));
+  events_.noted(visitor.name, what);
   WebResponse response = describe(visitor, "session");
   response.cookie =
       set_cookie(request, *cookie, std::chrono::duration_cast<std::chrono::seconds>(kSessionLasts).count());

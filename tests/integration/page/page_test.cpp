@@ -9,6 +9,7 @@
 #include <telefab/fab/web/router.hpp>
 #include <telefab/test/recording_backend.hpp>
 #include <telefab/test/scratch_folder.hpp>
+#include <telefab/web/page_link.hpp>
 
 #include "accessible.hpp"
 #include "screenshot.hpp"
@@ -486,6 +487,35 @@ TEST_F(SignInPage, AsksAgainWhereTheTokenWasRevokedUnderAnOpenPage) {
   browser->click("[data-action=pause]");
   EXPECT_TRUE(browser->becomes_true("return !document.querySelector('#token-form').hidden;"));
   EXPECT_TRUE(backend.actions.empty());
+}
+
+/// Where nobody has a token yet.
+TEST(LinkedPage, SignsInByALinkOnceAndKeepsItOutOfTheAddress) {
+  if (!test::Browser::is_installed()) GTEST_SKIP() << "no chromium and chromedriver on this machine";
+  SystemClock clock;
+  const test::ScratchFolder scratch;
+  const auto key_file = scratch.path() / "page-link";
+  LivingBackend backend;
+  SignIn sign_in{{{}, "secret", false, key_file}, clock};
+  FabWeb site{backend, sign_in, {}};
+  const auto server = WebServer::listen({"127.0.0.1"}, site, "telefab-fab/0", clock).value();
+  const std::string address = fmt::format("http://127.0.0.1:{}", server->port());
+  const std::string link = page_link(address, make_page_key(key_file, clock.wall()).value());
+  test::Browser browser;
+  browser.open(link);
+  ASSERT_TRUE(browser.becomes_true("return document.querySelector('#visitor-name').textContent === 'web';"));
+  EXPECT_EQ(browser.run("return location.href;"), address + "/");
+  EXPECT_TRUE(browser.run("return document.querySelector('#token-form').hidden;").get<bool>());
+  ASSERT_TRUE(browser.becomes_true("return !document.querySelector('[data-action=pause]').hidden;"));
+  browser.click("[data-action=pause]");
+  EXPECT_TRUE(browser.becomes_true("return document.querySelector('#job-line').textContent.includes('paused');"));
+  browser.click("#sign-out");
+  ASSERT_TRUE(browser.becomes_true("return document.querySelector('#visitor').hidden;"));
+  // The page is open: the browser changes what stands behind "#" alone.
+  browser.run("location.href = '" + link + "';");
+  EXPECT_TRUE(browser.becomes_true(
+      "return document.querySelector('#sign-in-answer').textContent.includes('opens nothing any more');"));
+  test::keep_screenshot(browser, "page-link-used");
 }
 
 }  // namespace

@@ -228,5 +228,48 @@ TEST_F(StagedUploads, StandHostileRequestsAndChangeNothing) {
   EXPECT_TRUE(ask("GET", "/v1/jobs").json()["jobs"].empty());
 }
 
+class SignInLink : public ScanPageSite {
+ protected:
+  [[nodiscard]] Outcome asked_for(const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> words{std::string{::getenv("TELEFAB_BIN")} + "/telefab-scan", "page-link", "--data",
+                                   (folder() / "scan").string()};
+    words.insert(words.end(), more.begin(), more.end());
+    return run(words);
+  }
+};
+
+TEST_F(SignInLink, OfADaemonThatRunsSignsInOnce) {
+  start_with_page();
+  const Outcome made = asked_for();
+  ASSERT_EQ(made.code, 0) << made.errors;
+  const std::string address = fmt::format("http://127.0.0.1:{}/#sign-in=", web_port());
+  ASSERT_EQ(made.output.substr(0, address.size()), address);
+  const std::string key = made.output.substr(address.size(), 32);
+  const auto shown = [&] {
+    return http_ask(web_port(), "POST", "/v1/sign-in", "", json{{"link", key}}.dump()).substr(0, 12);
+  };
+  EXPECT_EQ(shown(), "HTTP/1.1 200");
+  EXPECT_EQ(shown(), "HTTP/1.1 401");
+  EXPECT_EQ(asked_for({"--json"}).code, 0);
+  kill_scan();
+  EXPECT_THAT(text_of(folder() / "scan" / "audit.log"),
+              HasSubstr(R"("who":"web","what":"signed in at the page by a link")"));
+}
+
+TEST_F(SignInLink, IsRefusedWithWhatToDoWhereNoPageTakesOne) {
+  start_with_page();
+  const Outcome added = run({std::string{::getenv("TELEFAB_BIN")} + "/telefab-scan", "tokens", "add", "ada", "--data",
+                             (folder() / "scan").string()});
+  ASSERT_EQ(added.code, 0) << added.errors;
+  const Outcome by_name = asked_for();
+  EXPECT_EQ(by_name.code, 2);
+  EXPECT_THAT(by_name.errors, HasSubstr("tokens add NAME"));
+  kill_scan();
+  const Outcome stopped = asked_for();
+  EXPECT_EQ(stopped.code, 2);
+  EXPECT_THAT(stopped.errors, HasSubstr("no daemon works in"));
+  EXPECT_FALSE(std::filesystem::exists(folder() / "scan" / "page-link"));
+}
+
 }  // namespace
 }  // namespace telefab::test

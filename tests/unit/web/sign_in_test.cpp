@@ -14,6 +14,7 @@
 #include <telefab/test/recording_scan_backend.hpp>
 #include <telefab/test/recording_staging.hpp>
 #include <telefab/test/scratch_folder.hpp>
+#include <telefab/web/page_link.hpp>
 
 namespace telefab {
 namespace {
@@ -33,7 +34,7 @@ class SignInTest : public testing::Test {
   }
   [[nodiscard]] SignIn page(bool is_shown_beyond = false) {
     return SignIn{
-        {file, "the-shared-token", is_shown_beyond},
+        {file, "the-shared-token", is_shown_beyond, key_file},
         clock,
         {[this](std::string_view who, std::string_view what) {
            noted.push_back(std::string{who} + ": " + std::string{what});
@@ -66,13 +67,16 @@ class SignInTest : public testing::Test {
     EXPECT_EQ(response.status, 200U);
     return cookie_of(response);
   }
+  static WebResponse follow(SignIn& sign_in, const std::string& key) {
+    return sign_in.sign_in(from_page("POST", "", json{{"link", key}}.dump()));
+  }
   static unsigned status(SignIn& sign_in, const WebRequest& request, Access needed) {
     const auto visitor = sign_in.admit(request, needed);
     return visitor ? 200U : visitor.error().status;
   }
 
   test::ScratchFolder scratch;
-  std::filesystem::path folder = scratch.path(), file = folder / "operator-tokens";
+  std::filesystem::path folder = scratch.path(), file = folder / "operator-tokens", key_file = folder / "page-link";
   VirtualClock clock;
   std::vector<std::string> noted, refused;
 };
@@ -288,6 +292,82 @@ TEST_F(SignInTest, CountsARefusedTokenOnceForARequestWhoseHeadIsLookedAtFirst) {
   EXPECT_EQ(status(sign_in, request, Access::Readers), 401U);
   ASSERT_THAT(refused, SizeIs(1));
   EXPECT_THAT(refused[0], HasSubstr("192.0.2.7:5000"));
+}
+
+TEST_F(SignInTest, ALinkOpensOnceWhatTheSharedTokenOpens) {
+  SignIn sign_in = page();
+  const std::string key = make_page_key(key_file, clock.wall()).value();
+  const WebResponse first = follow(sign_in, key);
+  ASSERT_EQ(first.status, 200U);
+  EXPECT_EQ(sign_in.admit(from_page("POST", cookie_of(first)), Access::Operators).value().name, "web");
+  EXPECT_THAT(noted, ElementsAre("web: signed in at the page by a link"));
+  const WebResponse second = follow(sign_in, key);
+  EXPECT_EQ(second.status, 401U);
+  EXPECT_THAT(second.body, HasSubstr("page-link"));
+  EXPECT_TRUE(second.cookie.empty());
+  EXPECT_THAT(refused, SizeIs(1));
+  EXPECT_EQ(page().sign_in(from_page("POST", "", json{{"link", key}}.dump())).status, 401U) << "a daemon begun again";
+}
+
+TEST_F(SignInTest, ALinkEndsAfterItsTimeAndWithTheNextOne) {
+  SignIn sign_in = page();
+  const std::string old = make_page_key(key_file, clock.wall()).value();
+  const std::string key = make_page_key(key_file, clock.wall()).value();
+  EXPECT_EQ(follow(sign_in, old).status, 401U);
+  clock.advance(kPageLinkLasts - std::chrono::seconds{1});
+  EXPECT_EQ(follow(sign_in, key).status, 200U) << "a wrong key takes nothing from the right one";
+  const std::string late = make_page_key(key_file, clock.wall()).value();
+  clock.advance(kPageLinkLasts);
+  EXPECT_EQ(follow(sign_in, late).status, 401U);
+  EXPECT_FALSE(std::filesystem::exists(key_file));
+}
+
+TEST_F(SignInTest, AClockThatWasSetBackMakesNoLinkLastLonger) {
+  SignIn sign_in = page();
+  const std::string key = make_page_key(key_file, clock.wall() + std::chrono::hours{24}).value();
+  EXPECT_EQ(follow(sign_in, key).status, 401U);
+}
+
+TEST_F(SignInTest, NoLinkOpensWhereEverybodySignsInByName) {
+  const std::string key = make_page_key(key_file, clock.wall()).value();
+  SignIn beyond = page(true);
+  EXPECT_EQ(follow(beyond, key).status, 401U);
+  SignIn sign_in = page();
+  const WebResponse opened = follow(sign_in, key);
+  ASSERT_EQ(opened.status, 200U);
+  add("ada");
+  EXPECT_EQ(status(sign_in, from_page("GET", cookie_of(opened)), Access::Readers), 401U) << "nor what one has opened";
+  const std::string later = make_page_key(key_file, clock.wall()).value();
+  const WebResponse refusal = follow(sign_in, later);
+  EXPECT_EQ(refusal.status, 401U);
+  EXPECT_THAT(refusal.body, HasSubstr("tokens add NAME"));
+}
+
+TEST_F(SignInTest, NoPageOfSomebodyElseSignsInByALink) {
+  SignIn sign_in = page();
+  const std::string key = make_page_key(key_file, clock.wall()).value();
+  WebRequest request = from_page("POST", "", json{{"link", key}}.dump());
+  request.origin = "http://localhost:9999";
+  EXPECT_EQ(sign_in.sign_in(request).status, 403U);
+  EXPECT_EQ(follow(sign_in, key).status, 200U) << "and it is not used up";
+}
+
+TEST_F(SignInTest, KeepsNoLinkThatCouldBeUsedAndTrustsNoFileThatOthersRead) {
+  SignIn sign_in = page();
+  const std::string key = make_page_key(key_file, clock.wall()).value();
+  std::stringstream kept;
+  kept << std::ifstream{key_file}.rdbuf();
+  EXPECT_THAT(kept.str(), Not(HasSubstr(key)));
+  ASSERT_EQ(::chmod(key_file.c_str(), 0644), 0);
+  EXPECT_EQ(follow(sign_in, key).status, 401U);
+}
+
+TEST_F(SignInTest, WantsATokenOrALinkAndNotBoth) {
+  SignIn sign_in = page();
+  const std::string key = make_page_key(key_file, clock.wall()).value();
+  for (const json& body : {json{{"token", "the-shared-token"}, {"link", key}}, json::object(), json{{"link", 7}}})
+    EXPECT_EQ(sign_in.sign_in(from_page("POST", "", body.dump())).status, 400U) << body.dump();
+  EXPECT_EQ(follow(sign_in, key).status, 200U);
 }
 
 /// What may be asked without signing in where everybody has to.

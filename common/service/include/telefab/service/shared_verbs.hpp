@@ -24,4 +24,8 @@ namespace telefab {
 /// `tokens ACTION [NAME] --data DIR`: the tokens that operators sign in with at the page.
 [[nodiscard]] VerbBody declare_tokens(VerbOptions& options);
 
+/// `page-link [--data DIR] [--json]`: a link that signs in once at the page of the daemon there; `data`: of the
+/// installed service.
+[[nodiscard]] VerbBody declare_page_link(VerbOptions& options, const char* data);
+
 }  // namespace telefab

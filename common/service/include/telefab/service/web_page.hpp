@@ -16,13 +16,21 @@ namespace telefab {
 /// The operators' own tokens, as the verb `tokens` keeps them.
 [[nodiscard]] std::filesystem::path operator_tokens_in(const std::filesystem::path& data);
 
+/// The newest link that signs somebody in (page_link.hpp).
+[[nodiscard]] std::filesystem::path page_key_in(const std::filesystem::path& data);
+
+/// Where the page of the daemon that works in this folder is, as http://127.0.0.1:7480, for a link that signs in there.
+/// Conflict: no daemon works there, or its page takes no link, since everybody signs in by a name; else as read_file.
+[[nodiscard]] Result<std::string> linked_page_of(const std::filesystem::path& data);
+
 /// Who comes in at the page of --web. Everybody signs in where DATA has tokens of operators, and where the page is
 /// shown beyond this machine: off loopback, or by a proxy (--web-host). Fails as web_token, endpoint_from_text and
 /// read_operator_tokens.
 [[nodiscard]] Result<SignIn> sign_in_of(const ServeOptions& options, const DataFolder& folder, const Clock& clock,
                                         SignInEvents events);
 
-/// Opens a site's page on --web and says its port in DATA/web-port: HTTP on loopback, elsewhere over TLS with the
+/// Opens a site's page on --web and says its port in DATA/web-port, and in DATA/web-address where links sign in, and
+/// prints one on a terminal: HTTP on loopback, elsewhere over TLS with the
 /// certificate of --tls. Fails as WebServer::listen and trust_of, and with NotTrusted off loopback without --tls.
 [[nodiscard]] Result<std::unique_ptr<WebServer>> open_page(const ServeOptions& options, const DataFolder& folder,
                                                            WebSite& site, const std::string& product,

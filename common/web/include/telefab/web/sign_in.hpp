@@ -15,9 +15,10 @@
 namespace telefab {
 
 struct SignInOptions {
-  std::filesystem::path tokens = {};  ///< the operators' own; where there is such a file, everybody signs in
-  std::string shared_token = {};      ///< counts while nobody has to sign in, and names nobody; empty: there is none
-  bool is_shown_beyond = false;       ///< from other machines too: everybody signs in
+  std::filesystem::path tokens = {};    ///< the operators' own; where there is such a file, everybody signs in
+  std::string shared_token = {};        ///< counts while nobody has to sign in, and names nobody; empty: there is none
+  bool is_shown_beyond = false;         ///< from other machines too: everybody signs in
+  std::filesystem::path page_key = {};  ///< of the newest link (page_link.hpp), which opens what the shared token does
 };
 
 /// Something that a visitor did which the audit log is to know.
@@ -29,8 +30,8 @@ struct SignInEvents {
 
 /// Decides who comes in at a page: by a client certificate, by a token in the head of a request, by HTTP digest login
 /// with such a token as the password (of whom it was made for so; of the user "web" the shared one), or by the session
-/// that a token began. Sessions are cookies that scripts cannot read and other sites do not send; they end after twelve
-/// hours, at the sign-out, with their token, and with the daemon. Threads: the page's.
+/// that a token or a link began. Sessions are cookies that scripts cannot read and other sites do not send; they end
+/// after twelve hours, at the sign-out, with their token, and with the daemon. Threads: the page's.
 class SignIn {
  public:
   static constexpr Nanoseconds kSessionLasts = std::chrono::hours{12};
@@ -56,7 +57,7 @@ class SignIn {
   /// {"name":...,"may":...,"must_sign_in":...,"by":"session"|"token"|"digest"|"certificate"|null}: what a page asks
   /// first.
   [[nodiscard]] WebResponse session(const WebRequest& request);
-  /// Begins a session by {"token":"..."}.
+  /// Begins a session by {"token":"..."} or, once, by {"link":"..."}.
   [[nodiscard]] WebResponse sign_in(const WebRequest& request);
   /// Ends it, if there is one.
   [[nodiscard]] WebResponse sign_out(const WebRequest& request);
@@ -73,6 +74,11 @@ class SignIn {
   void refresh();
   /// Who shows this token; nothing: nobody.
   [[nodiscard]] std::optional<Session> by_token(std::string_view token);
+  /// Of whom holds the shared token.
+  [[nodiscard]] Session shared_session() const;
+  /// The session that the key of a link opens, this once.
+  [[nodiscard]] tl::expected<Session, WebResponse> by_link(const std::string& key, const std::string& address);
+  [[nodiscard]] WebResponse begin(const WebRequest& request, Session session, std::string_view what);
   [[nodiscard]] std::optional<Visitor> by_cookie(const WebRequest& request);
   [[nodiscard]] tl::expected<Visitor, Refusal> by_digest(const WebRequest& request, const DigestAnswer& shown);
   [[nodiscard]] tl::expected<Visitor, Refusal> identify(const WebRequest& request);

@@ -21,7 +21,7 @@ struct WebRoute {
 /// What every page has for signing in: SignIn answers them, in this order by session, sign_in and sign_out.
 inline constexpr std::array<WebRoute, 3> kSignInRoutes{{
     {"GET", "/v1/session", "who is signed in here, and whether somebody has to be", Access::Anybody},
-    {"POST", "/v1/sign-in", "begin a session with a token", Access::Anybody},
+    {"POST", "/v1/sign-in", "begin a session with a token or a link", Access::Anybody},
     {"POST", "/v1/sign-out", "end the session", Access::Anybody},
 }};
 
