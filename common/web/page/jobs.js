@@ -51,7 +51,8 @@ async function get(path) {
 
 // JSON that never changes under its address, held: what is looked at, and what is next to it.
 const held = (() => {
-  const most = 400, answers = new Map();
+  const most = 400, restMs = 150, answers = new Map();
+  let resting = 0;
   function of(path) {
     const there = answers.get(path);
     if (there) return there;
@@ -61,13 +62,14 @@ const held = (() => {
     answer.catch(() => answers.delete(path));  // whoever asked is told; the next one asks again
     return answer;
   }
-  // While nothing else is to be done. What fails is asked for again by whoever looks at it.
+  // Once the slider rests: what is fetched while it moves keeps the next layer waiting. What fails is asked for again by
+  // whoever looks at it.
   function ahead(paths, pictures = []) {
-    const later = window.requestIdleCallback || setTimeout;
-    later(() => {
+    clearTimeout(resting);
+    resting = setTimeout(() => {
       for (const path of paths) of(path).catch(() => {});
       for (const path of pictures) new Image().src = path;
-    });
+    }, restMs);
   }
   return { get: of, ahead };
 })();
