@@ -67,12 +67,44 @@ TEST_F(InParts, OnOneComputerMakesTheStackOfOneProcess) {
     EXPECT_THAT(again.output, testing::HasSubstr(fmt::format("part {} of 3 was cut before", i)));
 }
 
+TEST_F(InParts, MakesOnceOfTheWholeStackWhatIsAskedOfSlice) {
+  const fs::path report = folder_ / "report.json", contours = folder_ / "contours.jsonl";
+  const auto asked = [&](const Words& more) {
+    return run(with(with({"/usr/bin/env", "TELEFAB_SCAN=" + program_, slice_in_parts_.string(), "--workers", "3",
+                          "--parts", parts_.string(), "--out", stack_.string(), "--local", "--"},
+                         slice()),
+                    more));
+  };
+  const Outcome cut = asked({"--report", report.string(), "--contours=" + contours.string(), "--require-certified"});
+  const Outcome alone =
+      run(with({program_, "slice", "--contours", (folder_ / "one.jsonl").string(), "--report",
+                (folder_ / "one.json").string(), "--require-certified", "--out", (folder_ / "stack.tfc").string()},
+               slice()));
+  EXPECT_EQ(cut.code, alone.code) << cut.errors;
+  EXPECT_EQ(text_of(contours), text_of(folder_ / "one.jsonl"));
+  const auto layers_cut = [](const std::string& text) {
+    const auto at = text.find("\"layers_cut\"");
+    return text.substr(at, text.find(',', at) - at);
+  };
+  EXPECT_EQ(layers_cut(text_of(report)), layers_cut(text_of(folder_ / "one.json"))) << "of all layers, not of a share";
+  const Outcome printed = asked({"--json"});
+  EXPECT_EQ(printed.code, 0) << printed.errors;
+  EXPECT_EQ(printed.output.front(), '{') << "the report alone";
+  EXPECT_EQ(layers_cut(printed.output), layers_cut(text_of(report)));
+}
+
 TEST_F(InParts, SaysWhatIsWrongWithItsWords) {
+  const Words asked_for{"--workers", "2", "--parts", "p", "--out", "o.tfc", "--", "x.ply"};
   for (const auto& [words, sentence] :
        {std::pair{Words{"--parts", "p", "--out", "o.tfc", "--", "x.ply"}, "--workers needs a number above 0"},
         std::pair{Words{"--workers", "2", "--out", "o.tfc", "--", "x.ply"}, "--parts names the folder"},
         std::pair{Words{"--workers", "2", "--parts", "p", "--out", "o.tfc"}, "behind -- come the scan"},
-        std::pair{Words{"x.ply"}, "x.ply is not an option, and -- comes before the scan"}}) {
+        std::pair{Words{"x.ply"}, "x.ply is not an option, and -- comes before the scan"},
+        std::pair{with(asked_for, {"--out", "b.tfc"}), "--out stands before --"},
+        std::pair{with(asked_for, {"--layers", "0:9"}), "--layers is what --workers and --parts"},
+        std::pair{with(asked_for, {"--threads=2"}), "--threads is what --cpus states"},
+        std::pair{with(asked_for, {"--report"}), "--report needs a file"},
+        std::pair{with(asked_for, {"--json"}), "take --report FILE"}}) {
     const Outcome refused = run(with({slice_in_parts_.string()}, words));
     EXPECT_EQ(refused.code, 1);
     EXPECT_THAT(refused.errors, testing::HasSubstr(sentence));
