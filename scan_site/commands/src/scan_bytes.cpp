@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <string>
 #include <telefab/base/exit_code.hpp>
 #include <telefab/base/file.hpp>
 #include <utility>
@@ -25,18 +26,24 @@ constexpr std::uint64_t kMappedFrom = 64ULL << 20U;
 /// So many bytes are digested before they may go.
 constexpr std::size_t kStride = std::size_t{64} << 20U;
 
-/// A page of a mapped file that is not there any more. No more can be done than to say so: memory cannot be taken here.
+/// What is written where a page of a mapped file is not there any more: the file that was mapped last is named, and a
+/// program maps one. Made beforehand, for nothing can be made then.
+std::string& last_words() {
+  static std::string words;
+  return words;
+}
+
 void file_is_gone(int signal, siginfo_t* about, void*) {
   if (about->si_code == BUS_ADRERR) {
-    constexpr char kSentence[] = "telefab-scan: the scan became shorter while it was read; try again\n";
-    (void)!::write(STDERR_FILENO, kSentence, sizeof kSentence - 1);
+    (void)!::write(STDERR_FILENO, last_words().data(), last_words().size());
     ::_exit(static_cast<int>(ExitCode::Storage));
   }
   ::signal(signal, SIG_DFL);
   ::raise(signal);
 }
 
-void watch_for_shorter_files() {
+void watch_for_shorter(const std::filesystem::path& file) {
+  last_words() = fmt::format("telefab-scan: {} became shorter while it was read; try again\n", file.string());
   struct sigaction action {};
   action.sa_sigaction = file_is_gone;
   action.sa_flags = SA_SIGINFO;
@@ -62,7 +69,7 @@ Result<ScanBytes> ScanBytes::of(const std::filesystem::path& file) {
   if (made.mapped_.get() < 0 || ::fstat(made.mapped_.get(), &made.when_mapped_) != 0)
     return fail_system("read", file, errno);
   const auto size = static_cast<std::size_t>(made.when_mapped_.st_size);
-  watch_for_shorter_files();
+  watch_for_shorter(file);
   void* const at = ::mmap(nullptr, size, PROT_READ, MAP_SHARED, made.mapped_.get(), 0);
   if (at == MAP_FAILED) return fail_system("read", file, errno);
   (void)::madvise(at, size, MADV_SEQUENTIAL);  // advice alone

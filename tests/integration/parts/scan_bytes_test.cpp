@@ -43,7 +43,7 @@ TEST(ScanBytes, EndTheProgramWithASentenceWhereALargeFileBecomesShorter) {
         std::filesystem::resize_file(file, 10);
         std::exit(static_cast<int>(scan->bytes()[kLarge - 1]));
       },
-      testing::ExitedWithCode(static_cast<int>(ExitCode::Storage)), "the scan became shorter while it was read");
+      testing::ExitedWithCode(static_cast<int>(ExitCode::Storage)), "scan.ply became shorter while it was read");
 }
 
 TEST(ScanBytes, AreNotTrustedOfALargeFileThatWasWrittenToMeanwhile) {
