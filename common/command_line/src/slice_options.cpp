@@ -6,7 +6,7 @@
 namespace telefab {
 namespace {
 
-Option declare(VerbOptions& options, SliceParameters& into, const SliceParameter& row) {
+Option declare(VerbOptions& options, SliceParameters& into, const SliceParameter& row, const ReadText& read) {
   const std::string name = option_name(row), help{row.help};
   if (const auto* flag = std::get_if<SliceParameter::Flag>(&row.field)) return options.flag(name, into.**flag, help);
   if (const auto* number = std::get_if<SliceParameter::Number>(&row.field))
@@ -15,16 +15,19 @@ Option declare(VerbOptions& options, SliceParameters& into, const SliceParameter
     });
   const Option choice = options.add(name, into.*std::get<SliceParameter::Choice>(row.field), help);
   if (row.is_of_profile) choice.names(row.key == "resin" ? "RESIN" : "PRINT");
-  if (!row.choices.empty()) choice.one_of({row.choices.begin(), row.choices.end()});
+  if (!row.choices.empty())
+    choice.one_of({row.choices.begin(), row.choices.end()});
+  else if (read && !row.is_of_profile)
+    choice.read_by([&row, read](const std::string& text) { return read(row, text); });
   return row.fallback.empty() ? choice : choice.shows_default(std::string{row.fallback});
 }
 
 template <class IsWanted>
-void declare_rows(VerbOptions& options, SliceParameters& into, const IsWanted& is_wanted) {
+void declare_rows(VerbOptions& options, SliceParameters& into, const IsWanted& is_wanted, const ReadText& read = {}) {
   std::map<std::string_view, Option> declared;
   for (const SliceParameter& row : slice_parameter_table()) {
     if (!is_wanted(row)) continue;
-    const Option option = declared.emplace(row.key, declare(options, into, row)).first->second;
+    const Option option = declared.emplace(row.key, declare(options, into, row, read)).first->second;
     for (const std::string_view other : row.not_with)
       if (const auto excluded = declared.find(other); excluded != declared.end()) option.excludes(excluded->second);
   }
@@ -32,10 +35,14 @@ void declare_rows(VerbOptions& options, SliceParameters& into, const IsWanted& i
 
 }  // namespace
 
-void declare_slice_parameters(VerbOptions& options, SliceParameters& into, std::span<const std::string_view> keys) {
-  declare_rows(options, into, [keys](const SliceParameter& row) {
-    return keys.empty() ? !row.is_of_profile : std::ranges::find(keys, row.key) != keys.end();
-  });
+void declare_slice_parameters(VerbOptions& options, SliceParameters& into, std::span<const std::string_view> keys,
+                              const ReadText& read) {
+  declare_rows(
+      options, into,
+      [keys](const SliceParameter& row) {
+        return keys.empty() ? !row.is_of_profile : std::ranges::find(keys, row.key) != keys.end();
+      },
+      read);
 }
 
 void declare_job_parameters(VerbOptions& options, SliceParameters& into) {

@@ -140,7 +140,7 @@ VerbBody declare_inspect(VerbOptions& options) {
   auto o = std::make_shared<Options>();
   options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadableScans)).required();
   declare_machine_choice(options, o->machine, "place it as it would be sliced for this machine", MachineIs::Optional);
-  declare_slice_parameters(options, o->asked, kPlacing);
+  declare_slice_parameters(options, o->asked, kPlacing, check_text);
   options.add_output("--out-prefix", o->out_prefix,
                      "write a picture PREFIX.png and PREFIX.ply, PREFIX.vtp for a viewer", {".png", ".ply", ".vtp"});
   options.flag("--json", o->json, "print everything as JSON");

@@ -343,7 +343,7 @@ VerbBody declare_orient(VerbOptions& options) {
               "the program that judges the shortlist by planning its supports, or none: an estimate judges; default: "
               "telefab-fab beside this program or in PATH");
   options.add_output("--picture", o->picture, "write the object as it would stand each way here (PNG)");
-  declare_slice_parameters(options, o->asked, kSizing);
+  declare_slice_parameters(options, o->asked, kSizing, check_text);
   options.add("--threads", o->threads, "worker threads; 0: one a core").shows_default();
   options.flag("--json", o->json, "print everything as JSON");
   options.footer(

@@ -122,7 +122,7 @@ VerbBody declare_slice(VerbOptions& options) {
   options.add("CLOUD", o->cloud, fmt::format("scan: {}", kReadableScans)).required();
   declare_machine_choice(options, o->machine, "machine profile to slice for", MachineIs::Required);
   declare_slice_outputs(options, o->outputs);
-  declare_slice_parameters(options, o->asked);
+  declare_slice_parameters(options, o->asked, {}, check_text);
   options.add("--threads", o->threads, "worker threads; 0: one a core").shows_default();
   options
       .add(

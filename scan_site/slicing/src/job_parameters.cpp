@@ -116,4 +116,11 @@ Result<JobParameters> job_parameters_from(std::string_view json, const MachinePr
   return job_parameters_of(*asked, machine);
 }
 
+Result<void> check_text(const SliceParameter& row, const std::string& text) {
+  SliceParameters asked;
+  asked.*std::get<SliceParameter::Choice>(row.field) = text;
+  SliceRequest read;
+  return take_words(asked, read);
+}
+
 }  // namespace telefab::scan

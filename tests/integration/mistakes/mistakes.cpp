@@ -61,7 +61,8 @@ constexpr std::array kCommandLine{
             "telefab-scan slice ball.ply --machine toy --layers 3",
             1,
             {"--layers", "FIRST:LAST", "0:99"}},
-    Mistake{"ADirectionThatIsNone", "telefab-scan slice ball.ply --machine toy --up q", 2, {"\"q\"", "-z"}},
+    Mistake{"ADirectionThatIsNone", "telefab-scan slice ball.ply --machine toy --up q", 1, {"--up", "\"q\"", "-z"}},
+    Mistake{"ABoxThatIsNone", "telefab-scan slice ball.ply --machine toy --crop 1,2", 1, {"--crop", "x0,y0,z0"}},
     Mistake{"TheAddressOfAPage", "telefab jobs --site http://127.0.0.1:7480/", 1, {"http://", "address of a page"}},
     Mistake{"APortThatIsNone", "telefab jobs --site 127.0.0.1:99999", 1, {"99999", "from 0 to 65535"}},
 };

@@ -21,4 +21,8 @@ enum class Contours : std::uint8_t { Coded = 1, Plain = 2 };
 /// The same of the JSON object that came with a job.
 [[nodiscard]] Result<JobParameters> job_parameters_from(std::string_view json, const MachineProfile& machine);
 
+/// Whether the text of one row of slice_parameter_table() that has a form can be read, whatever the machine.
+/// InvalidInput says what is wrong with it.
+[[nodiscard]] Result<void> check_text(const SliceParameter& row, const std::string& text);
+
 }  // namespace telefab::scan
