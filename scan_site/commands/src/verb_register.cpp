@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <filesystem>
+#include <iterator>
 #include <memory>
 #include <optional>
 #include <telefab/base/file.hpp>
@@ -16,7 +17,7 @@
 #include <telefab/scan/registration/merge_views.hpp>
 #include <telefab/scan/registration/pose_file.hpp>
 #include <telefab/scan/registration/register_views.hpp>
-#include <telefab/scan/slicing/orient_cloud.hpp>
+#include <telefab/scan/staging/view_file.hpp>
 
 #include "cloud_files.hpp"
 #include "verbs.hpp"
@@ -134,8 +135,8 @@ Result<std::vector<double>> steps_of(const Options& o, const std::vector<Input>&
   return steps;
 }
 
-/// The views of one file, called `name`; a cloud without a grid is one too where views are joined.
-Result<void> add_views(const std::string& path, const std::string& name, const Options& o, bool may_be_cloud,
+/// The views of one file, called `name`.
+Result<void> add_views(const std::string& path, const std::string& name, const Options& o, GridlessCloud cloud,
                        Views& views, const std::string& first, std::stop_token stop) {
   const auto bytes = read_file(path, kMaxScanFileBytes);
   if (!bytes) return tl::unexpected{bytes.error()};
@@ -147,19 +148,9 @@ Result<void> add_views(const std::string& path, const std::string& name, const O
       return fail(ErrorCode::InvalidInput,
                   fmt::format("{} and {} do not state the same unit; say --units", path, first));
   }
-  if (file->views.empty() && may_be_cloud) {
-    auto oriented = orient_cloud(std::move(file->cloud), stop);
-    if (!oriented) return fail_in(name, oriented.error());
-    auto image = make_gridless_image(oriented->cloud, name);
-    if (!image) return tl::unexpected{image.error()};
-    views.images.push_back(std::move(*image));
-    return {};
-  }
-  for (std::size_t v = 0; v < std::max<std::size_t>(1, file->views.size()); ++v) {
-    auto image = make_range_image(*file, v, file->views.size() > 1 ? fmt::format("{}#{}", name, v) : name);
-    if (!image) return tl::unexpected{image.error()};
-    views.images.push_back(std::move(*image));
-  }
+  auto added = views_of(std::move(*file), name, cloud, stop);
+  if (!added) return tl::unexpected{added.error()};
+  std::ranges::move(*added, std::back_inserter(views.images));
   return {};
 }
 
@@ -186,8 +177,8 @@ Result<Views> load_views(const Options& o, std::stop_token stop) {
       const std::string name = names_folder
                                    ? name_of_file(std::filesystem::path{path}.parent_path()) + "/" + name_of_file(path)
                                    : name_of_file(path);
-      const bool may_be_cloud = !views.is_one_turn && (*steps)[i] == 0;
-      if (auto added = add_views(path, name, o, may_be_cloud, views, first, stop); !added)
+      const auto cloud = !views.is_one_turn && (*steps)[i] == 0 ? GridlessCloud::View : GridlessCloud::Refused;
+      if (auto added = add_views(path, name, o, cloud, views, first, stop); !added)
         return tl::unexpected{added.error()};
     }
     views.groups.push_back({(*inputs)[i].name, begin, views.images.size() - begin, (*steps)[i]});
@@ -206,9 +197,7 @@ Result<RegisterOptions> options_from(const Options& o, const std::vector<RangeIm
     r.axis_direction = Vec3::UnitZ();
   else if (!o.axis.empty())
     return fail(ErrorCode::InvalidInput, fmt::format("--axis {}: x, y or z", o.axis));
-  float spacing = 0;
-  for (const RangeImage& v : views) spacing = std::max(spacing, v.spacing);
-  r.max_rms = o.budget.value_or(0.6 * static_cast<double>(spacing));
+  r.max_rms = o.budget.value_or(most_rms_of(views));
   if (!o.poses.empty()) {
     const auto bytes = read_file(o.poses, 1U << 24U);
     if (!bytes) return tl::unexpected{bytes.error()};

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/scan/cloud/units.hpp>
@@ -13,13 +14,10 @@
 #include <telefab/scan/registration/doubled_sheets.hpp>
 #include <telefab/scan/registration/join_scans.hpp>
 #include <telefab/scan/registration/merge_views.hpp>
-#include <telefab/scan/slicing/orient_cloud.hpp>
+#include <telefab/scan/staging/view_file.hpp>
 
 namespace telefab::scan {
 namespace {
-
-/// Views may be so far apart on the whole, in spacings of their grids.
-constexpr double kMostRmsSpacings = 0.6;
 
 struct Views {
   std::vector<RangeImage> images;
@@ -35,18 +33,9 @@ Result<void> add_views(const ViewFile& from, Views& views, const std::string& fi
     return fail(ErrorCode::InvalidInput,
                 fmt::format("{} and {} do not state the same unit: they cannot be joined here", from.name, first));
   const std::size_t begin = views.images.size();
-  if (file->views.empty()) {
-    auto oriented = orient_cloud(std::move(file->cloud), stop);
-    if (!oriented) return fail_in(from.name, oriented.error());
-    auto image = make_gridless_image(oriented->cloud, from.name);
-    if (!image) return tl::unexpected{image.error()};
-    views.images.push_back(std::move(*image));
-  }
-  for (std::size_t v = 0; v < file->views.size(); ++v) {
-    auto image = make_range_image(*file, v, file->views.size() > 1 ? fmt::format("{}#{}", from.name, v) : from.name);
-    if (!image) return tl::unexpected{image.error()};
-    views.images.push_back(std::move(*image));
-  }
+  auto added = views_of(std::move(*file), from.name, GridlessCloud::View, stop);
+  if (!added) return tl::unexpected{added.error()};
+  std::ranges::move(*added, std::back_inserter(views.images));
   views.groups.push_back({from.name, begin, views.images.size() - begin, 0});
   return {};
 }
@@ -59,10 +48,8 @@ Result<JoinedFile> joined_views(const std::vector<ViewFile>& files, const Progre
   Views views;
   for (const ViewFile& file : files)
     if (auto added = add_views(file, views, files.front().name, stop); !added) return tl::unexpected{added.error()};
-  float spacing = 0;
-  for (const RangeImage& v : views.images) spacing = std::max(spacing, v.spacing);
   JoinScansOptions options;
-  options.join.max_rms = kMostRmsSpacings * static_cast<double>(spacing);
+  options.join.max_rms = most_rms_of(views.images);
   auto joined = join_scans(views.images, views.groups, options, progress, stop);
   if (!joined) return tl::unexpected{joined.error()};
   Registration& registration = joined->joined.registration;
