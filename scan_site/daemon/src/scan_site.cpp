@@ -86,7 +86,7 @@ WebSite& ScanSite::open_page(SignIn& sign_in, CommandPost post) {
         site().loop().post([this, job, name, done = std::move(done)]() mutable { file(job, name, std::move(done)); });
       });
   staging_backend_ = std::make_unique<SiteStagingBackend>(
-      *uploads_, site().room(), site().folder().incoming(),
+      *uploads_, site().room(), site().folder().incoming(), site().folder().path() / "waiting",
       [this](const Submit& asked, const std::filesystem::path& file, const std::string& who,
              std::function<void(Result<Job>)> done) {
         site().loop().post([this, asked, file, who, done = std::move(done)] {

@@ -5,7 +5,9 @@
 
 #include <nlohmann/json.hpp>
 #include <set>
+#include <telefab/base/file.hpp>
 #include <telefab/base/json_text.hpp>
+#include <telefab/base/secret.hpp>
 #include <telefab/base/text.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
 #include <telefab/service/profile_choice.hpp>
@@ -17,6 +19,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr auto kSubmitTimeout = std::chrono::seconds{5};
+constexpr std::size_t kKeptNameBytes = 8;
+constexpr std::uint64_t kMostKeptBytes = 1U << 20U;
 
 Json json_of(const Upload& upload) {
   return {{"id", upload.id},
@@ -41,10 +45,11 @@ Json part_json(const ProfilePart& part) { return {{"name", part.name}, {"descrip
 }  // namespace
 
 SiteStagingBackend::SiteStagingBackend(UploadStore& uploads, DiskRoom& room, std::filesystem::path incoming,
-                                       SubmitPost submit, NotePost note)
+                                       std::filesystem::path waiting, SubmitPost submit, NotePost note)
     : uploads_{uploads},
       room_{room},
       incoming_{std::move(incoming)},
+      waiting_{std::move(waiting)},
       submit_{std::move(submit)},
       note_{std::move(note)},
       stager_{uploads, [this](std::uint64_t bytes) { return room_.check(bytes); }},
@@ -53,6 +58,7 @@ SiteStagingBackend::SiteStagingBackend(UploadStore& uploads, DiskRoom& room, std
   // Those that came whole before a restart, and that nobody checked.
   for (const Upload& upload : uploads_.list())
     if (upload.state == UploadState::Checking) stager_.read(upload.id);
+  resume_copies();
 }
 
 Result<std::string> SiteStagingBackend::uploads() {
@@ -183,7 +189,9 @@ Result<std::string> SiteStagingBackend::level(std::string_view id, std::uint64_t
   return std::string{reinterpret_cast<const char*>(bytes->data()), bytes->size()};
 }
 
-Result<Job> SiteStagingBackend::submit(std::string_view id, const StagingQuestion& question, std::string_view who) {
+Result<std::shared_ptr<SiteStagingBackend::Sending>> SiteStagingBackend::sending_of(std::string_view id,
+                                                                                    const StagingQuestion& question,
+                                                                                    std::string_view who) {
   const auto upload = whole(id);
   if (!upload) return tl::unexpected{upload.error()};
   const auto file = uploads_.file(id);
@@ -202,32 +210,86 @@ Result<Job> SiteStagingBackend::submit(std::string_view id, const StagingQuestio
   sending->submit.content = upload->plan.content;
   std::error_code ignored;  // what is in the way is told by what comes next
   std::filesystem::remove(sending->to, ignored);
+  return sending;
+}
+
+Result<Job> SiteStagingBackend::submit(std::string_view id, const StagingQuestion& question, std::string_view who) {
+  const auto made = sending_of(id, question, who);
+  if (!made) return tl::unexpected{made.error()};
+  const std::shared_ptr<Sending>& sending = *made;
   auto answer = sending->answer.get_future();
   const auto is_linked = give_second_name(sending->from, sending->to);
   if (!is_linked)
     return fail(is_linked.error().code,
-                fmt::format("cannot keep {} for a job: {}", upload->plan.name, is_linked.error().what));
-  if (*is_linked) {
+                fmt::format("cannot keep {} for a job: {}", sending->submit.name, is_linked.error().what));
+  if (*is_linked)
     make_job(sending);
-  } else {
-    if (const auto room = room_.check(upload->plan.size_bytes); !room)
-      return fail(room.error().code,
-                  fmt::format("the scan site has no room for a copy of {}, and its file system gives "
-                              "a file no second name: {}",
-                              upload->plan.name, room.error().what));
-    const std::string task = sending->to.filename();
-    room_.expect(task, upload->plan.size_bytes);
-    {
-      const std::lock_guard lock{mutex_};
-      copies_.emplace(task, sending);
-    }
-    copier_.add(task);
-  }
+  else if (auto waits = wait_for_copy(sending, id, question); !waits)
+    return tl::unexpected{waits.error()};
   if (answer.wait_for(kSubmitTimeout) == std::future_status::ready) return answer.get();
-  return fail(ErrorCode::Unreachable,
-              *is_linked
-                  ? std::string{"the daemon is busy; look at the list of jobs before you send it again"}
-                  : fmt::format("{} is still being copied, and will be in the list of jobs then", upload->plan.name));
+  return fail(
+      ErrorCode::Unreachable,
+      *is_linked ? std::string{"the daemon is busy; look at the list of jobs before you send it again"}
+                 : fmt::format("{} is still being copied, and will be in the list of jobs then", sending->submit.name));
+}
+
+Result<void> SiteStagingBackend::wait_for_copy(const std::shared_ptr<Sending>& sending, std::string_view id,
+                                               const StagingQuestion& question) {
+  if (const auto room = room_.check(sending->submit.size_bytes); !room)
+    return fail(room.error().code, fmt::format("the scan site has no room for a copy of {}, and its file system gives "
+                                               "a file no second name: {}",
+                                               sending->submit.name, room.error().what));
+  if (auto made = make_folder(waiting_); !made) return made;
+  const auto name = random_hex(kKeptNameBytes);
+  if (!name) return tl::unexpected{name.error()};
+  sending->kept = waiting_ / *name;
+  const std::string kept = json_text(Json{{"upload", id},
+                                          {"machine", question.machine},
+                                          {"parameters", json_or_discarded(question.parameters)},
+                                          {"who", sending->who}});
+  if (auto written = write_file_atomically(sending->kept, kept + "\n"); !written) return written;
+  begin_copy(sending);
+  return {};
+}
+
+void SiteStagingBackend::begin_copy(const std::shared_ptr<Sending>& sending) {
+  const std::string task = sending->to.filename();
+  room_.expect(task, sending->submit.size_bytes);
+  {
+    const std::lock_guard lock{mutex_};
+    copies_.emplace(task, sending);
+  }
+  copier_.add(task);
+}
+
+Result<std::shared_ptr<SiteStagingBackend::Sending>> SiteStagingBackend::read_kept(const std::filesystem::path& file) {
+  const auto bytes = read_file(file, kMostKeptBytes);
+  if (!bytes) return tl::unexpected{bytes.error()};
+  const auto kept = json_or_discarded({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
+  const auto text_of = [&](const char* key) {
+    const auto found = kept.is_object() ? kept.find(key) : kept.end();
+    return kept.is_object() && found != kept.end() && found->is_string() ? found->get<std::string>() : std::string{};
+  };
+  const std::string id = text_of("upload"), machine = text_of("machine");
+  if (id.empty() || machine.empty() || !kept.contains("parameters"))
+    return fail(ErrorCode::InvalidInput, fmt::format("{} is damaged", file.string()));
+  auto sending = sending_of(id, {.machine = machine, .parameters = json_text(kept["parameters"])}, text_of("who"));
+  if (sending) (*sending)->kept = file;
+  return sending;
+}
+
+void SiteStagingBackend::resume_copies() {
+  std::error_code none;  // nothing waits where there is no folder
+  for (const auto& each : std::filesystem::directory_iterator{waiting_, none}) {
+    const auto sending = read_kept(each.path());
+    if (sending) {
+      begin_copy(*sending);
+      continue;
+    }
+    note_("telefab", fmt::format("submit failed: {} waited for its copy when the site ended, and {}",
+                                 each.path().filename().string(), sending.error().what));
+    std::filesystem::remove(each.path(), none);
+  }
 }
 
 void SiteStagingBackend::make_job(const std::shared_ptr<Sending>& sending) {
@@ -245,8 +307,17 @@ void SiteStagingBackend::copy(const std::string& task, const std::stop_token& st
     const std::lock_guard lock{mutex_};
     sending = copies_.extract(task).mapped();
   }
-  const auto copied = copy_whole(sending->from, sending->to, stop);
+  auto copied = copy_whole(sending->from, sending->to, stop);
   room_.expect(task, 0);
+  if (copier_.is_ending()) {
+    sending->answer.set_value(fail(ErrorCode::Unreachable, "the site ends; it makes the job when it begins again"));
+    return;
+  }
+  // First: a job that was made and is still kept here would be made twice.
+  std::error_code fault;
+  if (!std::filesystem::remove(sending->kept, fault) && fault && copied)
+    copied =
+        fail(ErrorCode::StorageFailed, fmt::format("cannot remove {}: {}", sending->kept.string(), fault.message()));
   if (copied) return make_job(sending);
   const Error why{copied.error().code,
                   fmt::format("cannot keep {} for a job: {}", sending->submit.name, copied.error().what)};

@@ -25,9 +25,10 @@ using NotePost = std::function<void(const std::string& who, const std::string& w
 /// set_profiles and look_after.
 class SiteStagingBackend final : public StagingBackend {
  public:
-  /// Store, room and clock must outlive the backend. `incoming`: on the file system of the jobs.
-  SiteStagingBackend(UploadStore& uploads, DiskRoom& room, std::filesystem::path incoming, SubmitPost submit,
-                     NotePost note);
+  /// Store, room and clock must outlive the backend. `incoming`: on the file system of the jobs. `waiting`: a folder
+  /// where what is to be copied for a job is kept until it is; what lies there from before is gone on with.
+  SiteStagingBackend(UploadStore& uploads, DiskRoom& room, std::filesystem::path incoming,
+                     std::filesystem::path waiting, SubmitPost submit, NotePost note);
 
   Result<std::string> uploads() override;
   Result<std::string> begin(const AnnouncedFile& file, std::string_view who) override;
@@ -62,16 +63,27 @@ class SiteStagingBackend final : public StagingBackend {
   struct Sending {
     Submit submit;
     std::filesystem::path from, to;
+    std::filesystem::path kept;  ///< while it waits for its copy; empty: it waits for none
     std::string who;
     std::promise<Result<Job>> answer;
   };
+  /// Fails as whole(), and InvalidInput for the parameters.
+  [[nodiscard]] Result<std::shared_ptr<Sending>> sending_of(std::string_view id, const StagingQuestion& question,
+                                                            std::string_view who);
+  /// Puts it behind what is copied; with `kept` on the disk, it is copied though the daemon ends meanwhile.
+  [[nodiscard]] Result<void> wait_for_copy(const std::shared_ptr<Sending>& sending, std::string_view id,
+                                           const StagingQuestion& question);
+  void begin_copy(const std::shared_ptr<Sending>& sending);
+  /// What a daemon that ended has left to be copied.
+  void resume_copies();
+  [[nodiscard]] Result<std::shared_ptr<Sending>> read_kept(const std::filesystem::path& file);
   /// Copies the scan, where its file system gives no second name, and then makes a job of it; on the thread "copier".
   void copy(const std::string& task, const std::stop_token& stop);
   void make_job(const std::shared_ptr<Sending>& sending);
 
   UploadStore& uploads_;
   DiskRoom& room_;
-  std::filesystem::path incoming_;
+  std::filesystem::path incoming_, waiting_;
   SubmitPost submit_;
   NotePost note_;
   std::uint64_t submits_ = 0;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gmock/gmock.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <fstream>
 #include <set>
@@ -226,6 +227,62 @@ TEST_F(StagedUploads, StandHostileRequestsAndChangeNothing) {
   EXPECT_EQ(view["received_bytes"], 500);
   EXPECT_EQ(ask("GET", "/v1/uploads").json()["uploads"].size(), 1U);
   EXPECT_TRUE(ask("GET", "/v1/jobs").json()["jobs"].empty());
+}
+
+TEST_F(StagedUploads, ThatWaitedForTheirCopyWhenTheSiteEndedBecomeJobsWhenItBeginsAgain) {
+  start_with_page();
+  const std::string bytes = text_of(torus());
+  const json begun = begin("torus.xyz", bytes);
+  const auto id = begun["id"].get<std::string>();
+  send_rest(begun, bytes, bytes.size());
+  ASSERT_EQ(rested(id)["state"], "whole");
+  kill_scan();
+  // As the daemon leaves it; one more whose upload is gone.
+  const auto waiting = folder() / "scan" / "waiting";
+  std::filesystem::create_directories(waiting);
+  const json kept{{"upload", id}, {"machine", "toy"}, {"parameters", {{"height_mm", 4}}}, {"who", "ada"}};
+  std::ofstream{waiting / "0a"} << kept.dump();
+  json lost = kept;
+  lost["upload"] = "0123456789abcdef";
+  std::ofstream{waiting / "0b"} << lost.dump();
+  start_scan_with_page();
+  json jobs;
+  for (int tries = 0; tries < 200 && jobs.empty(); ++tries, ::poll(nullptr, 0, 50))
+    jobs = ask("GET", "/v1/jobs").json()["jobs"];
+  ASSERT_EQ(jobs.size(), 1U);
+  EXPECT_EQ(jobs[0]["name"], "torus.xyz");
+  EXPECT_EQ(jobs[0]["owner"], "ada");
+  EXPECT_TRUE(std::filesystem::is_empty(waiting)) << "each becomes a job once";
+  EXPECT_EQ(ended(jobs[0]["id"])["state"], "done");
+  EXPECT_THAT(text_of(folder() / "scan" / "audit.log"), HasSubstr("submit failed: 0b waited for its copy"));
+  kill_scan();
+  start_scan_with_page();
+  EXPECT_EQ(ask("GET", "/v1/jobs").json()["jobs"].size(), 1U);
+}
+
+TEST_F(StagedUploads, OnAnotherFileSystemThanTheJobsAreCopiedAndNothingWaitsAfterwards) {
+  const std::filesystem::path other = "/dev/shm";
+  std::filesystem::create_directories(folder() / "scan");
+  struct stat here {
+  }, there{};
+  if (::stat(other.c_str(), &there) != 0 || ::stat((folder() / "scan").c_str(), &here) != 0 ||
+      here.st_dev == there.st_dev || ::access(other.c_str(), W_OK) != 0)
+    GTEST_SKIP() << "/dev/shm is no other file system here";
+  const auto uploads = other / ("telefab-uploads-" + std::to_string(::getpid()));
+  std::filesystem::create_directories(uploads);
+  std::filesystem::create_directory_symlink(uploads, folder() / "scan" / "uploads");
+  start_with_page();
+  const std::string bytes = text_of(torus());
+  const json begun = begin("torus.xyz", bytes);
+  const auto id = begun["id"].get<std::string>();
+  send_rest(begun, bytes, bytes.size());
+  ASSERT_EQ(rested(id)["state"], "whole");
+  const Answer sent = ask("POST", "/v1/uploads/" + id + "/submit", R"({"machine":"toy","parameters":{"height_mm":4}})");
+  EXPECT_EQ(sent.status / 100, 2) << sent.body;
+  EXPECT_EQ(ask("GET", "/v1/jobs").json()["jobs"].size(), 1U);
+  EXPECT_TRUE(std::filesystem::is_empty(folder() / "scan" / "waiting")) << "it was kept until it was copied";
+  kill_scan();
+  std::filesystem::remove_all(uploads);
 }
 
 class SignInLink : public ScanPageSite {
