@@ -51,18 +51,26 @@ struct HostileCount {
   std::size_t wrong = 0;
   std::string first_wrong;
 };
-/// What a person sees of the page in a headless Chromium: milliseconds until the first paint and until the job's layer
-/// is drawn, until another layer is drawn after the slider moved, megabytes of the page's process.
+/// Milliseconds until another layer is drawn after the slider moved.
+struct ScrubFigures {
+  std::uint32_t layers = 0;
+  double first_ms = 0;  ///< at once after the page was loaded; the others a second later
+  double mean_ms = 0;
+  double p95_ms = 0;
+  double worst_ms = 0;
+};
+/// What a person sees of a page in a headless Chromium: milliseconds until the first paint and until the job's layer
+/// is drawn, what its slider takes, megabytes of the page's process.
 struct PageFigures {
   double first_paint_ms = 0;
   double job_drawn_ms = 0;
-  double scrub_mean_ms = 0;
-  double scrub_p95_ms = 0;
-  double scrub_worst_ms = 0;
+  ScrubFigures scrub;
   double script_mb = 0;   ///< JavaScript's heap
   double process_mb = 0;  ///< proportional set of the renderer's process
 };
-[[nodiscard]] PageFigures look_at_page(std::uint16_t port, std::uint32_t layers);
+/// Of the page of either site. Throws where it shows no layer of a job.
+[[nodiscard]] PageFigures look_at_page(std::uint16_t port);
+[[nodiscard]] std::string sentence_of(const PageFigures& figures);
 /// page-wide.png and page-phone.png of the page as it is now, into `folder`.
 void take_pictures(std::uint16_t port, const std::filesystem::path& folder);
 
