@@ -77,6 +77,17 @@ class Guides : public testing::Test {
   std::string output_;
 };
 
+TEST_F(Guides, BeginWithADemoThatEndsWithAPrintedPart) {
+  write_figure(folder() / "figure.ply");
+  const Outcome demo =
+      run({fs::path{std::getenv("TELEFAB_SOURCE")} / "deploy" / "demo", "--skip-setup", "--programs",
+           installed() / "bin", "--cloud", folder() / "figure.ply", "--height-mm", "4", "--out", folder() / "out"});
+  EXPECT_EQ(demo.code, 0) << demo.output << demo.errors;
+  EXPECT_THAT(demo.output, testing::HasSubstr("deploy/demo: done in"));
+  for (const char* file : {"out/view.png", "out/preview.png", "out/report.json", "out/as-built.json"})
+    is_there(file, 1000);
+}
+
 TEST_F(Guides, OfTheReadmeLeadFromAScanToAPrintFileByHand) {
   const std::string readme = text_of(docs() / "README.md");
   const auto begin = readme.find("By hand, without daemons:"), end = readme.find("As two sites");
