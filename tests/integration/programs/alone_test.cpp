@@ -89,16 +89,16 @@ TEST_F(Alone, OrientAsksThePlannerThatLiesBesideItAndDoesWithout) {
 }
 
 TEST_F(Alone, PlatformsAndSupportsAreThoseOfAMachine) {
-  const auto refusal = [&](const Words& words) {
+  const auto refusal = [&](const Words& words, ExitCode code = ExitCode::Refused) {
     Words inspect{"inspect", "ball.xyz"};
     inspect.insert(inspect.end(), words.begin(), words.end());
     const Outcome outcome = ran("telefab-scan", inspect);
-    EXPECT_EQ(outcome.code, static_cast<int>(ExitCode::Refused)) << outcome.output;
+    EXPECT_EQ(outcome.code, static_cast<int>(code)) << outcome.output;
     return outcome.errors;
   };
   EXPECT_THAT(refusal({"--up", "auto"}), testing::HasSubstr("--machine"));
   EXPECT_THAT(refusal({"--position", "3,4"}), testing::HasSubstr("--machine"));
-  EXPECT_THAT(refusal({"--rotate", "1,0,0,0,1,0,0,0,-1"}), testing::HasSubstr("mirror"));
+  EXPECT_THAT(refusal({"--rotate", "1,0,0,0,1,0,0,0,-1"}, ExitCode::Usage), testing::HasSubstr("mirror"));
 }
 
 TEST_F(Alone, RegisterTakesAFoldersScansInAnyLettersAndNamesOneWithout) {

@@ -137,6 +137,7 @@ class Programs : public TwoSites {
         {{"logs", job_, "--data", at("scan")}},
         {{"audit", "--data", at("scan")}},
         {{"tokens", "list", "--data", at("scan")}},
+        {{"page-link", "--data", at("scan")}},
         {{"serve", "--listen", "127.0.0.1:0", "--fab", fab_site(), "--data", data, "--machines", m},
          true,
          fs::path{data} / "port"}};
@@ -161,6 +162,7 @@ class Programs : public TwoSites {
             {{"prints", "--machines", m}},
             {{"probe", "--machine", "toy", "--machines", m}},
             {{"tokens", "list", "--data", at("fab")}},
+            {{"page-link", "--data", at("fab")}},
             {{"logs", job_, "--data", at("fab")}},
             {{"audit", "--data", at("fab")}},
             {{"printers", "--address", "127.0.0.1:1", "--wait-s", "0.1"}},
