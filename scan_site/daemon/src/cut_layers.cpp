@@ -33,6 +33,8 @@ std::string text_of(const StackHeader& header, const Layer& layer) {
     Json ring = Json::array(), runs = Json::array();
     for (const Point2 v : contour.vertices()) ring.push_back({rounded(v.x_mm), rounded(v.y_mm)});
     for (const SurfaceRun& run : contour.runs()) runs.push_back({name_of(run.kind), run.edges});
+    // Kept as no run at all, which whoever draws would leave out.
+    if (runs.empty()) runs.push_back({name_of(SurfaceClass::Measured), contour.vertices().size()});
     rings.push_back(std::move(ring));
     kinds.push_back(std::move(runs));
   }

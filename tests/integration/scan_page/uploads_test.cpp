@@ -72,6 +72,12 @@ TEST_F(StagedUploads, GoOnWhereTheyStoppedAfterAKillAndBecomeTheSameJobAsSubmit)
     EXPECT_EQ(done["state"], "done") << done.dump();
     EXPECT_EQ(done["layers"], 20);
     const json layer = ask("GET", fmt::format("/v1/jobs/{}/layers/10", job["id"].get<std::string>())).json();
+    ASSERT_FALSE(layer["rings"].empty());
+    for (std::size_t r = 0; r < layer["rings"].size(); ++r) {
+      std::size_t edges = 0;
+      for (const json& run : layer["kinds"][r]) edges += run[1].get<std::size_t>();
+      EXPECT_EQ(edges, layer["rings"][r].size()) << "every edge rests on something, and is drawn";
+    }
     EXPECT_EQ(layer["rings"].size(), 2U) << "a torus cut in the middle: " << layer.dump().substr(0, 300);
     EXPECT_EQ(ask("GET", fmt::format("/v1/jobs/{}/layers/20", job["id"].get<std::string>())).status, 404);
   }
