@@ -21,7 +21,7 @@ void declare_serve_options(VerbOptions& app, ServeOptions& options) {
       "HOST:PORT of the web page and its API, e.g. 127.0.0.1:7480; default: none. Off loopback it is served over TLS "
       "with the certificate of --tls. Where operators have tokens (the verb tokens), where it is off loopback and "
       "with --web-host everybody signs in: with a token or an operator's certificate. Elsewhere whoever is on this "
-      "machine sees it, and what changes a job needs the token in DATA/web-token");
+      "machine sees it, and what changes a job needs a link of the verb page-link, or the token in DATA/web-token");
   app.add("--web-host", options.web_hosts,
           "a name under which the page may be asked for besides those of loopback: its own off loopback, or that of a "
           "TLS proxy before it; may be given again");
