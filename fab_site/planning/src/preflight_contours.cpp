@@ -136,11 +136,17 @@ PreflightItem surface_of(const LayerStack& stack, const PlanSummary& summary) {
     item.text = "no stretch of a contour is completed or doubtful";
     return item;
   }
-  item.text = fmt::format(
-      "{:.1f} % of the contours are completed where the scan shows nothing, up to {:.2f} mm from its samples, and may "
-      "be "
-      "wrong there by up to {:.2f} mm; {:.1f} % are doubtful",
-      100 * completed, all.largest_gap_mm, all.largest_error_mm, 100 * doubtful);
+  const auto percent = [](double share) {
+    return share < 0.0005 ? std::string{"less than 0.1 %"} : fmt::format("{:.1f} %", 100 * share);
+  };
+  if (completed > 0)
+    item.text = fmt::format(
+        "{} of the contours are completed where the scan shows nothing, up to {:.2f} mm from its samples, and may be "
+        "wrong there by up to {:.2f} mm",
+        percent(completed), all.largest_gap_mm, all.largest_error_mm);
+  if (doubtful > 0)
+    item.text += fmt::format("{}{} {} doubtful", completed > 0 ? "; " : "", percent(doubtful),
+                             completed > 0 ? "are" : "of the contours are");
   item.verdict = Verdict::Warning;
   const auto exceeds = [&](double value, const std::optional<double>& limit, double scale, std::string_view option) {
     if (!limit || value <= *limit) return;
