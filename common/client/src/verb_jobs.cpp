@@ -64,10 +64,6 @@ VerbBody declare_jobs(VerbOptions& options) {
       question.request = (*client)->next_request();
       const auto page = (*client)->ask<Jobs>(question);
       if (!page) return tl::unexpected{page.error()};
-      if (!page->is_searched && (o->all || !question.words.empty() || !question.states.empty()))
-        return fail(ErrorCode::Conflict,
-                    "this site is of an older version, which lists its newest jobs alone; leave out --search, --state "
-                    "and --all");
       for (const Job& job : page->jobs)
         if (o->common.json)
           list += (list.empty() ? "" : ",\n ") + to_json(job);

@@ -153,7 +153,7 @@ class ClientSession final : public MessageSession {
     if (question.job.empty()) {
       auto page = service().store().list({question.most, question.words, question.states, question.before});
       if (!page) return send_fault(question.request, page.error());
-      return send(Jobs{question.request, std::move(page->jobs), page->next, true});
+      return send(Jobs{question.request, std::move(page->jobs), page->next});
     }
     auto job = service().store().find(question.job);
     if (!job) return send_fault(question.request, job.error(), question.job);

@@ -214,7 +214,6 @@ void read(Reading& reading, const v1::Jobs& proto, Jobs& value) {
   for (const v1::Job& job : proto.job()) value.jobs.push_back(read_job(reading, job));
   expect(reading, proto.next() <= kMostPlace, "next", "is not a place in a list");
   value.next = proto.next();
-  value.is_searched = proto.is_searched();
 }
 void read(Reading& reading, const v1::Command& proto, Command& value) {
   value.request = request(proto.request());

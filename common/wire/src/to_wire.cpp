@@ -129,7 +129,6 @@ void write(const Jobs& value, v1::Jobs& proto) {
   proto.set_request(number_of(value.request));
   for (const Job& job : value.jobs) write_job(job, *proto.add_job());
   proto.set_next(value.next);
-  proto.set_is_searched(value.is_searched);
 }
 void write(const Command& value, v1::Command& proto) {
   proto.set_request(number_of(value.request));

@@ -70,7 +70,7 @@ std::vector<Message> every_message() {
           UploadReady{request, 500},
           UploadBlock{request, 500, bytes},
           AskJobs{request, "j1", 5, true, "vase ana", {JobState::Done, JobState::AwaitingApproval}, 7},
-          Jobs{request, {some_job(), some_job()}, 7, true},
+          Jobs{request, {some_job(), some_job()}, 7},
           Command{request, "j1", JobCommand::Approve, "ana", "islands,supports"},
           AskFiles{request, "j1"},
           Files{request, {{"preview.png", 1234}}},

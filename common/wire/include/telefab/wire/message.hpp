@@ -13,7 +13,7 @@
 // reader has to look again. Who says what to whom is in proto/README.md.
 namespace telefab {
 
-inline constexpr std::uint32_t kProtocolVersion = 7;
+inline constexpr std::uint32_t kProtocolVersion = 8;
 inline constexpr std::size_t kMaxNameBytes = 255;   ///< names of scans, files, machines, people
 inline constexpr std::size_t kMaxTextBytes = 4096;  ///< reasons and messages; longer ones are cut
 inline constexpr std::size_t kMaxParametersBytes = 16U << 10U;
@@ -90,8 +90,7 @@ struct AskJobs {
 struct Jobs {
   RequestId request{};
   std::vector<Job> jobs;
-  std::uint64_t next = 0;    ///< as in JobPage
-  bool is_searched = false;  ///< words, states and before were followed: older sites do not
+  std::uint64_t next = 0;  ///< as in JobPage
 };
 struct Command {
   RequestId request{};
