@@ -2,10 +2,12 @@
 #include "fleet_postgres.hpp"
 
 #include <fmt/format.h>
+#include <libpq-fe.h>
 
 #include <algorithm>
 #include <optional>
 #include <pqxx/pqxx>
+#include <telefab/base/text.hpp>
 #include <utility>
 
 namespace telefab {
@@ -22,13 +24,18 @@ std::string place_of(const std::string& uri) {
   return std::string{rest};
 }
 
-bool has_password(const std::string& uri) {
-  const auto scheme = uri.find("://");
-  if (uri.find("password=") != std::string::npos) return true;
-  if (scheme == std::string::npos) return false;
-  const std::string authority = uri.substr(scheme + 3, uri.find('/', scheme + 3) - scheme - 3);
-  const auto at = authority.rfind('@');
-  return at != std::string::npos && authority.find(':') < at;
+/// Whether a name has a password in it, however it is written there. InvalidInput: libpq cannot read the name.
+Result<bool> has_password(const std::string& uri) {
+  char* reason = nullptr;
+  const std::unique_ptr<PQconninfoOption, decltype(&PQconninfoFree)> options{PQconninfoParse(uri.c_str(), &reason),
+                                                                             &PQconninfoFree};
+  const std::unique_ptr<char, decltype(&PQfreemem)> text{reason, &PQfreemem};
+  if (!options)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("the name of the fleet's database: {}", to_printable(text ? text.get() : "out of memory")));
+  for (const PQconninfoOption* each = options.get(); each->keyword != nullptr; ++each)
+    if (std::string_view{each->keyword} == "password" && each->val != nullptr) return true;
+  return false;
 }
 
 /// `?` as PostgreSQL numbers values. Statements of the queue have no question mark elsewhere.
@@ -134,7 +141,6 @@ class FleetPostgres final : public FleetSql {
     if (!version) return tl::unexpected{version.error()};
     return version->empty() ? 0 : std::stoll(version->front().front());
   }
-  Result<void> prepare_to_migrate(std::int64_t) override { return {}; }  // a server is backed up by its owner
   std::string name() const override { return fmt::format("the fleet's database {}", place_of(uri_)); }
 
  private:
@@ -157,6 +163,8 @@ class FleetPostgres final : public FleetSql {
       // The server goes down, or is not yet up: classes 57 and 08 of SQLSTATE.
       const std::string state = error.sqlstate();
       if (state.starts_with("57") || state.starts_with("08")) return away(error.what());
+      // A deadlock, or something that is referred to went or came meanwhile: 40 and foreign_key_violation.
+      if (state.starts_with("40") || state == "23503") return fail(kGaveWay, first_line(error.what()));
       return fail(ErrorCode::StorageFailed, fmt::format("{}: {} ({})", name(), first_line(error.what()), state));
     } catch (const std::exception& error) {
       if (connection_ && connection_->is_open())
@@ -184,7 +192,9 @@ class FleetPostgres final : public FleetSql {
 }  // namespace
 
 Result<std::unique_ptr<FleetSql>> open_fleet_postgres(const std::string& uri) {
-  if (has_password(uri))
+  const auto has = has_password(uri);
+  if (!has) return tl::unexpected{has.error()};
+  if (*has)
     return fail(
         ErrorCode::InvalidInput,
         "the name of the fleet's database holds a password, which everybody on this computer could read; put it "

@@ -401,15 +401,25 @@ class SqlFleetQueue final : public FleetQueue {
       if (!freed) return tl::unexpected{freed.error()};
       for (const SqlRow& row : *freed)
         if (auto waits = wait_again(row[0], "its fab was not heard of"); !waits) return tl::unexpected{waits.error()};
-      const auto asking = run(
-          fmt::format(
-              "UPDATE fleet_job SET state = 4, message = 'its fab is not heard of: look at the machine, then decide' "
-              "WHERE state = 3 AND id IN (SELECT job FROM lease WHERE until_unix_ms < {}) RETURNING id, machine",
-              sql_->now()),
-          {});
-      if (!asking) return tl::unexpected{asking.error()};
-      for (const SqlRow& row : *asking) note(row[0], row[1], "its fab is not heard of");
-      return freed->size() + asking->size();
+      // Locked, and judged as it is then: a lease that is being renewed has not run out.
+      const auto silent = run(fmt::format("UPDATE lease SET until_unix_ms = until_unix_ms WHERE is_bound = 1 AND "
+                                          "until_unix_ms < {} RETURNING job, machine",
+                                          sql_->now()),
+                              {});
+      if (!silent) return tl::unexpected{silent.error()};
+      std::size_t asking = 0;
+      for (const SqlRow& row : *silent) {
+        const auto asks =
+            run("UPDATE fleet_job SET state = 4, message = 'its fab is not heard of: look at the machine, then decide' "
+                "WHERE "
+                "id = ? AND state = 3 RETURNING id",
+                {row[0]});
+        if (!asks) return tl::unexpected{asks.error()};
+        if (asks->empty()) continue;
+        ++asking;
+        note(row[0], row[1], "its fab is not heard of");
+      }
+      return freed->size() + asking;
     });
   }
 
@@ -418,13 +428,17 @@ class SqlFleetQueue final : public FleetQueue {
       return fail(ErrorCode::InvalidInput, "decided is: waiting, done or failed");
     return together([&]() -> Result<fleet::Job> {
       const std::string id{job};
-      const auto freed =
-          run("DELETE FROM lease WHERE job = ? AND EXISTS (SELECT 1 FROM fleet_job f WHERE f.id = lease.job "
-              "AND f.state = 4) RETURNING machine",
-              {id});
+      // Its fab may be heard of again just now: then nothing is to be decided.
+      const auto freed = run(
+          fmt::format("DELETE FROM lease WHERE job = ? AND until_unix_ms < {} AND EXISTS (SELECT 1 FROM fleet_job f "
+                      "WHERE f.id = lease.job AND f.state = 4) RETURNING machine",
+                      sql_->now()),
+          {id});
       if (!freed) return tl::unexpected{freed.error()};
-      const auto decided = run("UPDATE fleet_job SET state = ?, message = ? WHERE id = ? AND state = 4 RETURNING id",
-                               {number_of(state), fmt::format("decided by {}", who), id});
+      const auto decided = run(
+          "UPDATE fleet_job SET state = ?, message = ? WHERE id = ? AND state = 4 AND NOT EXISTS (SELECT 1 FROM lease "
+          "WHERE lease.job = fleet_job.id) RETURNING id",
+          {number_of(state), fmt::format("decided by {}", who), id});
       if (!decided) return tl::unexpected{decided.error()};
       auto now = job_with(id);
       if (!now) return now;
@@ -484,9 +498,18 @@ class SqlFleetQueue final : public FleetQueue {
     return {};
   }
 
-  /// One transaction: all of it, or none.
+  /// One transaction: all of it, or none. One that had to give way to another is tried again.
   template <class Work>
   auto together(const Work& work) -> decltype(work()) {
+    constexpr int kTries = 5;
+    for (int tries = 1;; ++tries) {
+      auto outcome = once(work);
+      if (outcome || outcome.error().code != kGaveWay) return outcome;
+      if (tries == kTries) return fail(ErrorCode::StorageFailed, outcome.error().what);
+    }
+  }
+  template <class Work>
+  auto once(const Work& work) -> decltype(work()) {
     notes_.clear();
     if (auto begun = sql_->begin(); !begun) return tl::unexpected{begun.error()};
     auto outcome = work();

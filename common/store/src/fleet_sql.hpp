@@ -15,6 +15,8 @@ using SqlValue = std::variant<std::int64_t, double, std::string>;
 /// One row as text, column by column.
 using SqlRow = std::vector<std::string>;
 
+inline constexpr ErrorCode kGaveWay = ErrorCode::Cancelled;
+
 /// A database that a fleet's queue is kept in, where the two kinds differ. Statements are what both understand, `?` for
 /// each value. Threads: one.
 class FleetSql {
@@ -23,7 +25,8 @@ class FleetSql {
   FleetSql(const FleetSql&) = delete;
   FleetSql& operator=(const FleetSql&) = delete;
 
-  /// One statement. Conflict: it would break a key.
+  /// One statement. Conflict: it would break a key. kGaveWay: another transaction was in the way, and this one may be
+  /// tried again from its beginning; so may one of which commit() fails so.
   [[nodiscard]] virtual Result<std::vector<SqlRow>> run(const std::string& text, std::vector<SqlValue> values) = 0;
   /// What runs until commit() is on disk as a whole, or not at all.
   [[nodiscard]] virtual Result<void> begin() = 0;
@@ -42,8 +45,6 @@ class FleetSql {
   [[nodiscard]] virtual std::string_view numbered() const = 0;
   /// Of the tables there are; 0: none.
   [[nodiscard]] virtual Result<std::int64_t> version() = 0;
-  /// Whether the tables of an older version may be changed; keeps a copy of them where that is done by files.
-  [[nodiscard]] virtual Result<void> prepare_to_migrate(std::int64_t from) = 0;
   /// For messages: "the fleet's file fleet.sqlite".
   [[nodiscard]] virtual std::string name() const = 0;
 

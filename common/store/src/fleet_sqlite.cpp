@@ -73,9 +73,6 @@ class FleetSqlite final : public FleetSql {
     if (auto sound = file_.check(); !sound) return tl::unexpected{sound.error()};
     return file_.number_of("SELECT version FROM fleet_version");
   }
-  Result<void> prepare_to_migrate(std::int64_t from) override {
-    return file_.copy_to(fmt::format("{}.schema-{}", file_.path().string(), from));
-  }
   std::string name() const override { return fmt::format("the fleet's file {}", file_.path().string()); }
 
  private:

@@ -95,6 +95,7 @@ const std::vector<Heavy> kHeavy{
     {"telefab/v1/", {"common/wire"}},
     {"sqlite3.h", {"common/store"}},
     {"pqxx/", {"common/store"}},
+    {"libpq-fe.h", {"common/store"}},
     {"zip.h", {"fab_site/formats"}},
     {"boost/asio",
      {"common/net", "common/client", "common/web", "scan_site/daemon", "fab_site/daemon", "fab_site/lan"}},

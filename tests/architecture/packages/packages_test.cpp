@@ -35,6 +35,7 @@ const std::vector<Library> kLibraries{
     {"libboost-dev", "Boost", "Boost::headers"},
     {"libsqlite3-dev", "SQLite3", "SQLite::SQLite3"},
     {"libpqxx-dev", "libpqxx", "PkgConfig::libpqxx"},
+    {"libpq-dev", "libpq", "PkgConfig::libpq"},
     {"libcli11-dev", "CLI11", "CLI11::CLI11"},
     {"libspdlog-dev", "spdlog", "spdlog::spdlog"},
     {"libcurl4-openssl-dev", "libcurl", "PkgConfig::libcurl"},

@@ -464,7 +464,8 @@ TEST(FleetDatabase, GoesOnOnceItsServerWasKilledAndStartedAgainAndLosesNothing) 
 TEST(FleetName, SaysWhatItIsAndHoldsNoPassword) {
   SystemClock clock;
   EXPECT_EQ(open_fleet("fleet.sqlite", clock).error().code, ErrorCode::InvalidInput);
-  for (const char* uri : {"postgresql://fab:secret@db/fleet", "postgresql://db/fleet?password=secret"}) {
+  for (const char* uri : {"postgresql://fab:secret@db/fleet", "postgresql://db/fleet?password=secret",
+                          "postgresql://db/fleet?pass%77ord=secret"}) {
     const auto refused = open_fleet(uri, clock);
     ASSERT_FALSE(refused);
     EXPECT_EQ(refused.error().code, ErrorCode::InvalidInput);

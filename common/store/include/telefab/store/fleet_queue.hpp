@@ -75,14 +75,13 @@ class FleetQueue {
   FleetQueue() = default;
 };
 
-/// The queue in a SQLite file, made where there is none, brought up to this version (a copy is kept beside as
-/// PATH.schema-N) and checked. InvalidInput: a file of another program or of a newer version. The clock must outlive
-/// it.
+/// The queue in a SQLite file, made where there is none, and checked. InvalidInput: a file of another program or of a
+/// newer version. The clock must outlive it.
 [[nodiscard]] Result<std::unique_ptr<FleetQueue>> open_fleet_file(const std::filesystem::path& path,
                                                                   const Clock& clock);
-/// The queue in PostgreSQL; tables are made, or brought up, where the role may. `uri`: as libpq takes it,
-/// postgresql://USER@HOST/DATABASE?sslmode=verify-full. InvalidInput: it holds a password (which belongs into
-/// ~/.pgpass, PGPASSFILE or a service file), or the tables are of a newer version.
+/// The queue in PostgreSQL; tables are made where the role may. `uri`: as libpq takes it,
+/// postgresql://USER@HOST/DATABASE?sslmode=verify-full. InvalidInput: it is none, it holds a password (which belongs
+/// into ~/.pgpass, PGPASSFILE or a service file), or the tables are of a newer version.
 [[nodiscard]] Result<std::unique_ptr<FleetQueue>> open_fleet_database(const std::string& uri);
 /// By the form of its name: sqlite:PATH, or postgresql://... InvalidInput: neither.
 [[nodiscard]] Result<std::unique_ptr<FleetQueue>> open_fleet(const std::string& where, const Clock& clock);
