@@ -5,9 +5,9 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <limits>
 
 #include "fleet_postgres.hpp"
+#include "fleet_rows.hpp"
 #include "fleet_sqlite.hpp"
 
 namespace telefab {
@@ -17,7 +17,6 @@ using fleet::Readiness;
 using fleet::State;
 
 constexpr std::int64_t kVersion = 1;
-constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();  // deadline of what has none: sorts last
 constexpr std::uint32_t kMostCopies = 1000;
 
 /// {0}: FleetSql::numbered().
@@ -46,13 +45,6 @@ constexpr const char* kTables[] = {
     "TEXT NOT NULL, text TEXT NOT NULL)",
 };
 
-constexpr const char* kMachineColumns =
-    "name, fab, profile, light, resin, width_mm, depth_mm, height_mm, pixel_mm, calibrated_unix_ms, readiness, "
-    "is_draining, seen_unix_ms";
-constexpr const char* kJobColumns =
-    "f.id, f.name, f.owner, f.site, f.asks_for, f.light, f.resin, f.width_mm, f.depth_mm, f.height_mm, f.pixel_mm, "
-    "f.calibrated_within_ms, f.priority, f.deadline_unix_ms, f.stack_key, f.place, f.state, f.attempt, f.machine, "
-    "f.message, COALESCE(l.until_unix_ms, 0)";
 constexpr const char* kJobs = "FROM fleet_job f LEFT JOIN lease l ON l.job = f.id";
 
 /// That job j fits machine m, as fleet::why_not has it; {0}: now, {1}: kNotSeen_ms.
@@ -62,51 +54,6 @@ constexpr const char* kFits =
     "j.height_mm <= m.height_mm AND (j.pixel_mm <= 0 OR m.pixel_mm <= j.pixel_mm) AND (j.calibrated_within_ms <= 0 OR "
     "m.calibrated_unix_ms >= {0} - j.calibrated_within_ms) AND m.is_draining = 0 AND m.seen_unix_ms >= {0} - {1} AND "
     "m.readiness = 1";
-
-/// Reads a row column by column.
-class Columns {
- public:
-  explicit Columns(const SqlRow& row) : row_{row} {}
-  std::string text() { return row_.at(next_++); }
-  std::int64_t number() { return std::stoll(row_.at(next_++)); }
-  double real() { return std::stod(row_.at(next_++)); }
-
- private:
-  const SqlRow& row_;
-  std::size_t next_ = 0;
-};
-
-fleet::Machine machine_of(const SqlRow& row) {
-  Columns c{row};
-  fleet::Machine m;
-  m.name = c.text(), m.fab = c.text(), m.profile = c.text(), m.light = c.text(), m.resin = c.text();
-  m.width_mm = c.real(), m.depth_mm = c.real(), m.height_mm = c.real(), m.pixel_mm = c.real();
-  m.calibrated_unix_ms = c.number();
-  m.readiness = static_cast<Readiness>(c.number());
-  m.is_draining = c.number() != 0;
-  m.seen_unix_ms = c.number();
-  return m;
-}
-
-fleet::Job job_of(const SqlRow& row) {
-  Columns c{row};
-  fleet::Job j;
-  j.id = c.text(), j.name = c.text(), j.owner = c.text(), j.site = c.text();
-  j.needs.machine = c.text(), j.needs.light = c.text(), j.needs.resin = c.text();
-  j.needs.width_mm = c.real(), j.needs.depth_mm = c.real(), j.needs.height_mm = c.real();
-  j.needs.pixel_mm = c.real();
-  j.needs.calibrated_within_ms = c.number();
-  j.priority = static_cast<int>(c.number());
-  j.deadline_unix_ms = c.number();
-  if (j.deadline_unix_ms == kNever) j.deadline_unix_ms = 0;
-  j.stack_key = c.text();
-  j.place = static_cast<std::uint64_t>(c.number());
-  j.state = static_cast<State>(c.number());
-  j.attempt = static_cast<std::uint32_t>(c.number());
-  j.machine = c.text(), j.message = c.text();
-  j.until_unix_ms = c.number();
-  return j;
-}
 
 std::int64_t ms_of(Nanoseconds time) { return std::chrono::duration_cast<std::chrono::milliseconds>(time).count(); }
 std::int64_t number_of(State state) { return static_cast<std::int64_t>(state); }

@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
-#include <array>
 #include <cstdint>
 #include <string>
 #include <string_view>
-#include <telefab/base/result.hpp>
 #include <vector>
 
 // Machines of several fabs and the jobs that wait for one of them. Plain values: who keeps them is FleetQueue's matter.
@@ -26,9 +24,6 @@ enum class Readiness : std::uint8_t {
   Occupied = 3,  ///< a part is on its platform
   Trouble = 4,   ///< at fault, or not found
 };
-inline constexpr std::array kReadinesses{Readiness::Free, Readiness::Busy, Readiness::Occupied, Readiness::Trouble};
-/// "free", "busy", "occupied", "trouble".
-[[nodiscard]] std::string_view name_of(Readiness readiness);
 
 /// A machine of the fleet. What its fab says of it, and whether an administrator takes it out of service.
 struct Machine {
@@ -67,11 +62,8 @@ enum class State : std::uint8_t {
   Failed = 6,
   Cancelled = 7,
 };
-inline constexpr std::array kStates{State::Waiting, State::Claimed, State::Bound,    State::Asking,
-                                    State::Done,    State::Failed,  State::Cancelled};
 /// "waiting", "claimed", "bound", "asking", "done", "failed", "cancelled".
 [[nodiscard]] std::string_view name_of(State state);
-[[nodiscard]] Result<State> state_from_name(std::string_view name);
 /// Done, Failed and Cancelled.
 [[nodiscard]] bool is_final(State state);
 
@@ -141,11 +133,6 @@ enum class WhyNot : std::uint8_t {
   NotFree,       ///< busy, occupied or in trouble
   LaterInOrder,  ///< another job comes before it
 };
-/// "fits", "ended", "has-machine", ...
-[[nodiscard]] std::string_view name_of(WhyNot why);
-/// For people: what is against it, with the figures.
-[[nodiscard]] std::string sentence_of(WhyNot why, const Job& job, const Machine& machine, std::int64_t now_unix_ms);
-
 inline constexpr std::int64_t kNotSeen_ms = 60'000;
 
 /// What is against one job on one machine, whatever the others are.
@@ -161,9 +148,5 @@ struct Placed {
 /// What the free machines would claim, each in the order of its name the first job that fits it: a dry run.
 [[nodiscard]] std::vector<Placed> place(const std::vector<Job>& jobs, std::vector<Machine> machines,
                                         std::int64_t now_unix_ms);
-
-/// JSON objects on one line, keys in fixed order.
-[[nodiscard]] std::string to_json(const Job& job);
-[[nodiscard]] std::string to_json(const Machine& machine);
 
 }  // namespace telefab::fleet

@@ -5,6 +5,7 @@
 #include <optional>
 #include <span>
 #include <telefab/base/clock.hpp>
+#include <telefab/base/result.hpp>
 #include <telefab/fleet/fleet.hpp>
 
 namespace telefab {
