@@ -160,9 +160,10 @@ Result<std::filesystem::path> file_and_wait(const FilePost& post, const std::str
                                                "the fab does not answer in time; try again");
 }
 
-Result<void> carry_out(const CommandPost& post, const Command& command) {
-  const auto job = command_and_wait(post, command);
-  if (!job) return tl::unexpected{job.error()};
+Result<void> carry_out(const CommandPost& post, JobCommand command, std::string_view job, std::string_view who,
+                       std::string_view although) {
+  const auto done = command_and_wait(post, {{}, std::string{job}, command, std::string{who}, std::string{although}});
+  if (!done) return tl::unexpected{done.error()};
   return {};
 }
 

@@ -366,28 +366,15 @@ Result<void> SitePageBackend::plan_again(std::string_view id, std::string_view h
 }
 
 Result<void> SitePageBackend::act(std::string_view id, JobCommand action, std::string_view who) {
-  Command command;
-  command.job = id;
-  command.who = who;
-  command.command = action;
-  return carry_out(post_, command);
+  return carry_out(post_, action, id, who);
 }
 
 Result<void> SitePageBackend::approve(std::string_view id, std::string_view although, std::string_view who) {
-  Command command;
-  command.job = id;
-  command.command = JobCommand::Approve;
-  command.who = who;
-  command.although = although;
-  return carry_out(post_, command);
+  return carry_out(post_, JobCommand::Approve, id, who, although);
 }
 
 Result<void> SitePageBackend::clear_platform(std::string_view machine, std::string_view who) {
-  Command command;
-  command.job = machine;
-  command.command = JobCommand::Cleared;
-  command.who = who;
-  return carry_out(post_, command);
+  return carry_out(post_, JobCommand::Cleared, machine, who);
 }
 
 std::vector<UploadTarget> SitePageBackend::upload_targets(std::string_view asked) {

@@ -55,20 +55,11 @@ std::uint64_t SitePageBackend::revision() {
 }
 
 Result<void> SitePageBackend::act(std::string_view id, JobCommand command, std::string_view who) {
-  Command asked;
-  asked.job = id;
-  asked.command = command;
-  asked.who = who;
-  return carry_out(post_, asked);
+  return carry_out(post_, command, id, who);
 }
 
 Result<void> SitePageBackend::approve(std::string_view id, std::string_view although, std::string_view who) {
-  Command asked;
-  asked.job = id;
-  asked.command = JobCommand::Approve;
-  asked.who = who;
-  asked.although = although;
-  return carry_out(post_, asked);
+  return carry_out(post_, JobCommand::Approve, id, who, although);
 }
 
 Result<std::string> SitePageBackend::preflight(std::string_view id) {

@@ -50,7 +50,8 @@ using FilePost = std::function<void(const std::string& job, const std::string& n
 /// Gives a command from the page's thread and waits for its answer: Unreachable after five seconds, though the command
 /// may still be carried out.
 [[nodiscard]] Result<Job> command_and_wait(const CommandPost& post, const Command& command);
-/// The same where what becomes of the job is of no interest.
-[[nodiscard]] Result<void> carry_out(const CommandPost& post, const Command& command);
+/// The same where what becomes of the job is of no interest. `job`, `although`: as in Command.
+[[nodiscard]] Result<void> carry_out(const CommandPost& post, JobCommand command, std::string_view job,
+                                     std::string_view who, std::string_view although = {});
 
 }  // namespace telefab
