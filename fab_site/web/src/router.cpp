@@ -128,10 +128,14 @@ WebResponse show_events(const Call& call) {
   return {200, "application/json", json_text({{"events", list}})};
 }
 
+/// The job as it is once something was done about it, or why that was not done.
+WebResponse job_after(const Result<void>& done, const Call& call) {
+  return done ? show_job(call) : web_problem(done.error());
+}
+
 template <JobCommand action>
 WebResponse act(const Call& call) {
-  if (const auto done = call.backend.act(call.id(), action, call.who()); !done) return web_problem(done.error());
-  return show_job(call);
+  return job_after(call.backend.act(call.id(), action, call.who()), call);
 }
 
 WebResponse made_job(PageBackend& backend, const std::string& id) {
@@ -162,21 +166,17 @@ WebResponse clear_platform(const Call& call) {
 WebResponse approve(const Call& call) {
   const auto although = although_of(call.request.body);
   if (!although) return web_problem(although.error());
-  if (const auto done = call.backend.approve(call.id(), *although, call.who()); !done) return web_problem(done.error());
-  return show_job(call);
+  return job_after(call.backend.approve(call.id(), *although, call.who()), call);
 }
 
 WebResponse plan_again(const Call& call) {
-  if (const auto done = call.backend.plan_again(call.id(), call.request.body, call.who()); !done)
-    return web_problem(done.error());
-  return show_job(call);
+  return job_after(call.backend.plan_again(call.id(), call.request.body, call.who()), call);
 }
 
 WebResponse resume(const Call& call) {
   const auto word = resumption_of(call.request.body);
   if (!word) return web_problem(word.error());
-  if (const auto done = call.backend.act(call.id(), *word, call.who()); !done) return web_problem(done.error());
-  return show_job(call);
+  return job_after(call.backend.act(call.id(), *word, call.who()), call);
 }
 
 /// Of the page: a file chosen there.

@@ -70,27 +70,26 @@ WebResponse show_layer(const Call& call) {
   return layer;
 }
 
+/// The job as it is once something was done about it, or why that was not done.
+WebResponse job_after(const Result<void>& done, const Call& call) {
+  return done ? show_job(call) : web_problem(done.error());
+}
+
 template <JobCommand command>
 WebResponse act(const Call& call) {
-  if (const auto done = call.backend.act(call.id(), command, call.routed.visitor.name); !done)
-    return web_problem(done.error());
-  return show_job(call);
+  return job_after(call.backend.act(call.id(), command, call.routed.visitor.name), call);
 }
 
 WebResponse approve(const Call& call) {
   const auto although = although_of(call.request.body);
   if (!although) return web_problem(although.error());
-  if (const auto done = call.backend.approve(call.id(), *although, call.routed.visitor.name); !done)
-    return web_problem(done.error());
-  return show_job(call);
+  return job_after(call.backend.approve(call.id(), *although, call.routed.visitor.name), call);
 }
 
 WebResponse resume(const Call& call) {
   const auto word = resumption_of(call.request.body);
   if (!word) return web_problem(word.error());
-  if (const auto done = call.backend.act(call.id(), *word, call.routed.visitor.name); !done)
-    return web_problem(done.error());
-  return show_job(call);
+  return job_after(call.backend.act(call.id(), *word, call.routed.visitor.name), call);
 }
 
 /// There is no job to show afterwards.
