@@ -51,6 +51,12 @@ class ScanPageSite : public TwoSites {
       view = answer.json();
     }
   }
+  /// All of a file in one part; the id of its upload.
+  [[nodiscard]] std::string upload(const std::string& name, const std::string& bytes) const {
+    const nlohmann::json begun = begin(name, bytes);
+    send_rest(begun, bytes, bytes.size());
+    return begun["id"];
+  }
   /// The view once nothing is worked on any more.
   [[nodiscard]] nlohmann::json rested(const std::string& id) const {
     for (int tries = 0; tries < 600; ++tries) {

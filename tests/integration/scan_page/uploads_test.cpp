@@ -237,10 +237,7 @@ TEST_F(StagedUploads, StandHostileRequestsAndChangeNothing) {
 
 TEST_F(StagedUploads, ThatWaitedForTheirCopyWhenTheSiteEndedBecomeJobsWhenItBeginsAgain) {
   start_with_page();
-  const std::string bytes = text_of(torus());
-  const json begun = begin("torus.xyz", bytes);
-  const auto id = begun["id"].get<std::string>();
-  send_rest(begun, bytes, bytes.size());
+  const std::string id = upload("torus.xyz", text_of(torus()));
   ASSERT_EQ(rested(id)["state"], "whole");
   kill_scan();
   // As the daemon leaves it; one more whose upload is gone.
@@ -278,10 +275,7 @@ TEST_F(StagedUploads, OnAnotherFileSystemThanTheJobsAreCopiedAndNothingWaitsAfte
   std::filesystem::create_directories(uploads);
   std::filesystem::create_directory_symlink(uploads, folder() / "scan" / "uploads");
   start_with_page();
-  const std::string bytes = text_of(torus());
-  const json begun = begin("torus.xyz", bytes);
-  const auto id = begun["id"].get<std::string>();
-  send_rest(begun, bytes, bytes.size());
+  const std::string id = upload("torus.xyz", text_of(torus()));
   ASSERT_EQ(rested(id)["state"], "whole");
   const Answer sent = ask("POST", "/v1/uploads/" + id + "/submit", R"({"machine":"toy","parameters":{"height_mm":4}})");
   EXPECT_EQ(sent.status / 100, 2) << sent.body;

@@ -94,6 +94,24 @@ class WholePrinters : public SeveralMachines {
     return found.is_object() && found["layers_printed"] > 1;
   }
 
+  /// A job whose print at the printer is amid its layers, each of which takes so long.
+  [[nodiscard]] std::string print_begun(const std::string& layer_s, const std::vector<std::string>& asked = {}) {
+    start_printer(layer_s);
+    write_whole_list();
+    start_sites();
+    std::string job = submit_for("toy", "4", asked);
+    EXPECT_TRUE(await([&] { return prints_layers(job); })) << says();
+    return job;
+  }
+  /// It is watched again, and a cancel stops it at the printer.
+  void expect_stopped_by_cancel(const std::string& job) {
+    await_state(job, "printing");
+    ASSERT_EQ(at_fab({"cancel", job, "--who", "ana"}).code, 0) << says();
+    await_state(job, "cancelled");
+    EXPECT_EQ(record_of(job)["end"], "stopped");
+    expect_once();
+  }
+
   /// Goes on with a paused job as somebody does who has looked at the printer.
   void look_and_resume(const std::string& job) const {
     std::vector<std::string> words{"resume", job, "--who", "ana"};

@@ -152,11 +152,7 @@ TEST_F(WholePrinters, ThatWereNotInTheListForAWhileAreWatchedAgainAndObey) {
   kill_fab();
   write_whole_list();
   start_fab(with_list());
-  await_state(job, "printing");
-  ASSERT_EQ(at_fab({"cancel", job, "--who", "ana"}).code, 0) << says();
-  await_state(job, "cancelled");
-  EXPECT_EQ(record_of(job)["end"], "stopped");
-  expect_once();
+  expect_stopped_by_cancel(job);
 }
 
 TEST_F(WholePrinters, ThatAreSwitchedOffAreWaitedForAndDisturbNobody) {
@@ -176,11 +172,7 @@ TEST_F(WholePrinters, ThatAreSwitchedOffAreWaitedForAndDisturbNobody) {
 }
 
 TEST_F(WholePrinters, OutOfReachAreSaidToBeAndTheirPrintIsWatchedAgain) {
-  start_printer("0.3");
-  write_whole_list();
-  start_sites();
-  const std::string job = submit_for("toy", "4");
-  ASSERT_TRUE(await([&] { return prints_layers(job); })) << says();
+  const std::string job = print_begun("0.3");
   printer_->send_signal(SIGSTOP);
   ASSERT_TRUE(await([&] { return state_of("saturn") == "offline"; })) << says();
   EXPECT_EQ(job_state(job), "printing") << "it goes on there, as far as anybody knows";
@@ -190,46 +182,26 @@ TEST_F(WholePrinters, OutOfReachAreSaidToBeAndTheirPrintIsWatchedAgain) {
 }
 
 TEST_F(WholePrinters, StopAtACancelThoughTheirMachineHasAnotherResinByNow) {
-  start_printer("3");
-  write_whole_list();
-  start_sites();
-  const std::string job = submit_for("toy", "4");
-  ASSERT_TRUE(await([&] { return prints_layers(job); })) << says();
+  const std::string job = print_begun("3");
   kill_fab();
   write_whole_list({}, "resin = \"generic-blue\"\n");
   start_fab(with_list());
-  await_state(job, "printing");
-  ASSERT_EQ(at_fab({"cancel", job, "--who", "ana"}).code, 0) << says();
-  await_state(job, "cancelled");
-  EXPECT_EQ(record_of(job)["end"], "stopped");
-  expect_once();
+  expect_stopped_by_cancel(job);
 }
 
 TEST_F(WholePrinters, StopAtACancelThoughTheirProfileWasEditedMeanwhile) {
-  start_printer("3");
-  write_whole_list();
-  start_sites();
-  const std::string job = submit_for("toy", "4");
-  ASSERT_TRUE(await([&] { return prints_layers(job); })) << says();
+  const std::string job = print_begun("3");
   kill_fab();
   write_profile("5.0");  // each layer needs more light: the file would be another one
   start_fab(with_list());
-  await_state(job, "printing");
-  ASSERT_EQ(at_fab({"cancel", job, "--who", "ana"}).code, 0) << says();
-  await_state(job, "cancelled");
-  EXPECT_EQ(record_of(job)["end"], "stopped");
-  expect_once();
+  expect_stopped_by_cancel(job);
 }
 
 TEST_F(WholePrinters, AreWatchedToTheirEndThoughWhatTheirJobChoseIsNotThereAnyMore) {
   const fs::path chosen = folder() / "prints" / "mine.toml";
   fs::create_directories(chosen.parent_path());
   std::ofstream{chosen} << "name = \"mine\"\n[motion]\nlift_mm = 3.0\n";
-  start_printer("0.5");
-  write_whole_list();
-  start_sites();
-  const std::string job = submit_for("toy", "4", {"--print", "mine"});
-  ASSERT_TRUE(await([&] { return prints_layers(job); })) << says();
+  const std::string job = print_begun("0.5", {"--print", "mine"});
   kill_fab();
   fs::remove(chosen);
   start_fab(with_list());
