@@ -268,6 +268,9 @@ void read(Reading& reading, const v1::Offer& proto, Offer& value) {
   expect(reading, proto.registration_rms_mm() >= 0 && proto.registration_rms_mm() < 1e6, "registration_rms_mm",
          "is not a length");
   value.registration_rms_mm = proto.registration_rms_mm();
+  value.attempt = proto.attempt();
+  expect(reading, value.attempt == 0 || fleet_job_of(value.job, value.attempt).has_value(), "attempt",
+         "is not that of the job's id");
 }
 void read(Reading& reading, const v1::OfferAccepted& proto, OfferAccepted& value) {
   value.job = job_id(reading, proto.job());

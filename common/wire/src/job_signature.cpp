@@ -30,12 +30,13 @@ std::string hashed(std::string_view text) {
 
 /// Free texts stand in it as digests, so that none of them can pass for a line of its own.
 std::string text_of(const Offer& offer) {
-  std::string scan = offer.scan == Digest{} ? "" : fmt::format("scan {}\n", to_hex(offer.scan));
-  if (offer.registration_rms_mm > 0) scan += fmt::format("registration {:.17g}\n", offer.registration_rms_mm);
+  std::string optional = offer.scan == Digest{} ? "" : fmt::format("scan {}\n", to_hex(offer.scan));
+  if (offer.registration_rms_mm > 0) optional += fmt::format("registration {:.17g}\n", offer.registration_rms_mm);
+  if (offer.attempt > 0) optional += fmt::format("attempt {}\n", offer.attempt);
   return fmt::format(
       "telefab job offer 1\njob {}\nname {}\nmachine {}\nprofile {}\nparameters {}\nowner {}\nheader {}\ncoding {}\n{}",
       offer.job, hashed(offer.name), hashed(offer.machine), to_hex(offer.profile), hashed(offer.parameters),
-      hashed(offer.owner), hashed(canonical_text(offer.header)), offer.coding, scan);
+      hashed(offer.owner), hashed(canonical_text(offer.header)), offer.coding, optional);
 }
 
 std::string text_of(const Offer& offer, const StackEnd& end) {

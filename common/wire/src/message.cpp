@@ -43,6 +43,23 @@ bool is_job_id(std::string_view text) {
   });
 }
 
+std::string id_of_attempt(std::string_view fleet_job, std::uint32_t attempt) {
+  return attempt == 1 ? std::string{fleet_job} : fmt::format("{}-a{}", fleet_job, attempt);
+}
+
+std::optional<std::string> fleet_job_of(std::string_view offered, std::uint32_t attempt) {
+  // The last "-aN", where the id ends in one: a job whose own id does would be two of them.
+  const auto digits = [](std::string_view text) {
+    return !text.empty() && std::ranges::all_of(text, [](char c) { return c >= '0' && c <= '9'; });
+  };
+  const std::size_t mark = offered.rfind("-a");
+  const bool is_marked = mark != std::string_view::npos && mark > 0 && digits(offered.substr(mark + 2));
+  if (attempt == 0 || !is_job_id(offered) || is_marked != (attempt > 1)) return std::nullopt;
+  std::string job{attempt == 1 ? offered : offered.substr(0, mark)};
+  if (id_of_attempt(job, attempt) != offered || (attempt > 1 && !fleet_job_of(job, 1))) return std::nullopt;
+  return job;
+}
+
 std::string_view name_of(DeferReason reason) {
   switch (reason) {
     case DeferReason::Busy:

@@ -173,6 +173,7 @@ void write(const Offer& value, v1::Offer& proto) {
   proto.set_signature(bytes_of(value.signature));
   if (value.scan != Digest{}) proto.set_scan_sha256(bytes_of(value.scan));
   proto.set_registration_rms_mm(value.registration_rms_mm);
+  proto.set_attempt(value.attempt);
 }
 void write(const OfferAccepted& value, v1::OfferAccepted& proto) {
   proto.set_job(value.job);

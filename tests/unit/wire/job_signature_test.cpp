@@ -52,6 +52,7 @@ TEST_F(JobSignature, OfAnyOtherOfferOrStackDoesNotHold) {
                                               [](Offer& o) { o.scan.bytes[9] ^= std::byte{1}; },
                                               [](Offer& o) { o.scan = {}; },
                                               [](Offer& o) { o.registration_rms_mm = 0.06; },
+                                              [](Offer& o) { o.attempt = 1; },
                                               [](Offer& o) { o.owner = "bob"; },
                                               [](Offer& o) { o.signature[7] ^= std::byte{4}; },
                                               [](Offer& o) { o.public_key[0] ^= std::byte{1}; }};

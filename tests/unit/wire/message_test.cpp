@@ -113,6 +113,39 @@ TEST(Message, KeepsWhatAnOfferSaysOfItsScan) {
   EXPECT_EQ(std::get<Offer>(*back).registration_rms_mm, 0.04);
 }
 
+TEST(Message, KeepsTheAttemptOfAnOfferAndLeavesOneWithoutAsItWas) {
+  Offer offer{"j1", "vase.ply", "machine-a", "{}", {}, some_header(), 5, "ana", {}, {}};
+  const Frame without = to_frame(offer);
+  ASSERT_TRUE(from_frame(without));
+  EXPECT_EQ(std::get<Offer>(*from_frame(without)).attempt, 0U);
+  for (const std::uint32_t attempt : {1U, 2U, 4'000'000'000U}) {
+    offer.job = id_of_attempt("j1", attempt);
+    offer.attempt = attempt;
+    const auto back = from_frame(to_frame(offer));
+    ASSERT_TRUE(back) << offer.job;
+    EXPECT_EQ(std::get<Offer>(*back).attempt, attempt);
+    EXPECT_NE(to_frame(offer), without);
+  }
+}
+
+TEST(Message, NamesEachAttemptOfAFleetsJobByAnIdOfItsOwn) {
+  EXPECT_EQ(id_of_attempt("j1", 1), "j1");
+  EXPECT_EQ(id_of_attempt("j1", 12), "j1-a12");
+  EXPECT_EQ(fleet_job_of("j1", 1), "j1");
+  EXPECT_EQ(fleet_job_of("j1-a12", 12), "j1");
+  EXPECT_EQ(fleet_job_of("j-attic", 1), "j-attic");
+  for (const auto& [id, attempt] : std::vector<std::pair<std::string, std::uint32_t>>{{"j1", 0},
+                                                                                      {"j1", 2},
+                                                                                      {"j1-a2", 1},
+                                                                                      {"j1-a2", 3},
+                                                                                      {"j1-a02", 2},
+                                                                                      {"-a2", 2},
+                                                                                      {"j1-a2-a3", 3},
+                                                                                      {"J1", 1},
+                                                                                      {"", 1}})
+    EXPECT_EQ(fleet_job_of(id, attempt), std::nullopt) << id << " in attempt " << attempt;
+}
+
 TEST(Message, CarriesTheAnswersAboutALayerPerhapsExposedAndAPrinterPerhapsStarted) {
   for (const JobCommand answer :
        {JobCommand::TreatAsExposed, JobCommand::ExposeAgain, JobCommand::TreatAsStarted, JobCommand::StartAgain}) {
@@ -182,6 +215,8 @@ TEST(Message, RefusesEveryValueOutOfItsRangeByName) {
       {UploadBlock{RequestId{1}, 0, std::vector<std::byte>(kMaxBlockBytes + 1)}, "content"},
       {Command{RequestId{1}, "j1", static_cast<JobCommand>(11), ""}, "action"},
       {Offer{"j1", "v", "m", "{}", digest, some_header(), 5, "", {}, {}, {}, -1}, "registration_rms_mm"},
+      {Offer{"j1", "v", "m", "{}", digest, some_header(), 5, "", {}, {}, {}, 0, 2}, "attempt"},
+      {Offer{"j1-a2", "v", "m", "{}", digest, some_header(), 5, "", {}, {}, {}, 0, 1}, "attempt"},
       {FileBlock{RequestId{1}, 5, 6, std::vector<std::byte>(2)}, "content"},
       {Offer{"j1", "v", "m", "{}", digest, bad_header, 1, "", {}, {}}, "header"},
       {Offer{"j1", "v", "m", "{}", digest, some_header(), 9, "", {}, {}}, "coding"},

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <chrono>
+#include <optional>
 #include <telefab/base/digest.hpp>
 #include <telefab/geometry/layer.hpp>
 #include <telefab/geometry/limits.hpp>
@@ -136,6 +137,7 @@ struct Offer {
   std::vector<std::byte> signature;
   Digest scan{};                   ///< of the scan file it was cut from; zero: not stated
   double registration_rms_mm = 0;  ///< of the views the scan was put together from, as printed; 0: not stated
+  std::uint32_t attempt = 0;       ///< of the fleet to have the job printed, from 1 on; 0: it is no job of a fleet
 };
 struct OfferAccepted {
   std::string job;
@@ -192,6 +194,12 @@ using Message = std::variant<Hello, Fault, Ping, Pong, AskMachines, Machines, Su
 
 /// A job's name on the wire and in the file system: 1 to 64 of a-z, 0-9 and '-', so it is safe as a folder.
 [[nodiscard]] bool is_job_id(std::string_view text);
+
+/// The id under which a fab is offered an attempt of a fleet's job: the job's own for the first one, JOB-aN for attempt
+/// N. Every attempt is a job of its own there. `attempt` >= 1.
+[[nodiscard]] std::string id_of_attempt(std::string_view fleet_job, std::uint32_t attempt);
+/// The fleet's job of an offered id. Nothing: no job of a fleet is offered so in that attempt, or `attempt` is 0.
+[[nodiscard]] std::optional<std::string> fleet_job_of(std::string_view offered, std::uint32_t attempt);
 
 /// Never fails for values within the limits above.
 [[nodiscard]] Frame to_frame(const Message& message);
