@@ -109,6 +109,7 @@ ExitCode code_of(WholePrintOutcome outcome) {
       return ExitCode::Device;
     case WholePrintOutcome::Held:
     case WholePrintOutcome::Interrupted:
+    case WholePrintOutcome::Withheld:
       break;
   }
   return ExitCode::Cancelled;
@@ -140,6 +141,7 @@ void print_report(const WholePrintReport& report, const Options& o) {
     case WholePrintOutcome::Refused:
     case WholePrintOutcome::AwaitingDecision:
     case WholePrintOutcome::Held:
+    case WholePrintOutcome::Withheld:
       write_note(fmt::format("telefab-fab: {}: {}{}\n", name_of(report.outcome), report.message,
                              report.outcome == WholePrintOutcome::AwaitingDecision ? " (--as)" : ""));
   }

@@ -96,7 +96,8 @@ Result<PrintRecord> print_from(const PrintTask& task, PrintControl& control, con
   BeatingClock beating{*clock, beats};
   if (machine.devices.hottest_celsius > 0) scaled.hottest_celsius = machine.devices.hottest_celsius;
   if (machine.devices.coldest_celsius > 0) scaled.coldest_celsius = machine.devices.coldest_celsius;
-  PrintRunner runner{*devices->projector, *devices->stage, **job, *journal, beating, devices->sensors.get()};
+  PrintRunner runner{*devices->projector,    *devices->stage, **job, *journal, beating,
+                     devices->sensors.get(), task.fence.get()};
   auto record = runner.run((*job)->plan(), scaled, control, sink, std::move(stop));
   if (!record) return record;
   record->provenance = provenance_of(folder, task.instance);

@@ -41,6 +41,11 @@ PrintReport report_of(const PrintRecord& record) {
       break;
     case PrintOutcome::Faulted:
       report.verdict = PrintVerdict::Waits;
+      if (record.withheld != FenceRefusal::None) {  // nothing is wrong with the machine
+        report.withheld = record.withheld;
+        report.why = report.message = record.cause.what;
+        break;
+      }
       if (record.maybe_exposed) report.question = OpenQuestion::Exposure;
       report.trouble = trouble_of(record.cause);
       // Whatever it broke off by, somebody is to look at the machine.

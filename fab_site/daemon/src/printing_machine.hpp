@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <telefab/fab/print/light_fence.hpp>
 #include <telefab/fab/print/machine_queue.hpp>
 #include <telefab/fab/print/print_runner.hpp>
 #include <telefab/fab/web/page_backend.hpp>
@@ -25,7 +26,8 @@ struct PrintTask {
   std::string instance;            ///< name of the machine, for the record
   PrintPolicy policy;
   MayStart may_start = MayStart::Yes;
-  LayerIndex seen;  ///< layers that the job store has seen printed
+  LayerIndex seen;                         ///< layers that the job store has seen printed
+  std::shared_ptr<LightFence> fence = {};  ///< without whose leave nothing lights; null: a job of this fab alone
 };
 
 /// What a print is at, for the daemon.
@@ -60,6 +62,7 @@ struct PrintReport {
   OpenQuestion question = OpenQuestion::None;     ///< Waits
   bool is_nothing_made = false;                   ///< no layer was exposed, nor perhaps
   MachineTrouble trouble = MachineTrouble::None;  ///< of the machine
+  FenceRefusal withheld = FenceRefusal::None;     ///< Waits: the fence gave no leave to light
   std::string why;                                ///< of trouble, for people
   std::string message;                            ///< for people: what became of it and what to do; may be empty
 };

@@ -182,7 +182,8 @@ class WholePrint {
     const WholePrintSink events = sink_of(sink, beats);
     while (true) {
       const auto printer = sought_printer(*network, clock, printer_);
-      auto ran = WholePrintRunner{*printer, journal_, clock, &orders_}.run(made->job, policy, control, events, stop);
+      auto ran = WholePrintRunner{*printer, journal_, clock, &orders_, task_.fence.get()}.run(made->job, policy,
+                                                                                              control, events, stop);
       if (ran) return ran;
       const Error why = lost(ran.error());
       // What the printer was asked for goes on there; nobody has to say that it is to be watched.
@@ -254,6 +255,10 @@ class WholePrint {
       case WholePrintOutcome::Held:
         report.verdict = is_cancelled ? PrintVerdict::Cancelled : PrintVerdict::Waits;
         report.message = is_cancelled ? "before its start" : last.message;
+        break;
+      case WholePrintOutcome::Withheld:
+        report.withheld = last.withheld;
+        report.message = last.message;
         break;
       case WholePrintOutcome::Sent:
         report.message =

@@ -142,6 +142,7 @@ std::string body_of(const JournalEntry& e) {
   if (!e.by.empty()) j["by"] = e.by;
   if (!e.why.empty()) j["why"] = e.why;
   if (carries_record(e.step)) j["made"] = layer_to_json(e.made);
+  if (e.attempt > 0) j["attempt"] = e.attempt;
   return json_text(j);
 }
 
@@ -177,6 +178,7 @@ std::optional<JournalEntry> entry_of(std::string_view body) {
     e.by = j.value("by", "");
     e.why = j.value("why", "");
     if (carries_record(e.step)) e.made = layer_from_json(j.at("made"));
+    if (j.contains("attempt")) e.attempt = whole_number<std::uint32_t>(j.at("attempt"));
     return e;
   } catch (const nlohmann::ordered_json::exception&) {
     return std::nullopt;
@@ -300,6 +302,12 @@ bool PrintJournal::finished() const {
                      [](const JournalEntry& e) { return e.step == JournalStep::Finished; });
 }
 
+std::uint32_t PrintJournal::attempt() const {
+  std::uint32_t newest = 0;
+  for (const JournalEntry& e : entries_) newest = std::max(newest, e.attempt);
+  return newest;
+}
+
 std::uint32_t PrintJournal::runs() const {
   return static_cast<std::uint32_t>(std::count_if(
       entries_.begin(), entries_.end(), [](const JournalEntry& e) { return e.step == JournalStep::Planned; }));
@@ -370,6 +378,10 @@ Result<void> PrintJournal::write(const JournalEntry& entry) {
       return fail(ErrorCode::Conflict, fmt::format("layer {} is not exposed: {} asked to {} the print",
                                                    entry.layer.count(), standing.by.empty() ? "somebody" : standing.by,
                                                    standing.order == Order::Pause ? "pause" : "cancel"));
+  if (entry.step == JournalStep::Planned || entry.step == JournalStep::Exposing)
+    if (const std::uint32_t newest = attempt(); entry.attempt < newest)
+      return fail(ErrorCode::Conflict,
+                  fmt::format("the print journal is of attempt {}, and attempt {} is over", newest, entry.attempt));
   const std::string line = to_record_line(entries_.size() + 1, body_of(entry));
   if (const auto ok = file_->append(line); !ok) {
     // Half a line would hide everything written behind it.

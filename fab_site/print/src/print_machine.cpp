@@ -198,6 +198,13 @@ class Builder {
     return home_for(s.next, {});
   }
 
+  /// No leave to light: dark and at rest until somebody outside of the print has it go on.
+  [[nodiscard]] Step withheld(const Exposing& s, const Error& cause) const {
+    return to(Faulted{s.layer, false, cause},
+              {LightOff{}, HoldStage{}, WriteJournal{JournalStep::NotExposed, s.layer, {}, {}},
+               WriteJournal{JournalStep::Stopped, s.layer, {}, {}}});
+  }
+
   /// Dark and at rest, to be resumed by the next start of the site.
   [[nodiscard]] Step stopped(LayerIndex next, bool maybe_exposed, Commands commands = {}) const {
     if (commands.empty()) commands.emplace_back(LightOff{});
@@ -347,6 +354,9 @@ Step transition(const PrintPlan& plan, const PrintState& state, const PrintEvent
             if (e.exposure != s.exposure) return stay();
             return b.fault(s.layer, false, e.cause,
                            {LightOff{}, HoldStage{}, WriteJournal{JournalStep::NotExposed, s.layer, {}, {}}});
+          },
+          [&](const Exposing& s, const LeaveRefused& e) {
+            return e.exposure == s.exposure ? b.withheld(s, e.cause) : stay();
           },
           [&](const Exposing& s, const PauseAsked&) {
             return s.after == AfterExposure::Stop ? stay() : b.to(Exposing{s.layer, s.exposure, AfterExposure::Pause});

@@ -47,6 +47,8 @@ Json record_json(const PrintRecord& r) {
     json["orders"] = std::move(orders);
   }
   if (!r.gaps.empty()) json["journal_gaps"] = r.gaps;
+  if (r.attempt > 0) json["attempt"] = r.attempt;
+  if (r.withheld != FenceRefusal::None) json["withheld"] = name_of(r.withheld);
   return json;
 }
 
@@ -61,6 +63,13 @@ JournalStep note_from(const nlohmann::ordered_json& j) {
   for (const JournalStep step : {JournalStep::Exposed, JournalStep::Passed, JournalStep::DecidedTreatAsExposed})
     if (name_of(step) == text) return step;
   throw nlohmann::ordered_json::other_error::create(501, "unknown note " + text, nullptr);
+}
+
+FenceRefusal refusal_from(const nlohmann::ordered_json& j) {
+  const auto text = j.get<std::string>();
+  for (const FenceRefusal each : {FenceRefusal::Superseded, FenceRefusal::LeaseEnded, FenceRefusal::Unanswered})
+    if (name_of(each) == text) return each;
+  throw nlohmann::ordered_json::other_error::create(501, "unknown refusal " + text, nullptr);
 }
 
 PrintRecord record_from(const nlohmann::ordered_json& j) {
@@ -86,6 +95,8 @@ PrintRecord record_from(const nlohmann::ordered_json& j) {
     for (const auto& o : j.at("orders"))
       r.orders.push_back({o.at("word").get<std::string>(), o.at("by").get<std::string>(), o.value("why", ""),
                           Nanoseconds{whole_number<std::int64_t>(o.at("wall_ns"))}});
+  if (j.contains("attempt")) r.attempt = whole_number<std::uint32_t>(j.at("attempt"));
+  if (j.contains("withheld")) r.withheld = refusal_from(j.at("withheld"));
   if (j.contains("journal_gaps")) r.gaps = j.at("journal_gaps").get<std::vector<std::string>>();
   return r;
 }
@@ -95,6 +106,12 @@ tl::unexpected<Error> no_record(const std::exception& e) {
 }
 
 }  // namespace
+
+std::string_view name_of(FenceRefusal refusal) {
+  static constexpr std::string_view names[] = {"none", "superseded", "lease-ended", "unanswered"};
+  static_assert(std::size(names) == static_cast<std::size_t>(FenceRefusal::Unanswered) + 1);
+  return names[static_cast<std::size_t>(refusal)];
+}
 
 std::string_view name_of(PrintOutcome outcome) {
   static constexpr std::string_view names[] = {"done", "cancelled", "faulted"};

@@ -28,13 +28,14 @@ constexpr Nanoseconds kExposureGrace = 1s;
 class Run {
  public:
   Run(Projector& projector, ZStage& stage, MaskSource& masks, PrintJournal& journal, Clock& clock, Sensors* sensors,
-      const PrintPlan& plan, const PrintPolicy& policy, PrintControl& control, const PrintSink& sink)
+      LightFence* fence, const PrintPlan& plan, const PrintPolicy& policy, PrintControl& control, const PrintSink& sink)
       : projector_{projector},
         stage_{stage},
         masks_{masks},
         journal_{journal},
         clock_{clock},
         sensors_{sensors},
+        fence_{fence},
         plan_{plan},
         policy_{policy},
         control_{control},
@@ -44,9 +45,10 @@ class Run {
 
   /// Until final, or faulted with nothing left to try.
   void print(std::stop_token stop) {
+    stop_ = std::move(stop);
     feed(StartAsked{journal_.resume_point()});
     while (!is_final(state_)) {
-      if (stop.stop_requested() && !std::exchange(stopping_, true)) {
+      if (stop_.stop_requested() && !std::exchange(stopping_, true)) {
         feed(StopAsked{exposure_ && exposure_->due - clock_.now() <= policy_.longest_last_light});
         continue;
       }
@@ -91,6 +93,8 @@ class Run {
 
   [[nodiscard]] const PrintState& state() const { return state_; }
   [[nodiscard]] const std::string& alarm() const { return alarm_; }
+  /// Why the print ended without leave to light; None: it did not.
+  [[nodiscard]] FenceRefusal withheld() const { return withheld_; }
 
   /// The light off, whatever it takes. Returns whether the device confirmed it.
   [[nodiscard]] bool go_dark() {
@@ -203,7 +207,33 @@ class Run {
     return std::nullopt;
   }
 
+  /// Dark and at rest; nothing of the layer is in the journal yet. Nothing: it may be lit.
+  [[nodiscard]] std::optional<PrintEvent> await_leave(Ticket exposure, LayerIndex layer) {
+    if (fence_ == nullptr) return std::nullopt;
+    const Nanoseconds due = clock_.now() + policy_.longest_leave;
+    while (true) {
+      const Leave leave = fence_->leave(layer);
+      if (leave.state == LeaveState::Given) {
+        withheld_ = FenceRefusal::None;
+        return std::nullopt;
+      }
+      if (leave.state == LeaveState::Refused || stop_.stop_requested() || clock_.now() >= due)
+        return without_leave(exposure, layer, leave);
+      clock_.sleep_for(policy_.poll);
+    }
+  }
+
+  [[nodiscard]] PrintEvent without_leave(Ticket exposure, LayerIndex layer, const Leave& leave) {
+    withheld_ = leave.state == LeaveState::Awaited ? FenceRefusal::Unanswered : leave.why;
+    return LeaveRefused{exposure,
+                        {ErrorCode::Conflict, fmt::format("layer {} is not exposed: {}", layer.count(), leave.what)}};
+  }
+
   [[nodiscard]] std::optional<PrintEvent> expose(const Expose& c) {
+    // The line in the journal took its time; whatever happened meanwhile counts.
+    if (fence_ != nullptr)
+      if (const Leave leave = fence_->leave(c.layer); leave.state != LeaveState::Given)
+        return without_leave(c.exposure, c.layer, leave);
     const Microseconds duration = plan_.layers[c.layer.count()].exposure;
     made_ = {};
     made_.started_wall = clock_.wall();
@@ -220,7 +250,10 @@ class Run {
   }
 
   [[nodiscard]] std::optional<PrintEvent> write(const WriteJournal& c) {
+    if (const auto* s = std::get_if<Exposing>(&state_); s != nullptr && c.step == JournalStep::Exposing)
+      if (auto refused = await_leave(s->exposure, c.layer)) return refused;
     JournalEntry entry{c.step, c.layer, clock_.wall(), {}, c.by, {}, c.why};
+    if (fence_ != nullptr && c.step == JournalStep::Exposing) entry.attempt = fence_->attempt();
     if (c.layer.count() < plan_.layers.size()) {
       const PlannedLayer& planned = plan_.layers[c.layer.count()];
       entry.made = c.step == JournalStep::Exposed ? made_ : LayerRecord{};
@@ -320,6 +353,7 @@ class Run {
   PrintJournal& journal_;
   Clock& clock_;
   Sensors* sensors_;
+  LightFence* fence_;
   const PrintPlan& plan_;
   const PrintPolicy& policy_;
   PrintControl& control_;
@@ -331,7 +365,9 @@ class Run {
   std::optional<double> resin_celsius_;  ///< last measured
   std::uint32_t retries_ = 0;
   std::uint32_t recoveries_;
+  std::stop_token stop_;
   bool stopping_ = false;
+  FenceRefusal withheld_ = FenceRefusal::None;
   std::optional<Error> unkept_;  ///< what the journal would not take last
   double z_mm_ = 0;
   std::string alarm_;
@@ -375,8 +411,14 @@ void PrintControl::close() {
 }
 
 PrintRunner::PrintRunner(Projector& projector, ZStage& stage, MaskSource& masks, PrintJournal& journal, Clock& clock,
-                         Sensors* sensors)
-    : projector_{projector}, stage_{stage}, masks_{masks}, journal_{journal}, clock_{clock}, sensors_{sensors} {}
+                         Sensors* sensors, LightFence* fence)
+    : projector_{projector},
+      stage_{stage},
+      masks_{masks},
+      journal_{journal},
+      clock_{clock},
+      sensors_{sensors},
+      fence_{fence} {}
 
 Result<PrintRecord> PrintRunner::run(const PrintPlan& plan, const PrintPolicy& policy, PrintControl& control,
                                      const PrintSink& sink, std::stop_token stop) {
@@ -410,6 +452,7 @@ Result<PrintRecord> PrintRunner::run(const PrintPlan& plan, const PrintPolicy& p
     record.layers = journal_.layers();
     record.orders = journal_.orders();
     record.gaps = journal_.gaps();
+    record.attempt = journal_.attempt();
     record.next = layer_of(state);
     if (std::holds_alternative<Done>(state)) record.outcome = PrintOutcome::Done;
     // A cancel that was answered stands, even where the platform could not be raised on it.
@@ -429,16 +472,23 @@ Result<PrintRecord> PrintRunner::run(const PrintPlan& plan, const PrintPolicy& p
     return record_of(Faulted{journal_.resume_point().next,
                              journal_.resume_point().maybe_exposed,
                              {ErrorCode::Cancelled, "paused by " + standing.by}});
-  if (const auto ok =
-          journal_.write({JournalStep::Planned, journal_.resume_point().next, clock_.wall(), digest, {}, {}, {}});
+  if (const auto ok = journal_.write({JournalStep::Planned,
+                                      journal_.resume_point().next,
+                                      clock_.wall(),
+                                      digest,
+                                      {},
+                                      {},
+                                      {},
+                                      fence_ != nullptr ? fence_->attempt() : 0});
       !ok)
     return tl::unexpected{ok.error()};
 
-  Run run{projector_, stage_, masks_, journal_, clock_, sensors_, plan, policy, control, sink};
+  Run run{projector_, stage_, masks_, journal_, clock_, sensors_, fence_, plan, policy, control, sink};
   run.print(stop);
   const bool dark = run.go_dark();
 
   PrintRecord record = record_of(run.state());
+  if (record.outcome == PrintOutcome::Faulted) record.withheld = run.withheld();
   if (!dark)
     record.cause = {ErrorCode::DeviceLost, run.alarm() + (record.cause.what.empty() ? "" : "; ") + record.cause.what};
   return record;

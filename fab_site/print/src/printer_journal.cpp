@@ -36,6 +36,7 @@ std::string body_of(const PrinterJournalEntry& e) {
   if (e.step == PrinterStep::Starting || e.step == PrinterStep::Started) json["task"] = e.task;
   if (e.problem != PrinterProblem::None) json["problem"] = name_of(e.problem);
   if (e.step == PrinterStep::Finished) json["end"] = name_of(e.end);
+  if (e.attempt > 0) json["attempt"] = e.attempt;
   if (!e.by.empty()) json["by"] = e.by;
   return json_text(json);
 }
@@ -58,6 +59,7 @@ std::optional<PrinterJournalEntry> entry_of(std::string_view body) {
     e.file = json.value("file", "");
     e.md5 = json.value("md5", "");
     e.task = json.value("task", "");
+    if (json.contains("attempt")) e.attempt = whole_number<std::uint32_t>(json.at("attempt"));
     e.by = json.value("by", "");
     if (e.step == PrinterStep::Finished) {
       const auto end = std::find(kEnds.begin(), kEnds.end(), json.at("end").get<std::string>());

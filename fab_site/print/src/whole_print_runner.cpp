@@ -10,8 +10,8 @@ namespace telefab::fab {
 namespace {
 
 constexpr std::array<std::string_view, 6> kPhases{"checking", "uploading", "starting", "printing", "lost", "refused"};
-constexpr std::array<std::string_view, 8> kOutcomes{"done", "stopped", "unknown",    "refused", "awaiting-decision",
-                                                    "held", "sent",    "interrupted"};
+constexpr std::array<std::string_view, 9> kOutcomes{"done", "stopped", "unknown",     "refused", "awaiting-decision",
+                                                    "held", "sent",    "interrupted", "withheld"};
 
 struct Word {
   PrinterStep step;
@@ -39,12 +39,14 @@ Result<void> keep(PrintJournal& orders, Word word, Nanoseconds wall) {
 /// One run: the runner's arguments, and what it knows by now.
 class Run {
  public:
-  Run(WholePrinter& printer, PrinterJournal& journal, Clock& clock, PrintJournal* orders, const WholePrintJob& job,
-      const WholePrintPolicy& policy, PrintControl& control, const WholePrintSink& sink, std::stop_token stop)
+  Run(WholePrinter& printer, PrinterJournal& journal, Clock& clock, PrintJournal* orders, LightFence* fence,
+      const WholePrintJob& job, const WholePrintPolicy& policy, PrintControl& control, const WholePrintSink& sink,
+      std::stop_token stop)
       : printer_{printer},
         journal_{journal},
         clock_{clock},
         orders_{orders},
+        fence_{fence},
         job_{job},
         policy_{policy},
         control_{control},
@@ -241,13 +243,38 @@ class Run {
     return now == Order::Pause || now == Order::Cancel || (orders_ != nullptr && now == Order::None);
   }
 
+  /// Nothing: the printer may be asked to start. Words are heard meanwhile.
+  Result<std::optional<Leave>> await_leave() {
+    const Nanoseconds due = clock_.now() + policy_.longest_leave;
+    while (fence_ != nullptr) {
+      Leave leave = fence_->leave(LayerIndex{});
+      if (leave.state == LeaveState::Given) break;
+      if (leave.state == LeaveState::Refused) return leave;
+      if (stop_.stop_requested() || is_held() || clock_.now() >= due)
+        return Leave{LeaveState::Refused, FenceRefusal::Unanswered, leave.what};
+      clock_.sleep_for(std::chrono::milliseconds{50});
+      if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
+    }
+    return std::optional<Leave>{};
+  }
+
   Step start(const std::string& task_before, const WholePrinterFacts& facts) {
     if (auto ok = take_words(); !ok) return tl::unexpected{ok.error()};
     if (is_held() || stop_.stop_requested()) return std::optional<WholePrintReport>{};
+    const auto no_leave = await_leave();
+    if (!no_leave) return tl::unexpected{no_leave.error()};
+    if (is_held() || stop_.stop_requested()) return std::optional<WholePrintReport>{};
+    if (*no_leave) {
+      auto withheld = report(WholePrintOutcome::Withheld, PrinterProblem::None,
+                             fmt::format("the printer is not asked to start it: {}", (*no_leave)->what));
+      withheld->withheld = (*no_leave)->why;
+      return withheld;
+    }
     PrinterJournalEntry entry;
     entry.step = PrinterStep::Starting;
     entry.task = task_before;
     entry.printer = facts.id;
+    if (fence_ != nullptr) entry.attempt = fence_->attempt();
     entry.printer_name = fmt::format("{}, firmware {}", facts.model, facts.firmware);
     is_known_ = true;
     const bool was_asked = journal_.last(PrinterStep::Starting) != nullptr;
@@ -489,6 +516,7 @@ class Run {
   PrinterJournal& journal_;
   Clock& clock_;
   PrintJournal* orders_;
+  LightFence* fence_;
   const WholePrintJob& job_;
   const WholePrintPolicy& policy_;
   PrintControl& control_;
@@ -537,7 +565,7 @@ PrinterMisfit misfit_of(const WholePrintJob& job, const WholePrinterFacts& print
 Result<WholePrintReport> WholePrintRunner::run(const WholePrintJob& job, const WholePrintPolicy& policy,
                                                PrintControl& control, const WholePrintSink& sink,
                                                std::stop_token stop) {
-  return Run{printer_, journal_, clock_, orders_, job, policy, control, sink, std::move(stop)}.go();
+  return Run{printer_, journal_, clock_, orders_, fence_, job, policy, control, sink, std::move(stop)}.go();
 }
 
 Result<void> keep_words(PrintControl& control, PrintJournal& orders, Nanoseconds wall) {

@@ -413,5 +413,45 @@ TEST(WholePrint, IsGivenUpByASecondCancelWhileItsPrinterDoesNotAnswer) {
   EXPECT_EQ(bench.model.starts_of("part.goo"), 1U);
 }
 
+TEST(WholePrint, IsNotStartedWithoutTheLeaveOfItsFenceAndNeedsNoneOnceItWasAskedFor) {
+  class Gate final : public LightFence {
+   public:
+    std::uint32_t attempt() const override { return 4; }
+    Leave leave(LayerIndex) override { return answer; }
+    Leave answer;
+  };
+  WholePrintBench bench;
+  Gate gate;
+  const auto run = [&] {
+    auto journal = PrinterJournal::open(memory_journal_file(bench.journal)).value();
+    SdcpOptions options;
+    options.address.host = "127.0.0.1";
+    const auto driver = make_sdcp_printer(*bench.network, bench.clock, options);
+    PrintControl control;
+    const WholePrintSink refuse_once_started = [&](const WholePrintEvent& event) {
+      if (event.phase == WholePrintPhase::Printing)
+        gate.answer = {LeaveState::Refused, FenceRefusal::Superseded, "attempt 5 is under way"};
+    };
+    return WholePrintRunner{*driver, journal, bench.clock, nullptr, &gate}
+        .run(bench.job, {}, control, refuse_once_started, {})
+        .value();
+  };
+  for (const auto& [state, why] :
+       {std::pair{LeaveState::Refused, FenceRefusal::Superseded}, {LeaveState::Awaited, FenceRefusal::Unanswered}}) {
+    gate.answer = {state, why, "not now"};
+    const auto report = run();
+    EXPECT_EQ(report.outcome, WholePrintOutcome::Withheld);
+    EXPECT_EQ(report.withheld, why);
+  }
+  EXPECT_EQ(bench.model.starts_of("part.goo"), 0U);
+  EXPECT_EQ(PrinterJournal::open(memory_journal_file(bench.journal)).value().last(PrinterStep::Starting), nullptr);
+  gate.answer = {};
+  EXPECT_EQ(run().outcome, WholePrintOutcome::Done);
+  EXPECT_EQ(bench.model.starts_of("part.goo"), 1U);
+  const auto journal = PrinterJournal::open(memory_journal_file(bench.journal)).value();
+  ASSERT_NE(journal.last(PrinterStep::Starting), nullptr);
+  EXPECT_EQ(journal.last(PrinterStep::Starting)->attempt, 4U);
+}
+
 }  // namespace
 }  // namespace telefab::fab

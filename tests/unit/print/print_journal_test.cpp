@@ -215,5 +215,47 @@ TEST(PrintJournal, KeepsADamagedFileBesideTheSoundOne) {
   fs::remove_all(folder);
 }
 
+TEST(PrintJournal, KeepsTheAttemptOfAStartAndOfEachAnnouncedLayer) {
+  std::string bytes;
+  {
+    auto journal = PrintJournal::open(memory_journal_file(bytes)).value();
+    EXPECT_EQ(journal.attempt(), 0U);
+    for (const JournalStep step : {JournalStep::Planned, JournalStep::Exposing}) {
+      JournalEntry entry = line(step, 0);
+      entry.attempt = 3;
+      ASSERT_TRUE(journal.write(entry));
+    }
+  }
+  const auto again = PrintJournal::open(memory_journal_file(bytes)).value();
+  EXPECT_EQ(again.attempt(), 3U);
+  EXPECT_EQ(again.entries().back().attempt, 3U);
+}
+
+TEST(PrintJournal, TakesNoStartAndNoLayerOfAnOlderAttempt) {
+  auto journal = PrintJournal::open(memory_journal_file()).value();
+  const auto entry = [](JournalStep step, std::uint32_t attempt) {
+    JournalEntry made = line(step, 0);
+    made.attempt = attempt;
+    return made;
+  };
+  ASSERT_TRUE(journal.write(entry(JournalStep::Planned, 3)));
+  for (const std::uint32_t older : {0U, 2U})
+    for (const JournalStep step : {JournalStep::Planned, JournalStep::Exposing}) {
+      const auto refused = journal.write(entry(step, older));
+      ASSERT_FALSE(refused);
+      EXPECT_EQ(refused.error().code, ErrorCode::Conflict);
+    }
+  EXPECT_TRUE(journal.write(line(JournalStep::NotExposed, 0))) << "what says that nothing was lit is always kept";
+  EXPECT_TRUE(journal.write(entry(JournalStep::Exposing, 3)));
+  EXPECT_TRUE(journal.write(entry(JournalStep::Planned, 4)));
+}
+
+TEST(PrintJournal, WithoutAnAttemptIsWrittenAsItEverWas) {
+  std::string bytes;
+  auto journal = PrintJournal::open(memory_journal_file(bytes)).value();
+  ASSERT_TRUE(journal.write(line(JournalStep::Planned, 0)));
+  EXPECT_EQ(bytes.find("attempt"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace telefab::fab

@@ -66,7 +66,7 @@ std::vector<PrintState> every_state() {
 }
 
 std::vector<PrintEvent> every_event() {
-  static_assert(std::variant_size_v<PrintEvent> == 15, "add the new event below");
+  static_assert(std::variant_size_v<PrintEvent> == 16, "add the new event below");
   std::vector<PrintEvent> events{DeviceFailed{kCause},
                                  InterlockOpened{},
                                  WrongTemperature{60, true},
@@ -82,8 +82,8 @@ std::vector<PrintEvent> every_event() {
   for (const auto d : {Decision::ExposeAgain, Decision::TreatAsExposed, Decision::GiveUp})
     events.emplace_back(DecisionMade{d, "ana"});
   for (const Ticket t : {kMove, kMask, Ticket{3}}) {
-    events.insert(events.end(),
-                  {MoveDone{t}, MaskLoaded{t}, TimerDone{t}, ExposureDone{t}, ExposureRefused{t, kCause}});
+    events.insert(events.end(), {MoveDone{t}, MaskLoaded{t}, TimerDone{t}, ExposureDone{t}, ExposureRefused{t, kCause},
+                                 LeaveRefused{t, kCause}});
   }
   return events;
 }

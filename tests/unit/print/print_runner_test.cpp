@@ -426,5 +426,104 @@ TEST(PrintRunner, GivesTheRecordOfAFinishedJobAgainAndRefusesAJournalOfAnotherPl
   EXPECT_EQ(runner.run(b.plan, {}, b.control, {}, {}).error().code, ErrorCode::NotTrusted);
 }
 
+// ---- the fence ------------------------------------------------------------------------------------------------------
+
+/// Answers by a plan: of each question, counted from 0.
+class PlannedFence final : public LightFence {
+ public:
+  explicit PlannedFence(std::function<Leave(int question)> answer) : answer_{std::move(answer)} {}
+  std::uint32_t attempt() const override { return 2; }
+  Leave leave(LayerIndex) override { return answer_(questions++); }
+  int questions = 0;
+
+ private:
+  std::function<Leave(int)> answer_;
+};
+const Leave kNewer{LeaveState::Refused, FenceRefusal::Superseded, "attempt 3 is under way"};
+const Leave kAwaited{LeaveState::Awaited, FenceRefusal::None, "the database does not answer"};
+
+Result<PrintRecord> print_behind(Bench& b, LightFence& fence, const PrintPolicy& policy = {}) {
+  PrintRunner runner{b.projector, b.stage, b.masks, b.journal, b.clock, &b.sensors, &fence};
+  return runner.run(b.plan, policy, b.control, {}, b.stop.get_token());
+}
+
+TEST(PrintRunner, AsksItsFenceBeforeTheJournalAndBeforeTheLightOfEveryLayer) {
+  Bench b{3};
+  PlannedFence fence{[](int) { return Leave{}; }};
+  const auto record = print_behind(b, fence);
+  ASSERT_TRUE(record) << record.error().what;
+  EXPECT_EQ(record->outcome, PrintOutcome::Done);
+  EXPECT_EQ(record->attempt, 2U);
+  EXPECT_EQ(fence.questions, 6);
+  expect_every_layer_once(b);
+}
+
+TEST(PrintRunner, LightsNothingThatItsFenceRefusesAndLeavesNoLayerInQuestion) {
+  for (int refused_at = 0; refused_at < 6; ++refused_at) {
+    Bench b{3};
+    PlannedFence fence{[&](int question) { return question == refused_at ? kNewer : Leave{}; }};
+    const auto record = print_behind(b, fence);
+    ASSERT_TRUE(record) << record.error().what;
+    EXPECT_EQ(record->outcome, PrintOutcome::Faulted);
+    EXPECT_EQ(record->withheld, FenceRefusal::Superseded);
+    EXPECT_FALSE(record->maybe_exposed);
+    EXPECT_EQ(b.log.light().size(), static_cast<std::size_t>(refused_at / 2));
+    EXPECT_EQ(b.journal.resume_point(), (ResumePoint{LayerIndex{std::uint32_t(refused_at / 2)}, false}));
+    EXPECT_EQ(b.journal.entries().back().step, JournalStep::Stopped) << "it goes on as behind an orderly stop";
+    EXPECT_EQ(print_record_from_json(to_json(*record)).value(), *record);
+    // With leave again it goes on with the exact next layer.
+    ASSERT_TRUE(print_behind(b, fence));
+    expect_every_layer_once(b);
+  }
+}
+
+TEST(PrintRunner, AnnouncesNoLayerBeforeItsFenceGaveLeave) {
+  Bench b{1};
+  PlannedFence fence{[&](int) { return kNewer; }};
+  ASSERT_TRUE(print_behind(b, fence));
+  for (const JournalEntry& entry : b.journal.entries()) EXPECT_NE(entry.step, JournalStep::Exposing);
+}
+
+TEST(PrintRunner, WaitsDarkAndAtRestForTheLeaveAndGoesBackWhereNoneComes) {
+  Bench b{1};
+  PlannedFence late{[&](int question) { return question < 20 ? kAwaited : Leave{}; }};
+  const auto printed = print_behind(b, late);
+  ASSERT_TRUE(printed);
+  EXPECT_EQ(printed->outcome, PrintOutcome::Done);
+  expect_every_layer_once(b);
+  Bench never{1};
+  PlannedFence silent{[&](int) { return kAwaited; }};
+  const Nanoseconds began = never.clock.now();
+  const auto back = print_behind(never, silent);
+  ASSERT_TRUE(back);
+  EXPECT_EQ(back->withheld, FenceRefusal::Unanswered);
+  EXPECT_GE(never.clock.now() - began, PrintPolicy{}.longest_leave);
+  EXPECT_TRUE(never.log.light().empty());
+}
+
+TEST(PrintRunner, EndsTheWaitForLeaveWithTheSite) {
+  Bench b{1};
+  PlannedFence silent{[&](int question) {
+    if (question == 3) b.stop.request_stop();
+    return kAwaited;
+  }};
+  const auto record = print_behind(b, silent);
+  ASSERT_TRUE(record);
+  EXPECT_EQ(record->withheld, FenceRefusal::Unanswered);
+  EXPECT_LE(silent.questions, 5);
+  EXPECT_TRUE(b.log.light().empty());
+}
+
+TEST(PrintRunner, BeginsNothingOfAnOlderAttemptThanItsJournalIsOf) {
+  Bench b{1};
+  JournalEntry newer{JournalStep::Planned, {}, {}, plan_digest(b.plan), {}, {}, {}, 3};
+  ASSERT_TRUE(b.journal.write(newer));
+  PlannedFence fence{[](int) { return Leave{}; }};
+  const auto refused = print_behind(b, fence);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::Conflict);
+  EXPECT_TRUE(b.log.light().empty());
+}
+
 }  // namespace
 }  // namespace telefab::fab

@@ -50,6 +50,7 @@ struct JournalEntry {
   std::string by;    ///< Decided* and operators' words: whose
   LayerRecord made;  ///< Exposed, Passed and DecidedTreatAsExposed only
   std::string why;   ///< Approved: what an operator said about what holds the job; Faulted, SetAside: the cause
+  std::uint32_t attempt = 0;  ///< Planned, Exposing: of the fleet's job; 0: it is no job of a fleet
 };
 
 /// What a print is allowed to do by the last word about it.
@@ -67,8 +68,8 @@ struct StandingOrder {
 
 /// What has been done so far and who allowed it, a record line (record_line.hpp) of JSON each. Each line is written
 /// before the operation it announces and synced where the operation cannot be taken back (all but Ready and Lifted).
-/// Exposing is refused while the standing order is Pause or Cancel: no light without a living order, whoever asks.
-/// Threads: one caller at a time.
+/// Exposing is refused while the standing order is Pause or Cancel: no light without a living order, whoever asks. So
+/// is every start and exposure of an older attempt than the journal knows. Threads: one caller at a time.
 class PrintJournal {
  public:
   /// Reads what there is and cuts a torn tail off. Damage is left as it is (damage()), and nothing is written behind it
@@ -84,6 +85,8 @@ class PrintJournal {
   /// Where the print goes on. {0, false} for an empty one. In question too where the end of the journal is damaged.
   [[nodiscard]] ResumePoint resume_point() const;
   [[nodiscard]] bool finished() const;
+  /// The newest attempt that a line is of; 0: it is no job of a fleet.
+  [[nodiscard]] std::uint32_t attempt() const;
   /// Starts of the print so far.
   [[nodiscard]] std::uint32_t runs() const;
   /// What the layers so far were made with, in the order of the journal; one that was made twice is there twice.
@@ -96,8 +99,8 @@ class PrintJournal {
   /// NotTrusted when the journal belongs to another plan.
   [[nodiscard]] Result<void> belongs_to(const Digest& plan) const;
   /// Appends, and syncs where the step demands it. Fails with StorageFailed, NotTrusted (damaged and not set aside),
-  /// Conflict (Exposing against the standing order); the operation must then not be done. After a failed sync every
-  /// further write fails until the journal is opened again.
+  /// Conflict (Exposing against the standing order, or of an older attempt); the operation must then not be done. After
+  /// a failed sync every further write fails until the journal is opened again.
   [[nodiscard]] Result<void> write(const JournalEntry& entry);
   /// The damaged file is kept beside; what was sound goes on here, a SetAside line says by whom and what is lost, and
   /// `words`, the operator's decision, follow it: all of it or nothing.

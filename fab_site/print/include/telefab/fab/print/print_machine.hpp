@@ -193,6 +193,11 @@ struct ResumeAsked {
 struct CancelAsked {
   std::string by;
 };
+/// The fence gave no leave for the exposure; the light was never on for it. The print ends as at an orderly stop.
+struct LeaveRefused {
+  Ticket exposure{};
+  Error cause;
+};
 /// The runner's own answer to a fault with the light certainly off; nobody's word.
 struct RetryAsked {};
 struct DecisionMade {
@@ -206,7 +211,7 @@ struct StopAsked {
 
 using PrintEvent = std::variant<StartAsked, MoveDone, MaskLoaded, TimerDone, ExposureDone, ExposureRefused,
                                 DeviceFailed, InterlockOpened, WrongTemperature, PauseAsked, ResumeAsked, CancelAsked,
-                                RetryAsked, DecisionMade, StopAsked>;
+                                LeaveRefused, RetryAsked, DecisionMade, StopAsked>;
 
 // ---- commands, carried out in order; one that fails drops those behind it and becomes DeviceFailed
 // -------------------
@@ -223,7 +228,7 @@ enum class JournalStep : std::uint8_t {
   DecidedExposeAgain,     ///< maybe exposed: will be exposed again
   DecidedTreatAsExposed,  ///< maybe exposed: counts as exposed
   Finished,  ///< every layer made and the part raised; a print that broke off before is raised at its resumption
-  Stopped,   ///< an orderly stop of the site; `layer` is the next one. Absent after a crash
+  Stopped,   ///< an orderly stop of the site, or no leave to light; `layer` is the next one. Absent after a crash
   // Words of operators, synced before the command is answered; `by` says whose.
   Approved,     ///< may begin; `by` is "automatic" where the site's policy starts every job
   PauseAsked,   ///< no further exposure until Resumed

@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 #include <telefab/fab/device/projector.hpp>
+#include <telefab/fab/print/light_fence.hpp>
 #include <telefab/fab/print/print_machine.hpp>
 
 namespace telefab::fab {
@@ -54,6 +55,8 @@ struct PrintRecord {
   std::vector<LayerRecord> layers;                ///< in order of exposure
   std::vector<OrderRecord> orders;                ///< in order
   std::vector<std::string> gaps;                  ///< where the print's journal does not cover it
+  std::uint32_t attempt = 0;                      ///< of the fleet's job; 0: it is no job of a fleet
+  FenceRefusal withheld = FenceRefusal::None;     ///< Faulted only: why its next layer had no leave to be lit
   friend bool operator==(const PrintRecord&, const PrintRecord&) = default;
 };
 

@@ -8,6 +8,7 @@
 #include <telefab/fab/device/projector.hpp>
 #include <telefab/fab/device/sensors.hpp>
 #include <telefab/fab/device/z_stage.hpp>
+#include <telefab/fab/print/light_fence.hpp>
 #include <telefab/fab/print/print_journal.hpp>
 #include <telefab/fab/print/print_machine.hpp>
 #include <telefab/fab/print/print_record.hpp>
@@ -86,6 +87,8 @@ struct PrintPolicy {
   /// Longest wait without a look at the operator's wishes and the sensors; >= poll. Sped-up virtual machines multiply
   /// it by their speed-up.
   Nanoseconds slice = std::chrono::milliseconds{50};
+  /// Longest wait for the leave of a fence, dark and at rest, before the print goes back without light; >= 0.
+  Nanoseconds longest_leave = std::chrono::seconds{10};
 };
 
 /// Told after every change of state, from the runner's thread.
@@ -104,16 +107,18 @@ using PrintSink = std::function<void(const PrintProgress&)>;
 /// act, its last, and the first act on every fault. Threads: run() on one thread, PrintControl from any.
 class PrintRunner {
  public:
-  /// All must outlive the runner. `sensors` may be null.
+  /// All must outlive the runner. `sensors` may be null. `fence`: without whose leave no layer is lit; null: the print
+  /// is nobody else's to give away.
   PrintRunner(Projector& projector, ZStage& stage, MaskSource& masks, PrintJournal& journal, Clock& clock,
-              Sensors* sensors = nullptr);
+              Sensors* sensors = nullptr, LightFence* fence = nullptr);
 
   /// Prints, or goes on where the journal ends, until done, cancelled or faulted beyond recovery; a stop request
   /// lets an exposure under way end (PrintPolicy::longest_last_light), else goes dark and holds at once, and leaves the
   /// print resumable (Faulted, its cause Cancelled). A journal whose standing order is Pause or Cancel is left as it
-  /// is: no light, no motion. Returns the record of what happened, that of a finished print again without light or
+  /// is: no light, no motion. Without leave to light the print ends dark and resumable, PrintRecord::withheld says why.
+  /// Returns the record of what happened, that of a finished print again without light or
   /// motion; fails only when nothing could be begun: InvalidInput (plan), NotTrusted (journal of another plan, or
-  /// damaged), Device* (light could not be switched off).
+  /// damaged), Conflict (an older attempt than the journal's), Device* (light could not be switched off).
   [[nodiscard]] Result<PrintRecord> run(const PrintPlan& plan, const PrintPolicy& policy, PrintControl& control,
                                         const PrintSink& sink, std::stop_token stop);
 
@@ -124,6 +129,7 @@ class PrintRunner {
   PrintJournal& journal_;
   Clock& clock_;
   Sensors* sensors_;
+  LightFence* fence_;
 };
 
 }  // namespace telefab::fab

@@ -49,6 +49,7 @@ struct PrinterJournalEntry {
   std::string task;                               ///< Starting: the task that it had before; Started: its own
   PrinterProblem problem = PrinterProblem::None;  ///< NotStarted, Finished
   PrinterEnd end = PrinterEnd::Done;              ///< Finished
+  std::uint32_t attempt = 0;                      ///< Starting: of the fleet's job; 0: it is no job of a fleet
   std::string by;                                 ///< Decided*, *Asked, Resumed, SetAside: whose word
 };
 /// The word as a line of the journal.

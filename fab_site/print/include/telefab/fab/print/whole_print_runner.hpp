@@ -46,6 +46,7 @@ enum class WholePrintOutcome : std::uint8_t {
   Held,              ///< nothing was started: an operator's pause or cancel stands
   Sent,              ///< the printer has the file; nothing was started (WholePrintPolicy::starts)
   Interrupted,       ///< asked to stop; a print under way goes on at the printer
+  Withheld,          ///< nothing was started: the fence gave no leave (withheld)
 };
 [[nodiscard]] std::string_view name_of(WholePrintOutcome outcome);
 
@@ -54,15 +55,17 @@ struct WholePrintReport {
   PrinterProblem problem = PrinterProblem::None;
   std::string message;  ///< for people: what and what to do
   PrinterTask task;     ///< last known
+  FenceRefusal withheld = FenceRefusal::None;
 };
 
 struct WholePrintPolicy {
-  Nanoseconds poll = std::chrono::seconds{2};         ///< between two questions; > 0
-  Nanoseconds start_wait = std::chrono::seconds{30};  ///< for a start to show; >= poll
-  Nanoseconds patience = std::chrono::minutes{10};    ///< without an answer, then the run fails and may be run again
-  Nanoseconds contact = std::chrono::seconds{20};     ///< the same before anything was started
-  bool starts = true;                                 ///< else the file is sent and checked, and that is all
-  std::uint32_t uploads = 3;                          ///< tries to send the file; >= 1
+  Nanoseconds poll = std::chrono::seconds{2};            ///< between two questions; > 0
+  Nanoseconds start_wait = std::chrono::seconds{30};     ///< for a start to show; >= poll
+  Nanoseconds patience = std::chrono::minutes{10};       ///< without an answer, then the run fails and may be run again
+  Nanoseconds contact = std::chrono::seconds{20};        ///< the same before anything was started
+  Nanoseconds longest_leave = std::chrono::seconds{10};  ///< for the leave of a fence; >= 0
+  bool starts = true;                                    ///< else the file is sent and checked, and that is all
+  std::uint32_t uploads = 3;                             ///< tries to send the file; >= 1
 };
 
 /// Hands a plan to a printer that owns its light, and watches it. Light: by the printer; this side never makes any, and
@@ -71,9 +74,11 @@ struct WholePrintPolicy {
 class WholePrintRunner {
  public:
   /// All must outlive the runner. `orders`: the journal that keeps operators' words, without a living one of which
-  /// nothing is started; null: `journal` keeps them, and whoever runs it is the operator.
-  WholePrintRunner(WholePrinter& printer, PrinterJournal& journal, Clock& clock, PrintJournal* orders = nullptr)
-      : printer_{printer}, journal_{journal}, clock_{clock}, orders_{orders} {}
+  /// nothing is started; null: `journal` keeps them, and whoever runs it is the operator. `fence`: without whose leave
+  /// nothing is started; what a printer was asked for needs none. Null: the print is nobody else's to give away.
+  WholePrintRunner(WholePrinter& printer, PrinterJournal& journal, Clock& clock, PrintJournal* orders = nullptr,
+                   LightFence* fence = nullptr)
+      : printer_{printer}, journal_{journal}, clock_{clock}, orders_{orders}, fence_{fence} {}
 
   /// Checks the printer against the job, sends the file, starts it and watches it to its end, or goes on where the
   /// journal ends. A second cancel while the printer does not answer gives the print up (Unknown). Fails where nothing
@@ -87,6 +92,7 @@ class WholePrintRunner {
   PrinterJournal& journal_;
   Clock& clock_;
   PrintJournal* orders_;
+  LightFence* fence_;
 };
 
 /// Keeps the words that wait; all that is to be done about them while nothing was asked of a printer. Fails as
