@@ -27,7 +27,10 @@ Result<void> serve_fab_site(const FabSiteConfig& config, const Clock& clock, std
   if (!site) return tl::unexpected{site.error()};
   auto machines = FabMachines::of((*site)->profiles(), std::move(instances));
   if (!machines) return tl::unexpected{machines.error()};
-  FabSite work{**site, config, std::move(*machines)};
+  auto leases = LeaseBook::open((*site)->folder().path() / "fleet", clock);
+  if (!leases) return tl::unexpected{leases.error()};
+  for (const std::string& unreadable : (*leases)->unreadable()) log_warning(unreadable);
+  FabSite work{**site, config, std::move(*machines), std::move(*leases)};
   if (auto served = (*site)->serve(work, std::move(stop)); !served) return served;
   log_line(
       "telefab-fab ends; every print by its own light is dark and is resumed at the next start, and what whole "
@@ -35,13 +38,18 @@ Result<void> serve_fab_site(const FabSiteConfig& config, const Clock& clock, std
   return {};
 }
 
-FabSite::FabSite(Site& site, const FabSiteConfig& config, FabMachines machines)
+FabSite::FabSite(Site& site, const FabSiteConfig& config, FabMachines machines, std::unique_ptr<LeaseBook> leases)
     : SiteWork{site},
       start_on_approval_{config.start_on_approval},
-      dispatcher_{site, config, std::move(machines)},
+      leases_{std::move(leases)},
+      dispatcher_{site, config, std::move(machines), *leases_},
       planner_{site, config.planning, dispatcher_},
-      intake_{site, SiteKeys{config.site_keys.empty() ? config.serve.tls_folder : config.site_keys}, config.at_start,
-              planner_} {}
+      intake_{site,
+              SiteKeys{config.site_keys.empty() ? config.serve.tls_folder : config.site_keys},
+              config.at_start,
+              planner_,
+              *leases_,
+              config.fleet.empty() ? JobIntake::InFleet::No : JobIntake::InFleet::Yes} {}
 
 void FabSite::resume(const Job& job) {
   const auto resumed = [&]() -> Result<void> {

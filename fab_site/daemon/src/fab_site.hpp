@@ -18,7 +18,7 @@ namespace telefab::fab {
 class FabSite final : public SiteWork {
  public:
   /// The site must outlive it.
-  FabSite(Site& site, const FabSiteConfig& config, FabMachines machines);
+  FabSite(Site& site, const FabSiteConfig& config, FabMachines machines, std::unique_ptr<LeaseBook> leases);
 
   void machines(std::function<void(Machines)> done) override;
   Result<void> may_submit(const Submit& submit) override;
@@ -42,6 +42,7 @@ class FabSite final : public SiteWork {
   void end_when_dark(std::function<void()> ended);
 
   bool start_on_approval_;
+  std::unique_ptr<LeaseBook> leases_;
   JobDispatcher dispatcher_;
   JobPlanner planner_;
   JobIntake intake_;

@@ -32,7 +32,8 @@ Result<Intake> Intake::reopen(const std::filesystem::path& folder, LayerSink sin
   if (!spool) return tl::unexpected{spool.error()};
   Intake intake{folder, std::move(*offer), std::move(*spool), std::move(*decoder), std::move(sink)};
   intake.hasher_.feed(canonical_text(intake.offer_.header));
-  if (intake.is_complete()) return intake;
+  intake.has_end_ = saved_end(folder).has_value();
+  if (intake.spool_.finished()) return intake;
   for (std::uint32_t sequence = 0; sequence < intake.spool_.chunk_count(); ++sequence) {
     const auto chunk = intake.spool_.read(sequence);
     if (!chunk) return tl::unexpected{chunk.error()};
@@ -82,11 +83,12 @@ Result<void> Intake::finish(const StackEnd& end) {
     return fail(ErrorCode::NotTrusted,
                 fmt::format("stack-end: {} of {} layers are here", spool_.layer_count(), offer_.header.layer_count));
   if (end.chain != spool_.chain()) return fail(ErrorCode::NotTrusted, "stack-chain: the chain of the chunks differs");
-  if (is_complete() ? *spool_.finished() != end.stack : hasher_.digest() != end.stack)
+  if (spool_.finished() ? *spool_.finished() != end.stack : hasher_.digest() != end.stack)
     return fail(ErrorCode::NotTrusted, "stack-digest: the decoded layers are not those the scan site cut");
   if (is_signed(offer_))
     if (auto held = check_end(offer_, end); !held) return held;
   if (auto saved = save_end(folder_, end); !saved) return saved;
+  has_end_ = true;
   return spool_.finish(end.stack);
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 #include <telefab/codec/stack_codec.hpp>
 #include <telefab/transfer/chunk_spool.hpp>
+#include <telefab/wire/job_signature.hpp>
 #include <telefab/wire/message.hpp>
 
 #include <filesystem>
@@ -27,7 +28,8 @@ class Intake {
   [[nodiscard]] const Offer& offer() const { return offer_; }
   [[nodiscard]] const ChunkSpool& spool() const { return spool_; }
   [[nodiscard]] std::uint32_t next_sequence() const { return spool_.chunk_count(); }
-  [[nodiscard]] bool is_complete() const { return spool_.finished().has_value(); }
+  /// All layers are here, and of a signed job its signed end.
+  [[nodiscard]] bool is_complete() const { return spool_.finished().has_value() && (!is_signed(offer_) || has_end_); }
   /// Durable when it returns. A chunk that is here already and equal is fine. ProtocolBroken (gap, layers that do not
   /// decode or leave the bounds), NotTrusted (chain), StorageFailed.
   [[nodiscard]] Result<void> take(const SendChunk& chunk);
@@ -50,6 +52,7 @@ class Intake {
   StackDecoder decoder_;
   Hasher hasher_;
   LayerSink sink_;
+  bool has_end_ = false;
 };
 
 /// A complete job.

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <telefab/fab/planning/preflight.hpp>
 #include <telefab/service/log.hpp>
+#include <telefab/service/saved_message.hpp>
 
 #include "job_room.hpp"
 #include "upload.hpp"
@@ -49,16 +50,29 @@ MachineState state_of(MachineStanding standing) {
   return MachineState::Offline;
 }
 
+/// A job that came as a fleet's and of which the book says nothing is lit by nobody.
+Result<std::shared_ptr<LightFence>> fence_of(LeaseBook& leases, const FoundJob& found) {
+  auto fence = leases.fence_of(found.job.id);
+  const auto offer = saved_offer(found.folder);
+  if (!fence && offer && offer->attempt > 0)
+    return fail(ErrorCode::Conflict,
+                fmt::format("it is attempt {} of a fleet's job, and the record of that in the data folder (fleet/) is "
+                            "gone, so nobody can say whether it is printed elsewhere; cancel it",
+                            offer->attempt));
+  return fence;
+}
+
 /// A job that was let print and is not on a machine.
 bool may_wait(const Job& job) { return job.state == JobState::Ready || job.state == JobState::Printing; }
 
 }  // namespace
 
-JobDispatcher::JobDispatcher(Site& site, const FabSiteConfig& config, FabMachines machines)
+JobDispatcher::JobDispatcher(Site& site, const FabSiteConfig& config, FabMachines machines, LeaseBook& leases)
     : site_{site},
       at_start_{config.at_start},
       start_on_approval_{config.start_on_approval},
       machines_{std::move(machines)},
+      leases_{leases},
       platforms_{site.folder().path() / "platforms"},
       queue_{queued(machines_, config.platform)},
       shown_(machines_.size()) {
@@ -81,6 +95,7 @@ std::unique_ptr<JobPrinter> JobDispatcher::make_printer(std::size_t place, const
   JobPrinter::Parts parts;
   parts.name = machines_[place].name;
   parts.profile_of = [this, place](const Job& job) { return machines_.profile_on(place, job); };
+  parts.fence_of = [this](const FoundJob& found) { return fence_of(leases_, found); };
   parts.machine = printing_machine(machines_.profile(place));
   parts.at_start = config.at_start;
   parts.events = {[this](const std::string& job, const PrintStanding& standing, double seconds_left) {
@@ -276,7 +291,7 @@ bool JobDispatcher::fits_elsewhere(const std::string& job) {
   const auto now = store().find(job);
   const auto here = queue_.machine_of(job);
   if (!now || !here) return false;
-  const auto fits = machines_.fits(*now);
+  const auto fits = this->fits(*now);
   return std::ranges::any_of(fits.places, [&](std::size_t place) {
     const MachineStanding at = queue_.standing(place);
     return place != *here && at != MachineStanding::Offline && at != MachineStanding::Fault;
@@ -286,7 +301,8 @@ bool JobDispatcher::fits_elsewhere(const std::string& job) {
 void JobDispatcher::wait_for_machine(const std::string& job, InTrouble in_trouble) {
   const auto now = store().find(job);
   if (!now) return log_warning(now.error().what, {job});
-  const auto fits = machines_.fits(*now);
+  if (!has_leave(*now)) return;
+  const auto fits = this->fits(*now);
   const auto begun = queue_.begun_on(job);
   const bool is_misfit = begun && std::ranges::find(fits.places, *begun) == fits.places.end();
   // What goes on at its printer is watched there, and obeys, whatever that has become.
@@ -301,6 +317,44 @@ void JobDispatcher::wait_for_machine(const std::string& job, InTrouble in_troubl
     return tracker().move(job, JobState::Paused, fits.why_none + "; telefab resume tries again");
   queue_.add(job, fits.places, in_trouble);
   dispatch_soon();
+}
+
+FabMachines::Fits JobDispatcher::fits(const Job& job) const {
+  auto found = machines_.fits(job);
+  const auto own = leases_.own(job.id);
+  if (!own || found.places.empty()) return found;
+  std::erase_if(found.places, [&](std::size_t place) { return machines_[place].name != own->hold.machine; });
+  if (found.places.empty())
+    found.why_none = fmt::format(
+        "the fleet has it printed on {}, which does not stand here or does not fit it any more", own->hold.machine);
+  return found;
+}
+
+bool JobDispatcher::has_leave(const Job& job) {
+  if (only_watched_.contains(job.id)) return true;  // its printer was asked already
+  const Leave leave = leases_.leave(job.id);
+  if (leave.state != LeaveState::Refused) return true;
+  queue_.drop(job.id);
+  if (leave.why == FenceRefusal::Superseded) {
+    tracker().end(job.id, JobState::Cancelled, leave.what);
+    return false;
+  }
+  const std::string why = fmt::format("waits for the fleet: {}", leave.what);
+  if (may_wait(job) && job.message != why) tracker().move(job.id, job.state, why);
+  return false;
+}
+
+void JobDispatcher::lease_changed(const std::string& job) {
+  const auto now = store().find(job);
+  if (!now || is_final(now->state)) return;
+  // What is under way asks its fence by itself, and what waits for an operator goes on waiting for one.
+  const bool is_over = leases_.leave(job).why == FenceRefusal::Superseded;
+  if (JobPrinter* const printer = printer_of(job)) {
+    if (!is_over || printer->control_of(job)) return;
+    printer->take_off(job);
+  }
+  if (is_over) return tracker().end(job, JobState::Cancelled, leases_.leave(job).what);
+  if (may_wait(*now) && !queue_.waits(job)) wait_for_machine(job);
 }
 
 void JobDispatcher::dispatch() {
@@ -412,7 +466,7 @@ void JobDispatcher::on_left(const std::string& job, const PrintEnd& end) {
     }
   }
   if (end.is_nothing_made) queue_.forget_begun(job);
-  if (end.goes_elsewhere) return wait_for_machine(job);
+  if (end.goes_elsewhere || end.withheld != FenceRefusal::None) return wait_for_machine(job);
   dispatch();
 }
 

@@ -7,6 +7,7 @@
 #include <set>
 #include <telefab/fab/daemon/serve_fab_site.hpp>
 #include <telefab/fab/planning/preflight.hpp>
+#include <telefab/fab/print/lease_book.hpp>
 #include <telefab/job/machine_status.hpp>
 #include <telefab/service/site.hpp>
 
@@ -23,8 +24,8 @@ namespace telefab::fab {
 /// moves. Threads: the loop's, but for what says otherwise.
 class JobDispatcher {
  public:
-  /// The site must outlive it.
-  JobDispatcher(Site& site, const FabSiteConfig& config, FabMachines machines);
+  /// Site and leases, those of this fab, must outlive it.
+  JobDispatcher(Site& site, const FabSiteConfig& config, FabMachines machines, LeaseBook& leases);
   JobDispatcher(const JobDispatcher&) = delete;
   JobDispatcher& operator=(const JobDispatcher&) = delete;
 
@@ -40,6 +41,11 @@ class JobDispatcher {
   /// An operator says that the platform of the machine is empty, or that it is ready again. The job whose part was on
   /// it, or that met the trouble; one without an id where there is none.
   [[nodiscard]] Result<Job> clear_platform(const std::string& machine);
+
+  /// Something changed of the lease of a job of a fleet, by its id here: what waited for it goes on, what is over ends.
+  void lease_changed(const std::string& job);
+  /// What stands in the fab.
+  [[nodiscard]] const FabMachines& machines() const { return machines_; }
 
   /// What somebody is to decide about the job, and nobody has yet. Any thread.
   [[nodiscard]] OpenQuestion question_about(const std::string& job) const { return questions_.about(job); }
@@ -74,6 +80,10 @@ class JobDispatcher {
 
   /// The job may print: it gets a machine, now or later.
   void wait_for_machine(const std::string& job, InTrouble in_trouble = InTrouble::Waits);
+  /// Whether the fleet, where the job is one of it, lets it print here; else it waits for that, or is over.
+  [[nodiscard]] bool has_leave(const Job& job);
+  /// The places that fit the job; of a fleet's job the one that it is leased for alone.
+  [[nodiscard]] FabMachines::Fits fits(const Job& job) const;
   [[nodiscard]] bool fits_elsewhere(const std::string& job);
   /// What waits gets the machines that are free.
   void dispatch();
@@ -133,6 +143,7 @@ class JobDispatcher {
   StartPolicy at_start_;
   bool start_on_approval_;
   FabMachines machines_;
+  LeaseBook& leases_;
   Platforms platforms_;
   OpenQuestions questions_;
   MachineQueue queue_;

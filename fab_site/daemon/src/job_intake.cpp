@@ -21,9 +21,38 @@ constexpr std::size_t kMostPutOff = 1000;  ///< beyond them health() has enough 
 
 }  // namespace
 
-JobIntake::JobIntake(Site& site, SiteKeys keys, StartPolicy policy, JobPlanner& planner)
-    : site_{site}, keys_{std::move(keys)}, policy_{policy}, planner_{planner} {
+JobIntake::JobIntake(Site& site, SiteKeys keys, StartPolicy policy, JobPlanner& planner, LeaseBook& leases,
+                     InFleet in_fleet)
+    : site_{site}, keys_{std::move(keys)}, policy_{policy}, planner_{planner}, leases_{leases}, in_fleet_{in_fleet} {
   tracker().on_end([this](const std::string& job) { live_.erase(job); });
+}
+
+Result<std::optional<OfferDeferred>> JobIntake::check_attempt(const Offer& offer, const std::string& site) {
+  const auto may_be_taken = std::optional<OfferDeferred>{};
+  if (offer.attempt == 0) {
+    if (!leases_.own(offer.job)) return may_be_taken;
+    return fail(ErrorCode::Conflict, fmt::format("fleet-attempt: job {} is a fleet's, and is offered without its "
+                                                 "attempt",
+                                                 offer.job));
+  }
+  const std::string fleet_job = fleet_job_of(offer.job, offer.attempt).value_or(offer.job);
+  const auto hold = leases_.find(fleet_job);
+  if (hold && hold->attempt > offer.attempt)
+    return fail(ErrorCode::Conflict,
+                fmt::format("fleet-attempt: attempt {} of job {} is over, attempt {} is known here", offer.attempt,
+                            fleet_job, hold->attempt));
+  if (!hold && in_fleet_ == InFleet::No)
+    return fail(ErrorCode::NotPermitted,
+                "fleet-attempt: this fab is in no fleet; start it with --fleet, or submit the job to it alone");
+  // The lease may be told here later than there.
+  if (!hold || hold->attempt < offer.attempt || hold->end == HoldEnd::Released)
+    return put_off(offer.job, DeferReason::Busy,
+                   fmt::format("it has no lease of attempt {} of job {}", offer.attempt, fleet_job));
+  if (auto kept = leases_.set_site(fleet_job, offer.attempt, site); !kept) {
+    if (!is_storage_trouble(kept.error())) return tl::unexpected{kept.error()};
+    return put_off(offer.job, DeferReason::StorageFault, kept.error().what);
+  }
+  return may_be_taken;
 }
 
 Result<StackReceiver::OfferAnswer> JobIntake::take_offer(const Offer& offer, const net::Peer& peer) {
@@ -40,6 +69,9 @@ Result<StackReceiver::OfferAnswer> JobIntake::take_offer(const Offer& offer, con
                                                    offer.job, name_of(**before)));
   if (job && job->owner != site)
     return fail(ErrorCode::Conflict, fmt::format("replayed-job: there is a job {} of another site", offer.job));
+  auto deferred = check_attempt(offer, site);
+  if (!deferred) return tl::unexpected{deferred.error()};
+  if (*deferred) return std::move(**deferred);
   if (job && is_before(JobState::Sending, job->state)) {
     const auto before = saved_offer(site_.folder().path() / "jobs" / offer.job);
     if (!before && is_storage_trouble(before.error()))

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <map>
+#include <telefab/fab/print/lease_book.hpp>
 #include <telefab/fab/support/part_regions.hpp>
 #include <telefab/service/site.hpp>
 
@@ -14,8 +15,10 @@ namespace telefab::fab {
 /// Threads: the loop's.
 class JobIntake final : public StackReceiver {
  public:
-  /// Both must outlive it. `policy`: what may light by itself when the site starts.
-  JobIntake(Site& site, SiteKeys keys, StartPolicy policy, JobPlanner& planner);
+  /// Whether the fab takes jobs of a fleet.
+  enum class InFleet : std::uint8_t { No, Yes };
+  /// Site, planner and leases must outlive it. `policy`: what may light by itself when the site starts.
+  JobIntake(Site& site, SiteKeys keys, StartPolicy policy, JobPlanner& planner, LeaseBook& leases, InFleet in_fleet);
 
   Result<OfferAnswer> take_offer(const Offer& offer, const net::Peer& peer) override;
   OfferDeferred put_off(const std::string& job, DeferReason reason, const std::string& why) override;
@@ -34,6 +37,9 @@ class JobIntake final : public StackReceiver {
     std::shared_ptr<LayerStream> analysis;  ///< of its layers, likewise
   };
   [[nodiscard]] JobTracker& tracker() const { return site_.tracker(); }
+  /// What speaks against an offer as one of a fleet's attempts, for now; nothing: it may be taken. Refused for good:
+  /// NotPermitted (no fleet), Conflict (an older attempt, another site's).
+  [[nodiscard]] Result<std::optional<OfferDeferred>> check_attempt(const Offer& offer, const std::string& site);
   /// The intake of an offer that nothing speaks against; what fails now is the disk, or the job's own folder.
   [[nodiscard]] Result<std::shared_ptr<Intake>> open_intake(const Offer& offer, const MachineProfile& machine,
                                                             const std::string& site, const std::string& signer);
@@ -44,6 +50,8 @@ class JobIntake final : public StackReceiver {
   SiteKeys keys_;
   StartPolicy policy_;
   JobPlanner& planner_;
+  LeaseBook& leases_;
+  InFleet in_fleet_;
   std::map<std::string, Live> live_;
   std::map<std::string, std::uint64_t>
       put_off_;  ///< how often for the disk's sake, by job; until it is offered no more

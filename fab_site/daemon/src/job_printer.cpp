@@ -27,6 +27,7 @@ JobPrinter::JobPrinter(Site& site, OpenQuestions& questions, Parts parts)
       questions_{questions},
       name_{std::move(parts.name)},
       profile_of_{std::move(parts.profile_of)},
+      fence_of_{std::move(parts.fence_of)},
       machine_{std::move(parts.machine)},
       at_start_{parts.at_start},
       events_{std::move(parts.events)},
@@ -133,7 +134,10 @@ bool JobPrinter::is_recorded_as_printing(const std::string& job) {
 Result<PrintReport> JobPrinter::attempt(const std::string& job, PrintControl& control, const std::stop_token& stop) {
   const auto found = site_.find(job);
   if (!found) return tl::unexpected{found.error()};
+  auto fence = fence_of_(*found);
+  if (!fence) return tl::unexpected{fence.error()};
   PrintTask task{found->folder, profile_of_(found->job), name_, {}};
+  task.fence = std::move(*fence);
   {
     const std::lock_guard lock{mutex_};
     speed_up_ = task.profile ? task.profile->devices.speed_up : 1;
@@ -222,7 +226,7 @@ void JobPrinter::on_ended(const std::string& job, const Result<PrintReport>& rep
 }
 
 PrintEnd JobPrinter::end_of(const std::string& job, const Result<PrintReport>& report) {
-  if (report) return {report->trouble, report->is_nothing_made, report->why};
+  if (report) return {report->trouble, report->is_nothing_made, report->why, false, report->withheld};
   PrintEnd end{trouble_of(report.error()), false, report.error().what};
   // Where that cannot be read a part may be there.
   if (const auto found = site_.find(job))
@@ -276,6 +280,8 @@ void JobPrinter::leaves_with(const std::string& job, const PrintReport& report) 
       return tracker().end(job, JobState::Failed, report.message);
     case PrintVerdict::Waits:
       questions_.set(job, report.question);
+      // Nobody has to say that it goes on: it does once it has leave.
+      if (report.withheld != FenceRefusal::None) return tracker().move(job, JobState::Printing, report.message);
       return tracker().move(job, JobState::Paused, report.message);
   }
 }

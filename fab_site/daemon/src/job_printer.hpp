@@ -22,6 +22,7 @@ struct PrintEnd {
   bool is_nothing_made = false;  ///< no layer was exposed, nor perhaps: the platform is as empty as before
   std::string why;               ///< of trouble, for people
   bool goes_elsewhere = false;   ///< this machine was not found; another may print it, and nobody has to say so
+  FenceRefusal withheld = FenceRefusal::None;  ///< it had no leave to light; it has any other reason to print still
 };
 
 /// What a printer tells whoever gives it jobs. Called on the loop's thread.
@@ -42,9 +43,12 @@ class JobPrinter {
  public:
   /// Gives the profile that a job is printed with here.
   using ProfileOf = std::function<Result<MachineProfile>(const Job&)>;
+  /// Gives the fence of a job; null: it needs no leave of anybody else. Fails where nobody can say so.
+  using FenceOf = std::function<Result<std::shared_ptr<LightFence>>(const FoundJob&)>;
   struct Parts {
     std::string name;  ///< of the machine
     ProfileOf profile_of;
+    FenceOf fence_of;
     std::unique_ptr<PrintingMachine> machine;
     StartPolicy at_start;
     PrinterEvents events;
@@ -113,6 +117,7 @@ class JobPrinter {
   OpenQuestions& questions_;
   std::string name_;
   ProfileOf profile_of_;
+  FenceOf fence_of_;
   std::unique_ptr<PrintingMachine> machine_;
   StartPolicy at_start_;
   PrinterEvents events_;

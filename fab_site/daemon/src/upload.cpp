@@ -249,6 +249,7 @@ Result<NewJob> write_again(const DataFolder& data, const Job& job, std::string_v
   Offer offer = before->offer();
   offer.job = *id;
   offer.owner = who;
+  offer.attempt = 0;  // it is this fab's own
   offer.public_key.clear(), offer.signature.clear();
   Result<void> written;
   if (has_ready_print(*from)) written = share_masks(*from, *folder);

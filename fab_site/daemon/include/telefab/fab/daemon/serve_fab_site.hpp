@@ -25,6 +25,7 @@ struct FabSiteConfig {
   PlanOptions planning;            ///< of every job; name, registration and regions are its own
   bool start_on_approval = false;  ///< a planned job waits for `telefab approve`
   PlatformPolicy platform = PlatformPolicy::ByMachine;
+  std::string fleet;     ///< where the fleet's queue is; empty: the fab is in none
   StartPolicy at_start;  ///< what may light by itself when the site starts
 };
 
