@@ -49,7 +49,9 @@ FabSite::FabSite(Site& site, const FabSiteConfig& config, FabMachines machines, 
               config.at_start,
               planner_,
               *leases_,
-              config.fleet.empty() ? JobIntake::InFleet::No : JobIntake::InFleet::Yes} {}
+              config.fleet.is_any() ? JobIntake::InFleet::Yes : JobIntake::InFleet::No} {
+  if (config.fleet.is_any()) fleet_ = std::make_unique<FleetAgent>(site, config.fleet, *leases_, dispatcher_);
+}
 
 void FabSite::resume(const Job& job) {
   const auto resumed = [&]() -> Result<void> {
@@ -106,10 +108,14 @@ WebSite& FabSite::open_page(SignIn& sign_in, CommandPost post) {
   return *web_site_;
 }
 
-void FabSite::begin(std::uint16_t port) { log_line(fmt::format("telefab-fab listens on port {}", port)); }
+void FabSite::begin(std::uint16_t port) {
+  log_line(fmt::format("telefab-fab listens on port {}", port));
+  if (fleet_) fleet_->begin(port);
+}
 
 void FabSite::end(std::function<void()> ended) {
   if (!dispatcher_.is_idle()) log_line("telefab-fab ends when the light of every print by its own light has ended");
+  if (fleet_) fleet_->ask_to_end();
   planner_.ask_to_end();
   dispatcher_.ask_to_end();
   end_when_dark(std::move(ended));

@@ -4,6 +4,7 @@
 #include <telefab/fab/web/router.hpp>
 #include <telefab/service/site.hpp>
 
+#include "fleet_agent.hpp"
 #include "job_dispatcher.hpp"
 #include "job_intake.hpp"
 #include "job_planner.hpp"
@@ -46,6 +47,7 @@ class FabSite final : public SiteWork {
   JobDispatcher dispatcher_;
   JobPlanner planner_;
   JobIntake intake_;
+  std::unique_ptr<FleetAgent> fleet_;  ///< null: the fab is in none
   std::unique_ptr<SitePageBackend> page_backend_;
   std::unique_ptr<FabWeb> web_site_;
 };

@@ -46,6 +46,7 @@ class JobDispatcher {
   void lease_changed(const std::string& job);
   /// What stands in the fab.
   [[nodiscard]] const FabMachines& machines() const { return machines_; }
+  [[nodiscard]] const std::vector<QueuedMachine>& stand() const { return queue_.machines(); }
 
   /// What somebody is to decide about the job, and nobody has yet. Any thread.
   [[nodiscard]] OpenQuestion question_about(const std::string& job) const { return questions_.about(job); }

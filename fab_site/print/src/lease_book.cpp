@@ -17,6 +17,7 @@ using Json = nlohmann::ordered_json;
 constexpr std::string_view kFormat = "telefab-fleet-hold-1";
 constexpr std::string_view kSuffix = ".json";
 constexpr std::uint64_t kMostBytes = 1U << 20U;
+constexpr std::uint32_t kUnknown = std::numeric_limits<std::uint32_t>::max();
 constexpr std::array<std::string_view, 5> kEnds{"none", "done", "failed", "cancelled", "released"};
 
 std::string text_of(const FleetHold& hold) {
@@ -59,7 +60,7 @@ std::optional<FleetHold> hold_from(std::string_view text) {
 FleetHold unknown_hold(const std::string& job) {
   FleetHold hold;
   hold.job = job;
-  hold.attempt = std::numeric_limits<std::uint32_t>::max();
+  hold.attempt = kUnknown;
   hold.ids[job] = 1;
   return hold;
 }
@@ -131,7 +132,8 @@ std::optional<LeaseBook::Own> LeaseBook::own(std::string_view id) const {
 std::vector<FleetHold> LeaseBook::all() const {
   const std::lock_guard lock{mutex_};
   std::vector<FleetHold> all;
-  for (const auto& [job, hold] : holds_) all.push_back(hold);
+  for (const auto& [job, hold] : holds_)
+    if (hold.attempt != kUnknown) all.push_back(hold);
   return all;
 }
 

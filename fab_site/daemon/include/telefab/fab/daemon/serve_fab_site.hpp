@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <cstdint>
+#include <functional>
+#include <memory>
 #include <stop_token>
 #include <string>
 #include <telefab/base/clock.hpp>
@@ -8,6 +10,7 @@
 #include <telefab/fab/print/print_runner.hpp>
 #include <telefab/fab/print/start_rule.hpp>
 #include <telefab/service/serve_options.hpp>
+#include <telefab/store/fleet_queue.hpp>
 
 namespace telefab::fab {
 
@@ -18,6 +21,17 @@ enum class PlatformPolicy : std::uint8_t {
   Automatic,          ///< nobody: a robot takes the parts off, or none is made
 };
 
+/// A fab as a member of a fleet.
+struct FleetMembership {
+  /// Opens the queue of the fleet; empty: the fab is in none. Called on a thread of its own, again until it is there.
+  std::function<Result<std::unique_ptr<FleetQueue>>(const Clock&)> open;
+  std::string name;         ///< of the fab in the fleet: 1 to 64 of a-z, 0-9 and -
+  std::string address;      ///< HOST:PORT at which scan sites reach it; empty: that of --listen, with the port bound
+  std::string certificate;  ///< name that its certificate vouches for; empty: the host of the address
+  std::string catalogue;    ///< its profiles for scan sites, as fleet::Fab has them
+  [[nodiscard]] bool is_any() const { return static_cast<bool>(open); }
+};
+
 struct FabSiteConfig {
   ServeOptions serve;
   std::string site_keys;           ///< folder with SITE.sign.pub; empty: the --tls folder, or none without TLS
@@ -25,7 +39,7 @@ struct FabSiteConfig {
   PlanOptions planning;            ///< of every job; name, registration and regions are its own
   bool start_on_approval = false;  ///< a planned job waits for `telefab approve`
   PlatformPolicy platform = PlatformPolicy::ByMachine;
-  std::string fleet;     ///< where the fleet's queue is; empty: the fab is in none
+  FleetMembership fleet;
   StartPolicy at_start;  ///< what may light by itself when the site starts
 };
 

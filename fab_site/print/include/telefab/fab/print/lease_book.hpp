@@ -63,6 +63,7 @@ class LeaseBook {
     [[nodiscard]] bool is_newest() const { return attempt == hold.attempt; }
   };
   [[nodiscard]] std::optional<Own> own(std::string_view id) const;
+  /// But for those whose file could not be read.
   [[nodiscard]] std::vector<FleetHold> all() const;
 
   // Durable when they return. StorageFailed: nothing has changed. Conflict: a newer attempt is known here.
