@@ -289,7 +289,8 @@ void FleetAgent::bind(const LeaseBook::Asked& asked) {
                     if (!hold || hold->attempt != asked.attempt) return;
                     if (!*bound) return on_lost(*hold);
                     if (auto kept = leases_.bind(asked.job, asked.attempt); !kept)
-                      log_warning(kept.error().what, {newest_id(*hold)});  // stays dark, and is asked again
+                      return log_warning(kept.error().what, {newest_id(*hold)});  // stays dark, and is asked again
+                    dispatcher_.lease_changed(newest_id(*hold));
                   });
 }
 

@@ -17,6 +17,7 @@ namespace {
 
 constexpr auto kRetryEvery = std::chrono::seconds{10};
 constexpr auto kLookEvery = std::chrono::seconds{10};
+constexpr auto kLeaveLookEvery = std::chrono::seconds{1};
 /// Whose part is on the platform of a whole printer that prints what no job of the fab is.
 constexpr const char* kForeignPart = "a-print-of-its-own";
 
@@ -344,6 +345,18 @@ bool JobDispatcher::has_leave(const Job& job) {
   return false;
 }
 
+void JobDispatcher::wait_for_leave(const std::string& job) {
+  const auto now = store().find(job);
+  if (!now || !may_wait(*now) || queue_.waits(job) || queue_.machine_of(job)) return;
+  // The question is on its way, and nothing moves before it is answered.
+  if (leases_.leave(job).state != LeaveState::Awaited) return wait_for_machine(job);
+  if (!for_leave_.insert(job).second) return;
+  site_.loop().after(kLeaveLookEvery, [this, job] {
+    for_leave_.erase(job);
+    if (!is_ending_) wait_for_leave(job);
+  });
+}
+
 void JobDispatcher::lease_changed(const std::string& job) {
   const auto now = store().find(job);
   if (!now || is_final(now->state)) return;
@@ -354,7 +367,8 @@ void JobDispatcher::lease_changed(const std::string& job) {
     printer->take_off(job);
   }
   if (is_over) return tracker().end(job, JobState::Cancelled, leases_.leave(job).what);
-  if (may_wait(*now) && !queue_.waits(job)) wait_for_machine(job);
+  const bool waits_for_leave = for_leave_.contains(job) && leases_.leave(job).state == LeaveState::Awaited;
+  if (may_wait(*now) && !queue_.waits(job) && !waits_for_leave) wait_for_machine(job);
 }
 
 void JobDispatcher::dispatch() {
@@ -466,7 +480,11 @@ void JobDispatcher::on_left(const std::string& job, const PrintEnd& end) {
     }
   }
   if (end.is_nothing_made) queue_.forget_begun(job);
-  if (end.goes_elsewhere || end.withheld != FenceRefusal::None) return wait_for_machine(job);
+  if (end.withheld != FenceRefusal::None) {
+    dispatch();
+    return wait_for_leave(job);
+  }
+  if (end.goes_elsewhere) return wait_for_machine(job);
   dispatch();
 }
 

@@ -83,6 +83,8 @@ class JobDispatcher {
   void wait_for_machine(const std::string& job, InTrouble in_trouble = InTrouble::Waits);
   /// Whether the fleet, where the job is one of it, lets it print here; else it waits for that, or is over.
   [[nodiscard]] bool has_leave(const Job& job);
+  /// A print that had no leave to light goes on once it has; it is dark, and nothing moves.
+  void wait_for_leave(const std::string& job);
   /// The places that fit the job; of a fleet's job the one that it is leased for alone.
   [[nodiscard]] FabMachines::Fits fits(const Job& job) const;
   [[nodiscard]] bool fits_elsewhere(const std::string& job);
@@ -148,6 +150,7 @@ class JobDispatcher {
   Platforms platforms_;
   OpenQuestions questions_;
   MachineQueue queue_;
+  std::set<std::string> for_leave_;               ///< jobs that wait for leave to light
   std::set<std::string> only_watched_;            ///< jobs that go on at their printer, of which nothing may be started
   std::map<std::string, std::string> explained_;  ///< why each job that waits does, as it was last said
   std::vector<Shown> shown_;                      ///< by machine

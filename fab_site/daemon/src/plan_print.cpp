@@ -84,6 +84,9 @@ Result<PrintRecord> print_from(const PrintTask& task, PrintControl& control, con
   if (is_simulated(machine))
     scaled.slice = Nanoseconds{
         static_cast<std::int64_t>(static_cast<double>(task.policy.slice.count()) * machine.devices.speed_up)};
+  if (is_simulated(machine))
+    scaled.longest_leave = Nanoseconds{
+        static_cast<std::int64_t>(static_cast<double>(task.policy.longest_leave.count()) * machine.devices.speed_up)};
   if (!is_simulated(machine) && journal->empty()) {
     // A job that cannot keep its plan on this projector is refused now, not slowed down unsaid.
     const auto cost = estimate_print((*job)->plan(), {}, **job, *devices->projector, *devices->stage, {}, stop);

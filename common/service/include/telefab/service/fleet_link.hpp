@@ -52,7 +52,7 @@ class FleetLink {
   net::Loop& loop_;
   Opening open_;
   std::function<void()> changed_;
-  std::string why_away_ = "not tried yet";
+  std::string why_away_;
   std::shared_ptr<bool> alive_ = std::make_shared<bool>(true);  ///< the loop's thread only
   std::mutex mutex_;
   std::condition_variable_any grown_;
