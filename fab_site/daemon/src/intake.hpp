@@ -28,6 +28,8 @@ class Intake {
   [[nodiscard]] const Offer& offer() const { return offer_; }
   [[nodiscard]] const ChunkSpool& spool() const { return spool_; }
   [[nodiscard]] std::uint32_t next_sequence() const { return spool_.chunk_count(); }
+  /// All layers are here; the end may be missing.
+  [[nodiscard]] bool is_whole() const { return spool_.finished().has_value(); }
   /// All layers are here, and of a signed job its signed end.
   [[nodiscard]] bool is_complete() const { return spool_.finished().has_value() && (!is_signed(offer_) || has_end_); }
   /// Durable when it returns. A chunk that is here already and equal is fine. ProtocolBroken (gap, layers that do not

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <telefab/fab/planning/plan_room.hpp>
+#include <telefab/service/log.hpp>
 #include <telefab/service/profile_choice.hpp>
 #include <telefab/service/saved_message.hpp>
 #include <telefab/wire/job_signature.hpp>
@@ -23,8 +24,18 @@ constexpr std::size_t kMostPutOff = 1000;  ///< beyond them health() has enough 
 
 JobIntake::JobIntake(Site& site, SiteKeys keys, StartPolicy policy, JobPlanner& planner, LeaseBook& leases,
                      InFleet in_fleet)
-    : site_{site}, keys_{std::move(keys)}, policy_{policy}, planner_{planner}, leases_{leases}, in_fleet_{in_fleet} {
-  tracker().on_end([this](const std::string& job) { live_.erase(job); });
+    : site_{site},
+      keys_{std::move(keys)},
+      policy_{policy},
+      planner_{planner},
+      leases_{leases},
+      in_fleet_{in_fleet},
+      shelf_{site.folder().path() / "stacks"} {
+  tracker().on_end([this](const std::string& job) {
+    live_.erase(job);
+    taken_over_.erase(job);
+    to_be_sent_.erase(job);
+  });
 }
 
 Result<std::optional<OfferDeferred>> JobIntake::check_attempt(const Offer& offer, const std::string& site) {
@@ -147,10 +158,12 @@ Result<std::shared_ptr<Intake>> JobIntake::open_intake(const Offer& offer, const
   }
   Live& live = live_[offer.job];
   if (!live.intake) {
+    if (auto looked = look_for_layers(offer, site, *folder); !looked) return tl::unexpected{looked.error()};
     auto analysis = std::make_shared<LayerStream>(machine);
     auto intake = Intake::open(*folder, offer, [analysis](const Layer& layer) { analysis->add(layer); });
     if (!intake) return tl::unexpected{intake.error()};
-    live.analysis = std::move(analysis);
+    // Layers that are whole already were not shown to it.
+    if (!intake->is_whole()) live.analysis = std::move(analysis);
     live.intake = std::make_shared<Intake>(std::move(*intake));
     tracker().begin_stage(offer.job, JobStage::Send);
     tracker().counters().begin(offer.job, job->counters);
@@ -167,6 +180,33 @@ Result<std::shared_ptr<Intake>> JobIntake::open_intake(const Offer& offer, const
   return intake;
 }
 
+Result<void> JobIntake::look_for_layers(const Offer& offer, const std::string& site,
+                                        const std::filesystem::path& folder) {
+  if (to_be_sent_.contains(offer.job)) return {};
+  const auto other = shelf_.job_with(offer);
+  if (!other) return {};
+  const auto theirs = site_.store().find(*other);
+  if (!theirs || theirs->owner != site) return {};
+  const auto taken = take_over_stack(offer, site_.folder().path() / "jobs" / *other, folder);
+  if (!taken) return tl::unexpected{taken.error()};
+  if (!*taken) return {};
+  taken_over_.insert(offer.job);
+  tracker().note(site, fmt::format("the layers of job {} are here as those of job {}", offer.job, *other));
+  return {};
+}
+
+std::optional<OfferDeferred> JobIntake::send_again(const std::string& job) {
+  if (taken_over_.erase(job) == 0) return std::nullopt;
+  to_be_sent_.insert(job);
+  const auto folder = site_.folder().path() / "jobs" / job;
+  std::error_code error;
+  std::filesystem::remove(folder / "chunks", error);
+  if (!error) std::filesystem::remove(folder / "end", error);
+  if (error) return put_off(job, DeferReason::StorageFault, error.message());
+  live_.erase(job);
+  return put_off(job, DeferReason::Busy, "the layers that were here are not those of the job; they are sent");
+}
+
 void JobIntake::received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
   tracker().counters().change(job, [&](JobCounters& c) {
     c.layers_sent = layers;
@@ -178,6 +218,10 @@ void JobIntake::completed(const std::string& job) {
   const auto live = live_.find(job);
   const auto now = site_.store().find(job);
   if (live == live_.end() || !now || is_before(JobState::Sending, now->state)) return;
+  taken_over_.erase(job);
+  // Without it the same layers are sent once more, and nothing is wrong.
+  if (live->second.intake)
+    if (auto kept = shelf_.put(live->second.intake->offer()); !kept) log_warning(kept.error().what, {job});
   live->second.intake.reset();
   tracker().end_stage(job, JobStage::Send);
   tracker().move(job, JobState::Planning, "");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <map>
+#include <set>
 #include <telefab/fab/print/lease_book.hpp>
 #include <telefab/fab/support/part_regions.hpp>
 #include <telefab/service/site.hpp>
@@ -8,6 +9,7 @@
 #include "job_planner.hpp"
 #include "scan_session.hpp"
 #include "site_keys.hpp"
+#include "stack_shelf.hpp"
 
 namespace telefab::fab {
 
@@ -24,6 +26,7 @@ class JobIntake final : public StackReceiver {
   OfferDeferred put_off(const std::string& job, DeferReason reason, const std::string& why) override;
   void received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) override;
   void completed(const std::string& job) override;
+  std::optional<OfferDeferred> send_again(const std::string& job) override;
   void broken(const std::string& job, const Error& why) override;
 
   /// Makes the job whose layers write_upload has put on disk.
@@ -37,6 +40,9 @@ class JobIntake final : public StackReceiver {
     std::shared_ptr<LayerStream> analysis;  ///< of its layers, likewise
   };
   [[nodiscard]] JobTracker& tracker() const { return site_.tracker(); }
+  /// The layers of the offered job, where another job of its site has them here.
+  [[nodiscard]] Result<void> look_for_layers(const Offer& offer, const std::string& site,
+                                             const std::filesystem::path& folder);
   /// What speaks against an offer as one of a fleet's attempts, for now; nothing: it may be taken. Refused for good:
   /// NotPermitted (no fleet), Conflict (an older attempt, another site's).
   [[nodiscard]] Result<std::optional<OfferDeferred>> check_attempt(const Offer& offer, const std::string& site);
@@ -52,6 +58,9 @@ class JobIntake final : public StackReceiver {
   JobPlanner& planner_;
   LeaseBook& leases_;
   InFleet in_fleet_;
+  StackShelf shelf_;
+  std::set<std::string> taken_over_;  ///< jobs whose layers were here as another's, and whose end is not here yet
+  std::set<std::string> to_be_sent_;  ///< jobs whose layers turned out to be others than those
   std::map<std::string, Live> live_;
   std::map<std::string, std::uint64_t>
       put_off_;  ///< how often for the disk's sake, by job; until it is offered no more

@@ -136,7 +136,10 @@ class ScanSession final : public MessageSession {
   void handle(const StackEnd& stack) {
     OwnJob* own = offered_here(stack.job);
     if (!own || !own->intake) return;
-    if (auto finished = own->intake->finish(stack); !finished) return refuse(stack.job, finished.error());
+    if (auto finished = own->intake->finish(stack); !finished) {
+      if (const auto again = receiver_.send_again(stack.job)) return defer(*again);
+      return refuse(stack.job, finished.error());
+    }
     own->intake.reset();
     send(StackStored{stack.job});
     receiver_.completed(stack.job);

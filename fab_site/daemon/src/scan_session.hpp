@@ -29,6 +29,9 @@ class StackReceiver {
   virtual void received(const std::string& job, std::uint32_t layers, std::uint64_t bytes) = 0;
   /// The stack is whole and checked; planning may begin.
   virtual void completed(const std::string& job) = 0;
+  /// The end of a job does not fit its layers. Where those were not sent for it but were here as another job's they go,
+  /// and it is offered again, to be sent. Nothing: they were sent, and are wrong.
+  [[nodiscard]] virtual std::optional<OfferDeferred> send_again(const std::string& job) = 0;
   /// The job's data broke a rule; it is at its end.
   virtual void broken(const std::string& job, const Error& why) = 0;
 

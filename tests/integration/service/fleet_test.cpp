@@ -304,6 +304,20 @@ TEST_F(FleetOfOneFab, PutsOffAnAttemptItHasNoLeaseOfAndRefusesAnOlderOne) {
   EXPECT_EQ(late->chunks, 0);
 }
 
+TEST_F(FleetOfOneFab, TakesTheLayersOfAnEarlierAttemptOverInsteadOfHavingThemSentAgain) {
+  begin_fab();
+  const auto first = bring(1);
+  ASSERT_TRUE(first->await([&] { return of_fleet([](Fleet& f) { return f.state == fleet::State::Done; }); }));
+  EXPECT_GT(first->chunks, 0);
+  of_fleet([](Fleet& f) { return f.state = fleet::State::Waiting; });  // somebody has it made again
+  const auto second = bring(2);
+  ASSERT_TRUE(second->await([&] { return of_fleet([](Fleet& f) { return f.state == fleet::State::Done; }); }))
+      << second->fault << (second->job ? second->job->message : "");
+  EXPECT_EQ(second->chunks, 0);
+  EXPECT_EQ(of_fleet([](Fleet& f) { return f.bindings; }), 2);
+  EXPECT_THAT(journal(2), HasSubstr("\"attempt\":2"));
+}
+
 TEST_F(FleetOfOneFab, LightsNothingOfAnAttemptThatTheFleetGaveAwayBeforeItsFirstLight) {
   of_fleet([](Fleet& f) { return f.binds = false; });
   begin_fab();
