@@ -59,6 +59,19 @@ VerbBody declare_serve(VerbOptions& options) {
            "last part is off the platform (telefab cleared MACHINE); by-machine: for real devices alone")
       .one_of({"cleared-by-operator", "automatic", "by-machine"})
       .shows_default();
+  options.add(
+      "--fleet", o->config.fleet.where,
+      "queue of a fleet, whose jobs are printed here beside the fab's own: sqlite:PATH for the daemons of one "
+      "computer, or postgresql://USER@HOST/DATABASE?sslmode=verify-full (no password in it: a passfile has that). "
+      "Without it the prints go on, and no new job comes from the fleet");
+  options.add("--fleet-name", o->config.fleet.name,
+              "name of this fab in the fleet, that no other one has: 1 to 64 of a-z, 0-9 and -; its machines are "
+              "NAME-MACHINE there");
+  options.add("--fleet-address", o->config.fleet.address,
+              "HOST:PORT at which the scan sites of the fleet reach this fab; default: that of --listen");
+  options.add("--fleet-certificate", o->config.fleet.certificate,
+              "name that this fab's certificate vouches for, as the scan sites are to check it; default: the host of "
+              "--fleet-address");
   declare_mask_options(options, o->masks);
   declare_contour_limits(options, o->contour_limits);
   return [o](std::stop_token stop) -> Result<ExitCode> {

@@ -18,6 +18,11 @@ constexpr auto kDarkLookEvery = std::chrono::milliseconds{20};
 }  // namespace
 
 Result<void> serve_fab_site(const FabSiteConfig& config, const Clock& clock, std::stop_token stop) {
+  if (config.fleet.is_any() && !is_job_id(config.fleet.name))
+    return fail(
+        ErrorCode::InvalidInput,
+        "--fleet wants --fleet-name, a name of this fab that no other one of the fleet has: 1 to 64 of a-z, 0-9 "
+        "and -");
   std::vector<MachineInstance> instances;
   const auto site = Site::open("telefab-fab", config.serve, clock, [&](ProfileCatalogue known) {
     auto inventory = open_inventory(config.instances, std::move(known));

@@ -4,6 +4,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
+#include <telefab/base/json_text.hpp>
 #include <telefab/service/log.hpp>
 #include <telefab/service/profile_choice.hpp>
 
@@ -38,6 +40,13 @@ fleet::State state_of(HoldEnd end) {
   return end == HoldEnd::Failed ? fleet::State::Failed : fleet::State::Cancelled;
 }
 
+/// The profiles that one can submit for, as fleet::Fab keeps them.
+std::string catalogue_of(const ProfileCatalogue& profiles) {
+  const Machines known = to_machines(profiles, "");
+  return json_text(
+      {{"machine_toml", known.machine_toml}, {"resin_toml", known.resin_toml}, {"print_toml", known.print_toml}});
+}
+
 /// The id here of the newest attempt.
 std::string newest_id(const FleetHold& hold) { return id_of_attempt(hold.job, hold.attempt); }
 
@@ -48,7 +57,11 @@ FleetAgent::FleetAgent(Site& site, FleetMembership membership, LeaseBook& leases
       membership_{std::move(membership)},
       leases_{leases},
       dispatcher_{dispatcher},
-      link_{site.loop(), [this] { return membership_.open(site_.clock()); }, [this] { look(); }} {
+      link_{site.loop(),
+            [this] {
+              return membership_.open ? membership_.open(site_.clock()) : open_fleet(membership_.where, site_.clock());
+            },
+            [this] { look(); }} {
   leases_.on_asked([this, alive = alive_] {
     site_.loop().post([this, alive] {
       if (*alive) look();
@@ -62,6 +75,7 @@ FleetAgent::~FleetAgent() {
 }
 
 void FleetAgent::begin(std::uint16_t port) {
+  catalogue_ = catalogue_of(site_.profiles());
   if (membership_.address.empty()) {
     const std::string& listen = site_.options().listen;
     membership_.address = fmt::format("{}:{}", listen.substr(0, listen.rfind(':')), port);
@@ -93,10 +107,10 @@ void FleetAgent::look() {
     for (const LeaseBook::Asked& asked : leases_.asked()) bind(asked);
     for (const FleetHold& hold : leases_.all()) {
       if (hold.end == HoldEnd::None) look_for_end(hold);
-      if (hold.end == HoldEnd::None && is_taken_up_) renew(hold);
+      if (hold.end == HoldEnd::None && has_old_leases_) renew(hold);
       if (hold.end != HoldEnd::None && !hold.is_reported) report(hold);
     }
-    if (!is_taken_up_ || is_ending_) return;
+    if (!has_old_leases_ || is_ending_) return;
     for (const MachineStatus& machine : dispatcher_.standing())
       if (is_free(machine)) claim(machine.name);
   });
@@ -159,7 +173,7 @@ void FleetAgent::announce() {
   auto known = machines();
   if (known == announced_ && now() - announced_at_ < kAnnounceEvery) return;
   is_announcing_ = true;
-  fleet::Fab fab{membership_.name, membership_.address, membership_.certificate, membership_.catalogue};
+  fleet::Fab fab{membership_.name, membership_.address, membership_.certificate, catalogue_};
   link_.ask<bool>(
       [fab = std::move(fab), known](FleetQueue& queue) -> Result<bool> {
         auto kept = queue.announce(fab, known);
@@ -177,8 +191,8 @@ void FleetAgent::announce() {
         }
         announced_ = known;
         announced_at_ = now();
-        if (!is_taken_up_)
-          for (const QueuedMachine& machine : dispatcher_.stand()) take_up(machine.name);
+        if (!has_old_leases_)
+          for (const QueuedMachine& machine : dispatcher_.stand()) resume_leases(machine.name);
       });
 }
 
@@ -189,14 +203,14 @@ void FleetAgent::extend(const std::string& job, std::uint32_t attempt, Nanosecon
   leases_.extend(job, attempt, asked + left - kMargin);
 }
 
-void FleetAgent::take_up(const std::string& machine) {
+void FleetAgent::resume_leases(const std::string& machine) {
   const Nanoseconds asked = now();
   link_.ask<std::vector<fleet::Lease>>(
       [name = fleet_name(machine)](FleetQueue& queue) { return queue.leases_of(name); },
       [this, machine, asked](const Result<std::vector<fleet::Lease>>& known) {
         if (!known) return;  // asked again with the next announcement
         for (const fleet::Lease& lease : *known) on_claimed(machine, lease, asked);
-        is_taken_up_ = true;
+        has_old_leases_ = true;
       });
 }
 

@@ -5,6 +5,7 @@
 #include <string>
 #include <telefab/fab/daemon/serve_fab_site.hpp>
 #include <telefab/fab/print/lease_book.hpp>
+#include <telefab/fleet/fleet.hpp>
 #include <telefab/service/fleet_link.hpp>
 #include <telefab/service/site.hpp>
 
@@ -38,7 +39,7 @@ class FleetAgent {
   void tick();
   void look();
   void announce();
-  void take_up(const std::string& machine);
+  void resume_leases(const std::string& machine);
   void claim(const std::string& machine);
   void on_claimed(const std::string& machine, const fleet::Lease& lease, Nanoseconds asked);
   void renew(const FleetHold& hold);
@@ -66,9 +67,10 @@ class FleetAgent {
   std::map<std::string, Nanoseconds> not_before_;  ///< by machine: it gave a job back, and another is to have it first
   std::vector<fleet::Machine> announced_;
   Nanoseconds announced_at_{};
+  std::string catalogue_;
   std::string why_away_;  ///< the queue, as it was last logged
   bool is_announcing_ = false;
-  bool is_taken_up_ = false;  ///< the leases of an earlier life are known
+  bool has_old_leases_ = false;  ///< the leases of an earlier life are known
   bool is_look_due_ = false;
   bool is_ending_ = false;
   std::shared_ptr<bool> alive_ = std::make_shared<bool>(true);  ///< for callbacks that outlive it

@@ -104,7 +104,7 @@ class PlayedQueue final : public FleetQueue {
   }
   Result<std::size_t> expire() override { return std::size_t{0}; }
   Result<fleet::Job> decide(std::string_view job, fleet::State, std::string_view) override { return find(job); }
-  Result<void> tell(std::string_view, const fleet::Event&) override { return {}; }
+  Result<void> add_event(std::string_view, const fleet::Event&) override { return {}; }
   Result<std::vector<fleet::Event>> events(std::uint64_t, std::size_t) override { return std::vector<fleet::Event>{}; }
   Result<bool> wait(Nanoseconds) override {
     std::this_thread::sleep_for(5ms);
@@ -206,9 +206,11 @@ class FleetOfOneFab : public TwoSites {
     config.serve.log_level = "warning";
     config.serve.retry_every = 50ms;
     config.fleet.name = "fab";
-    config.fleet.open = [this](const Clock&) -> Result<std::unique_ptr<FleetQueue>> {
-      return std::make_unique<PlayedQueue>(fleet);
-    };
+    if (queue_.empty())
+      config.fleet.open = [this](const Clock&) -> Result<std::unique_ptr<FleetQueue>> {
+        return std::make_unique<PlayedQueue>(fleet);
+      };
+    config.fleet.where = queue_;
     fs::remove(folder() / "fab" / "port");
     thread_ = std::jthread{[config](const std::stop_token& stop) {
       const SystemClock clock;
@@ -241,6 +243,9 @@ class FleetOfOneFab : public TwoSites {
   }
 
   Fleet fleet;
+
+ protected:
+  std::string queue_;  ///< empty: the played one
 
  private:
   fs::path cut_;
@@ -316,6 +321,29 @@ TEST_F(FleetOfOneFab, TakesTheLayersOfAnEarlierAttemptOverInsteadOfHavingThemSen
   EXPECT_EQ(second->chunks, 0);
   EXPECT_EQ(of_fleet([](Fleet& f) { return f.bindings; }), 2);
   EXPECT_THAT(journal(2), HasSubstr("\"attempt\":2"));
+}
+
+TEST_F(FleetOfOneFab, PrintsAJobOfAQueueInAFile) {
+  queue_ = fmt::format("sqlite:{}", (folder() / "fleet.sqlite").string());
+  const SystemClock clock;
+  const auto queue = open_fleet(queue_, clock);
+  ASSERT_TRUE(queue) << queue.error().what;
+  fleet::NewJob part;
+  part.id = "part";
+  part.name = "torus.xyz";
+  part.owner = "ana";
+  part.site = "local";
+  part.needs.machine = "toy";
+  ASSERT_TRUE((*queue)->submit(part));
+  begin_fab();
+  const auto bringer = bring(1);
+  ASSERT_TRUE(bringer->await([&] { return (*queue)->find("part").value().state == fleet::State::Done; }))
+      << (*queue)->find("part")->message << bringer->fault;
+  EXPECT_EQ((*queue)->find("part")->machine, "fab-toy");
+  const auto machines = (*queue)->machines();
+  ASSERT_TRUE(machines);
+  ASSERT_EQ(machines->size(), 1U);
+  EXPECT_EQ(machines->front().profile, "toy");
 }
 
 TEST_F(FleetOfOneFab, LightsNothingOfAnAttemptThatTheFleetGaveAwayBeforeItsFirstLight) {

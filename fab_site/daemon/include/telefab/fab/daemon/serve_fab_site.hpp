@@ -23,13 +23,13 @@ enum class PlatformPolicy : std::uint8_t {
 
 /// A fab as a member of a fleet.
 struct FleetMembership {
-  /// Opens the queue of the fleet; empty: the fab is in none. Called on a thread of its own, again until it is there.
-  std::function<Result<std::unique_ptr<FleetQueue>>(const Clock&)> open;
+  std::string where;        ///< the queue of the fleet, as open_fleet has it; empty: the fab is in none
   std::string name;         ///< of the fab in the fleet: 1 to 64 of a-z, 0-9 and -
   std::string address;      ///< HOST:PORT at which scan sites reach it; empty: that of --listen, with the port bound
   std::string certificate;  ///< name that its certificate vouches for; empty: the host of the address
-  std::string catalogue;    ///< its profiles for scan sites, as fleet::Fab has them
-  [[nodiscard]] bool is_any() const { return static_cast<bool>(open); }
+  /// Not from the command line: what a test puts in place of open_fleet. Called on a thread of its own.
+  std::function<Result<std::unique_ptr<FleetQueue>>(const Clock&)> open = {};
+  [[nodiscard]] bool is_any() const { return !where.empty() || open; }
 };
 
 struct FabSiteConfig {
