@@ -17,7 +17,6 @@ namespace {
 
 constexpr auto kRetryEvery = std::chrono::seconds{10};
 constexpr auto kLookEvery = std::chrono::seconds{10};
-constexpr auto kLeaveLookEvery = std::chrono::seconds{1};
 /// Whose part is on the platform of a whole printer that prints what no job of the fab is.
 constexpr const char* kForeignPart = "a-print-of-its-own";
 
@@ -63,10 +62,9 @@ Result<std::shared_ptr<LightFence>> fence_of(LeaseBook& leases, const FoundJob& 
   return fence;
 }
 
-/// A job that was let print and is not on a machine.
-bool may_wait(const Job& job) { return job.state == JobState::Ready || job.state == JobState::Printing; }
-
 }  // namespace
+
+bool JobDispatcher::may_wait(const Job& job) { return job.state == JobState::Ready || job.state == JobState::Printing; }
 
 JobDispatcher::JobDispatcher(Site& site, const FabSiteConfig& config, FabMachines machines, LeaseBook& leases)
     : site_{site},
@@ -320,57 +318,6 @@ void JobDispatcher::wait_for_machine(const std::string& job, InTrouble in_troubl
   dispatch_soon();
 }
 
-FabMachines::Fits JobDispatcher::fits(const Job& job) const {
-  auto found = machines_.fits(job);
-  const auto own = leases_.own(job.id);
-  if (!own || found.places.empty()) return found;
-  std::erase_if(found.places, [&](std::size_t place) { return machines_[place].name != own->hold.machine; });
-  if (found.places.empty())
-    found.why_none = fmt::format(
-        "the fleet has it printed on {}, which does not stand here or does not fit it any more", own->hold.machine);
-  return found;
-}
-
-bool JobDispatcher::has_leave(const Job& job) {
-  if (only_watched_.contains(job.id)) return true;  // its printer was asked already
-  const Leave leave = leases_.leave(job.id);
-  if (leave.state != LeaveState::Refused) return true;
-  queue_.drop(job.id);
-  if (leave.why == FenceRefusal::Superseded) {
-    tracker().end(job.id, JobState::Cancelled, leave.what);
-    return false;
-  }
-  const std::string why = fmt::format("waits for the fleet: {}", leave.what);
-  if (may_wait(job) && job.message != why) tracker().move(job.id, job.state, why);
-  return false;
-}
-
-void JobDispatcher::wait_for_leave(const std::string& job) {
-  const auto now = store().find(job);
-  if (!now || !may_wait(*now) || queue_.waits(job) || queue_.machine_of(job)) return;
-  // The question is on its way, and nothing moves before it is answered.
-  if (leases_.leave(job).state != LeaveState::Awaited) return wait_for_machine(job);
-  if (!for_leave_.insert(job).second) return;
-  site_.loop().after(kLeaveLookEvery, [this, job] {
-    for_leave_.erase(job);
-    if (!is_ending_) wait_for_leave(job);
-  });
-}
-
-void JobDispatcher::lease_changed(const std::string& job) {
-  const auto now = store().find(job);
-  if (!now || is_final(now->state)) return;
-  // What is under way asks its fence by itself, and what waits for an operator goes on waiting for one.
-  const bool is_over = leases_.leave(job).why == FenceRefusal::Superseded;
-  if (JobPrinter* const printer = printer_of(job)) {
-    if (!is_over || printer->control_of(job)) return;
-    printer->take_off(job);
-  }
-  if (is_over) return tracker().end(job, JobState::Cancelled, leases_.leave(job).what);
-  const bool waits_for_leave = for_leave_.contains(job) && leases_.leave(job).state == LeaveState::Awaited;
-  if (may_wait(*now) && !queue_.waits(job) && !waits_for_leave) wait_for_machine(job);
-}
-
 void JobDispatcher::dispatch() {
   if (is_ending_) return;
   for (const Assignment& each : queue_.assign()) put_on(each);
@@ -493,6 +440,7 @@ void JobDispatcher::on_job_end(const std::string& job) {
   queue_.end(job);
   explained_.erase(job);
   only_watched_.erase(job);
+  for_lease_.erase(job);
   dispatch_soon();
 }
 

@@ -81,6 +81,8 @@ class JobDispatcher {
 
   /// The job may print: it gets a machine, now or later.
   void wait_for_machine(const std::string& job, InTrouble in_trouble = InTrouble::Waits);
+  /// A job that was let print and is not on a machine.
+  [[nodiscard]] static bool may_wait(const Job& job);
   /// Whether the fleet, where the job is one of it, lets it print here; else it waits for that, or is over.
   [[nodiscard]] bool has_leave(const Job& job);
   /// A print that had no leave to light goes on once it has; it is dark, and nothing moves.
@@ -150,6 +152,7 @@ class JobDispatcher {
   Platforms platforms_;
   OpenQuestions questions_;
   MachineQueue queue_;
+  std::set<std::string> for_lease_;               ///< jobs that were let print, and wait for their lease alone
   std::set<std::string> for_leave_;               ///< jobs that wait for leave to light
   std::set<std::string> only_watched_;            ///< jobs that go on at their printer, of which nothing may be started
   std::map<std::string, std::string> explained_;  ///< why each job that waits does, as it was last said
