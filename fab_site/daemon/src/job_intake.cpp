@@ -182,7 +182,8 @@ Result<std::shared_ptr<Intake>> JobIntake::open_intake(const Offer& offer, const
 
 Result<void> JobIntake::look_for_layers(const Offer& offer, const std::string& site,
                                         const std::filesystem::path& folder) {
-  if (to_be_sent_.contains(offer.job)) return {};
+  // Of a fleet's alone: whoever sends a job again by hand may want to see it sent.
+  if (offer.attempt == 0 || to_be_sent_.contains(offer.job)) return {};
   const auto other = shelf_.job_with(offer);
   if (!other) return {};
   const auto theirs = site_.store().find(*other);
@@ -220,7 +221,7 @@ void JobIntake::completed(const std::string& job) {
   if (live == live_.end() || !now || is_before(JobState::Sending, now->state)) return;
   taken_over_.erase(job);
   // Without it the same layers are sent once more, and nothing is wrong.
-  if (live->second.intake)
+  if (live->second.intake && live->second.intake->offer().attempt > 0)
     if (auto kept = shelf_.put(live->second.intake->offer()); !kept) log_warning(kept.error().what, {job});
   live->second.intake.reset();
   tracker().end_stage(job, JobStage::Send);
