@@ -48,40 +48,40 @@ Result<void> serve_scan_site(const ScanSiteConfig& config, const Clock& clock, s
 }
 
 Result<std::unique_ptr<ScanSite>> ScanSite::open(Site& site, const ScanSiteConfig& config) {
-  std::unique_ptr<ScanSite> work{new ScanSite{site, config.fab}};
-  if (auto started = work->start(config.fab_certificate); !started) return tl::unexpected{started.error()};
+  std::unique_ptr<ScanSite> work{new ScanSite{site}};
+  if (auto started = work->start(config); !started) return tl::unexpected{started.error()};
   return work;
 }
 
-Result<void> ScanSite::start(const std::string& fab_certificate) {
-  const auto fab = net::endpoint_from_text(fab_);
+Result<void> ScanSite::start(const ScanSiteConfig& config) {
+  const auto fab = net::endpoint_from_text(config.fab);
   if (!fab) return fail_in("--fab", fab.error());
   auto key = site_key(site().options(), site().folder().path());
   if (!key) return tl::unexpected{key.error()};
   slicer_ = std::make_unique<Slicer>(spools_, site().clock(), *key, slicer_events());
   net::ConnectOptions options{*fab, site().trust(), net::Role::FabSite, {}};
-  options.expected_name = fab_certificate.empty() ? fab->host : fab_certificate;
-  link_ = std::make_unique<FabLink>(site().loop(), std::move(options), *key, link_events());
+  options.expected_name = config.fab_certificate.empty() ? fab->host : config.fab_certificate;
+  route_ = std::make_unique<OneFab>(site().loop(), std::move(options), *key, route_events());
   if (!site().options().web.empty()) {
     auto uploads = UploadStore::open(site().folder().path() / "uploads", {.most_bytes = kMaxScanBytes}, site().clock());
     if (!uploads) return tl::unexpected{uploads.error()};
     uploads_ = std::move(*uploads);
   }
   tracker().on_end([this](const std::string& job) {
-    link_->forget(job);
+    route_->forget(job);
     spools_.close(job);
   });
   return {};
 }
 
 ScanSite::~ScanSite() {
-  link_.reset();
+  route_.reset();
   slicer_.reset();
 }
 
 WebSite& ScanSite::open_page(SignIn& sign_in, CommandPost post) {
   page_backend_ = std::make_unique<SitePageBackend>(
-      store(), site().room(), site().folder(), spools_, fab_, std::move(post),
+      store(), site().room(), site().folder(), spools_, route_->address(), std::move(post),
       [this](const std::string& job, const std::string& name, auto done) {
         site().loop().post([this, job, name, done = std::move(done)]() mutable { file(job, name, std::move(done)); });
       });
@@ -110,9 +110,7 @@ WebSite& ScanSite::open_page(SignIn& sign_in, CommandPost post) {
 
 void ScanSite::show_profiles() {
   if (!staging_backend_) return;
-  const ProfileCatalogue& known = known_profiles();
-  staging_backend_->set_profiles(std::make_shared<const ProfileCatalogue>(known),
-                                 &known == &site().profiles() ? kOwnProfiles : "fab " + fab_);
+  staging_backend_->set_profiles(std::make_shared<const ProfileCatalogue>(known_profiles()), origin_of_profiles());
 }
 
 void ScanSite::look_after_uploads() {
@@ -121,8 +119,8 @@ void ScanSite::look_after_uploads() {
 }
 
 void ScanSite::begin(std::uint16_t port) {
-  log_line(fmt::format("telefab-scan listens on port {}, the fab is {}", port, fab_));
-  link_->start();
+  log_line(fmt::format("telefab-scan listens on port {} and sends to {}", port, route_->name()));
+  route_->start();
 }
 
 Hello ScanSite::hello() { return {kProtocolVersion, Side::ScanSite, fmt::format("telefab-scan {}", kVersion), {}, {}}; }
@@ -132,26 +130,22 @@ void ScanSite::on_site(const net::ConnectionPtr& connection) {
 }
 
 const ProfileCatalogue& ScanSite::known_profiles() const {
-  const auto& fabs = link_->profiles();
-  return fabs && !fabs->machines().empty() ? *fabs : site().profiles();
+  const ProfileCatalogue* theirs = route_->profiles();
+  return theirs != nullptr && !theirs->machines().empty() ? *theirs : site().profiles();
+}
+
+std::string ScanSite::origin_of_profiles() const {
+  return &known_profiles() == &site().profiles() ? kOwnProfiles : route_->name();
 }
 
 void ScanSite::machines(std::function<void(Machines)> done) {
-  Machines known =
-      to_machines(known_profiles(), &known_profiles() == &site().profiles() ? kOwnProfiles : "fab " + fab_);
-  if (!link_->answers_machines()) {
-    known.why_unknown = link_->is_up() ? "the fab is of a release that does not tell what its machines are at"
-                                       : "the fab is not reached: " + link_->why_down();
-    return done(std::move(known));
-  }
-  const RequestId request = link_->next_request();
-  link_->ask(request, AskMachines{request}, [known, done = std::move(done)](Result<Message> answer) mutable {
-    if (auto* theirs = answer ? std::get_if<Machines>(&*answer) : nullptr)
-      known.standing = std::move(theirs->standing);
+  route_->machines([known = to_machines(known_profiles(), origin_of_profiles()),
+                    done = std::move(done)](Result<std::vector<MachineStatus>> standing) mutable {
+    if (standing)
+      known.standing = std::move(*standing);
     else
-      known.why_unknown = answer ? "the fab answered with another message" : answer.error().what;
+      known.why_unknown = standing.error().what;
     done(std::move(known));
-    return true;
   });
 }
 
@@ -161,7 +155,7 @@ Result<void> ScanSite::may_submit(const Submit& submit) {
 }
 
 Result<void> ScanSite::may_take(const Submit& submit, std::uint64_t bytes) {
-  const auto machine = profile_of_job(known_profiles(), submit.machine, submit.parameters);
+  const auto machine = profile_of_job(known_profiles(), route_->profile_of(submit.machine), submit.parameters);
   if (!machine) return tl::unexpected{machine.error()};
   const auto parameters = job_parameters_from(submit.parameters, *machine);
   if (!parameters) return tl::unexpected{parameters.error()};
@@ -217,11 +211,12 @@ Result<void> ScanSite::resume_unfinished(const Job& job) {
   tracker().begin_stage(job.id, JobStage::Send);
   auto spool = spools_.of(job.id, *folder);
   if (!spool) return tl::unexpected{spool.error()};
-  if (const auto offer = saved_offer(*folder)) link_->add(*offer, *spool);
+  if (const auto offer = saved_offer(*folder)) route_->add(*offer, *spool);
   if ((*spool)->with([](const ChunkSpool& each) { return each.finished().has_value(); })) return {};
-  auto machine = profile_of_job(known_profiles(), job.machine, job.parameters);
+  const std::string profile = route_->profile_of(job.machine);
+  auto machine = profile_of_job(known_profiles(), profile, job.parameters);
   if (!machine) return tl::unexpected{machine.error()};
-  slicer_->add({job.id, job.name, job.owner, job.parameters, job.machine, std::move(*machine), *folder});
+  slicer_->add({job.id, job.name, job.owner, job.parameters, profile, std::move(*machine), *folder});
   return {};
 }
 
@@ -236,13 +231,13 @@ SlicerEvents ScanSite::slicer_events() {
               if (!folder) return;
               if (!counters().change(job, [&](JobCounters& c) { c.layers = offer.header.layer_count; })) return;
               tracker().begin_stage(job, JobStage::Send);
-              if (auto spool = spools_.of(job, *folder)) link_->add(offer, *spool);
+              if (auto spool = spools_.of(job, *folder)) route_->add(offer, *spool);
             });
           },
           [this](const std::string& job, std::uint32_t layers) {
             site().loop().post([this, job, layers] {
               if (counters().change(job, [&](JobCounters& c) { c.layers_sliced = std::max(c.layers_sliced, layers); }))
-                link_->pump(job);
+                route_->pump(job);
             });
           },
           [this](const std::string& job, const Result<double>& seconds) {
@@ -255,8 +250,8 @@ SlicerEvents ScanSite::slicer_events() {
                 return tracker().end(job, is_cancelled ? JobState::Cancelled : JobState::Failed, seconds.error().what);
               }
               tracker().set_stage_seconds(job, JobStage::Slice, *seconds);
-              tracker().move(job, JobState::Sending, link_->why_waiting(job));
-              link_->pump(job);
+              tracker().move(job, JobState::Sending, route_->why_waiting(job));
+              route_->pump(job);
             });
           }};
 }
@@ -268,34 +263,36 @@ void ScanSite::wait_for_disk(const std::string& job, const Error& why) {
   });
 }
 
-FabLinkEvents ScanSite::link_events() {
-  return {[this](bool is_up, const std::string& why) {
-            log_line(is_up ? fmt::format("the fab {} is reached", fab_) : fmt::format("the fab {}: {}", fab_, why));
-            if (page_backend_) page_backend_->set_link(is_up, why);
-            show_profiles();
-            if (is_up) send_cancelled();
-            for (const std::string& job : counters().jobs())
-              if (const auto now = store().find(job); now && now->state == JobState::Sending)
-                tracker().move(job, JobState::Sending, link_->why_waiting(job));
-          },
-          [this](const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
-            counters().change(job, [&](JobCounters& c) {
-              c.layers_sent = std::max(c.layers_sent, layers);
-              c.wire_bytes += bytes;
-            });
-          },
-          [this](const std::string& job) { on_kept(job); },
-          [this](const Job& theirs) { on_job_changed(theirs); },
-          [this](const std::string& job, const Error& why) {
-            slicer_->cancel(job);
-            tracker().end(job, JobState::Failed, "the fab refused it: " + why.what);
-          },
-          [this](const std::string& job, const Error& why) { on_unreadable(job, why); },
-          [this](const std::string& job, const std::string&) {
-            const auto now = store().find(job);
-            if (now && (now->state == JobState::Slicing || now->state == JobState::Sending))
-              tracker().move(job, now->state, link_->why_waiting(job));
-          }};
+RouteEvents ScanSite::route_events() {
+  RouteEvents events;
+  events.changed = [this](const std::string& what, bool is_up, const std::string& why) {
+    log_line(is_up ? what + " is reached" : fmt::format("{}: {}", what, why));
+    if (page_backend_) page_backend_->set_link(is_up, why);
+    show_profiles();
+    if (is_up) send_cancelled();
+    for (const std::string& job : counters().jobs())
+      if (const auto now = store().find(job); now && now->state == JobState::Sending)
+        tracker().move(job, JobState::Sending, route_->why_waiting(job));
+  };
+  events.jobs.acknowledged = [this](const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
+    counters().change(job, [&](JobCounters& c) {
+      c.layers_sent = std::max(c.layers_sent, layers);
+      c.wire_bytes += bytes;
+    });
+  };
+  events.jobs.kept = [this](const std::string& job) { on_kept(job); };
+  events.jobs.job_changed = [this](const Job& theirs) { on_job_changed(theirs); };
+  events.jobs.refused = [this](const std::string& job, const Error& why) {
+    slicer_->cancel(job);
+    tracker().end(job, JobState::Failed, "the fab refused it: " + why.what);
+  };
+  events.jobs.unreadable = [this](const std::string& job, const Error& why) { on_unreadable(job, why); };
+  events.jobs.deferred = [this](const std::string& job, const std::string&) {
+    const auto now = store().find(job);
+    if (now && (now->state == JobState::Slicing || now->state == JobState::Sending))
+      tracker().move(job, now->state, route_->why_waiting(job));
+  };
+  return events;
 }
 
 void ScanSite::on_kept(const std::string& job) {
@@ -320,8 +317,8 @@ void ScanSite::on_unreadable(const std::string& job, const Error& why) {
     unreadable_.erase(job);
     const auto still = store().find(job);
     if (!still || is_final(still->state)) return;
-    tracker().move(job, still->state, link_->why_waiting(job));
-    link_->pump(job);
+    tracker().move(job, still->state, route_->why_waiting(job));
+    route_->pump(job);
   });
 }
 
@@ -370,30 +367,35 @@ void ScanSite::command(const Command& command, std::function<void(Result<Job>)> 
   if (is_final(job->state))
     return done(fail(ErrorCode::Conflict, fmt::format("job {} is {} already", job->id, name_of(job->state))));
   if (command.command == JobCommand::Cancel) {
-    const bool is_known_there = link_->knows(job->id);
+    const bool is_known_there = route_->knows(job->id);
     // What could not be kept is not answered as done: a restart would go on with the job, here or at the fab.
     if (auto kept = store().add_event(job->id, fmt::format("cancel asked by {}", command.who)); !kept)
       return done(tl::unexpected{kept.error()});
     if (is_known_there)
       if (auto kept = mark_cancelled(job->id, command.who); !kept) return done(tl::unexpected{kept.error()});
     slicer_->cancel(job->id);
-    const bool waits = is_known_there && !link_->is_up();
+    const bool waits = is_known_there && !route_->is_up();
     tracker().end(job->id, JobState::Cancelled,
-                  fmt::format("by {}{}", command.who, waits ? "; the fab will be told as soon as it is reached" : ""));
+                  fmt::format("by {}{}", command.who,
+                              waits ? fmt::format("; {} will be told as soon as it is reached", route_->name()) : ""));
     send_cancelled();
     return done(store().find(job->id));
   }
-  if (!link_->knows(job->id) || is_before(job->state, JobState::Planning))
+  const auto fab = route_->fab_of(job->id);
+  if (!fab || !route_->knows(job->id) || is_before(job->state, JobState::Planning))
     return done(fail(ErrorCode::Conflict, fmt::format("job {} is {}; there is no print to {} yet", job->id,
                                                       name_of(job->state), name_of(command.command))));
   Command forwarded = command;
-  forwarded.request = link_->next_request();
-  link_->ask(forwarded.request, forwarded, [this, id = job->id, done = std::move(done)](Result<Message> answer) {
+  forwarded.job = fab->id;
+  forwarded.request = fab->link->next_request();
+  fab->link->ask(forwarded.request, forwarded, [this, id = job->id, done = std::move(done)](Result<Message> answer) {
     if (!answer) {
       done(tl::unexpected{answer.error()});
     } else {
-      if (const auto* jobs = std::get_if<Jobs>(&*answer); jobs && jobs->jobs.size() == 1)
+      if (auto* jobs = std::get_if<Jobs>(&*answer); jobs && jobs->jobs.size() == 1) {
+        jobs->jobs.front().id = id;
         on_job_changed(jobs->jobs.front());
+      }
       done(store().find(id));
     }
     return true;
@@ -407,22 +409,15 @@ Result<Job> ScanSite::forget(const std::string& job) {
 }
 
 void ScanSite::send_cancelled() {
-  if (!link_->is_up()) return;
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator{site().folder().path() / "jobs", error}) {
     const auto mark = entry.path() / kCancelMark;
     if (!std::filesystem::exists(mark, error)) continue;
     std::string who;
     std::getline(std::ifstream{mark}, who);
-    const RequestId request = link_->next_request();
-    const std::string job = entry.path().filename().string();
-    link_->ask(request, Command{request, job, JobCommand::Cancel, who}, [mark](const Result<Message>& answer) {
-      // NotFound and Conflict are as good as yes: there is nothing left to cancel.
-      if (answer || answer.error().code == ErrorCode::NotFound || answer.error().code == ErrorCode::Conflict) {
-        std::error_code ignored;  // told twice at worst
-        std::filesystem::remove(mark, ignored);
-      }
-      return true;
+    route_->cancel(entry.path().filename().string(), who, [mark](const Result<void>& cancelled) {
+      std::error_code ignored;  // asked twice at worst
+      if (cancelled) std::filesystem::remove(mark, ignored);
     });
   }
 }
@@ -431,20 +426,23 @@ void ScanSite::files(const std::string& job, std::function<void(Result<std::vect
   const auto found = site().find(job);
   if (!found) return done(tl::unexpected{found.error()});
   auto own = files_of(found->folder / "report");
-  const RequestId request = link_->next_request();
-  link_->ask(
-      request, AskFiles{request, job}, [own = std::move(own), done = std::move(done)](Result<Message> answer) mutable {
-        // Without the fab there is what was fetched before.
-        if (answer)
-          if (const auto* theirs = std::get_if<Files>(&*answer))
-            for (const FileEntry& file : theirs->files) {
-              std::erase_if(own, [&](const FileEntry& each) { return each.name == file.name; });
-              own.push_back(file);
-            }
-        std::sort(own.begin(), own.end(), [](const FileEntry& a, const FileEntry& b) { return a.name < b.name; });
-        done(std::move(own));
-        return true;
-      });
+  const auto fab = route_->fab_of(job);
+  if (!fab) return done(std::move(own));
+  const RequestId request = fab->link->next_request();
+  fab->link->ask(request, AskFiles{request, fab->id},
+                 [own = std::move(own), done = std::move(done)](Result<Message> answer) mutable {
+                   // Without the fab there is what was fetched before.
+                   if (answer)
+                     if (const auto* theirs = std::get_if<Files>(&*answer))
+                       for (const FileEntry& file : theirs->files) {
+                         std::erase_if(own, [&](const FileEntry& each) { return each.name == file.name; });
+                         own.push_back(file);
+                       }
+                   std::sort(own.begin(), own.end(),
+                             [](const FileEntry& a, const FileEntry& b) { return a.name < b.name; });
+                   done(std::move(own));
+                   return true;
+                 });
 }
 
 void ScanSite::file(const std::string& job, const std::string& name,
@@ -452,11 +450,13 @@ void ScanSite::file(const std::string& job, const std::string& name,
   const auto found = site().find(job);
   if (!found) return done(tl::unexpected{found.error()});
   const auto kept = found->folder / "report" / name;
-  if (name == "slice.json" || !link_->is_up()) {
+  const auto fab = route_->fab_of(job);
+  const bool is_reached = fab && fab->link->is_up();
+  if (name == "slice.json" || !is_reached) {
     std::error_code error;
     if (std::filesystem::is_regular_file(kept, error)) return done(kept);
     return done(fail(ErrorCode::NotFound, fmt::format("job {} has no file {} here{}", job, name,
-                                                      link_->is_up() ? "" : ", and the fab is not reachable now")));
+                                                      is_reached ? "" : ", and the fab is not reachable now")));
   }
   if (auto made = make_folder(kept.parent_path()); !made) return done(tl::unexpected{made.error()});
   // Fetched again each time: the fab may have gone on.
@@ -465,32 +465,33 @@ void ScanSite::file(const std::string& job, const std::string& name,
     std::filesystem::path path;
     std::uint64_t got = 0;
   };
-  const RequestId request = link_->next_request();
+  const RequestId request = fab->link->next_request();
   auto arriving = std::make_shared<Arriving>();
   arriving->path = site().folder().incoming() / fmt::format("fetched-{}", static_cast<std::uint64_t>(request));
   arriving->file.open(arriving->path, std::ios::binary);
-  link_->ask(request, AskFile{request, job, name}, [arriving, kept, done = std::move(done)](Result<Message> answer) {
-    std::error_code failed;
-    const auto give_up = [&](Error why) {
-      std::filesystem::remove(arriving->path, failed);
-      done(tl::unexpected{std::move(why)});
-      return true;
-    };
-    if (!answer) return give_up(answer.error());
-    const auto* block = std::get_if<FileBlock>(&*answer);
-    if (!block || block->offset_bytes != arriving->got)
-      return give_up({ErrorCode::ProtocolBroken, "the fab sent something else than the file"});
-    arriving->file.write(reinterpret_cast<const char*>(block->content.data()),
-                         static_cast<std::streamsize>(block->content.size()));
-    arriving->got += block->content.size();
-    if (arriving->got < block->size_bytes) return false;
-    arriving->file.close();
-    std::filesystem::rename(arriving->path, kept, failed);
-    if (arriving->file.fail() || failed)
-      return give_up({ErrorCode::StorageFailed, "the file could not be kept at the scan site"});
-    done(kept);
-    return true;
-  });
+  fab->link->ask(request, AskFile{request, fab->id, name},
+                 [arriving, kept, done = std::move(done)](Result<Message> answer) {
+                   std::error_code failed;
+                   const auto give_up = [&](Error why) {
+                     std::filesystem::remove(arriving->path, failed);
+                     done(tl::unexpected{std::move(why)});
+                     return true;
+                   };
+                   if (!answer) return give_up(answer.error());
+                   const auto* block = std::get_if<FileBlock>(&*answer);
+                   if (!block || block->offset_bytes != arriving->got)
+                     return give_up({ErrorCode::ProtocolBroken, "the fab sent something else than the file"});
+                   arriving->file.write(reinterpret_cast<const char*>(block->content.data()),
+                                        static_cast<std::streamsize>(block->content.size()));
+                   arriving->got += block->content.size();
+                   if (arriving->got < block->size_bytes) return false;
+                   arriving->file.close();
+                   std::filesystem::rename(arriving->path, kept, failed);
+                   if (arriving->file.fail() || failed)
+                     return give_up({ErrorCode::StorageFailed, "the file could not be kept at the scan site"});
+                   done(kept);
+                   return true;
+                 });
 }
 
 }  // namespace telefab::scan

@@ -5,7 +5,7 @@
 #include <telefab/service/log.hpp>
 #include <telefab/service/site.hpp>
 
-#include "fab_link.hpp"
+#include "fab_route.hpp"
 #include "site_page_backend.hpp"
 #include "site_staging_backend.hpp"
 #include "slicer.hpp"
@@ -13,7 +13,7 @@
 namespace telefab::scan {
 
 /// The work of the scan site: clients' scans in, layers out to the fab, and the fab's news back. Stop order: page and
-/// listener (Site), link, slicer.
+/// listener (Site), route, slicer.
 class ScanSite final : public SiteWork {
  public:
   /// Everything but the addresses to listen on is checked when this returns. The site must outlive it.
@@ -36,16 +36,18 @@ class ScanSite final : public SiteWork {
   void begin(std::uint16_t port) override;
 
  private:
-  ScanSite(Site& site, std::string fab) : SiteWork{site}, fab_{std::move(fab)} {}
-  [[nodiscard]] Result<void> start(const std::string& fab_certificate);
+  explicit ScanSite(Site& site) : SiteWork{site} {}
+  [[nodiscard]] Result<void> start(const ScanSiteConfig& config);
   /// may_submit for a scan that wants so much of the disk, its layers with it.
   [[nodiscard]] Result<void> may_take(const Submit& submit, std::uint64_t bytes);
   [[nodiscard]] SlicerEvents slicer_events();
-  [[nodiscard]] FabLinkEvents link_events();
-  /// The fab's; this site's own until the fab was reached once.
+  [[nodiscard]] RouteEvents route_events();
+  /// Those of where its jobs are printed; this site's own until that was reached once.
   [[nodiscard]] const ProfileCatalogue& known_profiles() const;
   /// The page chooses from the same.
   void show_profiles();
+  /// Whose known_profiles() are.
+  [[nodiscard]] std::string origin_of_profiles() const;
   /// Takes uploads that nobody has touched for long off the disk; asks itself every hour.
   void look_after_uploads();
   [[nodiscard]] Result<void> resume_unfinished(const Job& job);
@@ -63,11 +65,10 @@ class ScanSite final : public SiteWork {
   [[nodiscard]] JobTracker& tracker() const { return site().tracker(); }
   [[nodiscard]] LiveCounters& counters() const { return site().tracker().counters(); }
 
-  std::string fab_;
   SpoolRegistry spools_;
   std::set<std::string> unreadable_;  ///< jobs whose spool is read again after a while
   std::unique_ptr<Slicer> slicer_;
-  std::unique_ptr<FabLink> link_;
+  std::unique_ptr<FabRoute> route_;
   std::unique_ptr<UploadStore> uploads_;  ///< null where there is no page
   std::unique_ptr<SitePageBackend> page_backend_;
   std::unique_ptr<SiteStagingBackend> staging_backend_;
