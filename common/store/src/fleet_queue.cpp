@@ -409,20 +409,17 @@ class SqlFleetQueue final : public FleetQueue {
   }
 
   Result<std::vector<fleet::Event>> events(std::uint64_t after, std::size_t most) override {
+    return together([&] {
+      return select_events("number > ? ORDER BY number",
+                           {static_cast<std::int64_t>(after), static_cast<std::int64_t>(most)});
+    });
+  }
+
+  Result<std::vector<fleet::Event>> newest_events(std::size_t most) override {
     return together([&]() -> Result<std::vector<fleet::Event>> {
-      const auto rows =
-          run("SELECT number, unix_ms, job, machine, text FROM fleet_event WHERE number > ? ORDER BY number LIMIT ?",
-              {static_cast<std::int64_t>(after), static_cast<std::int64_t>(most)});
-      if (!rows) return tl::unexpected{rows.error()};
-      std::vector<fleet::Event> all;
-      for (const SqlRow& row : *rows) {
-        Columns c{row};
-        fleet::Event& event = all.emplace_back();
-        event.number = static_cast<std::uint64_t>(c.number());
-        event.unix_ms = c.number();
-        event.job = c.text(), event.machine = c.text(), event.text = c.text();
-      }
-      return all;
+      auto newest = select_events("number > 0 ORDER BY number DESC", {static_cast<std::int64_t>(most)});
+      if (newest) std::reverse(newest->begin(), newest->end());
+      return newest;
     });
   }
 
@@ -478,6 +475,22 @@ class SqlFleetQueue final : public FleetQueue {
     if (!rows) return tl::unexpected{rows.error()};
     std::vector<fleet::Job> all;
     for (const SqlRow& row : *rows) all.push_back(job_of(row));
+    return all;
+  }
+
+  Result<std::vector<fleet::Event>> select_events(const char* which, std::vector<SqlValue> values) {
+    const auto rows =
+        run(fmt::format("SELECT number, unix_ms, job, machine, text FROM fleet_event WHERE {} LIMIT ?", which),
+            std::move(values));
+    if (!rows) return tl::unexpected{rows.error()};
+    std::vector<fleet::Event> all;
+    for (const SqlRow& row : *rows) {
+      Columns c{row};
+      fleet::Event& event = all.emplace_back();
+      event.number = static_cast<std::uint64_t>(c.number());
+      event.unix_ms = c.number();
+      event.job = c.text(), event.machine = c.text(), event.text = c.text();
+    }
     return all;
   }
 

@@ -252,6 +252,9 @@ TEST_P(FleetQueueTest, TellsEventsInOrderAndOnceForEachKey) {
   EXPECT_EQ(events[2].text, "layer 200");
   EXPECT_LT(events[0].number, events[1].number);
   EXPECT_THAT(queue->events(events[1].number, 100).value(), SizeIs(1));
+  const auto newest = queue->newest_events(2).value();
+  ASSERT_THAT(newest, SizeIs(2));
+  EXPECT_EQ(newest[0].text, "layer 100");
 }
 
 TEST_P(FleetQueueTest, TreatsTextAsTextAndNeverAsAStatement) {

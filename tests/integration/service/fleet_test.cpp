@@ -106,6 +106,7 @@ class PlayedQueue final : public FleetQueue {
   Result<fleet::Job> decide(std::string_view job, fleet::State, std::string_view) override { return find(job); }
   Result<void> add_event(std::string_view, const fleet::Event&) override { return {}; }
   Result<std::vector<fleet::Event>> events(std::uint64_t, std::size_t) override { return std::vector<fleet::Event>{}; }
+  Result<std::vector<fleet::Event>> newest_events(std::size_t) override { return std::vector<fleet::Event>{}; }
   Result<bool> wait(Nanoseconds) override {
     std::this_thread::sleep_for(5ms);
     return on<bool>([]() -> Result<bool> { return true; });

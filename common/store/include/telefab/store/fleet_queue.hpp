@@ -67,6 +67,8 @@ class FleetQueue {
   [[nodiscard]] virtual Result<void> add_event(std::string_view key, const fleet::Event& event) = 0;
   /// With a number above `after`, oldest first.
   [[nodiscard]] virtual Result<std::vector<fleet::Event>> events(std::uint64_t after, std::size_t most) = 0;
+  /// The newest, oldest of them first.
+  [[nodiscard]] virtual Result<std::vector<fleet::Event>> newest_events(std::size_t most) = 0;
   /// Waits until something changed, or for so long; whether it did.
   [[nodiscard]] virtual Result<bool> wait(Nanoseconds longest) = 0;
   /// By the clock of the queue.
