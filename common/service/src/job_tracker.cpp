@@ -101,15 +101,28 @@ Result<void> JobTracker::save_move(const std::string& job, JobState state, const
   if (!now && now.error().code == ErrorCode::StorageFailed) return tl::unexpected{now.error()};
   if (!now || (now->state == state && now->message == message)) return {};
   if (now->state != state && !may_follow(now->state, state)) return {};
-  const auto moved = store_->move(job, state, message);
+  return report(job, store_->move(job, state, message));
+}
+
+Result<void> JobTracker::report(const std::string& job, const Result<Job>& moved) {
   if (!moved && moved.error().code == ErrorCode::StorageFailed) return tl::unexpected{moved.error()};
   if (!moved) {
     log_warning(moved.error().what, {job});
     return {};
   }
-  log_line(fmt::format("job {} {}{}{}", job, name_of(state), message.empty() ? "" : ": ", message), {job});
+  log_line(fmt::format("job {} {}{}{}", job, name_of(moved->state), moved->message.empty() ? "" : ": ", moved->message),
+           {job});
   hooks_->notify(*moved);
   return {};
+}
+
+void JobTracker::send_again(const std::string& job, std::string_view message) {
+  save_in_order(job, [this, job, message = std::string{message}]() -> Result<void> {
+    const auto now = store_->find(job);
+    if (!now && now.error().code == ErrorCode::StorageFailed) return tl::unexpected{now.error()};
+    if (!now || is_final(now->state) || !is_before(JobState::Sending, now->state)) return {};
+    return report(job, store_->send_again(job, message));
+  });
 }
 
 void JobTracker::retry_later() {

@@ -35,6 +35,11 @@ Result<MachineProfile> profile_of_job(const ProfileCatalogue& catalogue, std::st
   return std::move(composed->profile);
 }
 
+std::string light_of(const ProfileCatalogue& catalogue, const std::string& profile, const std::string& resin) {
+  const auto composed = catalogue.compose({profile, resin});
+  return composed ? to_hex(digest_of_profile(composed->profile)) : std::string{};
+}
+
 Machines to_machines(const ProfileCatalogue& catalogue, std::string origin) {
   Machines machines;
   machines.machine_toml = catalogue.texts(ProfileKind::Machine);

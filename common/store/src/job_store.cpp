@@ -217,6 +217,27 @@ struct JobStore::Impl {
                                  .bind(now_unix_ms())
                                  .bind(text)));
   }
+  /// `may_be_left`: whether the job may go there from the state it is in.
+  [[nodiscard]] Result<Job> move(std::string_view id, JobState to, std::string_view message,
+                                 const std::function<bool(JobState from)>& may_be_left) {
+    return together([&]() -> Result<Job> {
+      auto job = find(id);
+      if (!job) return job;
+      if (!may_be_left(job->state))
+        return fail(ErrorCode::Conflict,
+                    fmt::format("job {} is {} and cannot become {}", id, name_of(job->state), name_of(to)));
+      auto updated =
+          execute(std::move(prepare("UPDATE job SET state = ?, message = ?, changed_unix_ms = ? WHERE id = ?")
+                                .bind(static_cast<std::int64_t>(to))
+                                .bind(message)
+                                .bind(now_unix_ms())
+                                .bind(id)));
+      if (!updated) return tl::unexpected{updated.error()};
+      const std::string text = message.empty() ? std::string{name_of(to)} : fmt::format("{}: {}", name_of(to), message);
+      if (auto noted = add_event(id, text); !noted) return tl::unexpected{noted.error()};
+      return find(id);
+    });
+  }
 };
 
 JobStore::JobStore(std::unique_ptr<Impl> impl) : impl_{std::move(impl)} {}
@@ -260,7 +281,7 @@ Result<Job> JobStore::create(const NewJob& job) {
     const std::int64_t place = next.number();
     const std::int64_t now = impl_->now_unix_ms();
     // Readable, sortable, unique at this site: the millisecond it was made and its place.
-    const std::string id = job.id ? *job.id : fmt::format("j{:x}-{}", now, place);
+    const std::string id = job.id ? *job.id : fmt::format("{}j{:x}-{}", job.id_prefix, now, place);
     if (impl_->find(id)) return fail(ErrorCode::Conflict, fmt::format("there is a job {} already", id));
     const auto before = forgotten(id);
     if (!before) return tl::unexpected{before.error()};
@@ -342,23 +363,11 @@ Result<std::vector<Job>> JobStore::unfinished() const {
 }
 
 Result<Job> JobStore::move(std::string_view id, JobState to, std::string_view message) {
-  return impl_->together([&]() -> Result<Job> {
-    auto job = impl_->find(id);
-    if (!job) return job;
-    if (job->state != to && !may_follow(job->state, to))
-      return fail(ErrorCode::Conflict,
-                  fmt::format("job {} is {} and cannot become {}", id, name_of(job->state), name_of(to)));
-    auto updated = impl_->execute(
-        std::move(impl_->prepare("UPDATE job SET state = ?, message = ?, changed_unix_ms = ? WHERE id = ?")
-                      .bind(static_cast<std::int64_t>(to))
-                      .bind(message)
-                      .bind(impl_->now_unix_ms())
-                      .bind(id)));
-    if (!updated) return tl::unexpected{updated.error()};
-    const std::string text = message.empty() ? std::string{name_of(to)} : fmt::format("{}: {}", name_of(to), message);
-    if (auto noted = impl_->add_event(id, text); !noted) return tl::unexpected{noted.error()};
-    return impl_->find(id);
-  });
+  return impl_->move(id, to, message, [to](JobState from) { return from == to || may_follow(from, to); });
+}
+
+Result<Job> JobStore::send_again(std::string_view id, std::string_view message) {
+  return impl_->move(id, JobState::Sending, message, [](JobState from) { return !is_final(from); });
 }
 
 Result<void> JobStore::set_counters(std::string_view id, const JobCounters& c) {

@@ -52,16 +52,12 @@ std::string newest_id(const FleetHold& hold) { return id_of_attempt(hold.job, ho
 
 }  // namespace
 
-FleetAgent::FleetAgent(Site& site, FleetMembership membership, LeaseBook& leases, JobDispatcher& dispatcher)
+FleetAgent::FleetAgent(Site& site, FabMembership membership, LeaseBook& leases, JobDispatcher& dispatcher)
     : site_{site},
       membership_{std::move(membership)},
       leases_{leases},
       dispatcher_{dispatcher},
-      link_{site.loop(),
-            [this] {
-              return membership_.open ? membership_.open(site_.clock()) : open_fleet(membership_.where, site_.clock());
-            },
-            [this] { look(); }} {
+      link_{site.loop(), [this] { return membership_.opened(site_.clock()); }, [this] { look(); }} {
   leases_.on_asked([this, alive = alive_] {
     site_.loop().post([this, alive] {
       if (*alive) look();
@@ -124,8 +120,9 @@ bool FleetAgent::is_free(const MachineStatus& machine) const {
   if (machine.state != MachineState::Idle || machine.waiting > 0) return false;
   const auto rest = not_before_.find(machine.name);
   if (rest != not_before_.end() && now() < rest->second) return false;
-  return std::ranges::none_of(
-      leases_.all(), [&](const FleetHold& hold) { return hold.machine == machine.name && hold.end == HoldEnd::None; });
+  // The queue gives a machine no other job before it knows how the last one ended.
+  return std::ranges::none_of(leases_.all(),
+                              [&](const FleetHold& hold) { return hold.machine == machine.name && !hold.is_reported; });
 }
 
 std::vector<fleet::Machine> FleetAgent::machines() const {
@@ -139,13 +136,11 @@ std::vector<fleet::Machine> FleetAgent::machines() const {
     machine.fab = membership_.name;
     machine.profile = stand[place].profile;
     // Cut for a machine means cut for its profile with its resin, whatever its devices are.
-    const auto cut_for =
-        site_.profiles().compose({stand[place].profile, stand.composed(place).resin, stand.composed(place).print});
-    machine.light = to_hex(digest_of_profile(cut_for ? cut_for->profile : profile));
+    machine.light = light_of(site_.profiles(), stand[place].profile, stand.composed(place).resin);
     machine.resin = standing[place].resin;
     machine.pixel_mm = profile.projection.pixel_pitch_mm;
-    machine.width_mm = profile.projection.width_px * machine.pixel_mm;
-    machine.depth_mm = profile.projection.height_px * machine.pixel_mm;
+    machine.width_mm = profile.platform.width_mm;
+    machine.depth_mm = profile.platform.depth_mm;
     machine.height_mm = profile.platform.z_travel_mm;
     switch (standing[place].state) {
       case MachineState::Idle:

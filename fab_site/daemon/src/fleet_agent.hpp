@@ -19,7 +19,7 @@ namespace telefab::fab {
 class FleetAgent {
  public:
   /// Site, leases and dispatcher must outlive it.
-  FleetAgent(Site& site, FleetMembership membership, LeaseBook& leases, JobDispatcher& dispatcher);
+  FleetAgent(Site& site, FabMembership membership, LeaseBook& leases, JobDispatcher& dispatcher);
   ~FleetAgent();
   FleetAgent(const FleetAgent&) = delete;
   FleetAgent& operator=(const FleetAgent&) = delete;
@@ -59,7 +59,7 @@ class FleetAgent {
   [[nodiscard]] Nanoseconds now() const { return site_.clock().now(); }
 
   Site& site_;
-  FleetMembership membership_;
+  FabMembership membership_;
   LeaseBook& leases_;
   JobDispatcher& dispatcher_;
   std::map<std::string, Asking> asking_;           ///< by the fleet's job

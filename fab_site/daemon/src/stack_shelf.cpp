@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <telefab/base/file.hpp>
-#include <telefab/geometry/layer.hpp>
 #include <telefab/service/data_folder.hpp>
 #include <telefab/service/saved_message.hpp>
 #include <telefab/transfer/chunk_spool.hpp>
@@ -18,17 +17,6 @@ constexpr std::uint64_t kLongestId = 256;
 std::filesystem::path file_of(const std::filesystem::path& folder, const Digest& key) { return folder / to_hex(key); }
 
 }  // namespace
-
-std::optional<Digest> stack_key_of(const Offer& offer) {
-  if (offer.scan == Digest{}) return std::nullopt;
-  // Free texts stand in it by their lengths, so that none can pass for another part.
-  const std::string header = canonical_text(offer.header);
-  Hasher hasher;
-  hasher.feed(fmt::format("telefab stack 1\nscan {}\nprofile {}\ncoding {}\nparameters {}\n{}\nheader {}\n{}\n",
-                          to_hex(offer.scan), to_hex(offer.profile), offer.coding, offer.parameters.size(),
-                          offer.parameters, header.size(), header));
-  return hasher.digest();
-}
 
 Result<void> StackShelf::put(const Offer& offer) const {
   const auto key = stack_key_of(offer);

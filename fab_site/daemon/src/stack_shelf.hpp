@@ -3,15 +3,10 @@
 #include <filesystem>
 #include <optional>
 #include <string>
-#include <telefab/base/digest.hpp>
 #include <telefab/base/result.hpp>
-#include <telefab/wire/message.hpp>
+#include <telefab/wire/stack_key.hpp>
 
 namespace telefab::fab {
-
-/// What a stack is cut of and how: its scan, profile, parameters, header and coding. The same key, the same layers.
-/// Nothing: the offer does not name its scan.
-[[nodiscard]] std::optional<Digest> stack_key_of(const Offer& offer);
 
 /// Which job's folder holds the layers of a key, a file a key in DATA/stacks. What it says is a hint: the job may be
 /// forgotten by now. Threads: any, for one key one at a time.

@@ -7,11 +7,19 @@
 
 namespace telefab::scan {
 
+/// What somebody asked for a job that is not a matter of its layers.
+struct JobWishes {
+  std::string machine;                ///< one by name, or a profile
+  int priority = 0;                   ///< larger ones first
+  std::int64_t deadline_unix_ms = 0;  ///< 0: none
+};
+
 /// What a route tells the site. Jobs are named by their ids at this site.
 struct RouteEvents {
   /// What is reached, or is not any more, has changed. `what`: of this, "the fab HOST:PORT".
   std::function<void(const std::string& what, bool is_up, const std::string& why)> changed;
-  FabLinkEvents jobs;  ///< but for `changed`
+  std::function<void()> reached;  ///< a fab of the fleet is, and may be asked what could not be asked before
+  FabLinkEvents jobs;             ///< but for `changed`
   /// The fleet has taken the job from the machine that had it: it waits for another.
   std::function<void(const std::string& job, const std::string& why)> taken_back;
   /// The fleet says that it has ended, and how.
@@ -36,19 +44,21 @@ class FabRoute {
   [[nodiscard]] virtual const ProfileCatalogue* profiles() const = 0;
   /// The profile of what somebody asks for: itself, or that of a machine of that name.
   [[nodiscard]] virtual std::string profile_of(const std::string& machine) const = 0;
+  /// Which machine an offer of a job that is cut for `profile` asks its fab for.
+  [[nodiscard]] virtual std::string asked_of_fab(const std::string& machine, const MachineProfile& profile) const = 0;
   /// What the machines are at now, or why that is not known.
   virtual void machines(std::function<void(Result<std::vector<MachineStatus>>)> done) = 0;
 
   /// A job's layers are to be printed, and are sent as they come into the spool.
-  virtual void add(const Offer& offer, std::shared_ptr<SharedSpool> spool) = 0;
+  virtual void add(const Offer& offer, std::shared_ptr<SharedSpool> spool, const JobWishes& wishes) = 0;
   [[nodiscard]] virtual bool knows(const std::string& job) const = 0;
   /// More chunks, or the end, are in the job's spool.
   virtual void pump(const std::string& job) = 0;
   virtual void forget(const std::string& job) = 0;
   /// Why a job does not go out now; empty: it does.
   [[nodiscard]] virtual std::string why_waiting(const std::string& job) const = 0;
-  /// A job that was ended here is to be ended there too. Unreachable: not now, ask again once changed() says that more
-  /// is reached; any other outcome is the last.
+  /// A job that was ended here is to be ended there too. Where it fails nothing has changed, and it is asked again once
+  /// changed() or reached() says that more is.
   virtual void cancel(const std::string& job, const std::string& who, std::function<void(Result<void>)> done) = 0;
 
   /// The line to a fab, and what that calls the job.
@@ -75,8 +85,13 @@ class OneFab final : public FabRoute {
   [[nodiscard]] bool is_up() const override { return link_.is_up(); }
   [[nodiscard]] const ProfileCatalogue* profiles() const override;
   [[nodiscard]] std::string profile_of(const std::string& machine) const override { return machine; }
+  [[nodiscard]] std::string asked_of_fab(const std::string& machine, const MachineProfile&) const override {
+    return machine;
+  }
   void machines(std::function<void(Result<std::vector<MachineStatus>>)> done) override;
-  void add(const Offer& offer, std::shared_ptr<SharedSpool> spool) override { link_.add(offer, std::move(spool)); }
+  void add(const Offer& offer, std::shared_ptr<SharedSpool> spool, const JobWishes&) override {
+    link_.add(offer, std::move(spool));
+  }
   [[nodiscard]] bool knows(const std::string& job) const override { return link_.knows(job); }
   void pump(const std::string& job) override { link_.pump(job); }
   void forget(const std::string& job) override { link_.forget(job); }

@@ -91,6 +91,7 @@ void FleetRoute::tick() {
   if (is_standing_wanted_ || --ticks_to_standing_ <= 0) ask_standing();
   follow();
   submit_new();
+  if (is_up_ && std::exchange(is_cancel_open_, false)) events_.reached();
   loop_.after(kTick, [this, alive = alive_] {
     if (*alive) tick();
   });
@@ -141,8 +142,8 @@ void FleetRoute::take(Standing standing) {
       if (catalogue) odd_catalogues_.erase(name);
       // A fab at another address is called there from now on.
       const auto line = lines_.find(name);
-      if (line == lines_.end() || (line->second.fab.address == fab.address &&
-                                   line->second.fab.certificate == fab.certificate))
+      if (line == lines_.end() ||
+          (line->second.fab.address == fab.address && line->second.fab.certificate == fab.certificate))
         continue;
       for (auto& [job, sending] : jobs_)
         if (sending.place && sending.place->fab == name) sending.place.reset();
@@ -226,14 +227,14 @@ fleet::NewJob FleetRoute::new_job(const Sending& sending) const {
   job.deadline_unix_ms = sending.wishes.deadline_unix_ms;
   if (const auto key = stack_key_of(offer)) job.stack_key = to_hex(*key);
   job.needs.machine = sending.wishes.machine;
-  const auto composed =
-      profiles_ ? composed_of_job(*profiles_, offer.machine, offer.parameters)
-                : Result<ComposedProfile>{fail(ErrorCode::NotFound, "no profiles of the fleet are known")};
+  const auto composed = profiles_
+                            ? composed_of_job(*profiles_, offer.machine, offer.parameters)
+                            : Result<ComposedProfile>{fail(ErrorCode::NotFound, "no profiles of the fleet are known")};
   // What the fleet does not offer any more fits no machine, and says so: `telefab fleet why`.
   job.needs.resin = composed ? composed->resin : std::string{};
   job.needs.light = composed ? light_of(*profiles_, offer.machine, composed->resin) : to_hex(offer.profile);
-  job.needs.width_mm = offer.header.bounds.max.x - offer.header.bounds.min.x;
-  job.needs.depth_mm = offer.header.bounds.max.y - offer.header.bounds.min.y;
+  job.needs.width_mm = offer.header.bounds.max.x_mm - offer.header.bounds.min.x_mm;
+  job.needs.depth_mm = offer.header.bounds.max.y_mm - offer.header.bounds.min.y_mm;
   job.needs.height_mm = offer.header.layer_count * offer.header.layer_thickness_mm;
   return job;
 }
@@ -260,7 +261,9 @@ void FleetRoute::follow() {
   if (std::exchange(is_following_, true)) return;
   using Events = std::vector<fleet::Event>;
   link_.ask<Events>(
-      [after = followed_](FleetQueue& queue) { return after ? queue.events(*after, kMostEvents) : queue.newest_events(1); },
+      [after = followed_](FleetQueue& queue) {
+        return after ? queue.events(*after, kMostEvents) : queue.newest_events(1);
+      },
       [this](const Result<Events>& events) {
         is_following_ = false;
         if (!events) return set_up(false, events.error().what);
@@ -370,8 +373,7 @@ std::string FleetRoute::why_waiting(const std::string& job) const {
     return line == lines_.end() ? std::string{} : line->second.link->why_waiting(sending.place->id);
   }
   if (!is_up_) return "waits for the queue of the fleet: " + why_down_;
-  if (!sending.known || sending.known->state == fleet::State::Waiting)
-    return "waits for a machine of the fleet; `telefab fleet why` says for which, and why not for another";
+  if (!sending.known || sending.known->state == fleet::State::Waiting) return "waits for a machine of the fleet";
   return fmt::format("waits for the fab of {}", sending.known->machine);
 }
 
@@ -383,13 +385,18 @@ void FleetRoute::cancel(const std::string& job, const std::string& who, std::fun
         return queue.find(job);
       },
       [this, job, who, done = std::move(done)](const Result<fleet::Job>& now) {
-        if (!now && now.error().code != ErrorCode::NotFound) return done(tl::unexpected{now.error()});
-        if (!now || fleet::is_final(now->state)) return done({});
+        const auto outcome = [this, job, done](Result<void> cancelled) {
+          if (!cancelled) log_warning("cancelled here, and not in the fleet yet: " + cancelled.error().what, {job});
+          if (!cancelled) is_cancel_open_ = true;
+          done(std::move(cancelled));
+        };
+        if (!now && now.error().code != ErrorCode::NotFound) return outcome(tl::unexpected{now.error()});
+        if (!now || fleet::is_final(now->state)) return outcome({});
         // It is being printed: its fab ends it.
         Line* line = line_of(now->machine);
         if (line == nullptr)
-          return done(fail(ErrorCode::Unreachable, fmt::format("the fab of {} is not known now", now->machine)));
-        cancel_at({line->link.get(), id_of_attempt(job, now->attempt)}, who, done);
+          return outcome(fail(ErrorCode::Unreachable, fmt::format("the fab of {} is not known now", now->machine)));
+        cancel_at({line->link.get(), id_of_attempt(job, now->attempt)}, who, outcome);
       });
 }
 
@@ -406,7 +413,7 @@ std::string FleetRoute::job_of(const std::string& fab, const std::string& id) co
   const auto found = attempts_.find(id);
   const auto sending = found == attempts_.end() ? jobs_.end() : jobs_.find(found->second);
   return sending != jobs_.end() && sending->second.place && sending->second.place->fab == fab ? found->second
-                                                                                             : std::string{};
+                                                                                              : std::string{};
 }
 
 FabLinkEvents FleetRoute::line_events(const std::string& fab) {
@@ -416,7 +423,7 @@ FabLinkEvents FleetRoute::line_events(const std::string& fab) {
                    : fmt::format("the fab {} of the fleet: {}", fab, why));
     for (const auto& [job, sending] : jobs_)
       if (sending.place && sending.place->fab == fab) events_.jobs.deferred(job, {});
-    if (is_up) events_.changed("the fab " + fab, is_up_, why_down_);
+    if (is_up) events_.reached();
   };
   events.acknowledged = [this, fab](const std::string& id, std::uint32_t layers, std::uint64_t bytes) {
     if (const auto job = job_of(fab, id); !job.empty()) events_.jobs.acknowledged(job, layers, bytes);
@@ -439,6 +446,8 @@ void FleetRoute::on_job_changed(const std::string& fab, Job theirs) {
   const std::string job = job_of(fab, theirs.id);
   if (job.empty()) return;
   theirs.id = job;
+  // As the fleet calls the machine.
+  if (const auto& known = jobs_.at(job).known; known && !theirs.instance.empty()) theirs.instance = known->machine;
   // Failed or cancelled is this attempt; whether the job is, the queue says.
   if (is_final(theirs.state) && theirs.state != JobState::Done) return look_up(job);
   events_.jobs.job_changed(theirs);
@@ -456,8 +465,9 @@ void FleetRoute::on_refused(const std::string& fab, const std::string& id, const
         if (fleet::is_final(now->state) || now->state == fleet::State::Waiting ||
             id_of_attempt(job, now->attempt) != id)
           return on_known(job, now);
-        link_.ask<fleet::Job>([job, site = options_.site](FleetQueue& queue) { return queue.cancel(job, site); },
-                              [](const Result<fleet::Job>&) {});  // where it fails its fab gives it back, and it fits none
+        link_.ask<fleet::Job>(
+            [job, site = options_.site](FleetQueue& queue) { return queue.cancel(job, site); },
+            [](const Result<fleet::Job>&) {});  // where it fails its fab gives it back, and it fits none
         events_.jobs.refused(job, why);
       });
 }

@@ -100,12 +100,13 @@ class FleetRoute final : public FabRoute {
   std::map<std::string, fleet::Fab> fabs_;
   std::map<std::string, fleet::Machine> machines_;
   std::optional<ProfileCatalogue> profiles_;
-  std::set<std::string> odd_catalogues_;  ///< fabs whose profiles could not be read, as it was logged
+  std::set<std::string> odd_catalogues_;   ///< fabs whose profiles could not be read, as it was logged
   std::optional<std::uint64_t> followed_;  ///< number of the last event that was looked at
   bool is_following_ = false;
   bool is_asking_standing_ = false;
   bool is_standing_wanted_ = true;
   int ticks_to_standing_ = 0;
+  bool is_cancel_open_ = false;  ///< one could not be passed on, and is asked for again
   bool is_up_ = false;
   std::string why_down_ = "not tried yet";
   std::shared_ptr<bool> alive_ = std::make_shared<bool>(true);  ///< for callbacks that outlive it

@@ -14,6 +14,7 @@
 #include <telefab/service/profile_choice.hpp>
 #include <telefab/service/saved_message.hpp>
 
+#include "fleet_route.hpp"
 #include "site_key.hpp"
 
 namespace telefab::scan {
@@ -24,6 +25,9 @@ constexpr const char* kCancelMark = "tell-cancelled";
 constexpr const char* kThreeJs = "/usr/share/javascript/three/three.min.js";  // Debian libjs-three
 constexpr std::uint64_t kMaxThreeJsBytes = 8U << 20U;
 constexpr auto kUploadsLookEvery = std::chrono::hours{1};
+constexpr const char* kProfile = "machine.toml";  ///< in a job's folder
+constexpr std::uint64_t kMaxProfileBytes = 1U << 20U;
+constexpr std::size_t kLongestSiteName = 24;  ///< begins the ids of its jobs, to which fabs and copies add
 constexpr const char* kOwnProfiles = "this scan site; the fab was not reached yet";
 
 /// Refuses what is surely no scan before there is a job of it.
@@ -33,6 +37,25 @@ Result<void> check_scan(const std::filesystem::path& upload, const std::string& 
   file.read(beginning.data(), beginning.size());
   if (file.bad()) return fail(ErrorCode::StorageFailed, fmt::format("cannot read {} again", name));
   return check_may_be_scan(std::as_bytes(std::span{beginning}.first(static_cast<std::size_t>(file.gcount()))), name);
+}
+
+/// Jobs go either to a fab or to a fleet, and a fleet wants a name that its fabs can keep apart.
+Result<void> check_way(const ScanSiteConfig& config) {
+  const FleetMembership& fleet = config.fleet;
+  if (!fleet.is_any()) {
+    if (config.fab.empty())
+      return fail(ErrorCode::InvalidInput, "say where jobs are printed: --fab HOST:PORT, or --fleet and --fleet-name");
+    if (!fleet.name.empty()) return fail(ErrorCode::InvalidInput, "--fleet-name: there is no --fleet");
+    return {};
+  }
+  if (!config.fab.empty())
+    return fail(ErrorCode::InvalidInput, "--fab and --fleet: jobs are printed by a fab or by a fleet; leave one out");
+  if (!is_job_id(fleet.name) || fleet.name.size() > kLongestSiteName)
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("--fleet-name: give this site a name that no other of the fleet has: 1 to {} of a-z, 0-9 "
+                            "and -",
+                            kLongestSiteName));
+  return {};
 }
 
 }  // namespace
@@ -54,14 +77,23 @@ Result<std::unique_ptr<ScanSite>> ScanSite::open(Site& site, const ScanSiteConfi
 }
 
 Result<void> ScanSite::start(const ScanSiteConfig& config) {
-  const auto fab = net::endpoint_from_text(config.fab);
-  if (!fab) return fail_in("--fab", fab.error());
+  if (auto ok = check_way(config); !ok) return ok;
   auto key = site_key(site().options(), site().folder().path());
   if (!key) return tl::unexpected{key.error()};
   slicer_ = std::make_unique<Slicer>(spools_, site().clock(), *key, slicer_events());
-  net::ConnectOptions options{*fab, site().trust(), net::Role::FabSite, {}};
-  options.expected_name = config.fab_certificate.empty() ? fab->host : config.fab_certificate;
-  route_ = std::make_unique<OneFab>(site().loop(), std::move(options), *key, route_events());
+  if (!config.fleet.is_any()) {
+    const auto fab = net::endpoint_from_text(config.fab);
+    if (!fab) return fail_in("--fab", fab.error());
+    net::ConnectOptions options{*fab, site().trust(), net::Role::FabSite, {}};
+    options.expected_name = config.fab_certificate.empty() ? fab->host : config.fab_certificate;
+    route_ = std::make_unique<OneFab>(site().loop(), std::move(options), *key, route_events());
+  } else {
+    id_prefix_ = config.fleet.name + "-";
+    const FleetMembership& fleet = config.fleet;
+    FleetRoute::Options options{[fleet, &clock = site().clock()] { return fleet.opened(clock); },
+                                fleet.where.empty() ? "the fleet" : fleet.where, fleet.name, *key, site().trust()};
+    route_ = std::make_unique<FleetRoute>(site().loop(), std::move(options), route_events());
+  }
   if (!site().options().web.empty()) {
     auto uploads = UploadStore::open(site().folder().path() / "uploads", {.most_bytes = kMaxScanBytes}, site().clock());
     if (!uploads) return tl::unexpected{uploads.error()};
@@ -175,7 +207,7 @@ Result<void> ScanSite::may_take(const Submit& submit, std::uint64_t bytes) {
 
 Result<Job> ScanSite::submit(const Submit& submit, const std::filesystem::path& upload, std::string_view owner) {
   if (auto may_be = check_scan(upload, submit.name); !may_be) return tl::unexpected{may_be.error()};
-  auto job = store().create({{}, submit.name, submit.machine, submit.parameters, std::string{owner}});
+  auto job = store().create({{}, submit.name, submit.machine, submit.parameters, std::string{owner}, id_prefix_});
   if (!job) return job;
   note(owner, fmt::format("submit {} {} for {} {} sha256 {}", job->id, submit.name, submit.machine, submit.parameters,
                           to_hex(submit.content)));
@@ -211,13 +243,26 @@ Result<void> ScanSite::resume_unfinished(const Job& job) {
   tracker().begin_stage(job.id, JobStage::Send);
   auto spool = spools_.of(job.id, *folder);
   if (!spool) return tl::unexpected{spool.error()};
-  if (const auto offer = saved_offer(*folder)) route_->add(*offer, *spool);
+  if (const auto offer = saved_offer(*folder)) route_->add(*offer, *spool, {job.machine});
   if ((*spool)->with([](const ChunkSpool& each) { return each.finished().has_value(); })) return {};
-  const std::string profile = route_->profile_of(job.machine);
-  auto machine = profile_of_job(known_profiles(), profile, job.parameters);
+  auto machine = profile_of(job, *folder);
   if (!machine) return tl::unexpected{machine.error()};
-  slicer_->add({job.id, job.name, job.owner, job.parameters, profile, std::move(*machine), *folder});
+  std::string asked = route_->asked_of_fab(job.machine, *machine);
+  slicer_->add({job.id, job.name, job.owner, job.parameters, std::move(asked), std::move(*machine), *folder});
   return {};
+}
+
+Result<MachineProfile> ScanSite::profile_of(const Job& job, const std::filesystem::path& folder) const {
+  const auto kept = read_file(folder / kProfile, kMaxProfileBytes);
+  if (kept)
+    return machine_profile_from_toml({reinterpret_cast<const char*>(kept->data()), kept->size()},
+                                     "what job " + job.id + " is cut for");
+  if (kept.error().code != ErrorCode::NotFound) return tl::unexpected{kept.error()};
+  auto machine = profile_of_job(known_profiles(), route_->profile_of(job.machine), job.parameters);
+  if (machine)
+    if (auto written = write_file_atomically(folder / kProfile, to_toml(*machine)); !written)
+      return tl::unexpected{written.error()};
+  return machine;
 }
 
 SlicerEvents ScanSite::slicer_events() {
@@ -231,7 +276,9 @@ SlicerEvents ScanSite::slicer_events() {
               if (!folder) return;
               if (!counters().change(job, [&](JobCounters& c) { c.layers = offer.header.layer_count; })) return;
               tracker().begin_stage(job, JobStage::Send);
-              if (auto spool = spools_.of(job, *folder)) route_->add(offer, *spool);
+              const auto now = store().find(job);
+              auto spool = spools_.of(job, *folder);
+              if (now && spool) route_->add(offer, *spool, {now->machine});
             });
           },
           [this](const std::string& job, std::uint32_t layers) {
@@ -246,8 +293,9 @@ SlicerEvents ScanSite::slicer_events() {
               if (!seconds) {
                 // A disk that is full or fails keeps the job waiting; what is cut already is in its spool.
                 if (seconds.error().code == ErrorCode::StorageFailed) return wait_for_disk(job, seconds.error());
-                const bool is_cancelled = seconds.error().code == ErrorCode::Cancelled;
-                return tracker().end(job, is_cancelled ? JobState::Cancelled : JobState::Failed, seconds.error().what);
+                if (seconds.error().code == ErrorCode::Cancelled)
+                  return tracker().end(job, JobState::Cancelled, seconds.error().what);
+                return fail_everywhere(job, seconds.error().what);
               }
               tracker().set_stage_seconds(job, JobStage::Slice, *seconds);
               tracker().move(job, JobState::Sending, route_->why_waiting(job));
@@ -274,6 +322,7 @@ RouteEvents ScanSite::route_events() {
       if (const auto now = store().find(job); now && now->state == JobState::Sending)
         tracker().move(job, JobState::Sending, route_->why_waiting(job));
   };
+  events.reached = [this] { send_cancelled(); };
   events.jobs.acknowledged = [this](const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
     counters().change(job, [&](JobCounters& c) {
       c.layers_sent = std::max(c.layers_sent, layers);
@@ -289,8 +338,18 @@ RouteEvents ScanSite::route_events() {
   events.jobs.unreadable = [this](const std::string& job, const Error& why) { on_unreadable(job, why); };
   events.jobs.deferred = [this](const std::string& job, const std::string&) {
     const auto now = store().find(job);
-    if (now && (now->state == JobState::Slicing || now->state == JobState::Sending))
-      tracker().move(job, now->state, route_->why_waiting(job));
+    if (!now || is_final(now->state) || is_before(now->state, JobState::Slicing)) return;
+    const std::string why = route_->why_waiting(job);
+    // Behind that a print says itself what it is at, unless its fab cannot.
+    if (!why.empty() || !is_before(JobState::Sending, now->state)) tracker().move(job, now->state, why);
+  };
+  events.taken_back = [this](const std::string& job, const std::string& why) { tracker().send_again(job, why); };
+  events.ended = [this](const std::string& job, JobState end, const std::string& message) {
+    if (!counters().contains(job)) return;
+    slicer_->cancel(job);
+    keep_reports(job);
+    if (end == JobState::Done) tracker().move(job, JobState::Printing, "");
+    tracker().end(job, end, message);
   };
   return events;
 }
@@ -305,12 +364,7 @@ void ScanSite::on_kept(const std::string& job) {
 void ScanSite::on_unreadable(const std::string& job, const Error& why) {
   const auto now = store().find(job);
   if (!now || is_final(now->state)) return;
-  if (why.code == ErrorCode::NotTrusted) {
-    if (auto marked = mark_cancelled(job, "scan-site"); !marked) log_warning(marked.error().what, {job});
-    slicer_->cancel(job);
-    tracker().end(job, JobState::Failed, why.what + "; submit the scan again");
-    return send_cancelled();
-  }
+  if (why.code == ErrorCode::NotTrusted) return fail_everywhere(job, why.what + "; submit the scan again");
   if (!unreadable_.insert(job).second) return;
   tracker().wait_for_disk(job, now->state, why);
   site().loop().after(site().options().retry_every, [this, job] {
@@ -320,6 +374,14 @@ void ScanSite::on_unreadable(const std::string& job, const Error& why) {
     tracker().move(job, still->state, route_->why_waiting(job));
     route_->pump(job);
   });
+}
+
+void ScanSite::fail_everywhere(const std::string& job, const std::string& why) {
+  if (route_->knows(job))
+    if (auto marked = mark_cancelled(job, "scan-site"); !marked) log_warning(marked.error().what, {job});
+  slicer_->cancel(job);
+  tracker().end(job, JobState::Failed, why);
+  send_cancelled();
 }
 
 Result<void> ScanSite::mark_cancelled(const std::string& job, const std::string& who) const {

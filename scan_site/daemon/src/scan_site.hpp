@@ -51,6 +51,9 @@ class ScanSite final : public SiteWork {
   /// Takes uploads that nobody has touched for long off the disk; asks itself every hour.
   void look_after_uploads();
   [[nodiscard]] Result<void> resume_unfinished(const Job& job);
+  /// What a job is cut for, as it was when it was submitted: a later start may not have reached the fab yet.
+  [[nodiscard]] Result<MachineProfile> profile_of(const Job& job, const std::filesystem::path& folder) const;
+  void bring(const Offer& offer, const std::filesystem::path& folder);
   /// The job says why it waits, and is resumed again; nothing of it is lost.
   void wait_for_disk(const std::string& job, const Error& why);
   void on_job_changed(const Job& theirs);
@@ -59,6 +62,8 @@ class ScanSite final : public SiteWork {
   void on_unreadable(const std::string& job, const Error& why);
   /// The mark by which the fab is told, at once or later. Fails as write_file_atomically.
   [[nodiscard]] Result<void> mark_cancelled(const std::string& job, const std::string& who) const;
+  /// A job that cannot go on here ends, and where it was brought to hears of it.
+  void fail_everywhere(const std::string& job, const std::string& why);
   /// Brings the fab's reports and pictures of an ended job here, so that they can be had without the fab.
   void keep_reports(const std::string& job);
   void send_cancelled();
@@ -66,6 +71,7 @@ class ScanSite final : public SiteWork {
   [[nodiscard]] LiveCounters& counters() const { return site().tracker().counters(); }
 
   SpoolRegistry spools_;
+  std::string id_prefix_;             ///< of its jobs; empty: in no fleet
   std::set<std::string> unreadable_;  ///< jobs whose spool is read again after a while
   std::unique_ptr<Slicer> slicer_;
   std::unique_ptr<FabRoute> route_;

@@ -13,6 +13,19 @@
 
 namespace telefab {
 
+/// A site as a member of a fleet.
+struct FleetMembership {
+  std::string where;  ///< the queue of the fleet, as open_fleet has it; empty: the site is in none
+  std::string name;   ///< of the site in the fleet, a job id (is_job_id)
+  /// Not from the command line: what a test puts in place of open_fleet. Called on a thread of its own.
+  std::function<Result<std::unique_ptr<FleetQueue>>(const Clock&)> open = {};
+  [[nodiscard]] bool is_any() const { return !where.empty() || open; }
+  /// The clock must outlive what is opened.
+  [[nodiscard]] Result<std::unique_ptr<FleetQueue>> opened(const Clock& clock) const {
+    return open ? open(clock) : open_fleet(where, clock);
+  }
+};
+
 /// A site's line to the queue of its fleet: a thread of its own, "fleet", that alone talks to it, since a call may wait
 /// for the database. Threads: the loop's.
 class FleetLink {

@@ -42,6 +42,8 @@ class JobTracker {
   [[nodiscard]] LiveCounters& counters() { return counters_; }
   /// Stores the counters as they are, then records the move.
   void move(const std::string& job, JobState state, std::string_view message);
+  /// A job of a fleet that another fab is to print is sent once more; nothing where it is not sent yet, or has ended.
+  void send_again(const std::string& job, std::string_view message);
   /// The job waits for the disk: it says why, and the site's health does until the job's next move.
   void wait_for_disk(const std::string& job, JobState state, const Error& why);
   /// Moves a job to a state that is final; whoever works on it forgets it, and then its counters are forgotten.
@@ -69,6 +71,8 @@ class JobTracker {
   /// Now, or behind whatever is not stored yet: a change may follow from one before it.
   void save_in_order(const std::string& job, Change change);
   [[nodiscard]] Result<void> save_move(const std::string& job, JobState state, const std::string& message);
+  /// What came of a change of a job's state: logged, and the hooks hear of it. Fails where it is to be tried again.
+  [[nodiscard]] Result<void> report(const std::string& job, const Result<Job>& moved);
   /// Folders of jobs that a restored store does not know.
   void note_unlisted(const std::filesystem::path& jobs);
   void retry_later();

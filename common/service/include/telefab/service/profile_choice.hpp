@@ -18,6 +18,12 @@ namespace telefab {
 [[nodiscard]] Result<MachineProfile> profile_of_job(const ProfileCatalogue& catalogue, std::string_view machine,
                                                     std::string_view parameters);
 
+/// Digest, hexadecimal, of what a machine of that profile prints with that resin where a job chooses nothing else: what
+/// a fleet compares, so that a job which was cut for one machine is printed by any of its kind, and by no other of the
+/// same name. Empty resin: the machine's own. Empty where they do not compose.
+[[nodiscard]] std::string light_of(const ProfileCatalogue& catalogue, const std::string& profile,
+                                   const std::string& resin);
+
 /// The catalogue as an answer to AskMachines; `origin` says whose it is.
 [[nodiscard]] Machines to_machines(const ProfileCatalogue& catalogue, std::string origin);
 

@@ -15,6 +15,7 @@ struct NewJob {
   std::string machine;
   std::string parameters = "{}";
   std::string owner;
+  std::string id_prefix = {};  ///< of an id that is made: what other sites make is then another one
 };
 
 /// The jobs of one site, in SQLite (one file, write-ahead log, every change fsynced): after kill -9 or power loss each
@@ -43,6 +44,9 @@ class JobStore {
   /// Conflict, and nothing changes, where may_follow forbids it; the same state again only changes the message.
   /// The change and its message become an event.
   [[nodiscard]] Result<Job> move(std::string_view id, JobState to, std::string_view message);
+  /// A job of a fleet that another fab prints: back to Sending from whatever it was behind that. Conflict: it has
+  /// ended.
+  [[nodiscard]] Result<Job> send_again(std::string_view id, std::string_view message);
   [[nodiscard]] Result<void> set_counters(std::string_view id, const JobCounters& counters);
   [[nodiscard]] Result<void> set_stage_seconds(std::string_view id, JobStage stage, double seconds);
   /// The machine that the job is on, or none where empty; a change becomes an event.

@@ -1,16 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <cstdint>
-#include <functional>
-#include <memory>
 #include <stop_token>
 #include <string>
 #include <telefab/base/clock.hpp>
 #include <telefab/fab/planning/plan_job.hpp>
 #include <telefab/fab/print/print_runner.hpp>
 #include <telefab/fab/print/start_rule.hpp>
+#include <telefab/service/fleet_link.hpp>
 #include <telefab/service/serve_options.hpp>
-#include <telefab/store/fleet_queue.hpp>
 
 namespace telefab::fab {
 
@@ -22,14 +20,9 @@ enum class PlatformPolicy : std::uint8_t {
 };
 
 /// A fab as a member of a fleet.
-struct FleetMembership {
-  std::string where;        ///< the queue of the fleet, as open_fleet has it; empty: the fab is in none
-  std::string name;         ///< of the fab in the fleet: 1 to 64 of a-z, 0-9 and -
+struct FabMembership : FleetMembership {
   std::string address;      ///< HOST:PORT at which scan sites reach it; empty: that of --listen, with the port bound
   std::string certificate;  ///< name that its certificate vouches for; empty: the host of the address
-  /// Not from the command line: what a test puts in place of open_fleet. Called on a thread of its own.
-  std::function<Result<std::unique_ptr<FleetQueue>>(const Clock&)> open = {};
-  [[nodiscard]] bool is_any() const { return !where.empty() || open; }
 };
 
 struct FabSiteConfig {
@@ -39,7 +32,7 @@ struct FabSiteConfig {
   PlanOptions planning;            ///< of every job; name, registration and regions are its own
   bool start_on_approval = false;  ///< a planned job waits for `telefab approve`
   PlatformPolicy platform = PlatformPolicy::ByMachine;
-  FleetMembership fleet;
+  FabMembership fleet;
   StartPolicy at_start;  ///< what may light by itself when the site starts
 };
 
