@@ -87,6 +87,21 @@ TEST_F(JobStoreTest, RefusesAForbiddenMoveAndChangesNothing) {
   EXPECT_THAT(*store->unfinished(), SizeIs(0));
 }
 
+TEST_F(JobStoreTest, SendsAJobAgainThatAnotherFabIsToPrintUnlessItHasEnded) {
+  auto store = open();
+  const std::string id = store->create({.name = "a", .machine = "m", .id_prefix = "chicago-"}).value().id;
+  EXPECT_TRUE(id.starts_with("chicago-j")) << id;
+  ASSERT_TRUE(store->move(id, JobState::Printing, ""));
+  ASSERT_TRUE(store->move(id, JobState::Paused, ""));
+  EXPECT_EQ(store->move(id, JobState::Sending, "").error().code, ErrorCode::Conflict) << "not by itself";
+  const auto again = store->send_again(id, "waits for a machine of the fleet");
+  ASSERT_TRUE(again) << again.error().what;
+  EXPECT_EQ(again->state, JobState::Sending);
+  EXPECT_EQ(again->message, "waits for a machine of the fleet");
+  ASSERT_TRUE(store->move(id, JobState::Done, ""));
+  EXPECT_EQ(store->send_again(id, "").error().code, ErrorCode::Conflict);
+}
+
 TEST_F(JobStoreTest, SaysNotFoundForAJobThatIsNotThere) {
   auto store = open();
   EXPECT_EQ(store->find("none").error().code, ErrorCode::NotFound);
