@@ -61,4 +61,22 @@ std::vector<Placed> place(const std::vector<Job>& jobs, std::vector<Machine> mac
   return placed;
 }
 
+std::vector<WhyNot> why_nots(const Job& job, const std::vector<Job>& jobs, const std::vector<Machine>& machines,
+                             std::int64_t now_unix_ms) {
+  const std::vector<Placed> placed = place(jobs, machines, now_unix_ms);
+  std::vector<WhyNot> all;
+  for (const Machine& machine : machines) {
+    WhyNot why = why_not(job, machine, now_unix_ms);
+    // Free and fit, it takes this job, or one that comes before it; or another machine was quicker to take this one.
+    const auto taken = std::ranges::find(placed, machine.name, &Placed::machine);
+    if (why == WhyNot::Fits && (taken == placed.end() || taken->job != job.id)) {
+      const auto other =
+          taken == placed.end() ? jobs.end() : std::ranges::find(jobs, taken->job, [](const Job& j) { return j.id; });
+      why = other != jobs.end() && is_before(*other, job) ? WhyNot::LaterInOrder : WhyNot::GoesElsewhere;
+    }
+    all.push_back(why);
+  }
+  return all;
+}
+
 }  // namespace telefab::fleet

@@ -129,9 +129,10 @@ enum class WhyNot : std::uint8_t {
   CoarserPixel,
   CalibratedTooLongAgo,
   Draining,
-  NotSeen,       ///< its fab was not heard of for kNotSeen_ms
-  NotFree,       ///< busy, occupied or in trouble
-  LaterInOrder,  ///< another job comes before it
+  NotSeen,        ///< its fab was not heard of for kNotSeen_ms
+  NotFree,        ///< busy, occupied or in trouble
+  LaterInOrder,   ///< another job comes before it
+  GoesElsewhere,  ///< another machine takes it
 };
 inline constexpr std::int64_t kNotSeen_ms = 60'000;
 
@@ -148,5 +149,10 @@ struct Placed {
 /// What the free machines would claim, each in the order of its name the first job that fits it: a dry run.
 [[nodiscard]] std::vector<Placed> place(const std::vector<Job>& jobs, std::vector<Machine> machines,
                                         std::int64_t now_unix_ms);
+
+/// What keeps a job off each of the machines, in their order, with the others as they are: as place() has it. Fits only
+/// of the machine that takes it now. `jobs`: all that wait, in any order.
+[[nodiscard]] std::vector<WhyNot> why_nots(const Job& job, const std::vector<Job>& jobs,
+                                           const std::vector<Machine>& machines, std::int64_t now_unix_ms);
 
 }  // namespace telefab::fleet
