@@ -88,6 +88,15 @@ int main(int argc, char** argv) {
          {"a certificate for the fab, which is reached under that name",
           "telefab certs issue los-angeles fab-site --host fab.example.org --dir telefab-certs"},
          {"let somebody in no more", "telefab certs revoke ada --dir telefab-certs"}}}},
+      {"fleet",
+       "look at the queue of a fleet, and decide what is open in it",
+       declare_fleet,
+       {{{"which machines there are, and what they are at",
+          "telefab fleet machines --fleet postgresql://ada@db.example.org/fleet"},
+         {"why no machine prints a job", "telefab fleet why j19a-1 --fleet sqlite:/srv/fleet.sqlite"},
+         {"a machine gets no new job", "telefab fleet drain los-angeles-hall-2 --fleet sqlite:/srv/fleet.sqlite"},
+         {"its fab burnt down in mid-print: it is made again elsewhere",
+          "telefab fleet decide j19a-1 --as waiting --fleet sqlite:/srv/fleet.sqlite"}}}},
   };
   return telefab::run_program(text, verbs, argc, argv);
 }

@@ -20,4 +20,5 @@ namespace telefab::client {
 [[nodiscard]] VerbBody declare_report(VerbOptions& options);
 [[nodiscard]] VerbBody declare_sites(VerbOptions& options);
 [[nodiscard]] VerbBody declare_certs(VerbOptions& options);
+[[nodiscard]] VerbBody declare_fleet(VerbOptions& options);
 }  // namespace telefab::client

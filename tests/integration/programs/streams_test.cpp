@@ -11,6 +11,7 @@
 #include <set>
 #include <sstream>
 #include <telefab/base/exit_code.hpp>
+#include <telefab/store/fleet_queue.hpp>
 #include <telefab/test/two_sites.hpp>
 #include <thread>
 
@@ -190,6 +191,8 @@ class Programs : public TwoSites {
     for (Command& command : all) command.words.insert(command.words.end(), {"--site", fab_site()});
     all[0].words.back() = all[8].words.back() = scan_site();
     all.push_back({{"sites"}});
+    EXPECT_TRUE(open_fleet_file(at("fleet.sqlite"), SystemClock{}));
+    all.push_back({{"fleet", "machines", "--fleet", "sqlite:" + at("fleet.sqlite")}});
     (void)ran({bin("telefab"), "certs", "authority", "--dir", at("authority")});
     all.push_back({{"certs", "issue", "ana", "operator", "--dir", at("authority")}});
     return all;
