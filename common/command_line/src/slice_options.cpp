@@ -14,10 +14,10 @@ Option declare(VerbOptions& options, SliceParameters& into, const SliceParameter
       return contains(range, value);
     });
   const Option choice = options.add(name, into.*std::get<SliceParameter::Choice>(row.field), help);
-  if (row.is_of_profile) choice.names(row.key == "resin" ? "RESIN" : "PRINT");
+  if (row.subject == SliceParameter::Subject::Profile) choice.names(row.key == "resin" ? "RESIN" : "PRINT");
   if (!row.choices.empty())
     choice.one_of({row.choices.begin(), row.choices.end()});
-  else if (read && !row.is_of_profile)
+  else if (read && row.subject == SliceParameter::Subject::Slicing)
     choice.read_by([&row, read](const std::string& text) { return read(row, text); });
   return row.fallback.empty() ? choice : choice.shows_default(std::string{row.fallback});
 }
@@ -40,7 +40,8 @@ void declare_slice_parameters(VerbOptions& options, SliceParameters& into, std::
   declare_rows(
       options, into,
       [keys](const SliceParameter& row) {
-        return keys.empty() ? !row.is_of_profile : std::ranges::find(keys, row.key) != keys.end();
+        return keys.empty() ? row.subject == SliceParameter::Subject::Slicing
+                            : std::ranges::find(keys, row.key) != keys.end();
       },
       read);
 }

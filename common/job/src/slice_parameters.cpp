@@ -15,6 +15,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 using P = SliceParameters;
 using Range = SliceParameter::Range;
+using Subject = SliceParameter::Subject;
 
 constexpr std::array<std::string_view, 4> kUnits{"mm", "cm", "m", "in"};
 constexpr std::array<std::string_view, 3> kMirrors{"x", "y", "z"};
@@ -27,7 +28,11 @@ constexpr Range kLength{.least = 0, .is_least_in = false, .most = kMaxCoordinate
 constexpr Range kScale{.least = 0, .is_least_in = false, .most = 1e9};
 constexpr Range kKernel{.least = 0, .is_least_in = false, .most = 1000};
 constexpr Range kSpeck{.least = 0, .is_least_in = true, .most = 100};
+constexpr Range kPriority{.least = -100, .is_least_in = true, .most = 100, .is_whole = true};
+constexpr Range kCopies{.least = 1, .is_least_in = true, .most = 100, .is_whole = true};
 constexpr Range kUpToOne{.least = 0, .is_least_in = false, .most = 1};
+
+constexpr std::array<std::string_view, 3> kSubjects{"slicing", "profile", "fleet"};
 
 const std::array kTable{
     SliceParameter{.key = "resin",
@@ -36,14 +41,14 @@ const std::array kTable{
                            "states itself",
                    .form = "a name of `telefab resins`",
                    .example = "formlabs-clear",
-                   .is_of_profile = true},
+                   .subject = Subject::Profile},
     SliceParameter{
         .key = "print",
         .field = &P::print,
         .help = "layers, supports and motion, one of the fab's ways to print; default: as the machine states",
         .form = "a name of `telefab prints`",
         .example = "fine",
-        .is_of_profile = true},
+        .subject = Subject::Profile},
     SliceParameter{.key = "height_mm",
                    .field = &P::height_mm,
                    .help = "scale the part to this height; default: the scan's own size",
@@ -171,6 +176,25 @@ const std::array kTable{
                    .help = "how contours are coded: to the last digit, or as curves within 0.065 pixels",
                    .choices = kCodings,
                    .fallback = "curve"},
+    SliceParameter{.key = "priority",
+                   .field = &P::priority,
+                   .help = "of a fleet's jobs larger ones are printed first, of one priority in the order of their "
+                           "deadlines and of submission; default: 0",
+                   .range = kPriority,
+                   .subject = Subject::Fleet},
+    SliceParameter{.key = "deadline",
+                   .field = &P::deadline,
+                   .help = "of a fleet's jobs of one priority the nearest are printed first, those without one last",
+                   .form = "YYYY-MM-DDTHH:MMZ, universal time",
+                   .example = "2027-03-01T08:00Z",
+                   .subject = Subject::Fleet},
+    SliceParameter{.key = "copies",
+                   .field = &P::copies,
+                   .help =
+                       "so many parts, each a job of its own for whichever machine of the fleet is free: ID, ID-c2, "
+                       "ID-c3; default: 1",
+                   .range = kCopies,
+                   .subject = Subject::Fleet},
 };
 
 template <class... F>
@@ -244,7 +268,15 @@ std::string option_name(const SliceParameter& parameter) {
   return name;
 }
 
+std::string fleet_options_of(const SliceParameters& parameters) {
+  std::vector<std::string> set;
+  for (const SliceParameter& row : kTable)
+    if (row.subject == Subject::Fleet && is_set(parameters, row)) set.push_back(option_name(row));
+  return fmt::format("{}", fmt::join(set, ", "));
+}
+
 std::string text_of(const SliceParameter::Range& range) {
+  if (range.is_whole) return fmt::format("a whole number of {} to {}", range.least, range.most);
   if (std::isinf(range.most)) return fmt::format("{} {}", range.is_least_in ? "at least" : "above", range.least);
   return range.is_least_in ? fmt::format("{} to {}", range.least, range.most)
                            : fmt::format("above {} and up to {}", range.least, range.most);
@@ -252,7 +284,7 @@ std::string text_of(const SliceParameter::Range& range) {
 
 bool contains(const SliceParameter::Range& range, double value) {
   return std::isfinite(value) && (range.is_least_in ? value >= range.least : value > range.least) &&
-         value <= range.most;
+         value <= range.most && (!range.is_whole || value == std::floor(value));
 }
 
 Result<void> validate(const SliceParameters& parameters) {
@@ -292,7 +324,10 @@ Result<SliceParameters> slice_parameters_from_json(std::string_view text) {
 std::string slice_parameter_list_json() {
   Json list = Json::array();
   for (const SliceParameter& row : kTable) {
-    Json entry{{"key", row.key}, {"type", type_of(row)}, {"help", row.help}};
+    Json entry{{"key", row.key},
+               {"type", type_of(row)},
+               {"subject", kSubjects[static_cast<std::size_t>(row.subject)]},
+               {"help", row.help}};
     if (!row.unit.empty()) entry["unit"] = row.unit;
     if (std::holds_alternative<SliceParameter::Number>(row.field)) entry["range"] = text_of(row.range);
     if (!row.choices.empty()) entry["choices"] = row.choices;

@@ -4,15 +4,9 @@
 #include <telefab/job/machine_status.hpp>
 
 #include "fab_link.hpp"
+#include "job_wishes.hpp"
 
 namespace telefab::scan {
-
-/// What somebody asked for a job that is not a matter of its layers.
-struct JobWishes {
-  std::string machine;                ///< one by name, or a profile
-  int priority = 0;                   ///< larger ones first
-  std::int64_t deadline_unix_ms = 0;  ///< 0: none
-};
 
 /// What a route tells the site. Jobs are named by their ids at this site.
 struct RouteEvents {
@@ -40,6 +34,7 @@ class FabRoute {
   /// "the fab HOST:PORT", "the fleet".
   [[nodiscard]] virtual std::string name() const = 0;
   [[nodiscard]] virtual bool is_up() const = 0;
+  [[nodiscard]] virtual bool is_fleet() const = 0;
   /// What may be submitted for; null until it was reached once.
   [[nodiscard]] virtual const ProfileCatalogue* profiles() const = 0;
   /// The profile of what somebody asks for: itself, or that of a machine of that name.
@@ -83,6 +78,7 @@ class OneFab final : public FabRoute {
   [[nodiscard]] std::string address() const override { return fab_; }
   [[nodiscard]] std::string name() const override { return "the fab " + fab_; }
   [[nodiscard]] bool is_up() const override { return link_.is_up(); }
+  [[nodiscard]] bool is_fleet() const override { return false; }
   [[nodiscard]] const ProfileCatalogue* profiles() const override;
   [[nodiscard]] std::string profile_of(const std::string& machine) const override { return machine; }
   [[nodiscard]] std::string asked_of_fab(const std::string& machine, const MachineProfile&) const override {

@@ -28,6 +28,7 @@ class FleetRoute final : public FabRoute {
   [[nodiscard]] std::string address() const override { return options_.where; }
   [[nodiscard]] std::string name() const override { return "the fleet"; }
   [[nodiscard]] bool is_up() const override { return is_up_; }
+  [[nodiscard]] bool is_fleet() const override { return true; }
   [[nodiscard]] const ProfileCatalogue* profiles() const override { return profiles_ ? &*profiles_ : nullptr; }
   [[nodiscard]] std::string profile_of(const std::string& machine) const override;
   /// Any of the kind: which one the lease says.

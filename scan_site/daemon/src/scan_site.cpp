@@ -9,10 +9,12 @@
 #include <span>
 #include <telefab/base/file.hpp>
 #include <telefab/base/version.hpp>
+#include <telefab/job/slice_parameters.hpp>
 #include <telefab/scan/formats/read_cloud.hpp>
 #include <telefab/scan/slicing/job_parameters.hpp>
 #include <telefab/service/profile_choice.hpp>
 #include <telefab/service/saved_message.hpp>
+#include <telefab/transfer/second_name.hpp>
 
 #include "fleet_route.hpp"
 #include "site_key.hpp"
@@ -113,7 +115,8 @@ ScanSite::~ScanSite() {
 
 WebSite& ScanSite::open_page(SignIn& sign_in, CommandPost post) {
   page_backend_ = std::make_unique<SitePageBackend>(
-      store(), site().room(), site().folder(), spools_, route_->address(), std::move(post),
+      store(), site().room(), site().folder(), spools_,
+      LinkView{route_->address(), route_->is_fleet(), false, "not tried yet"}, std::move(post),
       [this](const std::string& job, const std::string& name, auto done) {
         site().loop().post([this, job, name, done = std::move(done)]() mutable { file(job, name, std::move(done)); });
       });
@@ -182,8 +185,10 @@ void ScanSite::machines(std::function<void(Machines)> done) {
 }
 
 Result<void> ScanSite::may_submit(const Submit& submit) {
-  // The scan itself, and at most as much again for its layers.
-  return may_take(submit, 2 * submit.size_bytes);
+  const auto wishes = job_wishes_from(submit.machine, submit.parameters);
+  if (!wishes) return tl::unexpected{wishes.error()};
+  // The scan itself, and at most as much again for the layers of each copy.
+  return may_take(submit, (1 + std::uint64_t{wishes->copies}) * submit.size_bytes);
 }
 
 Result<void> ScanSite::may_take(const Submit& submit, std::uint64_t bytes) {
@@ -191,6 +196,13 @@ Result<void> ScanSite::may_take(const Submit& submit, std::uint64_t bytes) {
   if (!machine) return tl::unexpected{machine.error()};
   const auto parameters = job_parameters_from(submit.parameters, *machine);
   if (!parameters) return tl::unexpected{parameters.error()};
+  const auto asked = slice_parameters_from_json(submit.parameters);
+  if (!asked) return tl::unexpected{asked.error()};
+  const auto wishes = job_wishes_from(submit.machine, submit.parameters);
+  if (!wishes) return tl::unexpected{wishes.error()};
+  if (const std::string of_fleet = fleet_options_of(*asked); !route_->is_fleet() && !of_fleet.empty())
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("{}: of fleets alone, and this site's jobs are printed by {}", of_fleet, route_->name()));
   // What is known before the scan was read; its other sides come when it is cut.
   if (const auto& height_mm = parameters->slice.placement.height_mm;
       height_mm && *height_mm > machine->platform.z_travel_mm)
@@ -207,10 +219,33 @@ Result<void> ScanSite::may_take(const Submit& submit, std::uint64_t bytes) {
 
 Result<Job> ScanSite::submit(const Submit& submit, const std::filesystem::path& upload, std::string_view owner) {
   if (auto may_be = check_scan(upload, submit.name); !may_be) return tl::unexpected{may_be.error()};
-  auto job = store().create({{}, submit.name, submit.machine, submit.parameters, std::string{owner}, id_prefix_});
+  const auto wishes = job_wishes_from(submit.machine, submit.parameters);
+  if (!wishes) return tl::unexpected{wishes.error()};
+  const NewJob first{{}, submit.name, submit.machine, submit.parameters, std::string{owner}, id_prefix_};
+  auto job = take_scan(submit, first, upload);
   if (!job) return job;
-  note(owner, fmt::format("submit {} {} for {} {} sha256 {}", job->id, submit.name, submit.machine, submit.parameters,
-                          to_hex(submit.content)));
+  const auto folder = site().folder().job(job->id);
+  for (std::uint32_t copy = 2; folder && copy <= wishes->copies; ++copy) {
+    NewJob next = first;
+    next.id = fmt::format("{}-c{}", job->id, copy);
+    // The scan has a second name for each: it is kept while one of them is.
+    const auto second = site().folder().incoming() / *next.id;
+    auto named = give_second_name(*folder / "scan", second);
+    if (named && !*named)
+      named = fail(ErrorCode::StorageFailed, "the disk has no second names for files; submit it once for each copy");
+    auto made = named ? take_scan(submit, next, second) : Result<Job>{tl::unexpected{named.error()}};
+    if (!made)
+      return fail(made.error().code, fmt::format("{} of {} copies were taken, as {} and behind it: {}", copy - 1,
+                                                 wishes->copies, job->id, made.error().what));
+  }
+  return store().find(job->id);
+}
+
+Result<Job> ScanSite::take_scan(const Submit& submit, const NewJob& as, const std::filesystem::path& upload) {
+  auto job = store().create(as);
+  if (!job) return job;
+  note(as.owner, fmt::format("submit {} {} for {} {} sha256 {}", job->id, submit.name, submit.machine,
+                             submit.parameters, to_hex(submit.content)));
   const auto folder = site().folder().job(job->id);
   if (!folder) return tl::unexpected{folder.error()};
   std::error_code error;
@@ -243,13 +278,21 @@ Result<void> ScanSite::resume_unfinished(const Job& job) {
   tracker().begin_stage(job.id, JobStage::Send);
   auto spool = spools_.of(job.id, *folder);
   if (!spool) return tl::unexpected{spool.error()};
-  if (const auto offer = saved_offer(*folder)) route_->add(*offer, *spool, {job.machine});
+  if (const auto offer = saved_offer(*folder)) bring(*offer, *spool);
   if ((*spool)->with([](const ChunkSpool& each) { return each.finished().has_value(); })) return {};
   auto machine = profile_of(job, *folder);
   if (!machine) return tl::unexpected{machine.error()};
   std::string asked = route_->asked_of_fab(job.machine, *machine);
   slicer_->add({job.id, job.name, job.owner, job.parameters, std::move(asked), std::move(*machine), *folder});
   return {};
+}
+
+void ScanSite::bring(const Offer& offer, std::shared_ptr<SharedSpool> spool) {
+  const auto job = store().find(offer.job);
+  if (!job) return;
+  const auto wishes = job_wishes_from(job->machine, job->parameters);
+  if (!wishes) return fail_everywhere(offer.job, wishes.error().what);
+  route_->add(offer, std::move(spool), *wishes);
 }
 
 Result<MachineProfile> ScanSite::profile_of(const Job& job, const std::filesystem::path& folder) const {
@@ -276,9 +319,7 @@ SlicerEvents ScanSite::slicer_events() {
               if (!folder) return;
               if (!counters().change(job, [&](JobCounters& c) { c.layers = offer.header.layer_count; })) return;
               tracker().begin_stage(job, JobStage::Send);
-              const auto now = store().find(job);
-              auto spool = spools_.of(job, *folder);
-              if (now && spool) route_->add(offer, *spool, {now->machine});
+              if (auto spool = spools_.of(job, *folder)) bring(offer, *spool);
             });
           },
           [this](const std::string& job, std::uint32_t layers) {

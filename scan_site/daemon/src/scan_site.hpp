@@ -40,6 +40,10 @@ class ScanSite final : public SiteWork {
   [[nodiscard]] Result<void> start(const ScanSiteConfig& config);
   /// may_submit for a scan that wants so much of the disk, its layers with it.
   [[nodiscard]] Result<void> may_take(const Submit& submit, std::uint64_t bytes);
+  /// A job of its own of a scan that is here, which goes into its folder.
+  [[nodiscard]] Result<Job> take_scan(const Submit& submit, const NewJob& as, const std::filesystem::path& upload);
+  /// A job is offered where it is to be printed.
+  void bring(const Offer& offer, std::shared_ptr<SharedSpool> spool);
   [[nodiscard]] SlicerEvents slicer_events();
   [[nodiscard]] RouteEvents route_events();
   /// Those of where its jobs are printed; this site's own until that was reached once.

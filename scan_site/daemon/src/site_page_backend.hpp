@@ -15,13 +15,13 @@ namespace telefab::scan {
 class SitePageBackend final : public PageBackend {
  public:
   /// Store, room and folder must outlive the backend.
-  SitePageBackend(JobStore& store, const DiskRoom& room, const DataFolder& folder, SpoolRegistry& spools,
-                  std::string fab, CommandPost post, FilePost files)
+  SitePageBackend(JobStore& store, const DiskRoom& room, const DataFolder& folder, SpoolRegistry& spools, LinkView link,
+                  CommandPost post, FilePost files)
       : store_{store},
         room_{room},
         folder_{folder},
         layers_{spools},
-        link_{std::move(fab), false, "not tried yet"},
+        link_{std::move(link)},
         post_{std::move(post)},
         files_{std::move(files)} {}
 

@@ -33,7 +33,7 @@ function showStages(job) {
 
 function showLink() {
   const link = state.link;
-  byId("fab").replaceChildren(element("dt", "address"), element("dd", link.fab), element("dt", "state"),
+  byId("fab").replaceChildren(element("dt", link.fleet ? "queue of the fleet" : "address"), element("dd", link.fab), element("dt", "state"),
     element("dd", link.up ? "reached" : `not reached: ${link.why_down}`));
 }
 

@@ -66,10 +66,11 @@ const place = (() => {
   }
 
   async function learn() {
-    const [table, profiles] = await Promise.all([get("/v1/parameters"), get("/v1/profiles")]);
+    const [table, profiles, link] = await Promise.all([get("/v1/parameters"), get("/v1/profiles"), get("/v1/link")]);
     if (!self.table.length) {
       self.table = table;
-      byId("other-parameters").replaceChildren(...table.filter((p) => !own.includes(p.key)).map(otherInput));
+      byId("other-parameters").replaceChildren(...table
+        .filter((p) => !own.includes(p.key) && (p.subject !== "fleet" || link.fleet)).map(otherInput));
     }
     self.profiles = profiles;
     const keep = (select, options) => {

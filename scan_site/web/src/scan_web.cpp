@@ -21,7 +21,7 @@ using nlohmann::ordered_json;
 WebResponse as_text(const ordered_json& value) { return {200, "application/json", json_text(value)}; }
 
 ordered_json link_json(const LinkView& link) {
-  return {{"fab", link.fab}, {"up", link.is_up}, {"why_down", link.why_down}};
+  return {{"fab", link.fab}, {"fleet", link.is_fleet}, {"up", link.is_up}, {"why_down", link.why_down}};
 }
 
 /// What the job's JSON holds is made in one place, for hooks, client and page.

@@ -137,7 +137,9 @@ TEST(SliceParameterOptions, AreTheSameForSliceAndSubmitAndMostOfThemForInspect) 
   const Help slice = read_help(help_text("telefab-scan", "slice")), submit = read_help(help_text("telefab", "submit"));
   const Help inspect = read_help(help_text("telefab-scan", "inspect"));
   for (const SliceParameter& row : slice_parameter_table()) {
-    for (const Help* help : {&slice, &submit}) {
+    const bool is_of_fleet = row.subject == SliceParameter::Subject::Fleet;
+    EXPECT_EQ(slice.options.contains(option_name(row)), !is_of_fleet) << row.key << ": of submitted jobs alone";
+    for (const Help* help : {is_of_fleet ? &submit : &slice, &submit}) {
       const auto option = help->options.find(option_name(row));
       ASSERT_NE(option, help->options.end()) << row.key;
       EXPECT_EQ(option->second.takes_value, !std::holds_alternative<SliceParameter::Flag>(row.field)) << row.key;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <poll.h>
@@ -86,11 +87,15 @@ class Fleet : public testing::Test {
     words.insert(words.end(), {"--site", site(at)});
     return run(words);
   }
-  [[nodiscard]] std::string submit(const std::string& at, const std::string& machine = "toy") {
+  [[nodiscard]] std::string submit(const std::string& at, const std::string& machine = "toy",
+                                   const std::vector<std::string>& more = {}) {
     // The profiles of the fleet are known a moment after the start.
     Outcome outcome;
     for (int tries = 0; tries < 100; ++tries) {
-      outcome = telefab({"submit", (folder() / "torus.xyz").string(), "--machine", machine, "--height-mm", "4"}, at);
+      std::vector<std::string> words{"submit", (folder() / "torus.xyz").string(), "--machine", machine, "--height-mm",
+                                     "4"};
+      words.insert(words.end(), more.begin(), more.end());
+      outcome = telefab(words, at);
       if (outcome.code == 0) break;
       ::poll(nullptr, 0, 100);
     }
@@ -216,6 +221,41 @@ TEST_F(Fleet, HasAnotherFabPrintWhatOneLostBeforeItsFirstLightAndAsksAboutWhatWa
   EXPECT_EQ(in_fleet(begun).attempt, 1U);
   expect_printed_once(dark, {"ny", "la", "sf"});
   expect_printed_once(begun, {"ny", "la", "sf"});
+}
+
+TEST_F(Fleet, PrintsCopiesOnWhateverMachineIsFreeAndWhatIsMoreUrgentFirst) {
+  start_scan("chicago");
+  start_fab("la");
+  ASSERT_TRUE(await([&] { return !queue().machines().value().empty(); }));
+  kill("la");  // so that all of them wait
+  const std::string usual = submit("chicago");
+  const std::string gear =
+      submit("chicago", "toy", {"--copies", "3", "--priority", "5", "--deadline", "2099-03-01T08:00Z"});
+  const std::vector<std::string> copies{gear, gear + "-c2", gear + "-c3"};
+  for (const std::string& job : copies) {
+    ASSERT_TRUE(await([&] { return waits_in_fleet(job); })) << at("chicago", job).message;
+    EXPECT_EQ(in_fleet(job).priority, 5);
+    EXPECT_EQ(in_fleet(job).deadline_unix_ms, 4'076'035'200'000);
+    EXPECT_EQ(in_fleet(job).stack_key, in_fleet(gear).stack_key);
+  }
+  ASSERT_TRUE(await([&] { return waits_in_fleet(usual); }));
+  start_fab("la");
+  start_fab("sf");
+  for (const std::string& job : copies) {
+    ASSERT_TRUE(await([&] { return at("chicago", job).state == JobState::Done; })) << at("chicago", job).message;
+    expect_printed_once(job, {"la", "sf"});
+  }
+  ASSERT_TRUE(await([&] { return at("chicago", usual).state == JobState::Done; })) << at("chicago", usual).message;
+  std::vector<std::string> order;
+  const auto events = queue().events(0, 1000).value();
+  for (const fleet::Event& event : events)
+    if (event.text.starts_with("attempt ")) order.push_back(event.job);
+  ASSERT_FALSE(order.empty());
+  EXPECT_EQ(order.back(), usual) << fmt::format("{}", fmt::join(order, ", "));
+  const Outcome refused =
+      telefab({"submit", (folder() / "torus.xyz").string(), "--machine", "toy", "--deadline", "tomorrow"}, "chicago");
+  EXPECT_NE(refused.code, 0);
+  EXPECT_THAT(refused.errors, HasSubstr("2027-03-01T08:00Z"));
 }
 
 TEST_F(Fleet, CancelsAtTheScanSiteWhatWaitsAndWhatPrints) {

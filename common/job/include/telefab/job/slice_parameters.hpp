@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <array>
+#include <cstdint>
 #include <limits>
 #include <optional>
 #include <span>
@@ -39,6 +40,9 @@ struct SliceParameters {
   std::optional<double> kernel_mm;
   bool keep_outliers = false;
   std::optional<std::string> coding;
+  std::optional<double> priority;
+  std::optional<std::string> deadline;
+  std::optional<double> copies;
   friend bool operator==(const SliceParameters&, const SliceParameters&) = default;
 };
 
@@ -52,6 +56,7 @@ struct SliceParameter {
     double least = 0;
     bool is_least_in = true;  ///< whether `least` itself is legal
     double most = std::numeric_limits<double>::infinity();
+    bool is_whole = false;  ///< no fractions
   };
 
   std::string_view key;  ///< in JSON; the option is "--" and the key with dashes
@@ -64,9 +69,13 @@ struct SliceParameter {
   std::string_view form = {};                      ///< of a text, "all | largest | N"; the scan site reads it
   std::string_view example = {};                   ///< of a text: a legal one that is not the fallback
   std::array<std::string_view, 2> not_with = {};   ///< keys it excludes, told at the later of the two rows
-  /// Chooses, with the machine, the profile that all else is read against. Verbs that take a machine declare it with
-  /// that.
-  bool is_of_profile = false;
+  /// What a row is about, and so who has to do with it.
+  enum class Subject : std::uint8_t {
+    Slicing,  ///< the layers
+    Profile,  ///< chooses, with the machine, the profile that all else is read against; declared with the machine
+    Fleet,    ///< when and how often a fleet prints it; refused where there is one fab
+  };
+  Subject subject = Subject::Slicing;
 };
 
 /// In the order in which they are shown.
@@ -75,6 +84,8 @@ struct SliceParameter {
 [[nodiscard]] const SliceParameter* slice_parameter(std::string_view key);
 /// "--height-mm" of "height_mm".
 [[nodiscard]] std::string option_name(const SliceParameter& parameter);
+/// The options of a fleet that are set, "--priority, --copies", for people; empty: none is.
+[[nodiscard]] std::string fleet_options_of(const SliceParameters& parameters);
 /// "above 0", "0 to 1", ...
 [[nodiscard]] std::string text_of(const SliceParameter::Range& range);
 [[nodiscard]] bool contains(const SliceParameter::Range& range, double value);
@@ -87,8 +98,8 @@ struct SliceParameter {
 [[nodiscard]] std::string to_json(const SliceParameters& parameters);
 [[nodiscard]] Result<SliceParameters> slice_parameters_from_json(std::string_view text);
 
-/// The table for pages: [{"key":..,"type":"number|boolean|string","unit":..,"range":..,"choices":[..],"default":..,
-/// "help":..}]; and as a JSON Schema for the description of an API.
+/// The table for pages: [{"key":..,"type":"number|boolean|string","subject":"slicing|profile|fleet","unit":..,
+/// "range":..,"choices":[..],"default":..,"help":..}]; and as a JSON Schema for the description of an API.
 [[nodiscard]] std::string slice_parameter_list_json();
 [[nodiscard]] std::string slice_parameter_schema_json();
 

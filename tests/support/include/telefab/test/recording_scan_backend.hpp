@@ -32,7 +32,7 @@ class RecordingScanBackend : public PageBackend {
            R"(,"layers":500,"z_mm":1.5,"thickness_mm":0.15,"bounds":[0,0,20,14],"certified":true,)"
            R"("rings":[[[2,2],[18,2],[18,12],[2,12]]],"kinds":[[["measured",2],["completed",1],["doubtful",1]]]})";
   }
-  LinkView link() override { return {"127.0.0.1:7420", false, "connection refused"}; }
+  LinkView link() override { return {"127.0.0.1:7420", false, false, "connection refused"}; }
   Result<void> act(std::string_view id, JobCommand command, std::string_view) override {
     commands.emplace_back(std::string{id}, command);
     if (command == JobCommand::Approve) return fail(ErrorCode::Conflict, "there is nothing to approve");

@@ -11,7 +11,8 @@ namespace telefab::scan {
 
 /// The line to the fab as the page shows it.
 struct LinkView {
-  std::string fab;  ///< HOST:PORT
+  std::string fab;        ///< HOST:PORT; of a fleet where its queue is
+  bool is_fleet = false;  ///< jobs go to a fleet, and the line is that to its queue
   bool is_up = false;
   std::string why_down;  ///< empty while it is up
 };
