@@ -73,7 +73,8 @@ class FleetPostgres final : public FleetSql {
   Result<std::vector<SqlRow>> run(const std::string& text, std::vector<SqlValue> values) override {
     return guarded([&]() -> Result<std::vector<SqlRow>> {
       if (!work_) return fail(ErrorCode::Internal, "a statement outside of a transaction");
-      is_changed_ = is_changed_ || !text.starts_with("SELECT");
+      // Whoever waits waits for events: to be told of every renewal would keep all sites awake.
+      is_changed_ = is_changed_ || text.starts_with("INSERT INTO fleet_event");
       std::vector<std::string> texts;
       for (const SqlValue& value : values) texts.push_back(text_of(value));
       const pqxx::result found =

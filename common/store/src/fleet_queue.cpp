@@ -220,35 +220,52 @@ class SqlFleetQueue final : public FleetQueue {
     });
   }
 
-  Result<std::optional<fleet::Lease>> claim(std::string_view machine, Nanoseconds lasts) override {
-    const std::string name{machine};
+  using FleetQueue::claim;
+  Result<std::optional<fleet::Lease>> claim(std::span<const std::string> machines, Nanoseconds lasts) override {
+    if (machines.empty()) return std::optional<fleet::Lease>{};
+    std::vector<std::string> marks(machines.size(), "?");
+    const std::string among = fmt::format("{}", fmt::join(marks, ", "));
+    const std::vector<SqlValue> names{machines.begin(), machines.end()};
     auto claimed = together([&]() -> Result<std::optional<fleet::Lease>> {
-      const auto has = run("SELECT job FROM lease WHERE machine = ?", {name});
-      if (!has) return tl::unexpected{has.error()};
-      if (!has->empty()) return fail(ErrorCode::Conflict, "");
       const std::string fits = fmt::format(fmt::runtime(kFits), sql_->now(), fleet::kNotSeen_ms);
-      // Which job, and its next attempt, in one statement: what others look at is passed over.
+      const std::string is_idle = "NOT EXISTS (SELECT 1 FROM lease l WHERE l.machine = m.name)";
+      // Which job, for which machine, and its next attempt, in one statement: what others look at is passed over.
+      // Materialized: chosen again for every row it is held against it would be another one each time.
       const auto found =
           run(fmt::format(
-                  "UPDATE fleet_job SET state = 2, attempt = attempt + 1, machine = ?, message = '' WHERE id = (SELECT "
-                  "j.id FROM fleet_job j, machine m WHERE m.name = ? AND {} ORDER BY j.priority DESC, "
-                  "j.deadline_unix_ms, j.place LIMIT 1{}) AND state = 1 RETURNING id, attempt",
-                  fits, sql_->skipping_locked()),
-              {name, name});
+                  "WITH c AS MATERIALIZED (SELECT j.id AS job, m.name AS machine FROM fleet_job j, machine m WHERE "
+                  "m.name IN ({}) AND {} AND {} ORDER BY j.priority DESC, j.deadline_unix_ms, j.place, m.name LIMIT "
+                  "1{}) UPDATE fleet_job SET state = 2, attempt = fleet_job.attempt + 1, machine = c.machine, "
+                  "message = '' FROM c WHERE fleet_job.id = c.job AND fleet_job.state = 1 RETURNING id, attempt, "
+                  "fleet_job.machine",
+                  among, is_idle, fits, sql_->skipping_locked()),
+              names);
       if (!found) return tl::unexpected{found.error()};
-      if (found->empty()) return std::optional<fleet::Lease>{};
+      if (found->empty()) {
+        const auto idle =
+            run(fmt::format("SELECT COUNT(*) FROM machine m WHERE m.name IN ({}) AND {}", among, is_idle), names);
+        if (!idle) return tl::unexpected{idle.error()};
+        if (idle->front().front() == "0") return fail(ErrorCode::Conflict, "");
+        return std::optional<fleet::Lease>{};
+      }
       Columns c{found->front()};
-      fleet::Lease lease{c.text(), name, static_cast<std::uint32_t>(c.number()), ms_of(lasts), false};
+      fleet::Lease lease;
+      lease.job = c.text();
+      lease.attempt = static_cast<std::uint32_t>(c.number());
+      lease.machine = c.text();
+      lease.left_ms = ms_of(lasts);
       // A machine has one lease: its key says so.
       auto given = run(
           fmt::format("INSERT INTO lease (job, machine, attempt, until_unix_ms) VALUES (?, ?, ?, {} + ?)", sql_->now()),
-          {lease.job, name, std::int64_t{lease.attempt}, lease.left_ms});
+          {lease.job, lease.machine, std::int64_t{lease.attempt}, lease.left_ms});
       if (!given) return tl::unexpected{given.error()};
-      note(lease.job, name, fmt::format("attempt {}", lease.attempt));
+      note(lease.job, lease.machine, fmt::format("attempt {}", lease.attempt));
       return std::optional{lease};
     });
     if (!claimed && claimed.error().code == ErrorCode::Conflict)
-      return fail(ErrorCode::Conflict, fmt::format("machine {} has a job of the fleet already", machine));
+      return fail(ErrorCode::Conflict, machines.size() == 1
+                                           ? fmt::format("machine {} has a job of the fleet already", machines.front())
+                                           : "each of the machines has a job of the fleet already");
     return claimed;
   }
 

@@ -107,8 +107,7 @@ void FleetAgent::look() {
       if (hold.end != HoldEnd::None && !hold.is_reported) report(hold);
     }
     if (!has_old_leases_ || is_ending_) return;
-    for (const MachineStatus& machine : dispatcher_.standing())
-      if (is_free(machine)) claim(machine.name);
+    claim();
   });
 }
 
@@ -209,16 +208,23 @@ void FleetAgent::resume_leases(const std::string& machine) {
       });
 }
 
-void FleetAgent::claim(const std::string& machine) {
-  if (!claiming_.insert(machine).second) return;
+void FleetAgent::claim() {
+  std::map<std::string, std::string> free;  // machines here, by their names in the fleet
+  for (const MachineStatus& machine : dispatcher_.standing())
+    if (is_free(machine)) free[fleet_name(machine.name)] = machine.name;
+  if (free.empty() || std::exchange(is_claiming_, true)) return;
+  std::vector<std::string> names;
+  for (const auto& [name, machine] : free) names.push_back(name);
   const Nanoseconds asked = now();
   link_.ask<std::optional<fleet::Lease>>(
-      [name = fleet_name(machine)](FleetQueue& queue) { return queue.claim(name, kLease); },
-      [this, machine, asked](const Result<std::optional<fleet::Lease>>& got) {
-        claiming_.erase(machine);
+      [names = std::move(names)](FleetQueue& queue) { return queue.claim(names, kLease); },
+      [this, free = std::move(free), asked](const Result<std::optional<fleet::Lease>>& got) {
+        is_claiming_ = false;
         if (!got && got.error().code != ErrorCode::Unreachable)
-          log_warning(fmt::format("the fleet: no job is claimed for {}: {}", machine, got.error().what));
-        if (got && *got) on_claimed(machine, **got, asked);
+          log_warning(fmt::format("the fleet: no job is claimed: {}", got.error().what));
+        if (!got || !*got) return;
+        on_claimed(free.at((*got)->machine), **got, asked);
+        look();  // another one may fit the next
       });
 }
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include <map>
-#include <set>
 #include <string>
 #include <telefab/fab/daemon/serve_fab_site.hpp>
 #include <telefab/fab/print/lease_book.hpp>
@@ -40,7 +39,8 @@ class FleetAgent {
   void look();
   void announce();
   void resume_leases(const std::string& machine);
-  void claim(const std::string& machine);
+  /// A job for one of the machines that are free.
+  void claim();
   void on_claimed(const std::string& machine, const fleet::Lease& lease, Nanoseconds asked);
   void renew(const FleetHold& hold);
   /// The queue knows of no such lease any more.
@@ -63,13 +63,13 @@ class FleetAgent {
   LeaseBook& leases_;
   JobDispatcher& dispatcher_;
   std::map<std::string, Asking> asking_;           ///< by the fleet's job
-  std::set<std::string> claiming_;                 ///< machines that were asked for
   std::map<std::string, Nanoseconds> not_before_;  ///< by machine: it gave a job back, and another is to have it first
   std::vector<fleet::Machine> announced_;
   Nanoseconds announced_at_{};
   std::string catalogue_;
   std::string why_away_;  ///< the queue, as it was last logged
   bool is_announcing_ = false;
+  bool is_claiming_ = false;
   bool has_old_leases_ = false;  ///< the leases of an earlier life are known
   bool is_look_due_ = false;
   bool is_ending_ = false;

@@ -7,9 +7,8 @@
 #include <random>
 #include <set>
 #include <telefab/store/fleet_queue.hpp>
+#include <telefab/test/postgres_server.hpp>
 #include <thread>
-
-#include "postgres_server.hpp"
 
 // What a fleet's queue promises, of both its forms; PostgreSQL is skipped where there is no server.
 
@@ -90,6 +89,28 @@ TEST_P(FleetQueueTest, GivesAMachineTheFirstJobByPriorityDeadlineAndOrder) {
   EXPECT_EQ(queue->claim("a1", 10s).error().code, ErrorCode::Conflict) << "it has one";
   EXPECT_EQ(queue->find("urgent")->machine, "a3");
   EXPECT_EQ(queue->find("urgent")->state, State::Claimed);
+}
+
+TEST_P(FleetQueueTest, GivesOneOfSeveralMachinesTheFirstJobThatAnyOfThemFits) {
+  auto queue = open();
+  announce(*queue, {machine("a1"), machine("a2", "tough"), machine("a3")});
+  auto tough = job("tough");
+  tough.needs.resin = "tough";
+  for (const NewJob& each : {tough, job("any"), job("other")}) ASSERT_TRUE(queue->submit(each));
+  const std::vector<std::string> all{"a1", "a2", "a3"};
+  std::vector<std::string> given;
+  for (int i = 0; i < 3; ++i) {
+    const auto lease = queue->claim(all, 10s);
+    ASSERT_TRUE(lease && *lease) << (lease ? "nothing" : lease.error().what);
+    given.push_back((*lease)->job + " on " + (*lease)->machine);
+    EXPECT_EQ(queue->find((*lease)->job)->machine, (*lease)->machine);
+  }
+  EXPECT_THAT(given, ElementsAre("tough on a2", "any on a1", "other on a3"));
+  EXPECT_EQ(queue->claim(all, 10s).error().code, ErrorCode::Conflict) << "each has one";
+  ASSERT_TRUE(*queue->finish("any", 1, State::Done, ""));
+  const auto none = queue->claim(all, 10s);
+  ASSERT_TRUE(none) << none.error().what;
+  EXPECT_FALSE(*none) << "one is idle, and nothing waits";
 }
 
 TEST_P(FleetQueueTest, KeepsWhatItAnsweredOverItsEnd) {

@@ -11,11 +11,10 @@
 #include <telefab/fab/print/print_journal.hpp>
 #include <telefab/store/fleet_queue.hpp>
 #include <telefab/store/job_store.hpp>
+#include <telefab/test/postgres_server.hpp>
 #include <telefab/test/process.hpp>
 #include <telefab/test/scratch_folder.hpp>
 #include <telefab/test/toy.hpp>
-
-#include "postgres_server.hpp"
 
 // Fabs and scan sites of a fleet as real processes, killed at the worst moments: every job is printed once, by one fab.
 

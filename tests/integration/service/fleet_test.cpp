@@ -56,12 +56,13 @@ class PlayedQueue final : public FleetQueue {
     });
   }
   Result<fleet::Job> cancel(std::string_view job, std::string_view) override { return find(job); }
-  Result<std::optional<fleet::Lease>> claim(std::string_view machine, Nanoseconds) override {
+  using FleetQueue::claim;
+  Result<std::optional<fleet::Lease>> claim(std::span<const std::string> machines, Nanoseconds) override {
     return on<std::optional<fleet::Lease>>([&]() -> Result<std::optional<fleet::Lease>> {
       if (fleet_.state != fleet::State::Waiting) return std::optional<fleet::Lease>{};
       ++fleet_.claims;
       fleet_.state = fleet::State::Claimed;
-      return fleet::Lease{"part", std::string{machine}, ++fleet_.attempt, 30'000, false};
+      return fleet::Lease{"part", machines.front(), ++fleet_.attempt, 30'000, false};
     });
   }
   Result<std::optional<fleet::Lease>> renew(std::string_view job, std::uint32_t attempt, Nanoseconds) override {

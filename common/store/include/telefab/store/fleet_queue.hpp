@@ -42,9 +42,15 @@ class FleetQueue {
   /// Conflict: it is at its end, or bound: then it is cancelled at its fab.
   [[nodiscard]] virtual Result<fleet::Job> cancel(std::string_view job, std::string_view who) = 0;
 
-  /// The first waiting job that fits the machine becomes its own for `lasts`, with the next attempt; nothing where none
-  /// does. Conflict: the machine has a job.
-  [[nodiscard]] virtual Result<std::optional<fleet::Lease>> claim(std::string_view machine, Nanoseconds lasts) = 0;
+  /// The first waiting job that fits one of the machines becomes that one's for `lasts`, with the next attempt; nothing
+  /// where none does. Of several that it fits the first by name. Machines that have a job are passed over. Conflict:
+  /// all of them have.
+  [[nodiscard]] virtual Result<std::optional<fleet::Lease>> claim(std::span<const std::string> machines,
+                                                                  Nanoseconds lasts) = 0;
+  [[nodiscard]] Result<std::optional<fleet::Lease>> claim(std::string_view machine, Nanoseconds lasts) {
+    const std::string one{machine};
+    return claim(std::span{&one, 1}, lasts);
+  }
   /// Nothing: the lease is over, and another may have the job.
   [[nodiscard]] virtual Result<std::optional<fleet::Lease>> renew(std::string_view job, std::uint32_t attempt,
                                                                   Nanoseconds lasts) = 0;
@@ -69,7 +75,7 @@ class FleetQueue {
   [[nodiscard]] virtual Result<std::vector<fleet::Event>> events(std::uint64_t after, std::size_t most) = 0;
   /// The newest, oldest of them first.
   [[nodiscard]] virtual Result<std::vector<fleet::Event>> newest_events(std::size_t most) = 0;
-  /// Waits until something changed, or for so long; whether it did.
+  /// Waits until an event was added, or for so long; whether one may have been.
   [[nodiscard]] virtual Result<bool> wait(Nanoseconds longest) = 0;
   /// By the clock of the queue.
   [[nodiscard]] virtual Result<std::int64_t> now_unix_ms() = 0;

@@ -45,11 +45,15 @@ class PostgresServer {
     }
     return false;
   }
-  /// As the power would: nothing is ended in order.
-  void kill() {
+  /// Of the server and what it has begun; 0: it does not run.
+  [[nodiscard]] pid_t id() const {
     std::ifstream file{folder_ / "data" / "postmaster.pid"};
     pid_t pid = 0;
-    if (file >> pid) ::kill(pid, SIGKILL);  // what it left behind ends once it sees that
+    return file >> pid ? pid : 0;
+  }
+  /// As the power would: nothing is ended in order.
+  void kill() {
+    if (const pid_t pid = id(); pid > 0) ::kill(pid, SIGKILL);  // what it left behind ends once it sees that
   }
 
  private:
