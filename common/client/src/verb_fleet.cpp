@@ -51,7 +51,7 @@ void print_list(const std::vector<Value>& values) {
 
 void print(const fleet::Job& job, bool json) {
   write_output(json ? to_json(job) + "\n"
-                    : fmt::format("{:<20} {:<10} {:<20} {:>3} {}{}\n", job.id, name_of(job.state), job.machine,
+                    : fmt::format("{:<28} {:<10} {:<24} {:>3}  {}{}\n", job.id, name_of(job.state), job.machine,
                                   job.priority, job.name, job.message.empty() ? "" : ": " + job.message));
 }
 
@@ -132,7 +132,7 @@ Result<void> dry_run(FleetQueue& queue, const FleetOptions& o) {
     if (o.json)
       list.push_back({{"job", placed.job}, {"machine", placed.machine}});
     else
-      write_output(fmt::format("{:<20} -> {}\n", placed.job, placed.machine));
+      write_output(fmt::format("{:<28} -> {}\n", placed.job, placed.machine));
   if (o.json) write_output(json_text(list, 1) + "\n");
   return {};
 }
@@ -149,7 +149,7 @@ Result<void> list_events(FleetQueue& queue, const FleetOptions& o) {
                       {"machine", event.machine},
                       {"text", event.text}});
     else
-      write_output(fmt::format("{:>8} {:<20} {:<24} {}\n", event.number, event.job, event.machine, event.text));
+      write_output(fmt::format("{:>8} {:<28} {:<24} {}\n", event.number, event.job, event.machine, event.text));
   if (o.json) write_output(json_text(list, 1) + "\n");
   return {};
 }

@@ -8,6 +8,12 @@ Option add_address(VerbOptions& options, const std::string& name, std::string& i
   return options.add(name, into, help).read_by(net::endpoint_from_text);
 }
 
+Option add_address_or_none(VerbOptions& options, const std::string& name, std::string& into, const std::string& help) {
+  return options.add(name, into, help).read_by([](const std::string& text) -> Result<net::Endpoint> {
+    return text.empty() ? net::Endpoint{} : net::endpoint_from_text(text);
+  });
+}
+
 void declare_serve_options(VerbOptions& app, ServeOptions& options) {
   add_address(app, "--listen", options.listen, "HOST:PORT; port 0 takes a free one; off loopback --tls is needed")
       .shows_default();

@@ -11,7 +11,7 @@ VerbBody declare_serve(VerbOptions& options) {
   auto o = std::make_shared<ScanSiteConfig>();
   o->serve = {"127.0.0.1:7410", "", "", "", "scan-site"};
   declare_serve_options(options, o->serve);
-  add_address(options, "--fab", o->fab, "HOST:PORT of the fab site that prints the jobs; or --fleet");
+  add_address_or_none(options, "--fab", o->fab, "HOST:PORT of the fab site that prints the jobs; or --fleet");
   options.add("--fab-certificate", o->fab_certificate,
               "name that the fab's certificate must vouch for; default: the host of --fab");
   options.add(

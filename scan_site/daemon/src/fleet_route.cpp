@@ -303,6 +303,12 @@ void FleetRoute::on_known(const std::string& job, const Result<fleet::Job>& know
       sending.known.reset();       // and is asked for the job
       return;
     }
+    if (known.error().code == ErrorCode::NotFound) {
+      // A queue that was restored is older than its sites: the job is submitted once more.
+      take_back(sending);
+      sending.known.reset();
+      return;
+    }
     return events_.jobs.refused(job, {known.error().code, "in the fleet: " + known.error().what});
   }
   sending.known = *known;

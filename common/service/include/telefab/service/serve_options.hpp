@@ -31,6 +31,8 @@ struct ServeOptions {
 
 /// An option for the HOST:PORT of a site or page; another text is an error of the command line.
 Option add_address(VerbOptions& options, const std::string& name, std::string& into, const std::string& help);
+/// The same, where an empty text is as good as no option: a settings file may leave it so.
+Option add_address_or_none(VerbOptions& options, const std::string& name, std::string& into, const std::string& help);
 /// Adds --listen, --data, --machines, --tls, --tls-name, --web, --hook, --webhook, --log-level, --reserve-mib,
 /// --keep-days and --keep-gib; what `options` holds already is the default.
 void declare_serve_options(VerbOptions& app, ServeOptions& options);
