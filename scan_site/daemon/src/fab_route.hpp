@@ -13,7 +13,9 @@ struct RouteEvents {
   /// What is reached, or is not any more, has changed. `what`: of this, "the fab HOST:PORT".
   std::function<void(const std::string& what, bool is_up, const std::string& why)> changed;
   std::function<void()> reached;  ///< a fab of the fleet is, and may be asked what could not be asked before
-  FabLinkEvents jobs;             ///< but for `changed`
+  /// Machines and queue of the fleet, as PageBackend::fleet() has them.
+  std::function<void(std::string json)> standing;
+  FabLinkEvents jobs;  ///< but for `changed`
   /// The fleet has taken the job from the machine that had it: it waits for another.
   std::function<void(const std::string& job, const std::string& why)> taken_back;
   /// The fleet says that it has ended, and how.

@@ -4,8 +4,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
+#include <telefab/fleet/fleet_words.hpp>
 #include <telefab/service/log.hpp>
 #include <telefab/service/profile_choice.hpp>
 #include <telefab/wire/job_signature.hpp>
@@ -17,7 +19,11 @@ namespace {
 constexpr Nanoseconds kTick = std::chrono::seconds{1};
 /// Fabs and machines are asked for so often where nothing wants them earlier.
 constexpr int kTicksToStanding = 10;
+/// And so often where something has happened.
+constexpr int kTicksWhereBusy = 3;
 constexpr std::size_t kMostEvents = 1000;
+constexpr std::size_t kMostJobs = 200;
+constexpr std::array kOpen{fleet::State::Waiting, fleet::State::Claimed, fleet::State::Bound, fleet::State::Asking};
 
 /// Not now, but perhaps later.
 bool is_away(const Error& why) { return why.code == ErrorCode::Unreachable || why.code == ErrorCode::StorageFailed; }
@@ -80,6 +86,20 @@ MachineStatus status_of(const fleet::Machine& machine, std::int64_t now_unix_ms)
 
 }  // namespace
 
+std::string FleetRoute::json_of(Standing& standing) {
+  std::ranges::sort(standing.jobs, fleet::is_before);
+  std::string machines, jobs;
+  for (const fleet::Machine& machine : standing.machines) {
+    std::string object = to_json(machine);
+    object.pop_back();
+    const bool is_seen = standing.now_unix_ms - machine.seen_unix_ms <= fleet::kNotSeen_ms;
+    machines += fmt::format("{}{},\"seen\":{}}}", machines.empty() ? "" : ",", object, is_seen);
+  }
+  for (const fleet::Job& job : standing.jobs) jobs += (jobs.empty() ? "" : ",") + to_json(job);
+  const auto waiting = std::ranges::count(standing.jobs, fleet::State::Waiting, &fleet::Job::state);
+  return fmt::format(R"({{"machines":[{}],"jobs":[{}],"waiting":{}}})", machines, jobs, waiting);
+}
+
 FleetRoute::FleetRoute(net::Loop& loop, Options options, RouteEvents events)
     : loop_{loop}, options_{std::move(options)}, events_{std::move(events)}, link_{loop, options_.open, [this] {
                                                                                      follow();
@@ -113,9 +133,11 @@ void FleetRoute::ask_standing() {
         if (!fabs) return tl::unexpected{fabs.error()};
         auto machines = queue.machines();
         if (!machines) return tl::unexpected{machines.error()};
+        auto jobs = queue.jobs(kOpen, 0, kMostJobs);
+        if (!jobs) return tl::unexpected{jobs.error()};
         const auto now = queue.now_unix_ms();
         if (!now) return tl::unexpected{now.error()};
-        return Standing{std::move(*fabs), std::move(*machines), *now};
+        return Standing{std::move(*fabs), std::move(*machines), std::move(*jobs), *now};
       },
       [this](Result<Standing> standing) {
         is_asking_standing_ = false;
@@ -127,6 +149,7 @@ void FleetRoute::ask_standing() {
 }
 
 void FleetRoute::take(Standing standing) {
+  events_.standing(json_of(standing));
   machines_.clear();
   for (fleet::Machine& machine : standing.machines) machines_[machine.name] = std::move(machine);
   std::map<std::string, fleet::Fab> fabs;
@@ -274,6 +297,7 @@ void FleetRoute::follow() {
           followed_ = std::max(*followed_, event.number);
           if (!is_first && jobs_.contains(event.job)) changed.insert(event.job);
         }
+        if (!events->empty()) ticks_to_standing_ = std::min(ticks_to_standing_, kTicksWhereBusy);
         for (const std::string& job : changed) look_up(job);
         if (is_first) return submit_new();
         if (events->size() == kMostEvents) follow();

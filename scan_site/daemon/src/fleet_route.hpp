@@ -62,6 +62,7 @@ class FleetRoute final : public FabRoute {
   struct Standing {
     std::vector<fleet::Fab> fabs;
     std::vector<fleet::Machine> machines;
+    std::vector<fleet::Job> jobs;  ///< not at their end, at most kMostJobs
     std::int64_t now_unix_ms = 0;  ///< by the clock of the queue
   };
   struct Line {
@@ -72,6 +73,8 @@ class FleetRoute final : public FabRoute {
   void tick();
   void ask_standing();
   void take(Standing standing);
+  /// As PageBackend::fleet() has it; the jobs are put in order.
+  [[nodiscard]] static std::string json_of(Standing& standing);
   /// Looks at the jobs of what has happened in the queue since the last time.
   void follow();
   /// Every job of which nothing is known yet is submitted.
@@ -106,7 +109,7 @@ class FleetRoute final : public FabRoute {
   bool is_following_ = false;
   bool is_asking_standing_ = false;
   bool is_standing_wanted_ = true;
-  int ticks_to_standing_ = 0;
+  int ticks_to_standing_ = 0;    ///< at most; what happens in the fleet makes it earlier
   bool is_cancel_open_ = false;  ///< one could not be passed on, and is asked for again
   bool is_up_ = false;
   std::string why_down_ = "not tried yet";

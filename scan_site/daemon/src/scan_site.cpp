@@ -363,6 +363,9 @@ RouteEvents ScanSite::route_events() {
       if (const auto now = store().find(job); now && now->state == JobState::Sending)
         tracker().move(job, JobState::Sending, route_->why_waiting(job));
   };
+  events.standing = [this](std::string json) {
+    if (page_backend_) page_backend_->set_fleet(std::move(json));
+  };
   events.reached = [this] { send_cancelled(); };
   events.jobs.acknowledged = [this](const std::string& job, std::uint32_t layers, std::uint64_t bytes) {
     counters().change(job, [&](JobCounters& c) {

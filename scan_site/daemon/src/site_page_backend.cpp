@@ -48,6 +48,20 @@ void SitePageBackend::set_link(bool is_up, const std::string& why_down) {
   ++link_revision_;
 }
 
+Result<std::string> SitePageBackend::fleet() {
+  const std::lock_guard lock{mutex_};
+  if (!link_.is_fleet) return fail(ErrorCode::NotFound, "the jobs of this site are printed by one fab");
+  if (fleet_.empty()) return fail(ErrorCode::NotFound, "the queue of the fleet was not reached yet");
+  return fleet_;
+}
+
+void SitePageBackend::set_fleet(std::string json) {
+  const std::lock_guard lock{mutex_};
+  if (json == fleet_) return;
+  fleet_ = std::move(json);
+  ++link_revision_;
+}
+
 std::uint64_t SitePageBackend::revision() {
   const std::uint64_t jobs = store_.revision();
   const std::lock_guard lock{mutex_};

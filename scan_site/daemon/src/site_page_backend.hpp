@@ -32,6 +32,7 @@ class SitePageBackend final : public PageBackend {
   Result<std::string> report(std::string_view id) override;
   Result<std::string> layer_json(std::string_view id, std::uint32_t layer) override;
   LinkView link() override;
+  Result<std::string> fleet() override;
   Result<void> act(std::string_view id, JobCommand command, std::string_view who) override;
   Result<void> approve(std::string_view id, std::string_view although, std::string_view who) override;
   Result<std::string> preflight(std::string_view id) override;
@@ -43,6 +44,7 @@ class SitePageBackend final : public PageBackend {
 
   /// From any thread.
   void set_link(bool is_up, const std::string& why_down);
+  void set_fleet(std::string json);
 
  private:
   JobStore& store_;
@@ -51,6 +53,7 @@ class SitePageBackend final : public PageBackend {
   CutLayers layers_;
   std::mutex mutex_;
   LinkView link_;                    ///< guarded by mutex_
+  std::string fleet_;                ///< guarded by mutex_; empty: not known
   std::uint64_t link_revision_ = 0;  ///< guarded by mutex_
   CommandPost post_;
   FilePost files_;

@@ -72,6 +72,7 @@ site.news = (news) => {
   if (state.link && state.link.up !== news.link.up) place.learnAgain();
   state.link = news.link;
   showLink();
+  fleet.refresh(news.link);
 };
 
 // Names and values of what the report has; what it has not is left out.

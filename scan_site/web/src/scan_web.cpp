@@ -150,6 +150,12 @@ const std::vector<Row>& rows() {
       {{"GET", "/v1/health", "whether the daemon answers and its store can be read and written", Access::Anybody},
        health},
       {{"GET", "/v1/link", "the line to the fab"}, [](const Call& c) { return as_text(link_json(c.backend.link())); }},
+      {{"GET", "/v1/fleet", "machines and queue of the fleet that prints the jobs"},
+       [](const Call& c) -> WebResponse {
+         auto fleet = c.backend.fleet();
+         if (!fleet) return web_problem(fleet.error());
+         return {200, "application/json", std::move(*fleet)};
+       }},
       {{"GET", "/v1/parameters", "what may be asked of a scan's slicing: names, kinds, units, ranges", Access::Anybody},
        [](const Call&) -> WebResponse {
          return {200, "application/json", slice_parameter_list_json()};

@@ -87,7 +87,7 @@ class Fab {
 
   /// False: the queue is away.
   bool step() {
-    if (Steady::now() - announced_ > 5s && !announce()) return false;
+    if (Steady::now() - announced_ > 10s && !announce()) return false;
     if (is_new_) {
       if (!adopt()) return false;
       is_new_ = false;
@@ -95,9 +95,15 @@ class Fab {
     for (auto& [machine, print] : prints_)
       if (!keep(machine, print)) return false;
     std::erase_if(prints_, [](const auto& each) { return !each.second; });
-    if (!claim()) return false;
+    // As the daemon does: where something happened, and once a second.
+    if (is_changed_ || Steady::now() - looked_ > 1s) {
+      looked_ = Steady::now();
+      if (!claim()) return false;
+    }
     const auto waited = queue_->wait(prints_.empty() ? 200ms : 20ms);
-    return waited.has_value();
+    if (!waited) return false;
+    is_changed_ = *waited;
+    return true;
   }
 
   bool announce() {
@@ -210,7 +216,8 @@ class Fab {
   std::unique_ptr<FleetQueue> queue_;
   std::vector<std::string> machines_;
   std::map<std::string, std::optional<Print>> prints_;  ///< by machine
-  Steady::time_point announced_;
+  Steady::time_point announced_, looked_;
+  bool is_changed_ = true;
   bool is_new_ = true;
 };
 

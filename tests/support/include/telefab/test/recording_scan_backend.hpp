@@ -33,6 +33,11 @@ class RecordingScanBackend : public PageBackend {
            R"("rings":[[[2,2],[18,2],[18,12],[2,12]]],"kinds":[[["measured",2],["completed",1],["doubtful",1]]]})";
   }
   LinkView link() override { return {"127.0.0.1:7420", false, false, "connection refused"}; }
+  Result<std::string> fleet() override {
+    return R"({"machines":[{"name":"la-a","fab":"la","profile":"a","resin":"grey","size_mm":[120.0,68.0,150.0],)"
+           R"("pixel_mm":0.05,"calibrated_unix_ms":0,"readiness":"busy","draining":false,"seen_unix_ms":1,"seen":true}],)"
+           R"("jobs":[],"waiting":0})";
+  }
   Result<void> act(std::string_view id, JobCommand command, std::string_view) override {
     commands.emplace_back(std::string{id}, command);
     if (command == JobCommand::Approve) return fail(ErrorCode::Conflict, "there is nothing to approve");

@@ -37,6 +37,9 @@ class PageBackend {
   /// them. NotFound where it is not cut yet.
   [[nodiscard]] virtual Result<std::string> layer_json(std::string_view id, std::uint32_t layer) = 0;
   [[nodiscard]] virtual LinkView link() = 0;
+  /// {"machines":[...],"jobs":[...],"waiting":N} of the fleet as it was a moment ago; jobs that are not at their end,
+  /// in the order in which they are served. NotFound where the jobs are printed by one fab.
+  [[nodiscard]] virtual Result<std::string> fleet() = 0;
   /// Cancel ends the job here and at the fab, Forget takes it off this site; the others are passed on to the fab.
   /// Conflict where the state does not allow it, Unreachable where the fab is needed and away. `who` goes into the
   /// audit log.
