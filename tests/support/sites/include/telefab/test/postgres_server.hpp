@@ -36,6 +36,19 @@ class PostgresServer {
     (void)as_owner(fmt::format("{}/createdb -h {} {}", programs_.string(), folder_.string(), database));
     return fmt::format("postgresql://{}@/{}?host={}", owner_, database, folder_.string());
   }
+  /// The same as another role than the owner, which must be there.
+  [[nodiscard]] std::string uri_of(const std::string& database, const std::string& role) const {
+    return fmt::format("postgresql://{}@/{}?host={}", role, database, folder_.string());
+  }
+  /// Has a file of statements carried out by the owner, or some of them; false: one of them failed.
+  bool carry_out(const std::string& database, const std::filesystem::path& file) const {
+    return as_owner(fmt::format("psql -v ON_ERROR_STOP=1 -h {} -U {} -d {} < {}", folder_.string(), owner_, database,
+                                file.string()));
+  }
+  bool carry_out(const std::string& database, const std::string& statements) const {
+    return as_owner(fmt::format("psql -v ON_ERROR_STOP=1 -h {} -U {} -d {} -c '{}'", folder_.string(), owner_, database,
+                                statements));
+  }
   /// Tried again for a while: what a killed one left behind holds its memory until it has seen that.
   bool run() {
     for (int tries = 0; tries < 50; ++tries) {
