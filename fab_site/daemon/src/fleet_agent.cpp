@@ -101,10 +101,10 @@ void FleetAgent::look() {
     is_look_due_ = false;
     announce();
     for (const LeaseBook::Asked& asked : leases_.asked()) bind(asked);
-    for (const FleetHold& hold : leases_.all()) {
+    for (const FleetHold& hold : leases_.unreported()) {
       if (hold.end == HoldEnd::None) look_for_end(hold);
       if (hold.end == HoldEnd::None && has_old_leases_) renew(hold);
-      if (hold.end != HoldEnd::None && !hold.is_reported) report(hold);
+      if (hold.end != HoldEnd::None) report(hold);
     }
     if (!has_old_leases_ || is_ending_) return;
     claim();
@@ -120,7 +120,7 @@ bool FleetAgent::is_free(const MachineStatus& machine) const {
   const auto rest = not_before_.find(machine.name);
   if (rest != not_before_.end() && now() < rest->second) return false;
   // The queue gives a machine no other job before it knows how the last one ended.
-  return std::ranges::none_of(leases_.all(),
+  return std::ranges::none_of(leases_.unreported(),
                               [&](const FleetHold& hold) { return hold.machine == machine.name && !hold.is_reported; });
 }
 

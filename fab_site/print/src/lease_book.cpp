@@ -97,9 +97,7 @@ Result<std::unique_ptr<LeaseBook>> LeaseBook::open(std::filesystem::path folder,
           entry.path().string(), bytes ? "" : " (" + bytes.error().what + ")"));
       hold = unknown_hold(entry.path().stem().string());
     }
-    for (const auto& [id, attempt] : hold->ids) book->jobs_[id] = hold->job;
-    const std::string job = hold->job;
-    book->holds_.insert_or_assign(job, std::move(*hold));
+    book->keep(std::move(*hold));
   }
   if (error)
     return fail(ErrorCode::StorageFailed, fmt::format("cannot read {}: {}", book->folder_.string(), error.message()));
@@ -129,12 +127,21 @@ std::optional<LeaseBook::Own> LeaseBook::own(std::string_view id) const {
   return own_locked(id);
 }
 
-std::vector<FleetHold> LeaseBook::all() const {
+std::vector<FleetHold> LeaseBook::unreported() const {
   const std::lock_guard lock{mutex_};
   std::vector<FleetHold> all;
-  for (const auto& [job, hold] : holds_)
-    if (hold.attempt != kUnknown) all.push_back(hold);
+  for (const std::string& job : unreported_) all.push_back(*newest(job));
   return all;
+}
+
+void LeaseBook::keep(FleetHold hold) {
+  const std::string job = hold.job;
+  for (const auto& [id, attempt] : hold.ids) jobs_[id] = job;
+  if (hold.is_reported || hold.attempt == kUnknown)
+    unreported_.erase(job);
+  else
+    unreported_.insert(job);
+  holds_.insert_or_assign(job, std::move(hold));
 }
 
 // ---- on disk -------------------------------------------------------------------------------------------------------
@@ -154,8 +161,7 @@ Result<void> LeaseBook::change(const std::string& fleet_job, std::uint32_t attem
     return fail(ErrorCode::StorageFailed, fmt::format("cannot make {}: {}", folder_.string(), error.message()));
   if (auto kept = write_file_atomically(folder_ / (fleet_job + std::string{kSuffix}), text_of(hold)); !kept)
     return kept;
-  for (const auto& [id, of] : hold.ids) jobs_[id] = fleet_job;
-  holds_.insert_or_assign(fleet_job, std::move(hold));
+  keep(std::move(hold));
   return {};
 }
 
@@ -215,8 +221,7 @@ Result<void> LeaseBook::set_reported(const std::string& fleet_job, std::uint32_t
   });
 }
 
-// ---- leases
-// ----------------------------------------------------------------------------------------------------------
+// ---- leases --------------------------------------------------------------------------------------------------------
 
 void LeaseBook::extend(const std::string& fleet_job, std::uint32_t attempt, Nanoseconds until) {
   const std::lock_guard lock{mutex_};

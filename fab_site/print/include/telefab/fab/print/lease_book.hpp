@@ -63,8 +63,8 @@ class LeaseBook {
     [[nodiscard]] bool is_newest() const { return attempt == hold.attempt; }
   };
   [[nodiscard]] std::optional<Own> own(std::string_view id) const;
-  /// But for those whose file could not be read.
-  [[nodiscard]] std::vector<FleetHold> all() const;
+  /// Those of whose end the fleet does not know, but for those whose file could not be read.
+  [[nodiscard]] std::vector<FleetHold> unreported() const;
 
   // Durable when they return. StorageFailed: nothing has changed. Conflict: a newer attempt is known here.
 
@@ -110,6 +110,8 @@ class LeaseBook {
     FenceRefusal withdrawn = FenceRefusal::None;
   };
   LeaseBook(std::filesystem::path folder, const Clock& clock) : folder_{std::move(folder)}, clock_{clock} {}
+  /// mutex_ is held, or nobody else knows the book yet.
+  void keep(FleetHold hold);
   /// mutex_ is held. Changes the hold of the newest attempt, on disk and then here.
   [[nodiscard]] Result<void> change(const std::string& fleet_job, std::uint32_t attempt,
                                     const std::function<Result<void>(FleetHold&)>& how);
@@ -123,6 +125,7 @@ class LeaseBook {
   std::vector<std::string> unreadable_;
   mutable std::mutex mutex_;  ///< guards what follows, and the files
   std::map<std::string, FleetHold, std::less<>> holds_;
+  std::set<std::string, std::less<>> unreported_;         ///< of holds_: there may be many more that have ended
   std::map<std::string, std::string, std::less<>> jobs_;  ///< the fleet's job by the id here
   std::map<std::string, Lease, std::less<>> leases_;
   std::set<std::string, std::less<>> asked_;
