@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include "pull_survey.hpp"
@@ -45,6 +46,7 @@ struct Springs {
 /// How stress runs over a level section: at(place) * stiffness / area.
 struct Plane {
   double lift = 0, dx = 0, dy = 0;
+  double tilt = 0;  ///< length of (dx, dy)
   Plane(const Springs& s, double area_mm2, Point2 f) {
     const double gx = s.x / s.w, gy = s.y / s.w;
     const double xx = s.xx - s.w * gx * gx, xy = s.xy - s.w * gx * gy, yy = s.yy - s.w * gy * gy;
@@ -52,11 +54,13 @@ struct Plane {
     dx = area_mm2 * (yy * mx - xy * my) / det;
     dy = area_mm2 * (xx * my - xy * mx) / det;
     lift = area_mm2 / s.w - dx * gx - dy * gy;
+    tilt = std::hypot(dx, dy);
   }
-  /// At the rim that bears most.
-  [[nodiscard]] double stress(const Spring& s) const {
-    return (lift + dx * s.at.x_mm + dy * s.at.y_mm + std::hypot(dx, dy) * s.radius_mm) * s.stiffness / s.area_mm2;
+  /// At the rim that bears most: force over area.
+  [[nodiscard]] double force(const Spring& s) const {
+    return (lift + dx * s.at.x_mm + dy * s.at.y_mm + tilt * s.radius_mm) * s.stiffness;
   }
+  [[nodiscard]] double stress(const Spring& s) const { return force(s) / s.area_mm2; }
 };
 
 /// Distance of pins, by the class of the newer one.
@@ -73,6 +77,7 @@ class Balance {
         most_{options.most_demand},
         keeps_tips_{options.keeps_tips},
         apart_{apart},
+        pin_cost_{kPinCost * spring_of({{}, LayerIndex{0}, false, false, TipClass::Light}).area_mm2},
         own_{anchors.size()},
         nearest_mm_(survey_.sites.size(), std::numeric_limits<double>::infinity()),
         moments_of_site_(survey_.sites.size()),
@@ -166,44 +171,137 @@ class Balance {
 
   [[nodiscard]] static TipClass next(TipClass tip, int by) { return static_cast<TipClass>(static_cast<int>(tip) + by); }
 
+  /// The springs that hold a moment's body, in the order of its anchors, in rows of numbers: all candidates of a moment
+  /// are judged by them.
+  struct Held {
+    std::vector<std::uint32_t> anchors;
+    std::vector<double> x, y, radius, stiffness;
+    std::vector<double> ease;   ///< forces up to which a tip surely bears no more than kEase of what it may
+    std::vector<double> force;  ///< of the candidate that is looked at
+    std::vector<Spring> first;  ///< those that bear beyond kEase without any candidate, most first
+  };
+  [[nodiscard]] Held held_by(std::uint32_t m) const {
+    constexpr double kSurely = 1 - 1e-12;  // far more than three roundings
+    const PullSurvey::Moment& moment = survey_.moments[m];
+    Held held;
+    for (const std::uint32_t a : moment.anchors) {
+      const Spring& s = springs_[a];
+      if (s.stiffness <= 0) continue;
+      held.anchors.push_back(a);
+      held.x.push_back(s.at.x_mm), held.y.push_back(s.at.y_mm);
+      held.radius.push_back(s.radius_mm), held.stiffness.push_back(s.stiffness);
+      held.ease.push_back(kEase * most_ * s.area_mm2 * kSurely);
+    }
+    held.force.resize(held.x.size());
+    if (!(state_[m].sums.w > 0)) return held;
+    const Plane plane{state_[m].sums, moment.pulled_mm2, moment.middle};
+    std::vector<std::pair<double, std::uint32_t>> bearing;
+    for (const std::uint32_t a : held.anchors)
+      if (const double over = plane.stress(springs_[a]) / most_; over > kEase) bearing.emplace_back(-over, a);
+    std::sort(bearing.begin(), bearing.end());
+    for (const auto& [over, a] : bearing) held.first.push_back(springs_[a]);
+    return held;
+  }
+
+  /// True where springs as they are, but for one that goes, surely bear more beyond kEase than that: known after a look
+  /// at those that bear most.
+  [[nodiscard]] bool exceeds(double excess, const Plane& plane, const Held& held, const Spring* without) const {
+    constexpr std::size_t kAtOnce = 8;
+    Verdict verdict;
+    for (std::size_t i = 0; i < held.first.size(); ++i) {
+      if (without == nullptr || !(held.first[i].at == without->at)) count(plane.stress(held.first[i]) / most_, verdict);
+      if (i % kAtOnce == kAtOnce - 1 && verdict.excess > excess) return true;
+    }
+    return verdict.excess > excess;
+  }
+
+  /// verdict_of(...).excess to the last bit; the spring of `other`, if any, being another.
+  [[nodiscard]] double excess_of(const Plane& plane, Held& held, std::uint32_t other, const Spring& instead) const {
+    const std::size_t size = held.x.size();
+    const double lift = plane.lift, dx = plane.dx, dy = plane.dy, tilt = plane.tilt;
+    const double *const x = held.x.data(), *const y = held.y.data(), *const radius = held.radius.data(),
+                        *const stiffness = held.stiffness.data();
+    double* const force = held.force.data();
+#pragma GCC ivdep
+    for (std::size_t i = 0; i < size; ++i) force[i] = (lift + dx * x[i] + dy * y[i] + tilt * radius[i]) * stiffness[i];
+    Verdict verdict;
+    for (std::size_t i = 0; i < size; ++i) {
+      const std::uint32_t a = held.anchors[i];
+      if (a == other)
+        count(plane.stress(instead) / most_, verdict);
+      else if (!(force[i] <= held.ease[i]))
+        count(force[i] / springs_[a].area_mm2 / most_, verdict);
+    }
+    return verdict.excess;
+  }
+
+  /// What a moment would gain of a candidate, for its area; nothing where that is surely less than `least`.
+  [[nodiscard]] std::optional<double> gain_of_site(std::uint32_t m, std::uint32_t s, TipClass tip, double least,
+                                                   Held& held) const {
+    const Spring spring = spring_of_(anchor_at(s, tip));
+    Springs sums = state_[m].sums;
+    sums.add(spring);
+    return gain_of(m, sums, spring.area_mm2 + pin_cost_, least, held, kNone, spring);
+  }
+  [[nodiscard]] std::optional<double> gain_of_wider(std::uint32_t m, std::uint32_t a, double least, Held& held) const {
+    Anchor wider = anchors_[a];
+    wider.tip = next(wider.tip, 1);
+    const Spring& thin = springs_[a];
+    const Spring wide = spring_of_(wider);
+    Springs sums = state_[m].sums;
+    sums.add(thin, -1);
+    sums.add(wide);
+    return gain_of(m, sums, wide.area_mm2 - thin.area_mm2, least, held, a, wide);
+  }
+  /// `other`: the anchor whose spring becomes `spring`; none: it is one more.
+  [[nodiscard]] std::optional<double> gain_of(std::uint32_t m, const Springs& sums, double cost, double least,
+                                              Held& held, std::uint32_t other, const Spring& spring) const {
+    const double excess = state_[m].excess;
+    if (!(sums.w > 0)) return (excess - 1e30) / cost;
+    const Plane plane{sums, survey_.moments[m].pulled_mm2, survey_.moments[m].middle};
+    constexpr double kSurely = 1e-9;  // of sums in another order
+    if (exceeds(excess - least * cost + kSurely * excess, plane, held, other == kNone ? nullptr : &springs_[other]))
+      return std::nullopt;
+    Verdict verdict{0, excess_of(plane, held, other, spring)};
+    if (other == kNone) count(plane.stress(spring) / most_, verdict);
+    return (excess - verdict.excess) / cost;
+  }
+
   /// One more pin, or a wider one: what gains most for its area at that moment. False where nothing does.
   bool ease(std::uint32_t m, TipClass first) {
-    PullSurvey::Moment& moment = survey_.moments[m];
-    const State& state = state_[m];
-    const double pin_cost = kPinCost * spring_of_({{}, LayerIndex{0}, false, false, TipClass::Light}).area_mm2;
-    double best = 0;
-    std::uint32_t site = kNone, tip = kNone;
-    const auto take = [&](double excess, double cost, std::uint32_t& which, std::uint32_t index) {
-      const double gain = (state.excess - excess) / cost;
-      if (!(gain > best)) return;
-      best = gain;
-      site = tip = kNone;
-      which = index;
+    const PullSurvey::Moment& moment = survey_.moments[m];
+    Held held = held_by(m);
+    const auto has_room = [&](std::uint32_t s) {
+      return first <= survey_.sites[s].widest && nearest_mm_[s] >= apart_[static_cast<std::size_t>(first) - 1];
     };
+    // What nearly won the last time is a good measure of what is not worth a closer look.
+    double least = 0, best = 0, second = 0;
+    std::uint32_t site = kNone, tip = kNone, next_best = kNone;
+    if (next_best_ != kNone && has_room(next_best_) &&
+        std::binary_search(moments_of_site_[next_best_].begin(), moments_of_site_[next_best_].end(), m))
+      least = std::max(0.0, gain_of_site(m, next_best_, first, 0, held).value_or(0));
     for (const std::uint32_t s : moment.sites) {
-      if (first > survey_.sites[s].widest || nearest_mm_[s] < apart_[static_cast<std::size_t>(first) - 1]) continue;
-      const Spring spring = spring_of_(anchor_at(s, first));
-      Springs sums = state.sums;
-      sums.add(spring);
-      Verdict verdict = verdict_of(sums, moment);
-      count(Plane{sums, moment.pulled_mm2, moment.middle}.stress(spring) / most_, verdict);
-      take(verdict.excess, spring.area_mm2 + pin_cost, site, s);
+      if (!has_room(s)) continue;
+      const auto gain = gain_of_site(m, s, first, std::max(least, second), held);
+      if (!gain) continue;
+      if (*gain > best) {
+        second = best, next_best = site;
+        best = *gain, site = s;
+      } else if (*gain > second) {
+        second = *gain, next_best = s;
+      }
     }
     for (const std::uint32_t a : moment.anchors) {
       if (anchors_[a].tip == TipClass::Heavy || springs_[a].stiffness <= 0) continue;
-      Anchor wider = anchors_[a];
-      wider.tip = next(wider.tip, 1);
-      const Spring thin = springs_[a], wide = spring_of_(wider);
-      Springs sums = state.sums;
-      sums.add(thin, -1);
-      sums.add(wide);
-      springs_[a] = wide;
-      const Verdict verdict = verdict_of(sums, moment);
-      springs_[a] = thin;
-      take(verdict.excess, wide.area_mm2 - thin.area_mm2, tip, a);
+      const auto gain = gain_of_wider(m, a, std::max(least, best), held);
+      if (!gain || !(*gain > best)) continue;
+      best = *gain, tip = a;
     }
-    if (site != kNone) add(site, first);
-    if (tip != kNone) widen(tip, 1);
+    if (tip != kNone)
+      widen(tip, 1);
+    else if (site != kNone)
+      add(site, first);
+    next_best_ = next_best;
     return site != kNone || tip != kNone;
   }
 
@@ -267,8 +365,10 @@ class Balance {
   double most_;
   bool keeps_tips_;
   ApartMm apart_;
-  std::size_t own_;                 ///< so many anchors were there before
-  std::vector<double> nearest_mm_;  ///< anchor, by site
+  double pin_cost_;                  ///< mm2, beside a tip's own
+  std::uint32_t next_best_ = kNone;  ///< site that the last easing would have taken instead
+  std::size_t own_;                  ///< so many anchors were there before
+  std::vector<double> nearest_mm_;   ///< anchor, by site
   std::vector<std::vector<std::uint32_t>> moments_of_site_, moments_of_tip_;
   std::vector<Spring> springs_;  ///< by anchor; without stiffness: taken away
   std::vector<State> state_;     ///< by moment
