@@ -27,19 +27,21 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
                              const PlanSink& sink, const Clock& clock, const ProgressSink& progress,
                              std::stop_token stop) {
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
-  if (options.ready) return plan_pass(stack, machine, options, sink, clock, progress, std::move(stop));
+  if (options.ready)
+    return PlanPasses{stack, machine, options, sink, clock, progress, std::move(stop)}.plan(options.supports);
   const Millimetres growth{machine.resin.hole_growth_mm};
   const auto drawn = with_grown_holes(stack, growth);
   if (!drawn) return tl::unexpected{drawn.error()};
   const auto mode = options.supports.mode;
-  PlanOptions again = options;
-  if (growth.count() != 0) again.regions.reset();  // they are of the layers as they came
-  SupportOptions best = options.supports;
+  PlanOptions shared = options;
+  if (growth.count() != 0) shared.regions.reset();  // they are of the layers as they came
+  PlanPasses passes{*drawn, machine, shared, sink, clock, progress, std::move(stop)};
+  SupportOptions supports = options.supports, best = supports;
   std::optional<PlanFaults> fewest;
   double support_seconds = 0, mask_seconds = 0, carry_seconds = 0;
   bool is_last = mode == SupportOptions::Mode::None;
   for (std::uint32_t round = 0;; ++round) {
-    auto planned = plan_pass(*drawn, machine, again, sink, clock, progress, stop);
+    auto planned = passes.plan(supports);
     if (!planned) return planned;
     planned->support_seconds = support_seconds += planned->support_seconds;
     planned->mask_seconds = mask_seconds += planned->mask_seconds;
@@ -51,15 +53,15 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
     if (is_last || faults.none()) return planned;
     if (fewest && is_worse(faults, *fewest)) {
       // As before, then.
-      again.supports = best;
+      supports = best;
       is_last = true;
       continue;
     }
     if (round == kRepairs || (fewest && !gained(faults, *fewest))) return planned;
     fewest = faults;
-    best = again.supports;
-    const bool holds = faults.islands > 0 && hold_islands(*planned, machine.projection.pixel_pitch_mm, again.supports);
-    const bool relieves = faults.overload > 0 && relieve_pins(*planned, machine, again.supports);
+    best = supports;
+    const bool holds = faults.islands > 0 && hold_islands(*planned, machine.projection.pixel_pitch_mm, supports);
+    const bool relieves = faults.overload > 0 && relieve_pins(*planned, machine, supports);
     if (!holds && !relieves) return planned;
   }
 }

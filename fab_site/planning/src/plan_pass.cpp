@@ -340,34 +340,65 @@ SupportPlan without_supports(const LayerStack& stack) {
 
 }  // namespace
 
-Result<PlanSummary> plan_pass(const LayerStack& stack, const MachineProfile& profile, const PlanOptions& options,
-                              const PlanSink& sink, const Clock& clock, const ProgressSink& progress,
-                              std::stop_token stop) {
-  const auto exposed = exposed_to_depth(profile, options.cure_depth_layers);
-  if (!exposed) return tl::unexpected{exposed.error()};
-  MachineProfile machine = exposed->at_full_light();
-  if (options.ready) take_over(*options.ready, machine);
-  const StackHeader& header = stack.header();
-  if (auto ok = fits(stack, machine, header.layer_count); !ok) return tl::unexpected{ok.error()};
+struct PlanPasses::State {
+  /// What all passes share, found by the first.
+  Result<void> begin() {
+    if (exposed) return {};
+    auto deeper = exposed_to_depth(profile, options.cure_depth_layers);
+    if (!deeper) return tl::unexpected{deeper.error()};
+    machine = deeper->at_full_light();
+    if (options.ready) take_over(*options.ready, machine);
+    if (auto ok = fits(stack, machine, stack.header().layer_count); !ok) return ok;
+    exposed = std::move(*deeper);
+    return {};
+  }
+  Result<SupportPlan> plan_supports(const SupportOptions& supports) {
+    if (options.ready) return without_supports(stack);
+    if (!planner) {
+      SupportOptions first = supports;
+      first.threads = options.threads;
+      auto made = options.regions
+                      ? SupportPlanner::make(options.regions, stack.header(), machine, first)
+                      : SupportPlanner::make(stack.layers(), stack.header(), machine, first, progress, stop);
+      if (!made) return tl::unexpected{made.error()};
+      planner = std::move(*made);
+    }
+    return planner->plan(supports.floating, supports.bearing, progress, stop);
+  }
 
-  const Nanoseconds begun = clock.now();
-  SupportOptions support_options = options.supports;
-  support_options.threads = options.threads;
-  const auto supports = options.ready ? Result<SupportPlan>{without_supports(stack)}
-                        : options.regions
-                            ? plan_supports(*options.regions, header, machine, support_options, progress, stop)
-                            : plan_supports(stack.layers(), header, machine, support_options, progress, stop);
+  const LayerStack& stack;
+  const MachineProfile& profile;
+  PlanOptions options;
+  const PlanSink& sink;
+  const Clock& clock;
+  const ProgressSink& progress;
+  std::stop_token stop;
+  std::optional<MachineProfile> exposed;  ///< to the depth that the options ask for
+  MachineProfile machine;                 ///< the same at full light
+  std::optional<SupportPlanner> planner;
+};
+
+PlanPasses::PlanPasses(const LayerStack& stack, const MachineProfile& machine, const PlanOptions& options,
+                       const PlanSink& sink, const Clock& clock, const ProgressSink& progress, std::stop_token stop)
+    : state_{new State{stack, machine, options, sink, clock, progress, std::move(stop), {}, {}, {}}} {}
+PlanPasses::~PlanPasses() = default;
+
+Result<PlanSummary> PlanPasses::plan(const SupportOptions& support_options) {
+  State& s = *state_;
+  if (auto ok = s.begin(); !ok) return tl::unexpected{ok.error()};
+  const Nanoseconds begun = s.clock.now();
+  const auto supports = s.plan_supports(support_options);
   if (!supports) return tl::unexpected{supports.error()};
-  const Nanoseconds supported = clock.now();
+  const Nanoseconds supported = s.clock.now();
 
-  PlanSummary summary = summary_of(stack, *supports, machine, options);
-  summary.plan.profile = digest_of_light(profile);  // as it stands on disk, not as exposed deeper for this plan
-  if (auto ok = fits(stack, machine, summary.part_layers + summary.elevation_layers); !ok)
+  PlanSummary summary = summary_of(s.stack, *supports, s.machine, s.options);
+  summary.plan.profile = digest_of_light(s.profile);  // as it stands on disk, not as exposed deeper for this plan
+  if (auto ok = fits(s.stack, s.machine, summary.part_layers + summary.elevation_layers); !ok)
     return tl::unexpected{ok.error()};
-  MaskRounds rounds{stack, *supports, machine, *exposed, options, sink, summary};
-  if (auto ok = rounds.run(options, clock, progress, stop); !ok) return tl::unexpected{ok.error()};
+  MaskRounds rounds{s.stack, *supports, s.machine, *s.exposed, s.options, s.sink, summary};
+  if (auto ok = rounds.run(s.options, s.clock, s.progress, s.stop); !ok) return tl::unexpected{ok.error()};
   summary.support_seconds = std::chrono::duration<double>(supported - begun).count();
-  summary.mask_seconds = std::chrono::duration<double>(clock.now() - supported).count();
+  summary.mask_seconds = std::chrono::duration<double>(s.clock.now() - supported).count();
   return summary;
 }
 

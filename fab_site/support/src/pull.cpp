@@ -402,7 +402,8 @@ class PinsByHeight {
 }  // namespace
 
 Result<PullFigures> bear_pull(std::span<const Region> layers, std::vector<Anchor>& anchors,
-                              const MachineProfile& machine, const PullOptions& options, const std::stop_token& stop) {
+                              const MachineProfile& machine, const PullOptions& options,
+                              std::optional<std::vector<PinSite>>& sites, const std::stop_token& stop) {
   const auto& s = machine.supports;
   const double gap_mm = s.clearance_mm + 2 * machine.projection.pixel_pitch_mm;
   // So that shafts stand clear of each other.
@@ -434,8 +435,10 @@ Result<PullFigures> bear_pull(std::span<const Region> layers, std::vector<Anchor
     }
     return std::nullopt;
   };
+  if (sites) look.known_sites = &*sites;
   auto survey = survey_pull(layers, anchors, look, stop);
   if (!survey) return tl::unexpected{survey.error()};
+  if (!sites) sites = survey->sites;
   const std::function<Spring(const Anchor&)> spring_of = [&](const Anchor& a) {
     const Pin& pin = pins.of(a);
     return Spring{a.place, 1 / pin.softness, a.strength * pin.shape.neck_area_mm2(), pin.shape.neck_mm};

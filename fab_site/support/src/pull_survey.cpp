@@ -189,10 +189,13 @@ class Survey {
   [[nodiscard]] double cell_mm2() const { return cells_.cell_mm() * cells_.cell_mm(); }
 
   void grow(std::uint32_t layer, const std::vector<int>& active) {
-    for (const int cell : part_.add(layer, active)) {
-      if (layer == 0 && options_.stands) part_.join_to_ground(cell);
-      consider(cell, layer);
-    }
+    const std::vector<int> fresh = part_.add(layer, active);
+    if (layer == 0 && options_.stands)
+      for (const int cell : fresh) part_.join_to_ground(cell);
+    if (options_.known_sites)
+      recall_sites(layer);
+    else
+      find_sites(fresh, layer);
     weight_.resize(part_.count());
     if (options_.weight_share == 0) return;
     for (const int cell : active) {
@@ -210,15 +213,27 @@ class Survey {
       if (layer == 0 ? !options_.stands : !part_.has(cell, layer - 1)) hollows_.join_to_ground(cell);
   }
 
-  void consider(int cell, std::uint32_t layer) {
-    if (cell % cells_.columns() % stride_ != 0 || cell / cells_.columns() % stride_ != 0) return;
+  void find_sites(const std::vector<int>& fresh, std::uint32_t layer) {
     if (layer == 0 && options_.stands) return;
-    const Point2 at = cells_.middle(cell);
-    if (!layers_[layer].contains(at)) return;
-    const auto widest = options_.widest_at(at, LayerIndex{layer});
-    if (!widest) return;
-    out_.sites.push_back({at, LayerIndex{layer}, *widest});
-    body_of_site_.push_back(part_.body_at(cell));
+    std::vector<int> cells;
+    for (const int cell : fresh)
+      if (cell % cells_.columns() % stride_ == 0 && cell / cells_.columns() % stride_ == 0) cells.push_back(cell);
+    std::vector<std::optional<TipClass>> widest(cells.size());
+    tbb::parallel_for(std::size_t{0}, cells.size(), [&](std::size_t i) {
+      const Point2 at = cells_.middle(cells[i]);
+      if (layers_[layer].contains(at)) widest[i] = options_.widest_at(at, LayerIndex{layer});
+    });
+    for (std::size_t i = 0; i < cells.size(); ++i)
+      if (widest[i]) add_site({cells_.middle(cells[i]), LayerIndex{layer}, *widest[i]});
+  }
+  void recall_sites(std::uint32_t layer) {
+    const std::vector<PinSite>& known = *options_.known_sites;
+    while (out_.sites.size() < known.size() && known[out_.sites.size()].layer.count() == layer)
+      add_site(known[out_.sites.size()]);
+  }
+  void add_site(const PinSite& site) {
+    out_.sites.push_back(site);
+    body_of_site_.push_back(part_.body_at(cells_.cell_at(site.place)));
   }
 
   [[nodiscard]] std::uint32_t body_near(Point2 at, std::uint32_t layer) const {

@@ -6,16 +6,12 @@
 #include <stop_token>
 #include <telefab/fab/support/support_plan.hpp>
 
+#include "pull.hpp"
+
 namespace telefab::fab {
 
 /// What of a part is pulled at which moment, and by which tips it can be held.
 struct PullSurvey {
-  /// An underside that can take a pin from the platform.
-  struct Site {
-    Point2 place;
-    LayerIndex layer;
-    TipClass widest = TipClass::Light;
-  };
   /// A body of the part that hangs together by then, and what pulls on it.
   struct Moment {
     double pulled_mm2 = 0;  ///< as so much area is pulled
@@ -23,7 +19,7 @@ struct PullSurvey {
     std::vector<std::uint32_t> anchors;  ///< that hold the body, by index
     std::vector<std::uint32_t> sites;    ///< that could, by index
   };
-  std::vector<Site> sites;
+  std::vector<PinSite> sites;
   std::vector<Moment> moments;  ///< bottom first; bodies that stand on the platform are none
 };
 
@@ -37,8 +33,11 @@ struct PullSurveyOptions {
   bool stands = false;       ///< the first layer stands on the platform
   /// Pull on a layer of that area, over the pull on others; none: 1.
   std::function<double(LayerIndex, double area_mm2)> pull_share;
-  /// The widest tip that can be put there, if any.
+  /// The widest tip that can be put there, if any. Asked from several threads at once.
   std::function<std::optional<TipClass>(Point2, LayerIndex)> widest_at;
+  /// The sites of an earlier survey of the same layers by the same options: then `widest_at` is not asked. None: looked
+  /// for.
+  const std::vector<PinSite>* known_sites = nullptr;
 };
 
 /// The bodies of a part as it grows, on coarse cells. Fails with Cancelled.

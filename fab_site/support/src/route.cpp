@@ -55,13 +55,15 @@ struct PinRouter::State {
     const double widest = std::max(1.5 * p_.pin_radius_mm, shape_of(TipClass::Heavy, 0).disc_mm);
     wider_.emplace(layers_, widest + p_.clearance_mm, cell_);
   }
-  [[nodiscard]] bool can_stand(const Anchor& anchor) {
-    make_room_for(anchor.tip);
-    const auto choice = choose(anchor.place, (anchor.layer.count() + elevation_) * t_, anchor.tip);
-    return choice && !choice->stands_on_part;
+  [[nodiscard]] bool can_stand(const Anchor& anchor) const {
+    const double contact = (anchor.layer.count() + elevation_) * t_;
+    return choose(anchor.place, contact, anchor.tip, Ground::Platform).has_value();
   }
 
   RoutedStructure route(std::vector<Anchor>& anchors) {
+    out_ = {};
+    pins_.clear();
+    pairs_.clear();
     if (anchors.empty()) return {};
     for (const Anchor& anchor : anchors) make_room_for(anchor.tip);
     for (Anchor& anchor : anchors) place(anchor);
@@ -167,8 +169,11 @@ struct PinRouter::State {
     return true;
   }
 
-  /// The nearest free column to the platform, else the nearest on which a pin can stand on the part.
-  [[nodiscard]] std::optional<Choice> choose(Point2 at, double contact_mm, TipClass tip) const {
+  /// What a pin is to stand on.
+  enum class Ground : std::uint8_t { Platform, Any };
+
+  /// The nearest free column to the platform, else, if that will do, the nearest on which a pin can stand on the part.
+  [[nodiscard]] std::optional<Choice> choose(Point2 at, double contact_mm, TipClass tip, Ground ground) const {
     std::optional<Choice> on_part;
     const TipShape shape = shape_of(tip, contact_mm);
     const double radius = shape.pin_mm, reach = std::min(20 * p_.pin_radius_mm, contact_mm * 0.8);
@@ -182,13 +187,13 @@ struct PinRouter::State {
         const double joint = contact_mm - shape.tip_mm - std::max(shape.cone_mm, rho * arm_rise_);
         if (joint <= p_.base_thickness_mm) continue;
         const auto clear = [&] { return arm_is_clear(at, contact_mm - t_, q, joint, shape.length_mm()); };
-        if (rho > 0 && !clear()) continue;
         const auto hit = wide(radius).highest_below(q, part_layer(joint) + 1);
         if (!hit) {
-          if (rho == 0 && !clear()) continue;
+          if (!clear()) continue;
           return Choice{q, joint, 0, 0, false};
         }
-        if (on_part || p_.ground == PinGround::Platform) continue;
+        if (ground == Ground::Platform || on_part || p_.ground == PinGround::Platform) continue;
+        if (rho > 0 && !clear()) continue;
         const auto floor = floor_below(q, part_layer(joint) + 1);
         if (!floor || !foot_is_held(q, *floor)) continue;
         const double floor_mm = top_of(*floor);
@@ -214,11 +219,11 @@ struct PinRouter::State {
   void place(Anchor& anchor) {
     const double contact = (anchor.layer.count() + elevation_) * t_;
     const Point2 at = anchor.place;
-    auto choice = choose(at, contact, anchor.tip);
+    auto choice = choose(at, contact, anchor.tip, Ground::Any);
     // Where there is no room for a wide one, or only on the part, a narrower one may still do.
     while (anchor.tip != TipClass::Light && (!choice || choice->stands_on_part)) {
       anchor.tip = static_cast<TipClass>(static_cast<int>(anchor.tip) - 1);
-      choice = choose(at, contact, anchor.tip);
+      choice = choose(at, contact, anchor.tip, Ground::Any);
     }
     if (!choice) return stand_thin_pin(anchor, contact);
     const TipShape shape = shape_of(anchor.tip, contact);
@@ -584,8 +589,10 @@ PinRouter::PinRouter(std::span<const Region> layers, std::uint32_t elevation_lay
     : state_{std::make_unique<State>(layers, elevation_layers, thickness_mm, machine)} {}
 PinRouter::~PinRouter() = default;
 
+void PinRouter::make_room_for(TipClass tip) { state_->make_room_for(tip); }
+
 bool PinRouter::can_stand(const Anchor& anchor) const { return state_->can_stand(anchor); }
 
-RoutedStructure PinRouter::route(std::vector<Anchor>& anchors) && { return state_->route(anchors); }
+RoutedStructure PinRouter::route(std::vector<Anchor>& anchors) { return state_->route(anchors); }
 
 }  // namespace telefab::fab

@@ -24,11 +24,14 @@ class PinRouter {
   PinRouter(const PinRouter&) = delete;
   PinRouter& operator=(const PinRouter&) = delete;
 
-  /// Whether a pin from the platform can hold that anchor with its tip, neighbours apart.
+  /// Before can_stand() is asked of tips of that class.
+  void make_room_for(TipClass tip);
+  /// Whether a pin from the platform can hold that anchor with its tip, neighbours apart. Threads: from several at
+  /// once.
   [[nodiscard]] bool can_stand(const Anchor& anchor) const;
   /// Builds a tip, an arm where the column below is not free, a pin and a foot for every anchor; then braces and base
-  /// plates. Marks anchors whose pin stands on the part, and narrows tips whose pins have no room. Once.
-  [[nodiscard]] RoutedStructure route(std::vector<Anchor>& anchors) &&;
+  /// plates. Marks anchors whose pin stands on the part, and narrows tips whose pins have no room.
+  [[nodiscard]] RoutedStructure route(std::vector<Anchor>& anchors);
 
  private:
   struct State;

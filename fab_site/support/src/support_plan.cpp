@@ -24,41 +24,39 @@ struct Standing {
   std::uint32_t layer = 0;
 };
 
-class Planner {
- public:
-  Planner(const StackHeader& header, const MachineProfile& machine, const SupportOptions& options,
-          const ProgressSink& progress, std::stop_token stop)
-      : machine_{machine},
-        options_{options},
-        progress_{progress},
-        stop_{std::move(stop)},
-        t_{header.layer_thickness_mm},
-        reach_{machine.supports.anchor_distance_mm / std::sqrt(machine.supports.density)} {}
+}  // namespace
 
-  Result<SupportPlan> plan(const PartRegions& found) {
-    for (const Region& layer : found.layers) figures_.part_mm3 += layer.area_mm2() * t_;
-    const std::uint32_t elevation = options_.mode == SupportOptions::Mode::None ? 0 : elevation_layers(found.layers);
-    if (options_.mode != SupportOptions::Mode::None)
-      // What stands on the platform is held by it.
-      for (std::size_t k = elevation == 0 ? 1 : 0; k < found.layers.size(); ++k) {
-        if (stop_.stop_requested()) return cancelled("planning supports");
-        if (auto ok = cover_layer(found, k); !ok) return tl::unexpected{ok.error()};
-        if (k % 16 == 0)
-          report(progress_, WorkStage::PlacingAnchors,
-                 static_cast<double>(k) / static_cast<double>(found.layers.size()));
-      }
-    PinRouter router{found.layers, elevation, t_, machine_};
+/// Plans again and again: anchors that cover what hangs, the places where pins could stand and the columns they could
+/// stand in are found once.
+struct SupportPlanner::State {
+  State(std::shared_ptr<const PartRegions> part, const StackHeader& header, MachineProfile machine,
+        SupportOptions options)
+      : part_{std::move(part)},
+        machine_{std::move(machine)},
+        options_{std::move(options)},
+        t_{header.layer_thickness_mm},
+        reach_{machine_.supports.anchor_distance_mm / std::sqrt(machine_.supports.density)} {}
+
+  Result<SupportPlan> plan(const ProgressSink& progress, const std::stop_token& stop) {
+    const PartRegions& found = *part_;
+    if (!covered_) {
+      if (auto ok = cover(found, progress, stop); !ok) return tl::unexpected{ok.error()};
+    }
+    figures_ = covered_->figures;
+    anchors_ = covered_->anchors;
+    const std::uint32_t elevation = covered_->elevation_layers;
+    if (!router_) router_ = std::make_unique<PinRouter>(found.layers, elevation, t_, machine_);
     if (options_.mode != SupportOptions::Mode::None) {
       hold_floating(found, elevation);
       stabilise(found, elevation);
     }
     if (options_.mode == SupportOptions::Mode::Auto)
-      if (auto ok = bear(found, elevation, router); !ok) return tl::unexpected{ok.error()};
+      if (auto ok = bear(found, elevation, stop); !ok) return tl::unexpected{ok.error()};
     std::stable_sort(anchors_.begin(), anchors_.end(), [](const Anchor& a, const Anchor& b) {
       return std::tie(a.layer, a.place.y_mm, a.place.x_mm) < std::tie(b.layer, b.place.y_mm, b.place.x_mm);
     });
-    report(progress_, WorkStage::BuildingSupports, 0);
-    auto routed = std::move(router).route(anchors_);
+    report(progress, WorkStage::BuildingSupports, 0);
+    auto routed = router_->route(anchors_);
     figures_.feet_on_part = routed.feet_on_part;
     figures_.braces = routed.braces;
     figures_.thin_pins = routed.thin_pins;
@@ -72,8 +70,25 @@ class Planner {
                                elevation + static_cast<std::uint32_t>(found.layers.size()),
                                Millimetres{machine_.projection.pixel_pitch_mm / 20}};
     figures_.support_mm3 = volume_mm3(sections.structure());
-    report(progress_, WorkStage::BuildingSupports, 1);
+    report(progress, WorkStage::BuildingSupports, 1);
     return SupportPlan{elevation, std::move(anchors_), std::move(sections), figures_};
+  }
+
+  /// Anchors of what hangs, as if there were nothing else to hold.
+  Result<void> cover(const PartRegions& found, const ProgressSink& progress, const std::stop_token& stop) {
+    for (const Region& layer : found.layers) figures_.part_mm3 += layer.area_mm2() * t_;
+    const std::uint32_t elevation = options_.mode == SupportOptions::Mode::None ? 0 : elevation_layers(found.layers);
+    if (options_.mode != SupportOptions::Mode::None)
+      // What stands on the platform is held by it.
+      for (std::size_t k = elevation == 0 ? 1 : 0; k < found.layers.size(); ++k) {
+        if (stop.stop_requested()) return cancelled("planning supports");
+        if (auto ok = cover_layer(found, k, stop); !ok) return ok;
+        if (k % 16 == 0)
+          report(progress, WorkStage::PlacingAnchors,
+                 static_cast<double>(k) / static_cast<double>(found.layers.size()));
+      }
+    covered_ = Covered{elevation, std::move(anchors_), figures_};
+    return {};
   }
 
   [[nodiscard]] bool is_removed(Point2 place, LayerIndex layer) const {
@@ -113,7 +128,7 @@ class Planner {
     }
   }
 
-  Result<void> bear(const PartRegions& found, std::uint32_t elevation, const PinRouter& router) {
+  Result<void> bear(const PartRegions& found, std::uint32_t elevation, const std::stop_token& stop) {
     for (const SupportOptions::Bearing& earlier : options_.bearing) {
       const auto known = std::find_if(anchors_.begin(), anchors_.end(), [&](const Anchor& a) {
         return a.layer == earlier.layer && a.place == earlier.place;
@@ -129,8 +144,9 @@ class Planner {
     options.thickness_mm = t_;
     options.most_demand = kPlannedShare / std::max(1.0, machine_.supports.density) * machine_.carried_demand();
     options.keeps_tips = !options_.bearing.empty();
-    options.can_stand = [&](const Anchor& a) { return !is_forbidden(a.place, a.layer) && router.can_stand(a); };
-    const auto borne = bear_pull(found.layers, anchors_, machine_, options, stop_);
+    for (const TipClass tip : {TipClass::Light, TipClass::Heavy}) router_->make_room_for(tip);
+    options.can_stand = [&](const Anchor& a) { return !is_forbidden(a.place, a.layer) && router_->can_stand(a); };
+    const auto borne = bear_pull(found.layers, anchors_, machine_, options, sites_, stop);
     if (!borne) return tl::unexpected{borne.error()};
     figures_.bearing += borne->added;
     figures_.bearing_demand = borne->demand;
@@ -150,7 +166,6 @@ class Planner {
     figures_.least_stable = stands.layer;
   }
 
- private:
   [[nodiscard]] std::uint32_t elevation_layers(const std::vector<Region>& layers) const {
     double largest = 0;
     for (const Region& layer : layers) largest = std::max(largest, layer.area_mm2());
@@ -164,7 +179,7 @@ class Planner {
     return static_cast<std::uint32_t>(std::ceil(std::max(s.lift_off_mm, least) / t_ - 1e-6));
   }
 
-  Result<void> cover_layer(const PartRegions& found, std::size_t k) {
+  Result<void> cover_layer(const PartRegions& found, std::size_t k, const std::stop_token& stop) {
     const Region& layer = found.layers[k];
     const double span = reach_ * reach_;
     std::erase_if(standing_, [&](const Standing& s) {
@@ -195,7 +210,7 @@ class Planner {
       if (rest.empty()) continue;
       CoveringOptions options;
       options.anchor_distance = Millimetres{reach_};
-      auto covering = cover_region(rest, options, stop_);
+      auto covering = cover_region(rest, options, stop);
       if (!covering) return tl::unexpected{covering.error()};
       for (const Point2& place : covering->anchors)
         if (const auto kept = under_what_ends(place, piece, found.layers, k)) anchor(*kept, k, false);
@@ -272,19 +287,25 @@ class Planner {
     return unite(closed);
   }
 
-  const MachineProfile& machine_;
-  const SupportOptions& options_;
-  const ProgressSink& progress_;
-  std::stop_token stop_;
+  struct Covered {
+    std::uint32_t elevation_layers = 0;
+    std::vector<Anchor> anchors;
+    SupportFigures figures;
+  };
+
+  std::shared_ptr<const PartRegions> part_;
+  MachineProfile machine_;
+  SupportOptions options_;
   double t_;
   double reach_;
+  std::optional<Covered> covered_;
+  std::unique_ptr<PinRouter> router_;
+  std::optional<std::vector<PinSite>> sites_;
   SupportFigures figures_;
   std::vector<Anchor> anchors_;
   std::vector<Standing> standing_;
   std::vector<char> placed_;
 };
-
-}  // namespace
 
 Result<void> SupportOptions::validate() const {
   if (threads < 0 || threads > 1024) return fail(ErrorCode::InvalidInput, "supports: threads must be 0 to 1024");
@@ -340,30 +361,59 @@ auto on_threads(const SupportOptions& options, const Work& work) {
 
 }  // namespace
 
-Result<SupportPlan> plan_supports(std::span<const Layer> layers, const StackHeader& header,
-                                  const MachineProfile& machine, const SupportOptions& options,
-                                  const ProgressSink& progress, std::stop_token stop) {
+SupportPlanner::SupportPlanner(std::unique_ptr<State> state) : state_{std::move(state)} {}
+SupportPlanner::~SupportPlanner() = default;
+SupportPlanner::SupportPlanner(SupportPlanner&&) noexcept = default;
+SupportPlanner& SupportPlanner::operator=(SupportPlanner&&) noexcept = default;
+
+Result<SupportPlanner> SupportPlanner::make(std::shared_ptr<const PartRegions> part, const StackHeader& header,
+                                            const MachineProfile& machine, const SupportOptions& options) {
+  if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
+  if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
+  if (part->layers.size() != header.layer_count)
+    return fail(ErrorCode::InvalidInput, fmt::format("planning supports: {} layers were analysed of {}",
+                                                     part->layers.size(), header.layer_count));
+  if (!(part->law == self_support_law(machine)))
+    return fail(ErrorCode::InvalidInput,
+                fmt::format("planning supports: the layers were analysed by another law than {}'s", machine.name));
+  return SupportPlanner{std::make_unique<State>(std::move(part), header, machine, options)};
+}
+
+Result<SupportPlanner> SupportPlanner::make(std::span<const Layer> layers, const StackHeader& header,
+                                            const MachineProfile& machine, const SupportOptions& options,
+                                            const ProgressSink& progress, const std::stop_token& stop) {
   if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
   if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
   report(progress, WorkStage::FindingRegions, 0);
-  const auto part = on_threads(options, [&] { return analyse_part(layers, machine, stop); });
+  auto part = on_threads(options, [&] { return analyse_part(layers, machine, stop); });
   if (!part) return tl::unexpected{part.error()};
-  Planner planner{header, machine, options, progress, std::move(stop)};
-  return on_threads(options, [&] { return planner.plan(*part); });
+  return make(std::make_shared<const PartRegions>(std::move(*part)), header, machine, options);
+}
+
+Result<SupportPlan> SupportPlanner::plan(std::vector<SupportOptions::Floating> floating,
+                                         std::vector<SupportOptions::Bearing> bearing, const ProgressSink& progress,
+                                         const std::stop_token& stop) {
+  State& state = *state_;
+  state.options_.floating = std::move(floating);
+  state.options_.bearing = std::move(bearing);
+  if (auto ok = state.options_.validate(); !ok) return tl::unexpected{ok.error()};
+  return on_threads(state.options_, [&] { return state.plan(progress, stop); });
+}
+
+Result<SupportPlan> plan_supports(std::span<const Layer> layers, const StackHeader& header,
+                                  const MachineProfile& machine, const SupportOptions& options,
+                                  const ProgressSink& progress, std::stop_token stop) {
+  auto planner = SupportPlanner::make(layers, header, machine, options, progress, stop);
+  if (!planner) return tl::unexpected{planner.error()};
+  return planner->plan(options.floating, options.bearing, progress, stop);
 }
 
 Result<SupportPlan> plan_supports(const PartRegions& part, const StackHeader& header, const MachineProfile& machine,
                                   const SupportOptions& options, const ProgressSink& progress, std::stop_token stop) {
-  if (auto ok = options.validate(); !ok) return tl::unexpected{ok.error()};
-  if (auto ok = header.validate(); !ok) return tl::unexpected{ok.error()};
-  if (part.layers.size() != header.layer_count)
-    return fail(ErrorCode::InvalidInput, fmt::format("planning supports: {} layers were analysed of {}",
-                                                     part.layers.size(), header.layer_count));
-  if (!(part.law == self_support_law(machine)))
-    return fail(ErrorCode::InvalidInput,
-                fmt::format("planning supports: the layers were analysed by another law than {}'s", machine.name));
-  Planner planner{header, machine, options, progress, std::move(stop)};
-  return on_threads(options, [&] { return planner.plan(part); });
+  // Only looked into, and only by the planner, which is gone first.
+  auto planner = SupportPlanner::make({std::shared_ptr<void>{}, &part}, header, machine, options);
+  if (!planner) return tl::unexpected{planner.error()};
+  return planner->plan(options.floating, options.bearing, progress, stop);
 }
 
 Result<LayerRegions> regions_of_layer(std::span<const Layer> layers, LayerIndex layer, const MachineProfile& machine) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <memory>
 #include <optional>
 #include <span>
 #include <stop_token>
@@ -146,6 +147,35 @@ class SupportPlan {
   std::vector<Anchor> anchors_;
   StructureSections sections_;
   SupportFigures figures_;
+};
+
+/// Plans the supports of one part again and again, as its masks show what floats and which pins are too weak. What does
+/// not depend on that is found once: what hangs, the anchors that cover it, columns and places of pins.
+/// Deterministic on any number of threads. Threads: one caller at a time.
+class SupportPlanner {
+ public:
+  /// Of a part that was analysed before; `floating` and `bearing` of the options are passed over. Fails with
+  /// InvalidInput: options, a part that was analysed for another machine or has another number of layers than the
+  /// header says.
+  [[nodiscard]] static Result<SupportPlanner> make(std::shared_ptr<const PartRegions> part, const StackHeader& header,
+                                                   const MachineProfile& machine, const SupportOptions& options);
+  /// Analyses the part first; `layers` are the whole of it, bottom first. Fails as the other, and as analyse_part does.
+  [[nodiscard]] static Result<SupportPlanner> make(std::span<const Layer> layers, const StackHeader& header,
+                                                   const MachineProfile& machine, const SupportOptions& options,
+                                                   const ProgressSink& progress, const std::stop_token& stop);
+  ~SupportPlanner();
+  SupportPlanner(SupportPlanner&&) noexcept;
+  SupportPlanner& operator=(SupportPlanner&&) noexcept;
+
+  /// As plan_supports() with these of its options. Fails: InvalidInput, TooLarge, Cancelled.
+  [[nodiscard]] Result<SupportPlan> plan(std::vector<SupportOptions::Floating> floating,
+                                         std::vector<SupportOptions::Bearing> bearing, const ProgressSink& progress,
+                                         const std::stop_token& stop);
+
+ private:
+  struct State;
+  explicit SupportPlanner(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
 };
 
 /// Analyses all layers (4.1), covers what is to be supported (4.2), and builds pins, braces and base. `layers` are
