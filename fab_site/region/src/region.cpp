@@ -111,6 +111,10 @@ Region combined(cl::ClipType kind, std::span<const GridRing> a, std::span<const 
   for (std::uint32_t g = 0; g < count; ++g) {
     if (subject[g].empty() && kind != cl::ctUnion) continue;
     if (clip[g].empty() && kind == cl::ctIntersection) continue;
+    if (clip[g].empty() && kind == cl::ctDifference) {  // as it came, from Clipper
+      out.insert(out.end(), subject[g].begin(), subject[g].end());
+      continue;
+    }
     cl::Clipper clipper;
     clipper.AddPaths(subject[g], cl::ptSubject, true);
     clipper.AddPaths(clip[g], cl::ptClip, true);
@@ -336,14 +340,72 @@ Region united_rings(std::span<const Region* const> regions) {
   return combined(cl::ctUnion, rings, {}, cl::pftPositive);
 }
 
+/// A ring that Clipper would give back as it is: counter-clockwise, turning left at every vertex, once around.
+bool is_strictly_convex(const GridRing& ring) {
+  constexpr std::int64_t kMostSide = std::int64_t{1} << 31U;  // so that products of differences are exact
+  const auto [least, most] = box_of(ring);
+  if (ring.size() < 3 || most.x - least.x >= kMostSide || most.y - least.y >= kMostSide) return false;
+  int turns = 0;  // from down or level to up
+  const std::size_t n = ring.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    const GridPoint a = ring[i], b = ring[(i + 1) % n], c = ring[(i + 2) % n];
+    if ((b.x - a.x) * (c.y - b.y) - (b.y - a.y) * (c.x - b.x) <= 0) return false;
+    turns += b.y <= a.y && c.y > b.y;
+  }
+  return turns == 1;
+}
+
+/// Both as Clipper gives them. Of what meets nothing of the other nothing changes.
+Region united_apart(const Region& a, const Region& b) {
+  std::vector<Box> boxes;
+  for (const Region* region : {&a, &b})
+    for (const GridRing& ring : region->rings()) boxes.push_back(box_of(ring));
+  std::uint32_t count = 0;
+  const auto group = groups_of(boxes, count);
+  std::vector<char> has_a(count, 0), has_b(count, 0);
+  for (std::size_t i = 0; i < group.size(); ++i) (i < a.rings().size() ? has_a : has_b)[group[i]] = 1;
+  std::vector<GridRing> apart, meeting;
+  for (std::size_t i = 0; i < group.size(); ++i) {
+    const GridRing& ring = i < a.rings().size() ? a.rings()[i] : b.rings()[i - a.rings().size()];
+    (has_a[group[i]] && has_b[group[i]] ? meeting : apart).push_back(ring);
+  }
+  const Region united = combined(cl::ctUnion, meeting, {}, cl::pftPositive);
+  apart.insert(apart.end(), united.rings().begin(), united.rings().end());
+  return RegionMaker::make(std::move(apart));
+}
+
 /// Halves are united first: where many overlap, what is covered already is gone before the next is added.
 Region united_halves(std::span<const Region* const> regions) {
   constexpr std::size_t kAtOnce = 16;
-  if (regions.size() <= kAtOnce) return united_rings(regions);
+  if (regions.size() <= kAtOnce) {
+    std::vector<const Region*> some;
+    for (const Region* region : regions)
+      if (region) some.push_back(region);
+    return united_rings(some);
+  }
   const std::size_t half = regions.size() / 2;
-  const Region halves[] = {united_halves(regions.first(half)), united_halves(regions.subspan(half))};
-  const Region* const both[] = {&halves[0], &halves[1]};
-  return united_rings(both);
+  return united_apart(united_halves(regions.first(half)), united_halves(regions.subspan(half)));
+}
+
+/// Which of so many regions lie in a box that meets no other's.
+std::vector<char> alone_of(std::span<const Region* const> regions) {
+  std::vector<Box> boxes;
+  for (const Region* region : regions) {
+    Box whole = box_of(region->rings().front());
+    for (const GridRing& ring : region->rings().subspan(1)) {
+      const Box box = box_of(ring);
+      whole.first = {std::min(whole.first.x, box.first.x), std::min(whole.first.y, box.first.y)};
+      whole.second = {std::max(whole.second.x, box.second.x), std::max(whole.second.y, box.second.y)};
+    }
+    boxes.push_back(whole);
+  }
+  std::uint32_t count = 0;
+  const auto group = groups_of(boxes, count);
+  std::vector<std::uint32_t> size(count, 0);
+  for (const std::uint32_t g : group) ++size[g];
+  std::vector<char> alone(boxes.size());
+  for (std::size_t i = 0; i < boxes.size(); ++i) alone[i] = size[group[i]] == 1;
+  return alone;
 }
 
 }  // namespace
@@ -370,9 +432,19 @@ Region unite(std::span<const Region> regions) {
     return std::tuple{(boxes[i].first.y - whole.first.y) / band, boxes[i].first.x, boxes[i].first.y, i};
   };
   std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return key(a) < key(b); });
+  // Most sections of pins stand alone.
+  const std::vector<char> alone = alone_of(all);
   std::vector<const Region*> sorted;
-  for (const std::size_t i : order) sorted.push_back(all[i]);
-  return united_halves(sorted);
+  std::vector<GridRing> rings;
+  for (const std::size_t i : order) {
+    const std::span<const GridRing> own = all[i]->rings();
+    const bool stays = alone[i] && own.size() == 1 && is_strictly_convex(own.front());
+    if (stays) rings.push_back(own.front());
+    sorted.push_back(stays ? nullptr : all[i]);
+  }
+  const Region united = united_halves(sorted);
+  rings.insert(rings.end(), united.rings().begin(), united.rings().end());
+  return RegionMaker::make(std::move(rings));
 }
 
 Region intersect(const Region& a, const Region& b) {
