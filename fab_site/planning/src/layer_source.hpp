@@ -26,6 +26,10 @@ class LayerSource {
   [[nodiscard]] std::uint32_t count() const { return stack_->header().layer_count + supports_->elevation_layers(); }
   /// Threads: from several at once. Fails as Region::from_contours does.
   [[nodiscard]] Result<SourceLayer> layer(std::uint32_t print_layer) const;
+  /// SourceLayer::section alone. Threads: from several at once.
+  [[nodiscard]] std::vector<Contour> section(std::uint32_t print_layer) const {
+    return supports_->section(LayerIndex{print_layer});
+  }
 
  private:
   const LayerStack* stack_;

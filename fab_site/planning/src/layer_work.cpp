@@ -11,19 +11,37 @@ std::chrono::microseconds exposure_of(const MachineProfile& machine, std::uint32
   return std::chrono::microseconds{std::llround(machine.exposure_of_layer_s(print_layer) * 1e6)};
 }
 
-LayerWork made_layer(MaskMaker::Made made, const std::function<void(Mask&)>& cured, std::uint8_t lit_from) {
+namespace {
+
+/// What follows from a mask and from what it cures.
+LayerWork work_of(std::shared_ptr<const KeptLayer> made, std::uint32_t index, std::vector<Contour> section,
+                  const Mask& mask, const Mask& cured, std::uint8_t lit_from) {
   LayerWork work;
-  work.index = made.index;
-  work.mask = PackedMask{made.mask};
-  work.supports = std::move(made.section);
-  work.light.lit = LayerRuns::from_mask(made.mask.view(), lit_from);
-  const Mask lit = made.mask;
-  cured(made.mask);
-  work.runs = LayerRuns::from_mask(made.mask.view(), kCuredPixel);
-  work.firm = firm_pixels(lit.view(), work.runs);
-  work.light.joined = LayerRuns::from_mask(made.mask.view(), kJoinedPixel);
-  work.solid_pixels = sums_of(made.mask.rows).white;
+  work.index = index;
+  work.mask = made->mask;
+  work.made = std::move(made);
+  work.supports = std::move(section);
+  work.light.lit = LayerRuns::from_mask(mask.view(), lit_from);
+  work.runs = LayerRuns::from_mask(cured.view(), kCuredPixel);
+  work.firm = firm_pixels(mask.view(), work.runs);
+  work.light.joined = LayerRuns::from_mask(cured.view(), kJoinedPixel);
+  work.solid_pixels = sums_of(cured.rows).white;
   return work;
+}
+
+}  // namespace
+
+LayerWork made_layer(MaskMaker::Made made, const std::function<void(Mask&)>& cured, std::uint8_t lit_from) {
+  Mask solid = made.mask;
+  cured(solid);
+  auto kept = std::make_shared<const KeptLayer>(KeptLayer{PackedMask{made.mask}, PackedMask{solid}});
+  return work_of(std::move(kept), made.index, std::move(made.section), made.mask, solid, lit_from);
+}
+
+LayerWork kept_layer(std::shared_ptr<const KeptLayer> kept, std::uint32_t index, std::vector<Contour> section,
+                     std::uint8_t lit_from) {
+  const Mask mask = kept->mask.unpacked(), solid = kept->cured.unpacked();
+  return work_of(std::move(kept), index, std::move(section), mask, solid, lit_from);
 }
 
 std::uint64_t darken_specks(LayerWork& work, const LayerRuns& specks, std::uint8_t lit_from) {

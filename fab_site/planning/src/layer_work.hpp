@@ -5,8 +5,7 @@
 #include <telefab/image/png.hpp>
 
 #include "contact_sheet.hpp"
-#include "mask_maker.hpp"
-#include "packed_mask.hpp"
+#include "kept_pass.hpp"
 
 namespace telefab::fab {
 
@@ -17,7 +16,8 @@ namespace telefab::fab {
 struct LayerWork {
   Result<void> outcome;
   std::uint32_t index = 0;
-  PackedMask mask;  ///< empty once it is encoded
+  std::shared_ptr<const KeptLayer> made;  ///< as the mask maker gave it; for the next pass
+  PackedMask mask;                        ///< empty once it is encoded
   std::vector<Contour> supports;
   LayerRuns runs;  ///< what is solid in the finished print
   LayerRuns firm;  ///< of that, what counts for strength
@@ -31,9 +31,12 @@ struct LayerWork {
 };
 
 /// A layer as it comes from the mask maker; its own exposure begins to cure from `lit_from` on. Threads: from several
-/// at once, like the next but one.
+/// at once, like the next two and encode().
 [[nodiscard]] LayerWork made_layer(MaskMaker::Made made, const std::function<void(Mask&)>& cured,
                                    std::uint8_t lit_from);
+/// The same of a layer that an earlier pass made.
+[[nodiscard]] LayerWork kept_layer(std::shared_ptr<const KeptLayer> kept, std::uint32_t index,
+                                   std::vector<Contour> section, std::uint8_t lit_from);
 /// Takes the light from specks; how many there were. What later layers cure of them hangs on these.
 std::uint64_t darken_specks(LayerWork& work, const LayerRuns& specks, std::uint8_t lit_from);
 /// The mask as a picture, and all that is known of it alone. Fails as the encoder does.

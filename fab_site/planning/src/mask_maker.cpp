@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <optional>
 #include <telefab/fab/mask/blend.hpp>
 #include <telefab/fab/mask/column_caps.hpp>
@@ -48,11 +51,14 @@ class SingleMaker final : public MaskMaker {
         clock_{clock} {}
 
   [[nodiscard]] std::uint32_t block_layers() const override { return kSingleLayers; }
+  [[nodiscard]] Layers looked_at(const Layers& block) const override { return block; }
+  [[nodiscard]] Result<void> read(std::span<const Layers> /*blocks*/, const std::stop_token& /*stop*/) override {
+    return {};  // nothing is shared
+  }
 
-  [[nodiscard]] Result<BlendFigures> make(std::uint32_t first, std::uint32_t count, const Take& take,
-                                          const std::stop_token& stop) const override {
+  [[nodiscard]] Result<BlendFigures> make(const Layers& block, const Take& take, const std::stop_token& stop) override {
     BlendFigures figures;
-    for (std::uint32_t i = first; i < first + count; ++i) {
+    for (std::uint32_t i = block.first; i < block.behind; ++i) {
       if (stop.stop_requested()) return cancelled("planning");
       auto layer = source_.layer(i);
       if (!layer) return tl::unexpected{layer.error()};
@@ -102,30 +108,57 @@ class StackMaker final : public MaskMaker {
 
   [[nodiscard]] std::uint32_t block_layers() const override { return kStackLayers; }
 
-  [[nodiscard]] Result<BlendFigures> make(std::uint32_t first, std::uint32_t count, const Take& take,
-                                          const std::stop_token& stop) const override {
-    const std::uint32_t until = std::min(source_.count(), first + count + ahead_);
+  [[nodiscard]] Layers looked_at(const Layers& block) const override {
     const std::uint32_t shell = pattern_ ? pattern_->shell_layers() : 0;
     const std::uint32_t below = std::max(capped_ ? static_cast<std::uint32_t>(caps_.reach()) : 0, shell);
-    const std::uint32_t lowest = first > below ? first - below : 0;
-    const std::uint32_t behind = std::min(source_.count(), until + shell);
-    std::vector<SourceLayer> layers;
-    std::vector<SolidRows> solid;
-    for (std::uint32_t i = lowest; i < behind; ++i) {
-      if (stop.stop_requested()) return cancelled("planning");
-      auto layer = source_.layer(i);
-      if (!layer) return tl::unexpected{layer.error()};
-      if (capped_ || pattern_) solid.emplace_back(layer->part, layer->supports, frame_);
-      layers.push_back(std::move(*layer));
+    return {block.first > below ? block.first - below : 0, std::min(source_.count(), lit_until(block) + shell)};
+  }
+
+  [[nodiscard]] Result<void> read(std::span<const Layers> blocks, const std::stop_token& stop) override {
+    if (blocks.empty()) return {};
+    looked_.erase(looked_.begin(), looked_.lower_bound(looked_at(blocks.front()).first));
+    std::vector<std::uint32_t> missing;
+    for (const Layers& block : blocks) {
+      const Layers some = looked_at(block);
+      for (std::uint32_t i = some.first; i < some.behind; ++i)
+        if (looked_.try_emplace(i).second) missing.push_back(i);
     }
-    const auto cores = pattern_ ? pattern_->cores(solid) : std::vector<PixelRuns>{};
+    tbb::parallel_for(std::size_t{0}, missing.size(), [&](std::size_t at) {
+      Looked& looked = looked_.find(missing[at])->second;
+      if (stop.stop_requested()) return;
+      auto layer = source_.layer(missing[at]);
+      if (!layer) {
+        looked.outcome = tl::unexpected{layer.error()};
+        return;
+      }
+      looked.layer = std::move(*layer);
+      if (capped_ || pattern_) looked.solid.emplace(looked.layer.part, looked.layer.supports, frame_);
+    });
+    if (stop.stop_requested()) return cancelled("planning");
+    for (const std::uint32_t i : missing)
+      if (const Looked& looked = looked_.find(i)->second; !looked.outcome) return looked.outcome;
+    return {};
+  }
+
+  [[nodiscard]] Result<BlendFigures> make(const Layers& block, const Take& take, const std::stop_token& stop) override {
+    const std::uint32_t first = block.first, count = block.behind - block.first, until = lit_until(block);
+    const Layers some = looked_at(block);
+    const std::uint32_t lowest = some.first;
+    std::vector<Looked*> layers;
+    for (std::uint32_t i = some.first; i < some.behind; ++i) layers.push_back(&looked_.find(i)->second);
+    std::vector<PixelRuns> cores;
+    if (pattern_) {
+      std::vector<SolidRows> solid;
+      for (const Looked* layer : layers) solid.push_back(*layer->solid);
+      cores = pattern_->cores(solid);
+    }
     BlendFigures figures;
     BlendStack stack{blender_};
     for (std::uint32_t i = until; i-- > first;) {
       if (stop.stop_requested()) return cancelled("planning");
-      SourceLayer& layer = layers[i - lowest];
+      SourceLayer& layer = layers[i - lowest]->layer;
       BlendTask task = task_of(layer, exposure_ratio(machine_, i));
-      const auto caps = capped_ ? std::optional{caps_of(solid, i, lowest, until)} : std::nullopt;
+      const auto caps = capped_ ? std::optional{caps_of(layers, i, lowest, until)} : std::nullopt;
       if (caps || pattern_)
         task.caps = [&](std::uint32_t y, std::span<std::uint8_t> row) {
           const bool capped = caps && caps->fill(y, row);
@@ -145,13 +178,26 @@ class StackMaker final : public MaskMaker {
   }
 
  private:
-  [[nodiscard]] LayerCaps caps_of(const std::vector<SolidRows>& solid, std::uint32_t i, std::uint32_t lowest,
+  /// What is looked at by blocks that are under way or next.
+  struct Looked {
+    Result<void> outcome;
+    SourceLayer layer;  ///< its section is handed on by the block that makes the layer
+    std::optional<SolidRows> solid;
+  };
+
+  /// Layers whose light a block looks through.
+  [[nodiscard]] std::uint32_t lit_until(const Layers& block) const {
+    return std::min(source_.count(), block.behind + ahead_);
+  }
+
+  [[nodiscard]] LayerCaps caps_of(const std::vector<Looked*>& layers, std::uint32_t i, std::uint32_t lowest,
                                   std::uint32_t until) const {
+    const auto solid = [&](std::uint32_t k) { return &*layers[k - lowest]->solid; };
     const auto reach = static_cast<std::uint32_t>(caps_.reach());
     std::vector<const SolidRows*> below, above;
-    for (std::uint32_t k = 1; k <= reach && k <= i; ++k) below.push_back(&solid[i - k - lowest]);
-    for (std::uint32_t k = 1; k <= ahead_ && i + k < until; ++k) above.push_back(&solid[i + k - lowest]);
-    return {caps_, solid[i - lowest], std::move(below), std::move(above), i < reach};
+    for (std::uint32_t k = 1; k <= reach && k <= i; ++k) below.push_back(solid(i - k));
+    for (std::uint32_t k = 1; k <= ahead_ && i + k < until; ++k) above.push_back(solid(i + k));
+    return {caps_, *solid(i), std::move(below), std::move(above), i < reach};
   }
 
   const LayerSource& source_;
@@ -165,6 +211,7 @@ class StackMaker final : public MaskMaker {
   std::optional<PatternMaker> pattern_;
   std::chrono::nanoseconds solving_;  ///< most of a mask; 0: no limit
   const Clock& clock_;
+  std::map<std::uint32_t, Looked> looked_;  ///< by print layer
 };
 
 }  // namespace

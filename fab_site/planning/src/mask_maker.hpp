@@ -24,9 +24,17 @@ class MaskMaker {
   MaskMaker(const MaskMaker&) = delete;
   MaskMaker& operator=(const MaskMaker&) = delete;
   [[nodiscard]] virtual std::uint32_t block_layers() const = 0;
-  /// Layers first to first + count - 1 in any order, from one thread. Threads: from several at once.
-  [[nodiscard]] virtual Result<BlendFigures> make(std::uint32_t first, std::uint32_t count, const Take& take,
-                                                  const std::stop_token& stop) const = 0;
+  /// Print layers from `first` up to but without `behind`.
+  struct Layers {
+    std::uint32_t first = 0, behind = 0;
+  };
+  /// What the masks of a block follow from.
+  [[nodiscard]] virtual Layers looked_at(const Layers& block) const = 0;
+  /// Reads what the next blocks look at, which is shared by them; rising from call to call. On oneTBB.
+  [[nodiscard]] virtual Result<void> read(std::span<const Layers> blocks, const std::stop_token& stop) = 0;
+  /// The layers of a block that was read, in any order, from one thread. Once. Threads: from several at once.
+  [[nodiscard]] virtual Result<BlendFigures> make(const Layers& block, const Take& take,
+                                                  const std::stop_token& stop) = 0;
 
  protected:
   MaskMaker() = default;

@@ -60,6 +60,7 @@ Result<PlanSummary> plan_job(const LayerStack& stack, const MachineProfile& mach
     if (round == kRepairs || (fewest && !gained(faults, *fewest))) return planned;
     fewest = faults;
     best = supports;
+    passes.repair_last();
     const bool holds = faults.islands > 0 && hold_islands(*planned, machine.projection.pixel_pitch_mm, supports);
     const bool relieves = faults.overload > 0 && relieve_pins(*planned, machine, supports);
     if (!holds && !relieves) return planned;

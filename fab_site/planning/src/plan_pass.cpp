@@ -13,6 +13,7 @@
 #include <telefab/machine/profile_digest.hpp>
 
 #include "contact_sheet.hpp"
+#include "kept_pass.hpp"
 #include "layer_work.hpp"
 #include "mask_budget.hpp"
 #include "mask_maker.hpp"
@@ -125,18 +126,21 @@ class LayerTimes {
 /// order. What is under way lies here.
 class MaskRounds {
  public:
-  /// `machine` at full light, by which doses are computed; `shown`: as its light is ordered.
-  MaskRounds(const LayerStack& stack, const SupportPlan& supports, const MachineProfile& machine,
+  /// `machine` at full light, by which doses are computed; `shown`: as its light is ordered. `earlier`: the pass whose
+  /// masks stay where nothing changed, if any; `kept` gets those of this one, whose supports it has.
+  MaskRounds(const LayerStack& stack, const KeptPass* earlier, KeptPass& kept, const MachineProfile& machine,
              const MachineProfile& shown, const PlanOptions& options, const PlanSink& sink, PlanSummary& summary)
       : stack_{stack},
+        earlier_{earlier},
+        kept_{kept},
         machine_{machine},
         times_{machine, shown, options.ready.get()},
         shown_{shown},
         sink_{sink},
         summary_{summary},
         print_layers_{summary.part_layers + summary.elevation_layers},
-        source_{stack, supports},
-        sheet_{stack, supports, print_layers_, mask_frame(machine)},
+        source_{stack, kept.supports()},
+        sheet_{stack, kept.supports(), print_layers_, mask_frame(machine)},
         watch_{machine.projection.pixel_pitch_mm, kLeastIslandPixels},
         carry_{carry_options(machine)},
         features_{stack.layers(), summary.elevation_layers, machine.projection.pixel_pitch_mm, model_of(machine)},
@@ -177,29 +181,56 @@ class MaskRounds {
   }
 
  private:
-  Result<void> make(const MaskMaker& maker, std::uint32_t first, std::uint32_t count, const std::stop_token& stop) {
-    const std::uint32_t in_block = maker.block_layers(), blocks = (count + in_block - 1) / in_block;
+  using Layers = MaskMaker::Layers;
+
+  Result<void> make(MaskMaker& maker, std::uint32_t first, std::uint32_t count, const std::stop_token& stop) {
     round_.clear();
     round_.resize(count);
-    std::vector<Result<BlendFigures>> reached(blocks);
-    const auto make_block = [&](std::uint32_t block) {
-      const std::uint32_t from = first + block * in_block;
+    std::vector<Layers> standing, missing;
+    for (std::uint32_t from = first; from < first + count; from += maker.block_layers()) {
+      const Layers block{from, std::min(from + maker.block_layers(), first + count)};
+      const bool stands = earlier_ && earlier_->stands(block, maker.looked_at(block), kept_.supports());
+      (stands ? standing : missing).push_back(block);
+    }
+    std::vector<Result<BlendFigures>> reached(missing.size());
+    const auto make_block = [&](std::size_t b) {
       const auto take = [&](MaskMaker::Made made, const std::function<void(Mask&)>& cured) -> Result<void> {
-        const std::uint32_t place = made.index - first;
-        round_[place] = made_layer(std::move(made), cured, times_.lit_from(first + place));
+        const std::uint32_t index = made.index;
+        round_[index - first] = made_layer(std::move(made), cured, times_.lit_from(index));
         return {};
       };
-      reached[block] = maker.make(from, std::min(in_block, first + count - from), take, stop);
+      reached[b] = maker.make(missing[b], take, stop);
     };
-    arena_.execute([&] {
+    const auto recall = [&](std::uint32_t i) {
+      round_[i - first] = kept_layer(earlier_->layer(i), i, source_.section(i), times_.lit_from(i));
+    };
+    const auto read = arena_.execute([&]() -> Result<void> {
       features_.look(first + count);
-      tbb::parallel_for(std::uint32_t{0}, blocks, make_block, tbb::simple_partitioner{});
+      if (auto ok = maker.read(missing, stop); !ok) return ok;
+      tbb::parallel_for(std::size_t{0}, missing.size(), make_block, tbb::simple_partitioner{});
+      for (const Layers& block : standing) tbb::parallel_for(block.first, block.behind, recall);
+      return {};
     });
-    for (const auto& block : reached) {
+    if (!read) return read;
+    for (const auto& block : reached)
       if (!block) return tl::unexpected{block.error()};
-      summary_.mask_figures.add(*block);
-    }
+    add_figures(first, count, maker.block_layers(), missing, reached);
     return {};
+  }
+
+  /// Of all blocks of a round, in their order; what was made is kept.
+  void add_figures(std::uint32_t first, std::uint32_t count, std::uint32_t in_block, std::span<const Layers> missing,
+                   std::span<const Result<BlendFigures>> reached) {
+    std::size_t next = 0;
+    for (std::uint32_t from = first; from < first + count; from += in_block) {
+      const Layers block{from, std::min(from + in_block, first + count)};
+      const bool is_made = next < missing.size() && missing[next].first == from;
+      const BlendFigures figures = is_made ? *reached[next++] : earlier_->figures(from);
+      summary_.mask_figures.add(figures);
+      std::vector<std::shared_ptr<const KeptLayer>> layers;
+      for (std::uint32_t i = block.first; i < block.behind; ++i) layers.push_back(std::move(round_[i - first].made));
+      kept_.keep(block, std::move(layers), figures);
+    }
   }
 
   /// What floats is known in order alone, from below.
@@ -268,6 +299,8 @@ class MaskRounds {
     return caption;
   }
   const LayerStack& stack_;
+  const KeptPass* earlier_;
+  KeptPass& kept_;
   const MachineProfile& machine_;
   LayerTimes times_;
   const MachineProfile& shown_;
@@ -338,6 +371,17 @@ SupportPlan without_supports(const LayerStack& stack) {
           figures};
 }
 
+/// A pass that came to the supports of an earlier one: its masks are the same, and what was found of them.
+PlanSummary with_supports_of(const PlanSummary& earlier, PlanSummary now) {
+  PlanSummary summary = earlier;
+  summary.figures = now.figures;
+  summary.anchors = std::move(now.anchors);
+  summary.supports_json = std::move(now.supports_json);
+  summary.support_seconds = now.support_seconds;
+  summary.mask_seconds = summary.carry_seconds = 0;
+  return summary;
+}
+
 }  // namespace
 
 struct PlanPasses::State {
@@ -351,6 +395,9 @@ struct PlanPasses::State {
     if (auto ok = fits(stack, machine, stack.header().layer_count); !ok) return ok;
     exposed = std::move(*deeper);
     return {};
+  }
+  [[nodiscard]] bool may_repeat() const {
+    return !options.ready && options.supports.mode != SupportOptions::Mode::None;
   }
   Result<SupportPlan> plan_supports(const SupportOptions& supports) {
     if (options.ready) return without_supports(stack);
@@ -376,30 +423,37 @@ struct PlanPasses::State {
   std::optional<MachineProfile> exposed;  ///< to the depth that the options ask for
   MachineProfile machine;                 ///< the same at full light
   std::optional<SupportPlanner> planner;
+  std::shared_ptr<KeptPass> last;  ///< the pass that the sink has
+  std::shared_ptr<KeptPass> best;  ///< the one that later ones repair
 };
 
 PlanPasses::PlanPasses(const LayerStack& stack, const MachineProfile& machine, const PlanOptions& options,
                        const PlanSink& sink, const Clock& clock, const ProgressSink& progress, std::stop_token stop)
-    : state_{new State{stack, machine, options, sink, clock, progress, std::move(stop), {}, {}, {}}} {}
+    : state_{new State{stack, machine, options, sink, clock, progress, std::move(stop), {}, {}, {}, {}, {}}} {}
 PlanPasses::~PlanPasses() = default;
 
 Result<PlanSummary> PlanPasses::plan(const SupportOptions& support_options) {
   State& s = *state_;
   if (auto ok = s.begin(); !ok) return tl::unexpected{ok.error()};
   const Nanoseconds begun = s.clock.now();
-  const auto supports = s.plan_supports(support_options);
+  auto supports = s.plan_supports(support_options);
   if (!supports) return tl::unexpected{supports.error()};
   const Nanoseconds supported = s.clock.now();
 
   PlanSummary summary = summary_of(s.stack, *supports, s.machine, s.options);
   summary.plan.profile = digest_of_light(s.profile);  // as it stands on disk, not as exposed deeper for this plan
-  if (auto ok = fits(s.stack, s.machine, summary.part_layers + summary.elevation_layers); !ok)
-    return tl::unexpected{ok.error()};
-  MaskRounds rounds{s.stack, *supports, s.machine, *s.exposed, s.options, s.sink, summary};
-  if (auto ok = rounds.run(s.options, s.clock, s.progress, s.stop); !ok) return tl::unexpected{ok.error()};
   summary.support_seconds = std::chrono::duration<double>(supported - begun).count();
+  const std::uint32_t print_layers = summary.part_layers + summary.elevation_layers;
+  if (auto ok = fits(s.stack, s.machine, print_layers); !ok) return tl::unexpected{ok.error()};
+  if (s.last && s.last->is_same(*supports)) return with_supports_of(*s.last->summary, std::move(summary));
+  s.last = std::make_shared<KeptPass>(std::move(*supports), print_layers, s.may_repeat());
+  MaskRounds rounds{s.stack, s.best.get(), *s.last, s.machine, *s.exposed, s.options, s.sink, summary};
+  if (auto ok = rounds.run(s.options, s.clock, s.progress, s.stop); !ok) return tl::unexpected{ok.error()};
   summary.mask_seconds = std::chrono::duration<double>(s.clock.now() - supported).count();
+  s.last->summary = summary;
   return summary;
 }
+
+void PlanPasses::repair_last() { state_->best = state_->last; }
 
 }  // namespace telefab::fab

@@ -18,6 +18,8 @@ class PlanPasses {
 
   /// One pass; passes differ in `floating` and `bearing` alone. Fails like plan_job.
   [[nodiscard]] Result<PlanSummary> plan(const SupportOptions& supports);
+  /// The passes to come repair the last one, or fall back to it: its masks are kept for where nothing changes.
+  void repair_last();
 
  private:
   struct State;

@@ -16,11 +16,15 @@ class ReadyMaker final : public MaskMaker {
 
   [[nodiscard]] std::uint32_t block_layers() const override { return 8; }
 
-  [[nodiscard]] Result<BlendFigures> make(std::uint32_t first, std::uint32_t count, const Take& take,
-                                          const std::stop_token& stop) const override {
-    for (std::uint32_t i = first; i < first + count; ++i) {
+  [[nodiscard]] Layers looked_at(const Layers& block) const override { return block; }
+  [[nodiscard]] Result<void> read(std::span<const Layers> /*blocks*/, const std::stop_token& /*stop*/) override {
+    return {};
+  }
+
+  [[nodiscard]] Result<BlendFigures> make(const Layers& block, const Take& take, const std::stop_token& stop) override {
+    for (std::uint32_t i = block.first; i < block.behind; ++i) {
       if (stop.stop_requested()) return cancelled("planning");
-      auto mask = read(i);
+      auto mask = mask_of(i);
       if (!mask) return tl::unexpected{mask.error()};
       if (auto ok = take({i, std::move(*mask), {}}, [](Mask& m) { keep_from(kReadySolid, m.rows); }); !ok)
         return tl::unexpected{ok.error()};
@@ -30,7 +34,7 @@ class ReadyMaker final : public MaskMaker {
 
  private:
   /// Masks have one reader at a time.
-  [[nodiscard]] Result<Mask> read(std::uint32_t layer) const {
+  [[nodiscard]] Result<Mask> mask_of(std::uint32_t layer) const {
     const std::scoped_lock lock{mutex_};
     return ready_mask(print_, LayerIndex{layer}, size_);
   }

@@ -99,6 +99,18 @@ Region StructureSections::section(LayerIndex print_layer) const {
   return unite(found);
 }
 
+bool StructureSections::has_same_section(const StructureSections& other, LayerIndex print_layer) const {
+  const std::uint32_t k = print_layer.count();
+  if (k < std::max(plate_layers_, other.plate_layers_) && structure_.plates != other.structure_.plates) return false;
+  const auto elements_of = [k](const StructureSections& sections) {
+    return k < sections.elements_at_.size() ? std::span<const std::uint32_t>{sections.elements_at_[k]}
+                                            : std::span<const std::uint32_t>{};
+  };
+  return std::ranges::equal(elements_of(*this), elements_of(other), [&](std::uint32_t a, std::uint32_t b) {
+    return structure_.elements[a] == other.structure_.elements[b];
+  });
+}
+
 double area_mm2(const Plate& plate) {
   double round = 0, twice = 0;
   for (std::size_t i = 0; i < plate.corners.size(); ++i) {

@@ -67,6 +67,9 @@ class StructureSections {
   [[nodiscard]] const Structure& structure() const { return structure_; }
   /// The section of that print layer; empty above the structure.
   [[nodiscard]] Region section(LayerIndex print_layer) const;
+  /// Whether another structure's section of that print layer is made of the same primitives in the same order: then
+  /// the sections are equal. Of the same thickness and tolerance.
+  [[nodiscard]] bool has_same_section(const StructureSections& other, LayerIndex print_layer) const;
 
  private:
   Structure structure_;

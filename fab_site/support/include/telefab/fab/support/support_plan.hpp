@@ -141,6 +141,10 @@ class SupportPlan {
   [[nodiscard]] std::vector<Contour> section(LayerIndex print_layer) const;
   /// The same as a region.
   [[nodiscard]] Region section_region(LayerIndex print_layer) const { return sections_.section(print_layer); }
+  /// Whether another plan of the same part has the same section there, as StructureSections has it.
+  [[nodiscard]] bool has_same_section(const SupportPlan& other, LayerIndex print_layer) const {
+    return elevation_layers_ == other.elevation_layers_ && sections_.has_same_section(other.sections_, print_layer);
+  }
 
  private:
   std::uint32_t elevation_layers_;
