@@ -115,6 +115,7 @@ class LayerWork {
     steady_dose_ = m.passed / (1 - m.passed);
     for (auto* row : {&nothing_, &row_caps_, &attached_, &attached_columns_})
       row->assign(static_cast<std::size_t>(m.side), 0);
+    all_.assign(static_cast<std::size_t>(m.side), kAll);
   }
 
   BlendedLayer run() {
@@ -194,13 +195,25 @@ class LayerWork {
           for (int x = 0; x < width; ++x) to[x] = m_.grey_of_share[part[x]];
         continue;
       }
-      for (int x = 0; x < width; ++x) {
-        float share = part ? static_cast<float>(part[x]) : 0;
-        if (cap) share *= static_cast<float>(cap[x]) / 255;
-        if (support) share += scale * static_cast<float>(support[x]);
-        to[x] = m_.grey_of_share[static_cast<std::size_t>(std::min(255.0F, share + 0.5F))];
+      const auto count = static_cast<std::size_t>(width);
+      if (!part) part = nothing_.data();
+      if (!support) support = nothing_.data();
+      if (!cap) cap = all_.data();
+      if (is_even(part, count) && is_even(support, count) && is_even(cap, count)) {
+        std::memset(to, m_.grey_of_share[drawn_share(part[0], cap[0], support[0], scale)], count);
+        continue;
       }
+      std::array<std::uint8_t, kCore> shares;
+#pragma GCC ivdep
+      for (std::size_t x = 0; x < count; ++x) shares[x] = drawn_share(part[x], cap[x], support[x], scale);
+      for (std::size_t x = 0; x < count; ++x) to[x] = m_.grey_of_share[shares[x]];
     }
+  }
+  static std::uint8_t drawn_share(std::uint8_t part, std::uint8_t cap, std::uint8_t support, float scale) {
+    const float share =
+        static_cast<float>(part) * (static_cast<float>(cap) / 255) + scale * static_cast<float>(support);
+    const float rounded = share + 0.5F;
+    return static_cast<std::uint8_t>(static_cast<int>(rounded < 255.0F ? rounded : 255.0F));
   }
 
   void fill_field(int x0, int y0) {
@@ -448,7 +461,7 @@ class LayerWork {
   std::vector<char> capped_;        ///< by row of the strip
   std::vector<std::uint16_t> own_, beside_;
   float steady_dose_ = 0;
-  std::vector<std::uint8_t> nothing_;  ///< a row without cover
+  std::vector<std::uint8_t> nothing_, all_;  ///< a row without cover, and one without caps
   std::vector<std::uint8_t> row_caps_, attached_, attached_columns_;
 };
 
