@@ -21,6 +21,7 @@ constexpr double kPinCost = 1;
 /// Tips that bear less than this share of what they may count as bearing nothing too much.
 constexpr double kEase = 0.9;
 constexpr std::size_t kMostTips = 4000;
+constexpr std::size_t kGroup = 8;  ///< tips that are looked at together
 constexpr std::uint32_t kNone = ~std::uint32_t{0};
 
 /// A tip as a spring under a rigid body.
@@ -178,7 +179,9 @@ class Balance {
     std::vector<double> x, y, radius, stiffness;
     std::vector<double> ease;   ///< forces up to which a tip surely bears no more than kEase of what it may
     std::vector<double> force;  ///< of the candidate that is looked at
-    std::vector<Spring> first;  ///< those that bear beyond kEase without any candidate, most first
+    /// Those that bear beyond kEase without any candidate, most first: their places, radii, and what a force is to
+    /// what they may bear. In whole groups, the last filled up with what bears nothing.
+    std::vector<double> first_x, first_y, first_radius, first_share;
   };
   [[nodiscard]] Held held_by(std::uint32_t m) const {
     constexpr double kSurely = 1 - 1e-12;  // far more than three roundings
@@ -199,20 +202,38 @@ class Balance {
     for (const std::uint32_t a : held.anchors)
       if (const double over = plane.stress(springs_[a]) / most_; over > kEase) bearing.emplace_back(-over, a);
     std::sort(bearing.begin(), bearing.end());
-    for (const auto& [over, a] : bearing) held.first.push_back(springs_[a]);
+    const std::size_t size = (bearing.size() + kGroup - 1) / kGroup * kGroup;
+    for (auto* row : {&held.first_x, &held.first_y, &held.first_radius, &held.first_share}) row->resize(size);
+    for (std::size_t i = 0; i < bearing.size(); ++i) {
+      const Spring& s = springs_[bearing[i].second];
+      held.first_x[i] = s.at.x_mm, held.first_y[i] = s.at.y_mm, held.first_radius[i] = s.radius_mm;
+      held.first_share[i] = s.stiffness / (s.area_mm2 * most_);
+    }
     return held;
   }
 
+  static double beyond_ease(double over) { return over > kEase ? (over - kEase) * (over - kEase) : 0; }
+
   /// True where springs as they are, but for one that goes, surely bear more beyond kEase than that: known after a look
-  /// at those that bear most.
+  /// at those that bear most. But for roundings.
   [[nodiscard]] bool exceeds(double excess, const Plane& plane, const Held& held, const Spring* without) const {
-    constexpr std::size_t kAtOnce = 8;
-    Verdict verdict;
-    for (std::size_t i = 0; i < held.first.size(); ++i) {
-      if (without == nullptr || !(held.first[i].at == without->at)) count(plane.stress(held.first[i]) / most_, verdict);
-      if (i % kAtOnce == kAtOnce - 1 && verdict.excess > excess) return true;
+    if (without) excess += beyond_ease(plane.stress(*without) / most_);
+    const double lift = plane.lift, dx = plane.dx, dy = plane.dy, tilt = plane.tilt;
+    std::array<double, kGroup> sums{};
+    for (std::size_t from = 0; from < held.first_x.size(); from += kGroup) {
+      const double *const x = held.first_x.data() + from, *const y = held.first_y.data() + from,
+                          *const radius = held.first_radius.data() + from,
+                          *const share = held.first_share.data() + from;
+      for (std::size_t i = 0; i < kGroup; ++i) {
+        const double beyond = (lift + dx * x[i] + dy * y[i] + tilt * radius[i]) * share[i] - kEase;
+        const double counts = beyond > 0 ? beyond : 0;
+        sums[i] += counts * counts;
+      }
+      double sum = 0;
+      for (const double some : sums) sum += some;
+      if (sum > excess) return true;
     }
-    return verdict.excess > excess;
+    return false;
   }
 
   /// verdict_of(...).excess to the last bit; the spring of `other`, if any, being another.
