@@ -6,7 +6,7 @@
 namespace telefab::fab {
 namespace {
 
-constexpr std::size_t kMostBytes = 128U << 20U;
+constexpr std::size_t kMostBytes = 64U << 20U;
 
 }  // namespace
 

@@ -72,24 +72,29 @@ Result<void> may_be_replaced(const fs::path& folder) {
               fmt::format("{} holds something else than a plan; name another folder", folder.string()));
 }
 
-/// PNG of the print as it stands. `support_lines`: a line of JSON a print layer, beginning at `line_starts`.
+/// PNG of the print as it stands; `supports`: by print layer.
 Result<std::vector<std::byte>> view_of_print(const LayerStack& stack, std::uint32_t elevation_layers,
-                                             std::string_view support_lines, std::span<const std::size_t> line_starts) {
-  const auto count = static_cast<std::uint32_t>(line_starts.size());
+                                             std::span<const Layer> supports) {
   const auto viewer = [&](LayerIndex index, const std::function<void(const ViewedLayer&)>& look) -> Result<void> {
     const std::uint32_t i = index.count();
-    const std::size_t end = i + 1 < count ? line_starts[i + 1] : support_lines.size();
     const std::span<const Contour> part =
         i < elevation_layers ? std::span<const Contour>{} : stack.layers()[i - elevation_layers].contours;
-    return read_json_lines(support_lines.substr(line_starts[i], end - line_starts[i]),
-                           [&](const Layer& supports) -> Result<void> {
-                             look({supports.z_mm, part, supports.contours});
-                             return {};
-                           });
+    look({supports[i].z_mm, part, supports[i].contours});
+    return {};
   };
-  const auto image = draw_print(LayerIndex{count}, viewer);
+  const auto image = draw_print(LayerIndex{static_cast<std::uint32_t>(supports.size())}, viewer);
   if (!image) return tl::unexpected{image.error()};
   return encode_png(*image);
+}
+
+/// A line a layer; of what is written the contours are given back.
+std::string lines_of(std::vector<Layer>& layers) {
+  std::string lines;
+  for (Layer& layer : layers) {
+    lines += to_json_line(layer) + '\n';
+    layer.contours = {};
+  }
+  return lines;
 }
 
 }  // namespace
@@ -102,23 +107,20 @@ Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& 
   const fs::path wanted = folder.has_filename() ? folder : folder.parent_path();
   const FolderUnderWay under_way{wanted};
   if (auto ok = under_way.begin(); !ok) return tl::unexpected{ok.error()};
-  std::string support_lines;
-  std::vector<std::size_t> line_starts;
+  std::vector<Layer> supports;
   const auto keep = [&](const PlannedImage& layer_image) -> Result<void> {
-    if (layer_image.index.count() == 0) support_lines.clear(), line_starts.clear();  // planned again
-    line_starts.push_back(support_lines.size());
-    Layer supports;
-    supports.index = layer_image.index;
-    supports.z_mm = cut_height_mm(layer_image.index, stack.header().layer_thickness_mm);
-    supports.contours.assign(layer_image.supports.begin(), layer_image.supports.end());
-    support_lines += to_json_line(supports) + '\n';
+    if (layer_image.index.count() == 0) supports.clear();  // planned again
+    Layer& layer = supports.emplace_back();
+    layer.index = layer_image.index;
+    layer.z_mm = cut_height_mm(layer_image.index, stack.header().layer_thickness_mm);
+    layer.contours.assign(layer_image.supports.begin(), layer_image.supports.end());
     return write_new_file(under_way.path() / "masks" / mask_name(layer_image.index), layer_image.png);
   };
   auto summary = plan_job(stack, machine, options, keep, clock, progress, stop);
   if (!summary) return summary;
   const auto preview = encode_png(summary->preview);
   if (!preview) return tl::unexpected{preview.error()};
-  const auto view = view_of_print(stack, summary->elevation_layers, support_lines, line_starts);
+  const auto view = view_of_print(stack, summary->elevation_layers, supports);
   if (!view) return tl::unexpected{view.error()};
   std::vector<std::byte> encoded;
   if (tfc.empty()) {
@@ -126,6 +128,7 @@ Result<PlanSummary> write_plan_folder(const fs::path& folder, const LayerStack& 
     if (!bytes) return fail_in("keeping the part's contours", bytes.error());
     tfc = encoded = std::move(*bytes);
   }
+  const std::string support_lines = lines_of(supports);
   const auto as_bytes = [](const std::string& text) { return std::as_bytes(std::span{text}); };
   const std::string plan_text = to_json(summary->plan);
   const std::string report_text = to_json(*summary);
