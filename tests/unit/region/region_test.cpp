@@ -91,5 +91,51 @@ TEST(Region, AnswersForNothing) {
   EXPECT_FALSE(none.contains({0, 0}));
 }
 
+TEST(Region, UnitesManyDiscsAsOneAfterTheOther) {
+  // Rows of discs: some stand alone, some overlap, and one square with a hole lies around a disc and beside another.
+  std::vector<Region> discs;
+  for (int i = 0; i < 12; ++i)
+    for (int j = 0; j < 12; ++j)
+      discs.push_back(
+          disc({3.0 * i + 0.1 * j, 3.0 * j}, Millimetres{0.6 + 0.1 * ((i * 5 + j) % 12)}, Millimetres{0.005}));
+  discs.push_back(region({box(40, 40, 10), box(41, 41, 8, true)}));
+  discs.push_back(disc({45, 45}, Millimetres{1}, Millimetres{0.005}));
+  discs.push_back(disc({50, 45}, Millimetres{1}, Millimetres{0.005}));
+  Region one_by_one;
+  for (const Region& each : discs) one_by_one = unite(one_by_one, each);
+  const Region together = unite(discs);
+  EXPECT_EQ(together.pieces().size(), one_by_one.pieces().size());
+  EXPECT_LT(together.pieces().size(), 140U) << "some overlap";
+  EXPECT_GT(together.pieces().size(), 20U) << "some stand alone";
+  EXPECT_NEAR(together.area_mm2(), one_by_one.area_mm2(), 1e-6);
+  EXPECT_NEAR(subtract(together, one_by_one).area_mm2() + subtract(one_by_one, together).area_mm2(), 0, 1e-4);
+}
+
+TEST(Region, UnitesManyRingsOfAnyShapeAndSenseOnce) {
+  // Rings that a union changes though they stand alone: a hole in nothing, a bow, one with a vertex on its edge.
+  std::vector<Region> many;
+  for (int i = 0; i < 70; ++i) many.push_back(disc({3.0 * i, 0}, Millimetres{1}, Millimetres{0.005}));
+  many.push_back(region({box(0, 10, 4)}));
+  many.push_back(
+      region({Contour::from_vertices({{10, 10}, {12, 10}, {14, 10}, {14, 14}, {12, 11}, {10, 14}}).value()}));
+  const Region united = unite(many);
+  EXPECT_EQ(united.pieces().size(), 72U);
+  EXPECT_TRUE(united.contains({3, 0}));
+  EXPECT_FALSE(united.contains({12, 12}));
+  EXPECT_EQ(united.to_contours(), unite(united, Region{}).to_contours());
+}
+
+TEST(Region, TakesAwayFromWhatIsMetAndLeavesTheRestAsItIs) {
+  std::vector<Region> many;
+  for (int i = 0; i < 40; ++i) many.push_back(disc({3.0 * i, 0}, Millimetres{1}, Millimetres{0.005}));
+  const Region all = unite(many), cut = subtract(all, region({box(2, -1, 1)}));
+  ASSERT_EQ(cut.pieces().size(), 40U);
+  EXPECT_NEAR(all.area_mm2() - cut.area_mm2(), many[1].area_mm2() / 4, 1e-3);
+  const auto before = all.to_contours(), after = cut.to_contours();
+  std::size_t unchanged = 0;
+  for (const Contour& ring : after) unchanged += std::find(before.begin(), before.end(), ring) != before.end();
+  EXPECT_EQ(unchanged, 39U);
+}
+
 }  // namespace
 }  // namespace telefab::fab

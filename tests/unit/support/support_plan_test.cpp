@@ -183,6 +183,49 @@ TEST(LayerStream, MayBeGivenUpHalfWay) {
   for (const Layer& layer : s.layers) stream.add(layer);
 }
 
+TEST(SupportPlanner, PlansAgainAsIfForTheFirstTime) {
+  for (const auto& s : {stacks::ball(), stacks::hook(), stacks::table()}) {
+    SupportOptions options;
+    auto planner = SupportPlanner::make(s.layers, s.header, stacks::machine(), options, {}, {});
+    ASSERT_TRUE(planner);
+    const auto first = planner->plan({}, {}, {}, {});
+    ASSERT_TRUE(first);
+    EXPECT_EQ(to_json(*first), to_json(planned(s)));
+    // All pins of the first plan were found to be too weak, and something floated.
+    for (const Anchor& a : first->anchors()) options.bearing.push_back({a.place, a.layer, a.tip, 0.5});
+    options.floating.push_back({first->anchors().front().place, first->anchors().front().layer});
+    const auto again = planner->plan(options.floating, options.bearing, {}, {});
+    const auto fresh = plan_supports(s.layers, s.header, stacks::machine(), options, {}, {});
+    ASSERT_TRUE(again && fresh);
+    EXPECT_EQ(to_json(*again), to_json(*fresh));
+    EXPECT_NE(to_json(*again), to_json(*first)) << "so that the other case shows something";
+    const auto back = planner->plan({}, {}, {}, {});
+    ASSERT_TRUE(back);
+    EXPECT_EQ(to_json(*back), to_json(*first));
+  }
+}
+
+TEST(SupportPlan, SeesInWhichLayersAnotherHasTheSameSection) {
+  const auto s = stacks::ball();
+  SupportOptions options;
+  const auto plan = planned(s);
+  options.bearing.push_back({plan.anchors().front().place, plan.anchors().front().layer, TipClass::Heavy, 1});
+  const auto wider = plan_supports(s.layers, s.header, stacks::machine(), options, {}, {});
+  ASSERT_TRUE(wider);
+  std::size_t same = 0;
+  const auto layers = static_cast<std::uint32_t>(s.layers.size()) + plan.elevation_layers();
+  for (std::uint32_t i = 0; i < layers; ++i) {
+    EXPECT_TRUE(plan.has_same_section(plan, LayerIndex{i}));
+    const bool is_same = plan.has_same_section(*wider, LayerIndex{i});
+    if (is_same) {
+      EXPECT_EQ(plan.section(LayerIndex{i}), wider->section(LayerIndex{i})) << i;
+    }
+    same += is_same;
+  }
+  EXPECT_GT(same, 0U);
+  EXPECT_LT(same, layers);
+}
+
 TEST(SupportPlan, RefusesRegionsOfAnotherMachineOrOfFewerLayers) {
   const auto s = stacks::ball();
   MachineProfile other = stacks::machine();
