@@ -57,11 +57,10 @@ struct Plane {
     lift = area_mm2 / s.w - dx * gx - dy * gy;
     tilt = std::hypot(dx, dy);
   }
-  /// At the rim that bears most: force over area.
-  [[nodiscard]] double force(const Spring& s) const {
-    return (lift + dx * s.at.x_mm + dy * s.at.y_mm + tilt * s.radius_mm) * s.stiffness;
+  /// At the rim that bears most.
+  [[nodiscard]] double stress(const Spring& s) const {
+    return (lift + dx * s.at.x_mm + dy * s.at.y_mm + tilt * s.radius_mm) * s.stiffness / s.area_mm2;
   }
-  [[nodiscard]] double stress(const Spring& s) const { return force(s) / s.area_mm2; }
 };
 
 /// Distance of pins, by the class of the newer one.
