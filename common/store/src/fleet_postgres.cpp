@@ -91,6 +91,7 @@ class FleetPostgres final : public FleetSql {
     return guarded([&]() -> Result<void> {
       if (!connection_) {
         connection_.emplace(uri_);
+        quiet_ = std::make_unique<pqxx::quiet_errorhandler>(*connection_);
         changes_ = std::make_unique<Changes>(*connection_);
       }
       work_.emplace(*connection_);
@@ -178,6 +179,7 @@ class FleetPostgres final : public FleetSql {
     try {
       work_.reset();
       changes_.reset();
+      quiet_.reset();
       connection_.reset();
     } catch (const std::exception&) {  // it is gone all the same
     }
@@ -185,6 +187,8 @@ class FleetPostgres final : public FleetSql {
 
   std::string uri_;
   std::optional<pqxx::connection> connection_;
+  /// What the server says of itself comes back as errors; nothing else writes to the program's standard error.
+  std::unique_ptr<pqxx::quiet_errorhandler> quiet_;
   std::unique_ptr<Changes> changes_;
   std::optional<pqxx::work> work_;
   bool is_changed_ = false;  ///< by the transaction under way
