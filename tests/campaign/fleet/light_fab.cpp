@@ -195,8 +195,8 @@ class Fab {
     if (print.layer < fab_.layers || Steady::now() < print.next) return true;
     if (!journal_.has_ended(lease.job, lease.attempt))
       journal_.write(fmt::format("ended {} {}", lease.job, lease.attempt));
-    const auto told = queue_->finish(lease.job, lease.attempt, fleet::State::Done, "");
-    if (!told) return false;
+    const auto finished = queue_->finish(lease.job, lease.attempt, fleet::State::Done, "");
+    if (!finished) return false;
     slot.reset();
     return true;
   }
