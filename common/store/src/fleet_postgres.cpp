@@ -128,9 +128,9 @@ class FleetPostgres final : public FleetSql {
 
   std::string now() const override { return "(extract(epoch FROM clock_timestamp()) * 1000)::bigint"; }
   std::string_view skipping_locked() const override { return " FOR UPDATE OF j SKIP LOCKED"; }
-  Result<void> number_events_alone() override {
-    constexpr std::int64_t kEvents = 0x54464556;  // "TFEV"
-    const auto locked = run("SELECT pg_advisory_xact_lock(?)", {kEvents});
+  Result<void> be_alone() override {
+    constexpr std::int64_t kAlone = 0x54464556;  // "TFEV"
+    const auto locked = run("SELECT pg_advisory_xact_lock(?)", {kAlone});
     if (!locked) return tl::unexpected{locked.error()};
     return {};
   }

@@ -77,6 +77,11 @@ class SqlFleetQueue final : public FleetQueue {
                                 "version",
                                 sql_->name(), *version, kVersion));
       if (*version == kVersion) return {};
+      // Many sites may come first at once.
+      if (auto locked = sql_->be_alone(); !locked) return locked;
+      const auto since = sql_->version();
+      if (!since) return tl::unexpected{since.error()};
+      if (*since == kVersion) return {};
       for (const char* table : kTables)
         if (auto made = run(fmt::format(fmt::runtime(table), sql_->numbered()), {}); !made)
           return tl::unexpected{made.error()};
@@ -416,7 +421,7 @@ class SqlFleetQueue final : public FleetQueue {
 
   Result<void> add_event(std::string_view key, const fleet::Event& event) override {
     return together([&]() -> Result<void> {
-      if (auto locked = sql_->number_events_alone(); !locked) return locked;
+      if (auto locked = sql_->be_alone(); !locked) return locked;
       return done(
           run(fmt::format("INSERT INTO fleet_event (key, unix_ms, job, machine, text) VALUES (?, {}, ?, ?, ?) ON "
                           "CONFLICT (key) DO NOTHING",
@@ -535,7 +540,7 @@ class SqlFleetQueue final : public FleetQueue {
   /// nobody else writes one until this transaction ends, and they come last in it.
   Result<void> write_notes() {
     if (notes_.empty()) return {};
-    if (auto locked = sql_->number_events_alone(); !locked) return locked;
+    if (auto locked = sql_->be_alone(); !locked) return locked;
     for (const fleet::Event& event : notes_)
       if (auto written = run(
               fmt::format("INSERT INTO fleet_event (unix_ms, job, machine, text) VALUES ({}, ?, ?, ?)", sql_->now()),

@@ -39,8 +39,8 @@ class FleetSql {
   [[nodiscard]] virtual std::string now() const = 0;
   /// Behind a SELECT of rows of fleet_job as `j`, one of which is about to be changed.
   [[nodiscard]] virtual std::string_view skipping_locked() const = 0;
-  /// Until the transaction ends nobody else numbers events.
-  [[nodiscard]] virtual Result<void> number_events_alone() = 0;
+  /// Until the transaction ends nobody else numbers events or makes tables.
+  [[nodiscard]] virtual Result<void> be_alone() = 0;
   /// Type of a column that numbers its rows.
   [[nodiscard]] virtual std::string_view numbered() const = 0;
   /// Of the tables there are; 0: none.

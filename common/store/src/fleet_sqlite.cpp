@@ -54,7 +54,7 @@ class FleetSqlite final : public FleetSql {
     return std::to_string(std::chrono::duration_cast<std::chrono::milliseconds>(clock_.wall()).count());
   }
   std::string_view skipping_locked() const override { return ""; }  // whoever writes has the file
-  Result<void> number_events_alone() override { return {}; }
+  Result<void> be_alone() override { return {}; }
   std::string_view numbered() const override { return "INTEGER PRIMARY KEY AUTOINCREMENT"; }
 
   Result<std::int64_t> version() override {

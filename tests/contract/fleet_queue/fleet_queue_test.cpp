@@ -113,6 +113,21 @@ TEST_P(FleetQueueTest, GivesOneOfSeveralMachinesTheFirstJobThatAnyOfThemFits) {
   EXPECT_FALSE(*none) << "one is idle, and nothing waits";
 }
 
+TEST_P(FleetQueueTest, IsMadeOnceThoughManyComeFirst) {
+  std::vector<std::thread> sites;
+  std::mutex mutex;
+  std::vector<std::string> errors;
+  for (int i = 0; i < 12; ++i)
+    sites.emplace_back([&] {
+      const auto queue = opened();
+      const std::lock_guard lock{mutex};
+      if (!queue) errors.push_back(queue.error().what);
+    });
+  for (std::thread& site : sites) site.join();
+  EXPECT_THAT(errors, SizeIs(0));
+  ASSERT_TRUE(open()->submit(job("vase")));
+}
+
 TEST_P(FleetQueueTest, KeepsWhatItAnsweredOverItsEnd) {
   {
     auto queue = open();
