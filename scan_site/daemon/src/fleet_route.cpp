@@ -350,6 +350,7 @@ void FleetRoute::take_back(Sending& sending) {
   if (const auto line = lines_.find(sending.place->fab); line != lines_.end())
     line->second.link->forget(sending.place->id);
   attempts_.erase(sending.place->id);
+  sending.why_refused.clear();
   sending.place.reset();
 }
 
@@ -398,6 +399,7 @@ std::string FleetRoute::why_waiting(const std::string& job) const {
   const Sending& sending = found->second;
   if (sending.known && sending.known->state == fleet::State::Asking)
     return fmt::format("{}: {}", sending.known->machine, sending.known->message);
+  if (!sending.why_refused.empty()) return sending.why_refused;
   if (sending.place) {
     const auto line = lines_.find(sending.place->fab);
     return line == lines_.end() ? std::string{} : line->second.link->why_waiting(sending.place->id);
@@ -486,6 +488,11 @@ void FleetRoute::on_job_changed(const std::string& fab, Job theirs) {
 void FleetRoute::on_refused(const std::string& fab, const std::string& id, const Error& why) {
   const std::string job = job_of(fab, id);
   if (job.empty()) return;
+  // A fab that does not know this site's key gives the job back in a while, and another one may know it.
+  if (why.code == ErrorCode::NotPermitted || why.code == ErrorCode::NotTrusted) {
+    jobs_.at(job).why_refused = fmt::format("the fab {} does not take it: {}", fab, why.what);
+    return events_.jobs.deferred(job, {});
+  }
   // Unless the fleet has moved it meanwhile, no machine of its kind will take it.
   link_.ask<fleet::Job>(
       [job](FleetQueue& queue) { return queue.find(job); },

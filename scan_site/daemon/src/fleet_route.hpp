@@ -58,6 +58,7 @@ class FleetRoute final : public FabRoute {
     bool is_asked = false;            ///< about it, just now
     bool is_stale = false;            ///< it changed while that was asked
     std::optional<Place> place;       ///< of the attempt that is brought
+    std::string why_refused;          ///< by that fab; another may take it
   };
   struct Standing {
     std::vector<fleet::Fab> fabs;

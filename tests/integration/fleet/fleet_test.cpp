@@ -257,6 +257,19 @@ TEST_F(Fleet, PrintsCopiesOnWhateverMachineIsFreeAndWhatIsMoreUrgentFirst) {
   EXPECT_THAT(refused.errors, HasSubstr("2027-03-01T08:00Z"));
 }
 
+TEST_F(Fleet, KeepsAJobThatAFabDoesNotTakeForWantOfItsKeyAndSaysSo) {
+  fs::create_directories(folder() / "no keys");
+  start_fab("la", {"--site-keys", (folder() / "no keys").string()});
+  start_scan("chicago");
+  const std::string job = submit("chicago");
+  ASSERT_TRUE(await([&] {
+    return at("chicago", job).message.find("the fab la does not take it") != std::string::npos;
+  })) << at("chicago", job).message;
+  EXPECT_EQ(at("chicago", job).state, JobState::Sending) << "another fab may know it";
+  EXPECT_EQ(telefab({"cancel", job}, "chicago").code, 0);
+  EXPECT_TRUE(await([&] { return in_fleet(job).state == State::Cancelled; }));
+}
+
 TEST_F(Fleet, CancelsAtTheScanSiteWhatWaitsAndWhatPrints) {
   set_machine(4);
   start_fab("la");
