@@ -56,9 +56,7 @@ void print(const fleet::Job& job, bool json) {
 }
 
 Result<std::vector<fleet::Job>> jobs_of(FleetQueue& queue, const FleetOptions& o) {
-  static constexpr std::array kOpen{fleet::State::Waiting, fleet::State::Claimed, fleet::State::Bound,
-                                    fleet::State::Asking};
-  auto jobs = o.all ? queue.jobs({}, 0, kMostJobs) : queue.jobs(kOpen, 0, kMostJobs);
+  auto jobs = o.all ? queue.jobs({}, 0, kMostJobs) : queue.jobs(fleet::kOpenStates, 0, kMostJobs);
   if (jobs) std::ranges::sort(*jobs, fleet::is_before);
   return jobs;
 }
@@ -74,7 +72,7 @@ Result<void> list_machines(FleetQueue& queue, const FleetOptions& o) {
   }
   if (machines->empty()) write_output("no fab has announced a machine yet\n");
   for (const fleet::Machine& m : *machines) {
-    const bool is_lost = m.seen_unix_ms < *now - fleet::kNotSeen_ms;
+    const bool is_lost = !fleet::is_seen(m, *now);
     write_output(fmt::format("{:<24} {:<10} {:<20} {:<16} {}\n", m.name,
                              is_lost         ? "not seen"
                              : m.is_draining ? "draining"

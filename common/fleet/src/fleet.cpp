@@ -22,6 +22,10 @@ std::string_view name_of(State state) { return kStateNames.at(static_cast<std::s
 
 bool is_final(State state) { return state == State::Done || state == State::Failed || state == State::Cancelled; }
 
+bool is_seen(const Machine& machine, std::int64_t now_unix_ms) {
+  return machine.seen_unix_ms >= now_unix_ms - kNotSeen_ms;
+}
+
 WhyNot why_not(const Job& job, const Machine& machine, std::int64_t now_unix_ms) {
   const Needs& needs = job.needs;
   if (is_final(job.state)) return WhyNot::Ended;
@@ -36,7 +40,7 @@ WhyNot why_not(const Job& job, const Machine& machine, std::int64_t now_unix_ms)
   if (needs.calibrated_within_ms > 0 && machine.calibrated_unix_ms < now_unix_ms - needs.calibrated_within_ms)
     return WhyNot::CalibratedTooLongAgo;
   if (machine.is_draining) return WhyNot::Draining;
-  if (machine.seen_unix_ms < now_unix_ms - kNotSeen_ms) return WhyNot::NotSeen;
+  if (!is_seen(machine, now_unix_ms)) return WhyNot::NotSeen;
   if (machine.readiness != Readiness::Free) return WhyNot::NotFree;
   return WhyNot::Fits;
 }

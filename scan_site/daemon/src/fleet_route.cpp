@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <nlohmann/json.hpp>
 #include <telefab/base/json_text.hpp>
 #include <telefab/fleet/fleet_words.hpp>
@@ -23,7 +22,6 @@ constexpr int kTicksToStanding = 10;
 constexpr int kTicksWhereBusy = 3;
 constexpr std::size_t kMostEvents = 1000;
 constexpr std::size_t kMostJobs = 200;
-constexpr std::array kOpen{fleet::State::Waiting, fleet::State::Claimed, fleet::State::Bound, fleet::State::Asking};
 
 /// Not now, but perhaps later.
 bool is_away(const Error& why) { return why.code == ErrorCode::Unreachable || why.code == ErrorCode::StorageFailed; }
@@ -77,7 +75,7 @@ MachineStatus status_of(const fleet::Machine& machine, std::int64_t now_unix_ms)
       break;
   }
   if (machine.is_draining) status.message = "taken out of service: it gets no new job";
-  if (now_unix_ms - machine.seen_unix_ms > fleet::kNotSeen_ms) {
+  if (!fleet::is_seen(machine, now_unix_ms)) {
     status.state = MachineState::Offline;
     status.message = fmt::format("its fab {} is not heard of", machine.fab);
   }
@@ -92,7 +90,7 @@ std::string FleetRoute::json_of(Standing& standing) {
   for (const fleet::Machine& machine : standing.machines) {
     std::string object = to_json(machine);
     object.pop_back();
-    const bool is_seen = standing.now_unix_ms - machine.seen_unix_ms <= fleet::kNotSeen_ms;
+    const bool is_seen = fleet::is_seen(machine, standing.now_unix_ms);
     machines += fmt::format("{}{},\"seen\":{}}}", machines.empty() ? "" : ",", object, is_seen);
   }
   for (const fleet::Job& job : standing.jobs) jobs += (jobs.empty() ? "" : ",") + to_json(job);
@@ -133,7 +131,7 @@ void FleetRoute::ask_standing() {
         if (!fabs) return tl::unexpected{fabs.error()};
         auto machines = queue.machines();
         if (!machines) return tl::unexpected{machines.error()};
-        auto jobs = queue.jobs(kOpen, 0, kMostJobs);
+        auto jobs = queue.jobs(fleet::kOpenStates, 0, kMostJobs);
         if (!jobs) return tl::unexpected{jobs.error()};
         const auto now = queue.now_unix_ms();
         if (!now) return tl::unexpected{now.error()};
@@ -338,7 +336,6 @@ void FleetRoute::on_known(const std::string& job, const Result<fleet::Job>& know
   sending.known = *known;
   if (std::exchange(sending.is_stale, false)) return look_up(job);
   if (!fleet::is_final(known->state)) return bring(job, sending);
-  static_assert(static_cast<int>(fleet::State::Cancelled) == 7, "every end of a fleet's job is one of a job here");
   const JobState end = known->state == fleet::State::Done     ? JobState::Done
                        : known->state == fleet::State::Failed ? JobState::Failed
                                                               : JobState::Cancelled;

@@ -199,9 +199,7 @@ class Campaign {
       queue_ = std::move(*opened);
     }
     // Only the last look reads all of them.
-    static constexpr std::array kOpen{fleet::State::Waiting, fleet::State::Claimed, fleet::State::Bound,
-                                      fleet::State::Asking};
-    const auto open = queue_->jobs(kOpen, 0, 1);
+    const auto open = queue_->jobs(fleet::kOpenStates, 0, 1);
     if (!open) queue_.reset();
     return open && open->empty() ? static_cast<std::size_t>(submitted_) : 0;
   }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <array>
 #include <cstdint>
 #include <string>
 #include <string_view>
@@ -64,6 +65,8 @@ enum class State : std::uint8_t {
 };
 /// "waiting", "claimed", "bound", "asking", "done", "failed", "cancelled".
 [[nodiscard]] std::string_view name_of(State state);
+/// Those of a job that is not at its end.
+inline constexpr std::array kOpenStates{State::Waiting, State::Claimed, State::Bound, State::Asking};
 /// Done, Failed and Cancelled.
 [[nodiscard]] bool is_final(State state);
 
@@ -135,6 +138,8 @@ enum class WhyNot : std::uint8_t {
   GoesElsewhere,  ///< another machine takes it
 };
 inline constexpr std::int64_t kNotSeen_ms = 60'000;
+/// Whether the machine's fab was heard of within that.
+[[nodiscard]] bool is_seen(const Machine& machine, std::int64_t now_unix_ms);
 
 /// What is against one job on one machine, whatever the others are.
 [[nodiscard]] WhyNot why_not(const Job& job, const Machine& machine, std::int64_t now_unix_ms);
